@@ -67,7 +67,10 @@ autodoc_typehints_format = "short"
 python_maximum_signature_line_length = 90
 nitpicky = True
 others = ["collections", "matplotlib", "numpy", "os", "pandas", "pd", "scipy", "sympy", "xarray", "xr"]
-nitpick_ignore_regex = [("py:.*", rf"({'|'.join(others)})\..*"), ("py:class", "|".join(["Axes", "Figure", *aliases]))]
+nitpick_ignore_regex = [
+    ("py:.*", rf"({'|'.join(others)})\..*"),
+    ("py:class", "|".join(["Axes", "Figure", *aliases])),
+]
 
 html_theme = "furo"
 html_title = f"unilateral {release}"

@@ -90,12 +90,9 @@ def helps(has):
 def python(has):
     """The same in Python, and what has no command: meshes in arrays, tables."""
     import unilateral as ul
-    from unilateral.geometry.mesh import from_arrays
-    from unilateral.geometry.polygon import Polygon
 
-    corners = [(0, 0), (1, 0), (0, 1)]
-    middle = (1 / 3, 1 / 3)
-    mesh = from_arrays(Polygon(corners), [*corners, middle], [[0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    points = [(0, 0), (1, 0), (0, 1), (1 / 3, 1 / 3)]
+    mesh = ul.mesh(points, [[0, 1, 3], [1, 2, 3], [2, 0, 3]])
     s = ul.solve(ul.Problem(mesh.polygon, f=-1, g="-x - y"), mesh=mesh, H=2)
     assert s.bounds.u > 0
     assert s.forces().whole.lower <= s.forces().whole.value <= s.forces().whole.upper

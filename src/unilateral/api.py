@@ -14,17 +14,16 @@ from __future__ import annotations
 import math
 import os
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
 from unilateral.accuracy.goal import NORMS, Goal
 from unilateral.accuracy.level import Level
-from unilateral.accuracy.search import Search, search
+from unilateral.accuracy.search import search
 from unilateral.accuracy.watch import Watch
-from unilateral.errors import InputError, IterationWarning, SolutionWarning, shown
-from unilateral.formulas.decimals import up
+from unilateral.errors import InputError, IterationWarning, shown
 from unilateral.geometry.files import read_mesh
 from unilateral.geometry.foreign import halved, mesh_from
 from unilateral.geometry.mesh import Mesh
@@ -33,23 +32,23 @@ from unilateral.problems import problem as problems
 from unilateral.problems.given import Coefficient, Given, bare, case, load, mesh_of, problem_of, with_data
 from unilateral.problems.sampled import Sampled
 from unilateral.problems.scaled import scaled
-from unilateral.solution.certificate import SIZE, relative
 from unilateral.solution.sizes import KINDS, Size, check_kind, number
 from unilateral.solution.solution import Solution
 from unilateral.solution.solver import Solver, check_stop, tell_faults
 from unilateral.solvers.stop import Stop
+from unilateral.system.files import path_of
 
 if TYPE_CHECKING:
     from unilateral.problems.given import AnyProblem
 
-__all__ = ["KINDS", "Problem", "Solver", "case", "load", "mesh", "solve"]
+__all__ = ["KINDS", "Problem", "Solver", "case", "load", "mesh", "open", "solve"]
 
 
 def Problem(
     polygon: Polygon | Mesh | ArrayLike,
     f: Given,
     g: Given | Sequence[Given],
-    free_sides: Sequence[int] = (),
+    free_sides: Sequence[int] | None = (),
     name: str = "problem",
     *,
     k: Coefficient = 1,
@@ -64,7 +63,8 @@ def Problem(
     `polygon` has the vertices (n, 2), anticlockwise; side i runs from vertex i to the next. f, g for all
     sides or one per side (None on a free one), and q for all free sides or one per side (None on the others)
     are formulas in x and y, as in a problem file, functions of two arrays, or arrays. Where one of them is a
-    function nothing can be guaranteed: a solution then has no bounds, and no accuracy can be asked for.
+    function nothing can be guaranteed: a solution then has no bounds, and no accuracy can be asked for. A
+    function that takes one point at a time is given as `np.vectorize(function, otypes=[float])`.
 
     An array (n,) has a value for each node of a mesh, which takes the place of the polygon: see `mesh`. It
     stands for the function that is linear on triangles and boundary edges; bounds are for that one. Of g and
@@ -108,6 +108,30 @@ def mesh(
     of_file = isinstance(given, str | os.PathLike) and triangles is None
     found = read_mesh(given, polygon) if of_file else mesh_from(given, triangles, polygon)  # type: ignore[arg-type]
     return halved(found, halvings)
+
+
+def open(path: str | os.PathLike[str]) -> Solution:
+    """The solution in a file that `Solution.save` wrote with the ending .nc.
+
+    u, lambda_H and all else that the solver found are as they were saved, bit for bit. Bounds, true errors
+    and forces are computed again when they are asked for, from the problem and the numbers that the file
+    holds; so a bound does not rest on what the file says of it. For given sizes they are the same numbers,
+    after an accuracy they may differ by rounding. A file holds no functions: without formulas there are no
+    bounds, and the `problem` cannot be solved again. Raises InputError for a file that holds no solution, and
+    for one that is damaged.
+
+    >>> import pathlib, tempfile
+    >>> import unilateral as ul
+    >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     s.save(pathlib.Path(folder, "s.nc"))
+    ...     again = ul.open(pathlib.Path(folder, "s.nc"))
+    >>> bool((again.u == s.u).all()), again.bounds == s.bounds
+    (True, True)
+    """
+    from unilateral.solution.stored import read
+
+    return read(path_of(path, "solution.nc"))
 
 
 def solve(
@@ -155,7 +179,12 @@ def solve(
     h, H, accuracy = (number(*each) for each in (("h", h), ("H", H), ("the accuracy", accuracy)))
     check_kind(mesh)
     check_stop(stop)
+    _check_flags(sharp=sharp, absolute=absolute, dry_run=dry_run)
+    if not (tell is None or callable(tell)) or not isinstance(watch, Watch | None):
+        raise InputError("tell has to be a function of a level, and watch a Watch; leave them out")
+    limits = {"max_unknowns": max_unknowns, "max_seconds": max_seconds, "max_memory": max_memory}
     if accuracy is None:
+        _check_sizes_alone(limits, absolute=absolute, dry_run=dry_run, norm=norm != NORMS[0])
         solver = Solver(problem, h, H, mesh=mesh, stop=stop)
         only = solver.found()
         tell_faults(only, solver.own_mesh)
@@ -169,23 +198,19 @@ def solve(
         )
     if isinstance(problem, Sampled):
         raise InputError(f"'{problem.name}': f, g and q must be formulas, or no accuracy can be guaranteed")
-    if norm not in NORMS:
+    if not isinstance(norm, str) or norm not in NORMS:
         raise InputError(f"the norm '{norm}' is none of {', '.join(NORMS)}")
     if not 0 < accuracy < math.inf:
         raise InputError(f"the accuracy {accuracy:g} must be a positive number, such as 1e-2")
     if accuracy >= 1 and not absolute:
         raise InputError(f"the accuracy {accuracy:g} is relative and must be below 1, unless absolute=True")
-    given = {"max_unknowns": max_unknowns, "max_seconds": max_seconds, "max_memory": max_memory}
-    limits = {name: _limit(name, limit) for name, limit in given.items()}
-    goal = Goal(accuracy, norm, **limits, sharp=sharp or norm == "hm12", absolute=absolute)
+    most = {name: _limit(name, limit) for name, limit in limits.items()}
+    goal = Goal(accuracy, norm, **most, sharp=sharp or norm == "hm12", absolute=absolute)
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
         levels = search(scaled(problem), goal, stop, mesh, tell, watch, dry_run)
-    found = Solution(levels.best.solved, problem.polygon, problem.units, levels)
+    found = Solution(levels.best.solved, problem, levels)
     if not dry_run:
-        if levels.certified:
-            tell_faults(found)
-        else:
-            warnings.warn(_not_certified(levels), SolutionWarning, stacklevel=2)
+        tell_faults(found)
     return found
 
 
@@ -199,25 +224,23 @@ def _problem(of: object) -> AnyProblem:
     return found
 
 
+def _check_flags(**flags: object) -> None:
+    for name, given in flags.items():
+        if not isinstance(given, bool):
+            raise InputError(f"{name} is {shown(repr(given))}; it has to be True or False")
+
+
+def _check_sizes_alone(limits: Mapping[str, Size | None], **others: bool) -> None:
+    """Raises InputError for what only an accuracy has a use for."""
+    given = [name for name, limit in limits.items() if limit is not None]
+    given += [name for name, other in others.items() if other]
+    if given:
+        raise InputError(f"{given[0]} is only for an accuracy; leave it out, or give an accuracy")
+
+
 def _limit(name: str, given: Size | None) -> float | None:
     """A limit, if there is one."""
     found = number(name, given)
     if found is not None and not found > 0:
         raise InputError(f"{name} is {found:g}; it has to be above 0")
     return found
-
-
-def _not_certified(search: Search) -> str:
-    """Why the accuracy is not certified, and what is reached: in the same terms, and as an error."""
-    best = search.best
-    parts = [f"the accuracy {best.goal.accuracy:g} is not certified: {search.ended}"]
-    if not search.believed:
-        parts.append("no bound is left")
-    elif best.goal.absolute or not best.size > 0:
-        parts.append(f"reached is {up(best.total, '.4e')}")
-    else:
-        share = up(relative(best.total, best.size), ".3g")
-        parts.append(f"reached is {share} of {SIZE[best.goal.norm]}, or {up(best.total, '.4e')}")
-    if search.reach:
-        parts.append(f"an accuracy of {search.reach:g} is within reach")
-    return "; ".join(parts)

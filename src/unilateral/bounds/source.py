@@ -163,6 +163,12 @@ def enclosed(mesh: Mesh, data: Data, before: Source | None = None) -> Source:
     return replace(source, resolved=resolved, seen=search.seen)
 
 
+def source_of(mesh: Mesh, data: Data) -> Source:
+    """f on the mesh, enclosed, or linear if it is given at the nodes."""
+    values = data.f_at_nodes
+    return enclosed(mesh, data) if values is None else linear(mesh, values)
+
+
 def linear(mesh: Mesh, f: Array) -> Source:
     """f (n,) at the nodes, linear on every triangle; only the rounding of the values is not known."""
     f_h = f[mesh.triangles]

@@ -44,7 +44,7 @@ MOST_BOUNDED = 100_000
 """Up to this many unknowns the error is bounded to find a tolerance, which takes 3 GB."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CondensedProblem(DiscreteProblem):
     """(P_h*) on the `spaces`; `offset` (m,) is F(0). True errors are known where the `exact` solution is."""
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from unilateral.arrays import Array
 from unilateral.bounds.boundary_flux import given
-from unilateral.bounds.source import Source, enclosed, linear
+from unilateral.bounds.source import Source, source_of
 from unilateral.fem.p1 import by_parts, case_moments, edge_load, sampled_edge_load, sampled_moments
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.geometry.mesh import Mesh
@@ -35,8 +35,7 @@ def load_of(problem: Data | Sampled, mesh: Mesh) -> Load:
         return Load(by_parts(mesh, partial(case_moments, problem)), None)
     if isinstance(problem, Sampled):
         return Load(by_parts(mesh, partial(sampled_moments, problem)), None)
-    values = problem.f_at_nodes
-    source = enclosed(mesh, problem) if values is None else linear(mesh, values)
+    source = source_of(mesh, problem)
     return Load(source.load, source)
 
 

@@ -34,7 +34,7 @@ MOST_COARSE = 50_000
 """The coarsest mesh, whose matrix is factorised, has at most this many unknowns."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MultilevelProblem(DiscreteProblem):
     """(P_h*) on nested spaces. f and g are enclosed where the `data` are formulas.
 

@@ -18,11 +18,13 @@ from unilateral.formulas.expression import ZERO, Expression
 from unilateral.formulas.formula import compile_numpy
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems import nodal, problem_file
+from unilateral.problems import arguments, nodal, problem_file
 from unilateral.problems.data import is_case
 from unilateral.problems.nodal import Nodal, NodalTrace
 from unilateral.problems.problem import Problem
-from unilateral.problems.sampled import Function, Sampled, check_vertices
+from unilateral.problems.sampled import Function, Sampled, check_arguments, check_vertices
+from unilateral.system.copies import Rebuilt
+from unilateral.system.files import path_of
 from unilateral.system.optional import require
 
 if TYPE_CHECKING:
@@ -38,7 +40,7 @@ Read = Expression | Function | NodalTrace
 
 
 @dataclass(frozen=True)
-class FormulaFunction:
+class FormulaFunction(Rebuilt):
     """A formula as a function of arrays, in a problem that has functions, too."""
 
     formula: Expression
@@ -56,7 +58,7 @@ def case(
     name: str | os.PathLike[str],
     polygon: str | Polygon | None = None,
     side: int = 0,
-    free_sides: Sequence[int] = (),
+    free_sides: Sequence[int] | None = (),
 ) -> Case:
     """A case of the catalogue by its name, or of a YAML file: a problem whose solution is known.
 
@@ -74,21 +76,30 @@ def case(
     )
     from unilateral.problems.case_certificate import certify, with_free_sides
 
+    given = str(path_of(name, "natural"))
     if polygon is None:
-        polygons = cases.declared(str(name))[0]["polygons"]
+        polygons = cases.declared(given)[0]["polygons"]
         polygon = "square" if polygons == "any" else polygons[0]
-    domain = problem_file.polygon_of(polygon) if isinstance(polygon, str) else polygon
-    found = cases.load(str(name), domain, side)
+    on = polygon if isinstance(polygon, Polygon) else str(path_of(polygon, "square"))
+    domain = problem_file.polygon_of(on) if isinstance(on, str) else on
+    found = cases.load(given, domain, arguments.side(side, "side"))
     certify(found)
-    return with_free_sides(found, free_sides) if free_sides else found
+    free = arguments.sides(free_sides, "free_sides")
+    return with_free_sides(found, free) if free else found
 
 
 def load(path: str | os.PathLike[str]) -> Case | Problem:
-    """What a YAML file declares: a problem, or a case. Raises InputError with the file and the field."""
-    try:
-        name = os.fspath(path)
-    except TypeError:
-        raise InputError(f"{shown(repr(path))} is no path of a YAML file") from None
+    """What a YAML file declares: a problem, or a case. Raises InputError with the file and the field.
+
+    >>> import pathlib, tempfile
+    >>> import unilateral as ul
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder, "own.yaml")
+    ...     _ = file.write_text("{polygon: [[0, 0], [1, 0], [0, 1]], f: x - 1, g: 0}")
+    ...     ul.load(file)
+    Problem 'own'; polygon = 3 sides, area 0.5, f = x - 1, g = 0
+    """
+    name = str(path_of(path, "problem.yaml"))
     return problem_file.load(name) if problem_file.is_declared_in(name) else case(name)
 
 
@@ -105,20 +116,24 @@ def mesh_of(problem: AnyProblem) -> Mesh | None:
 
 
 def bare(
-    domain: Mesh | Polygon | ArrayLike, free_sides: Sequence[int], k: object, c: object, name: str
+    domain: Mesh | Polygon | ArrayLike, free_sides: Sequence[int] | None, k: object, c: object, name: str
 ) -> Problem:
     """The problem with f = g = q = 0 on a polygon, or on that of a mesh, which is then part of it.
 
     Raises InputError as for a problem file.
     """
+    if not isinstance(name, str) or not name:
+        raise InputError(f"name is {shown(repr(name))}; it has to be a text")
     mesh = domain if isinstance(domain, Mesh) else None
     polygon = domain.polygon if isinstance(domain, Mesh) else domain
-    try:
-        vertices = np.asarray(polygon.vertices if isinstance(polygon, Polygon) else polygon, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name}, field polygon: its vertices have to be pairs of numbers") from error
-    fields = {"polygon": vertices.tolist(), "free_sides": list(free_sides), "k": k, "c": c, "f": 0, "g": 0}
-    found = problem_file.made(fields, name)
+    vertices = arguments.vertices(polygon, f"{name}, field polygon")
+    fields = {
+        "polygon": vertices.tolist(),
+        "free_sides": arguments.sides(free_sides, f"{name}, field free_sides"),
+        "k": arguments.number(k, f"{name}, field k"),
+        "c": arguments.number(c, f"{name}, field c"),
+    }
+    found = problem_file.made(fields | {"f": 0, "g": 0}, name, name)
     return replace(found, polygon=mesh.polygon, nodal=Nodal(mesh)) if mesh else found
 
 
@@ -174,7 +189,7 @@ def with_data(
 
 
 def _read_f(given: Given, mesh: Mesh | None, where: str) -> Read | Array:
-    _check(given, where)
+    given = _checked(given, where)
     if nodal.is_array(given):
         return nodal.at_nodes(mesh, given, where)
     return given if callable(given) else problem_file.formula(given, where)
@@ -184,10 +199,12 @@ def _read_sides(
     of: Problem | Sampled, given: Given | Sequence[Given], mesh: Mesh | None, field: str
 ) -> list[Read]:
     """(n sides,) g or q on each side, 0 on those that have none; one is for all sides."""
-    listed = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else None
     where, n, free = f"{of.name}, field {field}", of.polygon.n_sides, of.free_sides
-    for each in [given] if listed is None else listed:
-        _check(each, where)
+    listed = None
+    if isinstance(given, Sequence) and not isinstance(given, str | bytes):
+        listed = [_checked(each, f"{where}[{side}]") for side, each in enumerate(given)]
+    else:
+        given = _checked(given, where)
     # The same checks of sides as for formulas, with a number in place of the others.
     numbers = [_placeholder(each) for each in ([given] if listed is None else listed)]
     formulas = problem_file.on_sides(
@@ -203,15 +220,18 @@ def _read_sides(
     return found
 
 
-def _check(given: object, where: str) -> None:
-    """Raises InputError for what is no formula, no function and no array."""
-    if given is None or isinstance(given, str | Number) or callable(given) or nodal.is_array(given):
-        return
-    if not hasattr(given, "__array__"):  # of no dimension: a number
-        raise InputError(
-            f"{where}: it is {shown(repr(given))}; it has to be a formula, a function or an array of values "
-            "at nodes"
-        )
+def _checked(given: Any, where: str) -> Given:
+    """What is given, numbers as in a file. Raises InputError for what is no formula, function or array."""
+    if callable(given):
+        check_arguments(given, where)
+        return given  # type: ignore[no-any-return]
+    given = arguments.number(given, where)
+    if given is None or isinstance(given, str | Number) or nodal.is_array(given):
+        return given  # type: ignore[return-value]
+    raise InputError(
+        f"{where}: it is {shown(repr(given))}; it has to be a formula, a function or an array of values "
+        "at nodes"
+    )
 
 
 def _placeholder(given: Given | Sequence[Given]) -> object:

@@ -16,10 +16,12 @@ from unilateral.formulas.taylor_enclosures import Steps, evaluate
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.data import on_sides, places
+from unilateral.problems.fields import as_html, as_text, fields_of, headed
 from unilateral.problems.formula_range import range_in
 from unilateral.problems.nodal import Nodal, NodalTraces, cuts
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_flux, enclose_obstacle
 from unilateral.problems.units import Units
+from unilateral.system.copies import Rebuilt
 
 FAR = 1e-100
 """Coefficients that differ by this factor make a line that is nowhere near, or a circle that is too large."""
@@ -29,7 +31,7 @@ WANTED = "must be linear, or c - (x - a)**2 - (y - b)**2 up to a factor"
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class Problem(Rebuilt):
     """(1.1)-(1.2) in the `units` of k and c, with k du/dn = q in place of (1.2) on `free_sides`.
 
     `f` is a formula in x, y. `g` has one per side, which is not used on free sides. `q` has one per side,
@@ -44,8 +46,14 @@ class Problem:
     free_sides: tuple[int, ...]
     units: Units = field(default_factory=Units)
     q: tuple[Expression, ...] = ()
-    title: str = ""
     nodal: Nodal = field(default_factory=Nodal)
+    title: str = ""
+
+    def __repr__(self) -> str:
+        return as_text(self)
+
+    def _repr_html_(self) -> str:
+        return as_html(headed(self), fields_of(self))
 
     @property
     def f_at_nodes(self) -> Array | None:

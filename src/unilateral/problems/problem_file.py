@@ -79,35 +79,38 @@ def polygon_of(name: str) -> Polygon:
     declaration = declarations.read(file, name)
     if not isinstance(declaration, dict) or "polygon" not in declaration:
         raise InputError(f"{name}: the field polygon is missing; it lists the vertices, anticlockwise")
-    polygon = made({"polygon": declaration["polygon"], "f": 0, "g": 0}, name).polygon
-    return Polygon(polygon.vertices, file.name)
+    return made({"polygon": declaration["polygon"], "f": 0, "g": 0}, name, file.name).polygon
 
 
-def made(declaration: Any, name: str) -> Problem:
-    """The problem with the fields of a declaration, wherever they come from; errors begin with `name`."""
+def made(declaration: Any, where: str, name: str | None = None) -> Problem:
+    """The problem with the fields of a declaration; errors begin with `where` these come from.
+
+    Its name is by default that of the file `where`, without the ending.
+    """
     schema = resources.files("unilateral.problems") / "problem.schema.yaml"
-    declaration = declarations.validate(declaration, schema, name)
+    declaration = declarations.validate(declaration, schema, where)
+    name = Path(where).stem if name is None else name
     if len(declaration["polygon"]) > MAX_VERTICES:
-        raise InputError(f"{name}, field polygon: {TOO_MANY.format(len(declaration['polygon']))}")
+        raise InputError(f"{where}, field polygon: {TOO_MANY.format(len(declaration['polygon']))}")
     corners = [
-        [number(x, f"{name}, field polygon[{i}]") for x in vertex]
+        [number(x, f"{where}, field polygon[{i}]") for x in vertex]
         for i, vertex in enumerate(declaration["polygon"])
     ]
     try:
-        polygon = Polygon(np.array([[rounded(x) for x in vertex] for vertex in corners]), Path(name).stem)
+        polygon = Polygon(np.array([[rounded(x) for x in vertex] for vertex in corners]), name)
     except InputError as error:
-        raise InputError(f"{name}, field polygon: {error}") from None
-    units = Units(*(_coefficient(declaration.get(field, 1), f"{name}, field {field}") for field in "kc"))
-    free = _free_sides(declaration, polygon, name)
-    f = formula(declaration["f"], f"{name}, field f")
-    g = _obstacles(declaration["g"], corners, free, f"{name}, field g")
-    q = _fluxes(declaration.get("q"), polygon.n_sides, free, f"{name}, field q")
-    problem = Problem(Path(name).stem, polygon, f, g, free, units, q, declaration.get("title", ""))
+        raise InputError(f"{where}, field polygon: {error}") from None
+    units = Units(*(_coefficient(declaration.get(field, 1), f"{where}, field {field}") for field in "kc"))
+    free = _free_sides(declaration, polygon, where)
+    f = formula(declaration["f"], f"{where}, field f")
+    g = _obstacles(declaration["g"], corners, free, f"{where}, field g")
+    q = _fluxes(declaration.get("q"), polygon.n_sides, free, f"{where}, field q")
+    problem = Problem(name, polygon, f, g, free, units, q, title=declaration.get("title", ""))
     try:
         scaled_polygon(problem)
     except InputError as error:
-        raise InputError(f"{name}, fields k and c: scaled by (c/k)^(1/2), {error}") from None
-    check(problem, name)
+        raise InputError(f"{where}, fields k and c: scaled by (c/k)^(1/2), {error}") from None
+    check(problem, where)
     return problem
 
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.errors import InputError
+from unilateral.errors import InputError, shown
 from unilateral.geometry.polygon import Polygon
+from unilateral.problems.fields import as_html, as_text, fields_of, headed
 from unilateral.problems.nodal import Nodal, NodalTraces
 from unilateral.problems.units import Units
+from unilateral.system.copies import Rebuilt
 
 Function = Callable[[Array, Array], Array]
 JUMP = 2.0**-26
@@ -22,7 +25,7 @@ This allows for functions that keep half of the digits.
 
 
 @dataclass(frozen=True, eq=False)
-class Sampled:
+class Sampled(Rebuilt):
     """(1.1)-(1.2) in the `units` of k and c, with k du/dn = q in place of (1.2) on `free_sides`.
 
     `f` takes arrays x, y of one shape and returns that shape; so do the functions of `g` and `q`, one per
@@ -37,6 +40,17 @@ class Sampled:
     units: Units = field(default_factory=Units)
     q: tuple[Function, ...] = ()
     nodal: Nodal = field(default_factory=Nodal)
+
+    @property
+    def title(self) -> str:
+        """No title is given with functions."""
+        return ""
+
+    def __repr__(self) -> str:
+        return as_text(self)
+
+    def _repr_html_(self) -> str:
+        return as_html(headed(self), fields_of(self))
 
     def source(self, points: Array) -> Array:
         """f (...) at points (..., 2); raises InputError where it is no finite number."""
@@ -96,23 +110,70 @@ def jump_of_g(name: str, before: int, end: float, side: int, start: float) -> In
     )
 
 
+def check_arguments(function: Function, where: str) -> None:
+    """Raises InputError for a function that cannot be called with x and y."""
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # of functions that are not written in Python
+        return
+    try:
+        signature.bind(0.0, 0.0)
+    except TypeError:
+        raise InputError(
+            f"{where}: the function takes the arguments {signature}; it has to take two, x and y, such as "
+            "lambda x, y: x - y; of a function u of points write lambda x, y: u((x, y))"
+        ) from None
+
+
 def values(function: Function, points: Array, where: str) -> Array:
     """Values (...) at points (..., 2); raises InputError where the function fails or is no finite number."""
-    x, y = np.moveaxis(points, -1, 0)
+    x, y = np.array(points[..., 0]), np.array(points[..., 1])  # which a function may overwrite
     try:
         with np.errstate(all="ignore"):
-            given = np.asarray(function(x, y))
-            if np.iscomplexobj(given):
-                raise InputError(f"{where}: the function returns complex numbers; it has to return real ones")
-            numbers = np.broadcast_to(np.asarray(given, dtype=float), x.shape)
+            given = function(x, y)
     except InputError:
         raise
     except Exception as error:  # whatever a function of one's own may raise
-        raise InputError(
-            f"{where}: the function failed ({type(error).__name__}: {error}); it has to take two arrays "
-            "x and y and return numbers of their shape, such as lambda x, y: np.where(x > 1/2, 1, 0)"
-        ) from error
+        raise InputError(f"{where}: {_failed(function, points.reshape(-1, 2)[0], error)}") from error
+    numbers = _numbers(given, points.shape[:-1], where)
     if not np.isfinite(numbers).all():
         at = np.unravel_index(np.argmin(np.isfinite(numbers)), numbers.shape)
-        raise InputError(f"{where}: the function is {numbers[at]} at ({x[at]:.6g}, {y[at]:.6g})")
+        x, y = points[at]
+        raise InputError(f"{where}: the function is {numbers[at]} at ({x:.6g}, {y:.6g})")
     return numbers
+
+
+def _failed(function: Function, point: Array, error: Exception) -> str:
+    """Why a function does not take arrays, and what to write; it may take one point at a time."""
+    try:
+        with np.errstate(all="ignore"):
+            float(function(*point.tolist()))
+    except Exception:  # as before
+        return (
+            f"the function failed ({type(error).__name__}: {error}); it has to take two arrays x and y and "
+            "return numbers of their shape, such as lambda x, y: np.where(x > 1/2, 1, 0)"
+        )
+    return (
+        f"the function takes one point at a time, and no arrays ({type(error).__name__}: {error}); write it "
+        "with NumPy's functions, such as np.sin and np.where, or give np.vectorize(function, otypes=[float])"
+    )
+
+
+def _numbers(given: object, shape: tuple[int, ...], where: str) -> Array:
+    """What a function returned as numbers of that shape; one number is that of all points."""
+    wanted = "it has to return a real number for each point"
+    try:
+        array = np.asarray(given)
+        if given is None or np.iscomplexobj(array) or np.ma.is_masked(given):
+            kind = "masked" if np.ma.is_masked(given) else "complex"
+            what = "nothing" if given is None else f"{kind} numbers"
+            raise InputError(f"{where}: the function returns {what}; {wanted}")
+        numbers = array.astype(float)
+    except (TypeError, ValueError):
+        raise InputError(f"{where}: the function returns {shown(repr(given))}; {wanted}") from None
+    if numbers.size != 1 and numbers.shape != shape:
+        raise InputError(
+            f"{where}: the function returns an array of the shape {numbers.shape} for x and y of the shape "
+            f"{shape}; {wanted}"
+        )
+    return np.broadcast_to(numbers, shape) if numbers.shape == shape else np.full(shape, numbers.item())

@@ -19,13 +19,14 @@ from unilateral.problems.nodal import cuts
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_flux, enclose_obstacle
 from unilateral.problems.problem import Problem
 from unilateral.problems.sampled import Function, Sampled, values
+from unilateral.system.copies import Rebuilt
 
 if TYPE_CHECKING:
     from unilateral.problems.case import Case
 
 
 @dataclass(frozen=True, eq=False)
-class Scaled:
+class Scaled(Rebuilt):
     """The problem for v as `Data`, made from the problem `of` u. Vertices are rounded once more."""
 
     of: Problem

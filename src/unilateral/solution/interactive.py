@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from unilateral import __version__
-from unilateral.arrays import Array, Index
-from unilateral.solution.coarser import clustered
+from unilateral.arrays import Array
 from unilateral.solution.shown import Shown, force, shown
 
 if TYPE_CHECKING:
@@ -20,8 +19,6 @@ if TYPE_CHECKING:
 
     from unilateral.solution.solution import Solution
 
-MOST = 200_000
-"""The surface has at most about this many triangles; more make a browser slow, and the file large."""
 CONTACT, OBSTACLE, GAP, FREE = "#d62728", "#222222", "#1f77b4", "#888888"
 HEIGHT, FLATTEST, FAR = 0.6, 0.1, 1.3
 """The height of the surface over the longer side of the domain, and the least ratio of the domain's sides.
@@ -42,26 +39,26 @@ def page(solution: Solution) -> str:
     from plotly.offline import get_plotlyjs
 
     of = shown(solution)
-    nodes, triangles = clustered(of.mesh, MOST)
     template = resources.files("unilateral.solution") / "interactive.template.html"
-    sentences = [of.accuracy, force(solution, of), of.where, _coarser(len(triangles), len(of.mesh.triangles))]
+    sentences = [of.accuracy, force(solution, of), of.where, _coarser(of)]
     return Template(template.read_text(encoding="utf-8")).substitute(
         title=escape(of.title),
         sentences="\n".join(f"<p>{escape(text[0].upper() + text[1:])}.</p>" for text in sentences if text),
         described=escape(described(of)),
         no_gap=f"There is no gap: {escape(of.no_gap)}." if of.no_gap else "",
         plotly=get_plotlyjs(),
-        surface=surface(of, nodes, triangles).to_json(),
+        surface=surface(of).to_json(),
         boundary=along(of).to_json(),
         version=__version__,
     )
 
 
-def _coarser(shown: int, triangles: int) -> str:
+def _coarser(of: Shown) -> str:
     """Says that the surface is coarser than the mesh, if it is."""
-    if shown == triangles:
+    drawn, all_of_them = len(of.surface[1]), len(of.mesh.triangles)
+    if drawn == all_of_them:
         return ""
-    return f"the surface is drawn coarser than the mesh: with {shown} triangles in place of {triangles}"
+    return f"the surface is drawn coarser than the mesh: with {drawn} triangles in place of {all_of_them}"
 
 
 def described(of: Shown) -> str:
@@ -73,10 +70,11 @@ def described(of: Shown) -> str:
     )
 
 
-def surface(of: Shown, nodes: Index, triangles: Index) -> Figure:
+def surface(of: Shown) -> Figure:
     """u_h over the domain, with the contact set and the obstacle as lines."""
     import plotly.graph_objects as go
 
+    nodes, triangles = of.surface
     (x, y), u, (i, j, k) = of.mesh.points[nodes].T, of.u[nodes], triangles.T.astype(np.int32)
     mesh = go.Mesh3d(x=x, y=y, z=u, i=i, j=j, k=k, intensity=u, cmin=of.limits[0], cmax=of.limits[1],
                      colorscale="Viridis", colorbar=BAR, lighting={"ambient": 0.8, "specular": 0.1},

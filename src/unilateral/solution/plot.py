@@ -42,6 +42,8 @@ Panels of domains below FLAT stand one above the other.
 """
 LETTERS, LINES, DOTTED = 10.0, 3, " ..."
 """Letters of a title to the inch, lines that it may have, and the end of a longer one."""
+PLACES = 6
+"""Decimals of the place of axes, as a fraction of the page."""
 PATHS: Any = {"svg.hashsalt": "unilateral", "svg.fonttype": "path"}
 
 
@@ -136,8 +138,17 @@ def wrapped(text: str, most: int) -> list[str]:
 def draw(page: Figure, path: Path) -> None:
     """Writes the figure into a file, with the same bytes for the same figure."""
     undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    _placed(page)
     with mpl.rc_context(PATHS):
         page.savefig(path, metadata=undated.get(path.suffix))
+
+
+def _placed(page: Figure) -> None:
+    """Rounds where the layout puts axes: its last digits depend on the order in which it sees them."""
+    page.draw_without_rendering()
+    page.set_layout_engine("none")
+    for axes in page.axes:
+        axes.set_position(tuple(np.round(axes.get_position(original=True).bounds, PLACES)))
 
 
 def svg(page: Figure) -> str:

@@ -7,20 +7,21 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, TriMesh
 from matplotlib.colorbar import Colorbar
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FixedLocator, MaxNLocator
 from matplotlib.tri import Triangulation
 
+from unilateral.arrays import Array
 from unilateral.solution.shown import Shown
 
 CONTACT, FREE = "tab:red", "0.45"
 LINE, TRIANGLES = 20.0, 20_000
 """The mesh's lines are LINE points over the root of the number of triangles wide, or less.
 
-Above so many TRIANGLES lines would be grey, and the lengths of edges are drawn in their place.
+Above so many TRIANGLES lines would be grey, and the lengths of their edges are shown by colours.
 """
 TALLEST, LONG = 1.2, 8.0
 """The largest height over width of the space for the domain.
@@ -37,10 +38,9 @@ APART = 0.07
 
 def domain(axes: Axes, of: Shown) -> None:
     """u_h with its lines of level, a colour bar of the panel's height, sides with numbers, and contact."""
-    triangles, colours = _triangulation(of), Normalize(*of.limits)
-    field = axes.tripcolor(triangles, of.u, shading="gouraud", norm=colours, rasterized=True)
+    field, lines = _shaded(axes, of, of.u, Normalize(*of.limits)), {"linewidths": 0.5, "linestyles": "solid"}
     if of.varies:
-        axes.tricontour(triangles, of.u, LEVELS, colors="w", linewidths=0.5, alpha=0.6, linestyles="solid")
+        axes.tricontour(_surface(of), of.u[of.surface[0]], LEVELS, colors="w", alpha=0.6, **lines)
     _bar(axes, field, "$u_h$").set_ticks(ticks() if of.varies else FixedLocator([float(of.u[0])]))
     _outline(axes, of)
     axes.set(xlabel="x", ylabel="y", title=of.where)
@@ -48,20 +48,28 @@ def domain(axes: Axes, of: Shown) -> None:
 
 
 def mesh(axes: Axes, of: Shown) -> None:
-    """The triangles, or where they are many the lengths of their edges."""
+    """The triangles, or where they are many their sizes: the mean on a logarithmic scale at each node."""
     n = len(of.mesh.triangles)
     if n <= TRIANGLES:
-        axes.triplot(_triangulation(of), color="k", linewidth=min(0.5, LINE / np.sqrt(n)), rasterized=True)
+        whole = Triangulation(of.mesh.points[:, 0], of.mesh.points[:, 1], of.mesh.triangles)
+        axes.triplot(whole, color="k", linewidth=min(0.5, LINE / np.sqrt(n)), rasterized=True)
     else:
-        look: Any = {"norm": LogNorm(), "cmap": "cividis", "rasterized": True}
-        edges = axes.tripcolor(_triangulation(of), facecolors=of.mesh.longest_edges, **look)
-        _bar(axes, edges, "longest edge")
+        nodes = of.mesh.triangles.ravel()
+        logs = np.bincount(nodes, np.repeat(np.log(of.mesh.longest_edges), 3)) / np.bincount(nodes)
+        _bar(axes, _shaded(axes, of, np.exp(logs), LogNorm(), "cividis"), "longest edge")
     axes.set(xlabel="x", title=f"the mesh: {n:,} triangles".replace(",", " "))
     _fitted(axes, of)
 
 
-def _triangulation(of: Shown) -> Triangulation:
-    return Triangulation(of.mesh.points[:, 0], of.mesh.points[:, 1], of.mesh.triangles)
+def _surface(of: Shown) -> Triangulation:
+    nodes, triangles = of.surface
+    return Triangulation(of.mesh.points[nodes, 0], of.mesh.points[nodes, 1], triangles)
+
+
+def _shaded(axes: Axes, of: Shown, values: Array, norm: Normalize, colours: str | None = None) -> TriMesh:
+    """Colours for the values (n,) at the nodes of the mesh."""
+    look: Any = {"shading": "gouraud", "norm": norm, "cmap": colours, "rasterized": True}
+    return axes.tripcolor(_surface(of), values[of.surface[0]], **look)
 
 
 def _bar(axes: Axes, field: ScalarMappable, label: str) -> Colorbar:

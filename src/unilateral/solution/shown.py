@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from unilateral.arrays import Array, Mask
+from unilateral.arrays import Array, Index, Mask
 from unilateral.discrete.choice import bound_mb
 from unilateral.formulas.decimals import between, up
 from unilateral.geometry.mesh import Mesh
 from unilateral.solution.certificate import relative
+from unilateral.solution.coarser import clustered
 from unilateral.solution.contact import Contact
 from unilateral.system.memory import available_mb
 
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
 WHAT = {"h1": "u in H¹", "hm12": "λ in H^(−1/2)"}
 IN_ENERGY = {"h1": "u in the energy norm", "hm12": "λ in the dual norm"}
 """What is bounded in the norm of an accuracy; the second one is for problems with k and c."""
+MOST = 200_000
+"""A surface has at most about this many triangles: more are smaller than what is seen, and take long."""
 CONSTANT = 1e-12
 """u_h that varies by less than this, relative to its size, is shown as a constant."""
 NO_BOUND = "no guaranteed bound on the error"
@@ -46,6 +50,11 @@ class Shown:
     obstacle: Array
     free: Mask
     flux: Array
+
+    @cached_property
+    def surface(self) -> tuple[Index, Index]:
+        """Nodes (k,) and triangles (j, 3) between them that show u_h: those of the mesh, or not so many."""
+        return clustered(self.mesh, MOST)
 
     @property
     def varies(self) -> bool:

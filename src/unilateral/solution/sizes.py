@@ -27,6 +27,8 @@ def number(name: str, given: Size | None) -> float | None:
     if isinstance(given, str):
         return real(given, name)
     try:
+        if isinstance(given, bool):
+            raise TypeError
         return given if given is None else float(given)
     except (TypeError, ValueError, OverflowError):
         raise InputError(

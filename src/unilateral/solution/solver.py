@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
+from unilateral.accuracy.search import WITHDRAWN, Search
 from unilateral.discrete.base import DiscreteProblem
 from unilateral.discrete.choice import cheapest, condensed_spaces, discretised
 from unilateral.discrete.loads import Load, load_of
 from unilateral.errors import InputError, IterationWarning, SolutionWarning, shown
 from unilateral.fem.spaces import DualOperator, MixedSpaces
+from unilateral.formulas.decimals import up
 from unilateral.formulas.expression import Expression
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -25,6 +27,7 @@ from unilateral.problems.given import Coefficient, Given, bare, mesh_of, problem
 from unilateral.problems.problem import Problem
 from unilateral.problems.sampled import Sampled
 from unilateral.problems.scaled import scaled
+from unilateral.solution.certificate import SIZE, relative
 from unilateral.solution.matrices import Matrices, matrices
 from unilateral.solution.sizes import Size, check_kind, number, sized
 from unilateral.solution.solution import Solution, not_converged, not_unique
@@ -120,7 +123,7 @@ class Solver:
         with warnings.catch_warnings(action="ignore", category=IterationWarning):  # `tell_faults` tells it
             solved = discrete.solved(self.stop)
         solved.forget()
-        return Solution(solved, problem.polygon, problem.units)
+        return Solution(solved, problem)
 
     def matrices(
         self,
@@ -195,8 +198,33 @@ def check_stop(stop: Stop | None) -> None:
 
 
 def tell_faults(found: Solution, own_mesh: bool = False) -> None:
-    """Warns, two calls above, if the iteration did not converge or lambda_H may not be unique."""
+    """Warns, two calls above, of what is less than what was wanted, or may be."""
+    search = found.search
+    if search and len(search.believed) < len(search.done):
+        withdrawn = f"{len(search.done) - len(search.believed)} bounds {WITHDRAWN}"
+        warnings.warn(withdrawn, SolutionWarning, stacklevel=3)
+    if search and not search.certified:
+        warnings.warn(not_certified(search), SolutionWarning, stacklevel=3)
+        return
     if not found.converged:
         warnings.warn(not_converged(found.solved.result.bound), SolutionWarning, stacklevel=3)
     if not found.unique:
         warnings.warn(f"lambda_H {not_unique(found.mesh, own_mesh)}", SolutionWarning, stacklevel=3)
+
+
+def not_certified(search: Search) -> str:
+    """Why the accuracy is not certified, and what is reached: in the same terms, and as an error."""
+    best = search.best
+    parts = [f"the accuracy {best.goal.accuracy:g} is not certified: {search.ended}"]
+    if not search.believed:
+        parts.append("no bound is left")
+    elif best.goal.absolute or not best.size > 0:
+        parts.append(f"reached is {up(best.total, '.4e')}")
+    else:
+        share = up(relative(best.total, best.size), ".3g")
+        parts.append(f"reached is {share} of {SIZE[best.goal.norm]}, or {up(best.total, '.4e')}")
+    if search.refusal:
+        parts.append(str(search.refusal))
+    if search.reach:
+        parts.append(f"an accuracy of {search.reach:g} is within reach")
+    return "; ".join(parts)

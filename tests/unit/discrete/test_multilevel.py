@@ -3,6 +3,8 @@
 Which of them is chosen, in what memory; and solutions that follow one another on ever finer meshes.
 """
 
+from functools import partial
+
 import numpy as np
 import pytest
 from conftest import DATA, interior_point
@@ -20,7 +22,7 @@ from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.problems import problem_file
-from unilateral.solution.evaluation import at_points
+from unilateral.solution.evaluation import located, value
 from unilateral.solvers import multigrid_bounds
 from unilateral.solvers.multigrid_bounds import algebraic_bound
 from unilateral.solvers.stop import Stop
@@ -358,8 +360,9 @@ def test_what_is_known_of_a_coarser_mesh_is_taken_over(steps):
     assert "grids" not in vars(last.discrete)
     assert levels.coarsest is known.coarsest
     assert all(level is old for level, old in zip(levels.levels, known.levels[:-1], strict=False))
+    places = located(last.discrete.mesh, of.mesh.points)
     np.testing.assert_allclose(
-        found.guess, at_points(last.discrete.mesh, last.u_h, of.mesh.points), rtol=0, atol=1e-12
+        found.guess, places.values(partial(value, last.discrete.mesh, last.u_h)), rtol=0, atol=1e-12
     )
     start = last.discrete.partition.means(last.lambda_H, found.partition.points)[found.cells]
     solved = found.iterated(1e-10, Stop(), start)

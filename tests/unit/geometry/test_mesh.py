@@ -334,5 +334,5 @@ def test_without_gmsh_what_has_a_structured_mesh_gets_it(monkeypatch):
     for each in (SLANTED, narrow):
         with pytest.raises(InputError, match=r"no structured mesh.*parallel to the axes"):
             structured(each, 1 / 2)
-        with pytest.raises(InputError, match=r"need gmsh; type: pip install 'unilateral\[mesh\]'"):
+        with pytest.raises(InputError, match=r"needs gmsh; type: pip install 'unilateral\[mesh\]'"):
             unstructured(each, 1 / 2)

@@ -166,7 +166,7 @@ def test_the_rounding_of_f_in_other_units_is_in_its_bound():
         (0, [X, X], "field g: 2 formulas for 4 sides"),
         (1e300 * X, 0, "field f: it is as large as"),
         ([1, 2], 0, "field f: it is [1, 2]; it has to be a formula, a function or an array of values at"),
-        (0, [0, {}, 0, 0], "field g: it is {}; it has to be a formula, a function or an array"),
+        (0, [0, {}, 0, 0], "field g[1]: it is {}; it has to be a formula, a function or an array"),
     ],
 )
 def test_arrays_that_do_not_fit_are_refused(f, g, message):

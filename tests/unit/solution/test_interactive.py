@@ -11,7 +11,7 @@ from conftest import ROOT
 from matplotlib.image import imread
 
 import unilateral as ul
-from unilateral.solution import interactive
+from unilateral.solution import interactive, shown
 from unilateral.solution.coarser import clustered
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -108,7 +108,7 @@ def test_what_is_guaranteed_stands_on_the_page(solution, page):
 def test_a_mesh_with_too_many_triangles_is_drawn_coarser(monkeypatch, tmp_path):
     """Nodes and values are the mesh's own, the surface still covers the domain, and the page says so."""
     s = ul.solve(ul.load(ROOT / "examples/cog.yaml"), accuracy=0.05)
-    monkeypatch.setattr(interactive, "MOST", 1000)
+    monkeypatch.setattr(shown, "MOST", 1000)
     s.save(tmp_path / "coarse.html")
     mesh = traces(tmp_path / "coarse.html", "surface")["mesh3d"]
     n = len(mesh["i"])

@@ -123,7 +123,8 @@ def _pairs(of: xr.Dataset) -> list[dict[str, Any]]:
 def _rates(of: xr.Dataset) -> dict[str, Any]:
     """What is proved and expected, and what was observed, in words."""
     numbers = {name: _number(float(of[name])) for name in ("proved", "expected")}
-    return numbers | {"observed": observed(of).replace("**", ""), "why": of["why"].item()}
+    exact = of["verdict"].item() == "exact"
+    return numbers | {"exact": exact, "observed": observed(of).replace("**", ""), "why": of["why"].item()}
 
 
 def _number(value: float, rounded: Callable[[float, str], str] = format) -> float | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -9,6 +10,9 @@ import pandas as pd
 
 from unilateral.study.ledger import texts
 from unilateral.study.ledger.records import holds
+
+NUMBER = re.compile(r"(-?)([0-9.]+)e([+-][0-9]+)")
+SIGNS = {"≥": r"\ge", "≤": r"\le", "much more": r"\text{much more}"}
 
 
 def holding(records: Sequence[Mapping[str, Any]]) -> dict[str, bool]:
@@ -22,30 +26,34 @@ def claims_tables(records: Sequence[Mapping[str, Any]]) -> dict[str, pd.DataFram
     for each in records:
         row = {
             "claim": each["id"],
-            "statement": f"{each['statement']} [{_cell(each['where'])}]",
-            **_numbers(each),
-            "sees": _sees(each["sees"]),
-            "verdict": _cell(each["verdict"]),
+            "statement": f"{each['statement']} [{each['where']}]",
+            "measured": _measured(each),
+            "verdict": each["verdict"],
         }
         rows.setdefault(f"claims-{each['section']}", []).append(row)
     return {name: pd.DataFrame(of) for name, of in rows.items()}
 
 
-def _numbers(record: Mapping[str, Any]) -> dict[str, str]:
-    """What is shown of the evidence; dashes for a claim that is not judged, or has nothing to measure."""
-    quantity = record["quantity"]
-    return {
-        "what counts": texts.NONE if quantity is None else _cell(quantity),
-        "observed": texts.observed(record),
-        "margin": texts.margin(record),
-    }
+def _measured(record: Mapping[str, Any]) -> str:
+    """What counts and its value, the margin, and what the check sees; a dash if nothing was measured."""
+    if record["quantity"] is None:
+        return texts.NONE
+    margin, sees = texts.margin(record), record["sees"]
+    parts = [f"{record['quantity']}: {_formula(texts.observed(record))}"]
+    parts += [f"margin {margin}"] if margin != texts.NONE else []
+    parts += [f"sees {sees.removesuffix(' of the control')}"] if sees else []
+    return "; ".join(parts).replace(" %", "\u00a0%").replace("× ", "×\u00a0")
 
 
-def _sees(part: str | None) -> str:
-    """The text of `sees`, shortened for a narrow column: a factor, or a part of the control."""
-    return part.replace("below", "<").removesuffix(" of the control") if part else texts.NONE
+def _formula(text: str) -> str:
+    """A comparison of numbers in TeX, with powers of ten."""
+    text = NUMBER.sub(_power, text)
+    for sign, tex in SIGNS.items():
+        text = text.replace(sign, tex)
+    return f"${text}$"
 
 
-def _cell(text: str) -> str:
-    """The text with letters and signs, for a table in Markdown."""
-    return texts.letters(text).replace("|", r"\|")
+def _power(number: re.Match[str]) -> str:
+    minus, mantissa, power = number[1], number[2], int(number[3])
+    factor = "" if mantissa == "1" else rf"{mantissa}\cdot "
+    return f"{minus}{factor}10^{{{power}}}"

@@ -10,7 +10,7 @@ from typing import Any
 
 from unilateral.errors import InputError
 from unilateral.study.ledger import records
-from unilateral.study.ledger.texts import letters, margin, observed, plain
+from unilateral.study.ledger.texts import margin, observed, plain
 
 CLAIMS = "claims.json"
 COLUMNS = {"claim": 9, "title": 34, "observed": 17, "margin": 8}
@@ -73,7 +73,7 @@ def _lines(record: Mapping[str, Any], columns: Mapping[str, int], room: int | No
         "observed": observed(record),
         "margin": margin(record),
     }
-    verdict = letters(record["verdict"])
+    verdict = plain(record["verdict"])
     for fault in (records.FAILS, records.UNJUDGED):
         if verdict.startswith(fault):
             verdict = fault.upper() + verdict.removeprefix(fault)

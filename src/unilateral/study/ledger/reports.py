@@ -26,13 +26,13 @@ def explanation(judgement: Judgement) -> str:
     """Everything about one claim, with its numbers."""
     claim, evidence, record = judgement.claim, judgement.evidence, judgement.record()
     lines = [f"{claim.id}: {plain(claim.title)}", f"statement: {plain(claim.statement)}"]
-    lines.append(f"where: {letters(claim.where)}")
+    lines.append(f"where: {plain(claim.where)}")
     if evidence is None:
-        return "\n".join([*lines, letters(judgement.verdict)])
+        return "\n".join([*lines, plain(judgement.verdict)])
     numbers, rows = [f"check: {claim.check} ({letters(claim.source)})"], []
     if isinstance(evidence, Evidence):
         sign = "at least" if evidence.at_least else "at most"
-        quantity = letters(evidence.quantity)
+        quantity = plain(evidence.quantity)
         numbers = [
             f"check: {quantity} has to be {sign} {evidence.required:.4g} ({letters(claim.source)})",
             f"observed: {evidence.observed:.4g}, margin {margin(record)}",
@@ -43,7 +43,7 @@ def explanation(judgement: Judgement) -> str:
         [
             *lines,
             *numbers,
-            f"verdict: {letters(judgement.verdict)}",
+            f"verdict: {plain(judgement.verdict)}",
             f"control: {letters(claim.control['what'])}{sees}",
             f"tables: {', '.join(claim.reads)}",
             *rows,

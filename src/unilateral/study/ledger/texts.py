@@ -18,7 +18,7 @@ TEX = {
     r"\sup": "sup", r"\coth": "coth ", r"\max": "max", r"\min": "min", r"\log": "log", r"\gamma": "γ",
     r"\delta": "δ", r"\tau": "τ", r"\sum": "Σ", r"\Omega": "Ω", r"\Lambda": "Λ", r"\times": "×",
     r"\cdot": "·", r"\partial": "∂", r"\nu": "ν", r"\pi": "π", r"\omega": "ω", r"\sqrt": "√", r"\,": " ",
-    "$": "",
+    r"\to": "→", "$": "",
 }  # fmt: skip
 GREEK = {
     "alpha": "α", "beta": "β", "gamma": "γ", "epsilon": "ε", "lambda": "λ", "mu": "μ", "nu": "ν", "rho": "ρ",
@@ -27,14 +27,14 @@ GREEK = {
 
 
 def plain(text: str) -> str:
-    """A statement for the terminal: TeX's commands as letters, and its groups in parentheses."""
+    """A text for the terminal: TeX's commands as letters, and its groups in parentheses."""
     for command, letter in TEX.items():
         text = text.replace(command, letter)
-    return re.sub(r"\{(.)\}", r"\1", text).replace("{", "(").replace("}", ")")
+    return re.sub(r"\{(.)\}|(?<=_)\{([a-z]+)\}", r"\1\2", text).replace("{", "(").replace("}", ")")
 
 
 def letters(text: str) -> str:
-    """The text with the names of Greek letters as letters, and comparisons as signs."""
+    """A text without TeX, with the names of Greek letters as letters, and comparisons as signs."""
     for name, letter in GREEK.items():
         text = re.sub(rf"(?<![a-zA-Z]){name}(?![a-zA-Z])", letter, text)
     return text.replace(">=", "≥").replace("<=", "≤").replace("->", "→")
