@@ -198,11 +198,6 @@ def solve(
         )
     if isinstance(problem, Sampled):
         raise InputError(f"'{problem.name}': f, g and q must be formulas, or no accuracy can be guaranteed")
-    if mesh == "structured" and problem.units.length != 1:
-        raise InputError(
-            f"'{problem.name}': 'structured' is possible, but not with an accuracy if k and c differ; "
-            "leave it out, or give h and H"
-        )
     if not isinstance(norm, str) or norm not in NORMS:
         raise InputError(f"the norm '{norm}' is none of {', '.join(NORMS)}")
     if not 0 < accuracy < math.inf:

@@ -74,3 +74,12 @@ def meant(given: str, known: Iterable[str]) -> str:
     """The end of a message about an unknown name: the known one that is most like it, if any is."""
     near = get_close_matches(given, known, n=1)
     return f"; did you mean {near[0]}?" if near else ""
+
+
+def counted(n: int, one: str, many: str = "") -> str:
+    """A number of things, such as 1 edge or 2 edges; `many` is for words whose plural has no s at its end.
+
+    >>> counted(1, "edge"), counted(2, "edge"), counted(1, "mesh", "meshes")
+    ('1 edge', '2 edges', '1 mesh')
+    """
+    return f"{n} {one if n == 1 else many or one + 's'}"

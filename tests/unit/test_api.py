@@ -206,7 +206,7 @@ def test_a_multiplier_that_may_not_be_unique_is_warned_of(sizes, advice):
     with pytest.warns(ul.SolutionWarning) as told:
         s = ul.solve(ul.case("natural"), **sizes)
     said = [str(each.message) for each in told if each.category is ul.SolutionWarning]
-    assert said == [f"lambda_H may not be unique, because beta is 0 to rounding; {advice}"]
+    assert said == [f"lambda_H may not be unique, because beta is 0 up to rounding; {advice}"]
     assert not s.unique
     assert ul.solve(ul.case("natural"), h=0.5, H=1).unique
 
@@ -324,7 +324,7 @@ def test_bounds_that_are_withdrawn_and_levels_that_are_refused_are_told(monkeypa
     assert not s.certified
     assert s.bounds is None
     number = len(s.search.done)
-    assert f"{number} bounds withdrawn, for they contradict each other; please report it" in str(
+    assert f"{number} bounds withdrawn, because they contradict each other; please report it" in str(
         told[0].message
     )
     assert "not certified: bounds contradict each other; no bound is left" in str(told[1].message)
@@ -456,6 +456,8 @@ def test_a_limit_that_leaves_no_result_is_an_error_of_its_own():
     ("fields", "message"),
     [
         ({"f": "x+"}, "problem, field f: 'x+' is not a formula in x, y"),
+        ({"f": None}, "problem, field f: there is no formula; write 0 where there is none"),
+        ({"g": None}, "there is no formula, and side 0 is not free"),
         ({"g": [0, 0]}, "problem, field g: 2 formulas for 4 sides"),
         ({"g": [np.hypot, 0]}, "problem, field g: 2 formulas for 4 sides"),
         (
@@ -488,7 +490,6 @@ def test_a_limit_that_leaves_no_result_is_an_error_of_its_own():
         ({"f": math.nan}, "field f: it is nan; it has to be a finite number, or a formula"),
         ({"f": 1j}, "field f: it is 1j; it has to be a finite number, or a formula"),
         ({"f": sympy.Symbol("x") - 1}, "field f: it is x - 1; write it as a text, as str(x - 1) does"),
-        ({"f": None}, "problem, field f: there is no formula; write 0 where there is none"),
         ({"f": [1, 2]}, "field f: it is [1, 2]; it has to be a formula, a function or an array"),
         ({"f": pd.Series([1, 2])}, "field f: an array has a value for each node of a mesh; give the mesh"),
         ({"g": [math.inf, 0, 0, 0]}, "field g[0]: it is inf; it has to be a finite number"),

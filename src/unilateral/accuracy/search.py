@@ -23,10 +23,10 @@ from unilateral.solvers.stop import Stop
 
 INTERRUPTED = "interrupted"
 CONTRADICTED = "bounds contradict each other"
-WITHDRAWN = "withdrawn, for they contradict each other; please report it"
+WITHDRAWN = "withdrawn, because they contradict each other; please report it"
 NOT_CONVERGED = "the iteration did not converge (max_steps=, rho=, algorithm=)"
 OUT_OF_REACH = "out of reach"
-WITHOUT_CONTACT = "lambda_H is 0, and no error is a part of that; ask for an absolute accuracy"
+WITHOUT_CONTACT = "lambda_H is 0, so a relative error has no meaning; ask for an absolute accuracy"
 REFUSED = "the next level is refused"
 NOT_ENCLOSED = "f or g varies too fast or has terms that cancel"
 STOPS = (KeyboardInterrupt, OutOfBudget, MemoryError, InputError)
@@ -154,6 +154,6 @@ def _limit(stopped: BaseException) -> str:
 def _without_result(problem: Data, stopped: BaseException | None) -> BaseException:
     if isinstance(stopped, OutOfBudget):
         name = problem.polygon.name
-        return BudgetError(f"{stopped} does not suffice to solve on the coarsest mesh of '{name}'")
+        return BudgetError(f"{stopped} is not enough to solve on the coarsest mesh of '{name}'")
     assert stopped is not None
     return stopped

@@ -224,7 +224,7 @@ def _first(mesh: Mesh) -> Mesh:
     if coarse.n_nodes <= LARGE:
         return coarse
     if natural_kind(polygon) == "structured":
-        return structured(polygon, 1)
+        return structured(polygon, float(polygon.lengths.max()))
     edges = balanced(uniform(polygon, float(polygon.lengths.max())))
     return meshes.with_boundary(polygon, edges.points[:-1], GROWTH)
 

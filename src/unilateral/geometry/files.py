@@ -16,6 +16,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, from_points
 from unilateral.geometry.polygon import Polygon
 from unilateral.system.files import replacing
+from unilateral.system.optional import require
 
 SAME = 1e-9
 """Arc lengths that differ by at most this part of the perimeter are the same."""
@@ -36,6 +37,7 @@ def write_mesh(
     side's, and edges have no further data.
     Raises InputError if the file cannot be written.
     """
+    require("files of meshes need", "meshio")
     import meshio
 
     n, lines = len(mesh.triangles), np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)])
@@ -80,6 +82,7 @@ def read_mesh(path: str | os.PathLike[str], polygon: Polygon | None = None) -> M
 
     If no polygon is given, it is the one that the triangles' boundary forms.
     """
+    require("files of meshes need", "meshio")
     import meshio
 
     try:
@@ -96,6 +99,7 @@ def read_partition(path: str | os.PathLike[str], polygon: Polygon) -> Partition:
 
     Raises InputError, with the file, for what cannot be read, cells that do not join, and as `from_points`.
     """
+    require("files of cells need", "pandas")
     import pandas as pd
 
     try:

@@ -19,6 +19,7 @@ from unilateral.geometry.plane import circles, longest_edges, signed_areas
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.refinement import Step, Triangulation
 from unilateral.system.copies import Rebuilt
+from unilateral.system.optional import require
 
 ROUNDED = 1e-6
 """The rounding of coordinates may be this part of the longest boundary edge; a larger one shows in A_3."""
@@ -246,6 +247,7 @@ def with_boundary(polygon: Polygon, s: ArrayLike, growth: float | None = None) -
 
     For the `growth` of its triangles see `triangulate`. Raises InputError if the edges are no `Partition`.
     """
+    require(f"the mesh of '{polygon.name}' needs", "gmsh")
     from unilateral.geometry.triangulate import triangulate
 
     edges = Partition(polygon, np.append(s, polygon.perimeter))

@@ -165,7 +165,7 @@ def _beside(polygon: Polygon, points: Array, number: int, side: int, reach: Arra
     start, end = polygon.vertices[side], polygon.vertices[(side + 1) % polygon.n_sides]
     away = float(segment_distances(points[[number]], start[None], end[None])[0, 0])
     return InputError(
-        f"{where}: the boundary node {node(points, number)} lies {away:.2g} beside side {side} of polygon "
-        f"'{polygon.name}', where up to {reach[number]:.2g} would be mended; move it onto the side, or give "
+        f"{where}: the boundary node {node(points, number)} lies {away:.2g} off side {side} of polygon "
+        f"'{polygon.name}', and up to {reach[number]:.2g} would be corrected; move it onto the side, or give "
         "the polygon that the mesh has"
     )

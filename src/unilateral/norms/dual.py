@@ -32,6 +32,7 @@ from unilateral.norms.exact_errors import cell_means
 from unilateral.norms.functionals import Functionals, of_differences, of_indicators, of_p0
 from unilateral.norms.grading import EDGES_PER_CELL
 from unilateral.norms.ritz import h1_distance
+from unilateral.system.optional import require
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -171,6 +172,7 @@ def dual_norm(
     partition: Partition, cases: Iterable[Case] = (), edges_per_cell: int = EDGES_PER_CELL
 ) -> DualNorm:
     """The norm by reference spaces made for T_H, re-entrant vertices and the cases' singular points."""
+    require("errors in H^(-1/2) and the constant beta need", "gmsh")
     from unilateral.norms.reference import reference_spaces  # for true errors only
 
     polygon = partition.polygon

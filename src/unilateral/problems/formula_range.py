@@ -32,7 +32,7 @@ MOST_DISTANCES = 1 << 20
 
 @lru_cache(maxsize=KEPT)
 def range_in(polygon: Polygon, formula: Expression) -> tuple[float, float]:
-    """A lower and an upper bound of the formula in x, y in the polygon, infinite where none is found."""
+    """A lower and an upper bound on the formula in x, y in the polygon, infinite where none is found."""
     v = polygon.vertices
     boxes = np.stack([v.min(axis=0), v.max(axis=0)], axis=1)[None]
     value = compile_numpy([formula], "xy")

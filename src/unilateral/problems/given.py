@@ -25,6 +25,7 @@ from unilateral.problems.problem import Problem
 from unilateral.problems.sampled import Function, Sampled, check_arguments, check_vertices
 from unilateral.system.copies import Rebuilt
 from unilateral.system.files import path_of
+from unilateral.system.optional import require
 
 if TYPE_CHECKING:
     from unilateral.problems.case import Case
@@ -69,6 +70,7 @@ def case(
     >>> ul.case("natural").polygon.name
     'square'
     """
+    require("cases with known solutions need", "sympy")
     from unilateral.problems import (
         case as cases,  # sympy, on which they rest, takes longer than a small problem
     )
@@ -178,7 +180,8 @@ def with_data(
         check_vertices(sampled)
         return sampled
     formulas = _formula(of_f), tuple(map(_formula, of_g)), tuple(map(_formula, of_q))
-    found = Problem(f=formulas[0], g=formulas[1], q=formulas[2], **common)
+    title = of.title if isinstance(of, Problem) else ""
+    found = Problem(f=formulas[0], g=formulas[1], q=formulas[2], title=title, **common)
     if isinstance(of, Problem) and q is None:
         vars(found)["enclosed_flux"] = of.enclosed_flux
     problem_file.check(found, name)

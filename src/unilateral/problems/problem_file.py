@@ -267,6 +267,6 @@ def _check_size(given: float, one: float, unit: float, where: str, place: str, l
     if size > largest or (given > ALMOST_ZERO and size < smallest and least):
         of_polygon = f" on a polygon with the area {unit**2:.3g}" if unit != 1 else ""
         raise InputError(
-            f"{where}: it is as large as {size:.3g} {place}, and squares of errors{of_polygon} leave double "
-            f"precision; scale the data to a size between {smallest:.3g} and {largest:.3g}"
+            f"{where}: it is as large as {size:.3g} {place}, and squares of errors{of_polygon} leave the "
+            f"range of double precision; scale the data to a size between {smallest:.3g} and {largest:.3g}"
         )

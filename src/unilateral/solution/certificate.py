@@ -107,7 +107,7 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
 
 
 def relative(bound: float, size: float) -> float:
-    """A bound over a lower bound of the solution's norm, rounded up; NaN where that is 0 or unknown."""
+    """A bound over a lower bound on the solution's norm, rounded up; NaN where that is 0 or unknown."""
     return math.nextafter(bound / size, math.inf) if size > 0 else math.nan
 
 

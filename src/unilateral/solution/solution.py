@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,10 +38,12 @@ from unilateral.solution.evaluation import flux, gradient, located, value
 from unilateral.system import as_json
 from unilateral.system.files import check_target, replacing
 from unilateral.system.memory import available_mb
+from unilateral.system.optional import require
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from unilateral.problems.case import Case
@@ -76,10 +78,17 @@ class Forces(NamedTuple):
         return f"Forces: {plus_minus(*self.whole)}; on sides {shown}{more}; guaranteed"
 
 
-ENDINGS = (".vtu", ".csv", ".nc", ".json", ".svg", ".png", ".pdf")
-"""The endings of the files that `Solution.save` writes."""
-ERRORS = {"h1": "$||u - u_h||_1$", "hm12": "$||\\lambda - \\lambda_H||_{-1/2}$"}
-"""The errors as a picture shows them."""
+ENDINGS = {
+    ".vtu": ["meshio"],
+    ".csv": [],
+    ".nc": ["netCDF4", "xarray"],
+    ".json": [],
+    ".svg": ["matplotlib"],
+    ".png": ["matplotlib"],
+    ".pdf": ["matplotlib"],
+    ".html": ["plotly"],
+}
+"""The endings of the files that `Solution.save` writes, and the optional packages that each needs."""
 
 
 def not_unique(mesh: Mesh, own: bool) -> str:
@@ -95,7 +104,7 @@ def not_unique(mesh: Mesh, own: bool) -> str:
         advice = "take larger cells, or refine the mesh at the boundary"
     elif mesh.h >= shortest:  # whatever h and H were asked for
         advice = f"a side of the length {shortest:.4g} is one edge; take h <= {shortest / 2:.4g} and H = 2h"
-    return f"may not be unique, because beta is 0 to rounding; {advice}"
+    return f"may not be unique, because beta is 0 up to rounding; {advice}"
 
 
 def not_converged(bound: float) -> str:
@@ -377,6 +386,12 @@ class Solution:
 
     def cells(self) -> pd.DataFrame:
         """A row per cell: its side, arc lengths and places of its ends, lambda_H, the mean of u_h - g."""
+        require("tables of cells need", "pandas")
+        import pandas as pd
+
+        return pd.DataFrame(self._columns())
+
+    def _columns(self) -> tables.Columns:
         return tables.of_cells(self.partition, multiplier=self.multiplier, gap=self.gap)
 
     def certificate(self) -> dict[str, Any]:
@@ -397,13 +412,14 @@ class Solution:
         told = {"h": self.mesh.h, "H": self.partition.H, "algebraic_bound": self.solved.result.bound}
         bounds = self._bounds(sharp=False)
         told |= {"h1_bound": bounds.u, "hm12_bound": bounds.multiplier} if bounds else {}
-        return tables.dataset(self.mesh, self.u, self.cells(), told)
+        return tables.dataset(self.mesh, self.u, self._columns(), told)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes a file, by its ending: .vtu has u_h on its mesh, .csv the cells of the boundary, .nc both.
 
-        .json has the `certificate`; .svg, .png and .pdf the picture. In .vtu the boundary edges carry the
-        mean of lambda_H on each. Raises InputError for another ending.
+        .json has the `certificate`; .svg, .png and .pdf the picture; .html a page on which u_h is turned and
+        zoomed, in any browser and without a network. In .vtu the boundary edges carry the mean of lambda_H on
+        each. Raises InputError for another ending.
         """
         check_target(path, ENDINGS)
         if Path(path).suffix == ".vtu":
@@ -415,29 +431,34 @@ class Solution:
             return
         with replacing(path) as temporary:
             if temporary.suffix == ".csv":
-                self.cells().to_csv(temporary, index=False)
+                tables.write_csv(self._columns(), temporary)
             elif temporary.suffix == ".nc":
                 from unilateral.solution.stored import write
 
                 write(self, temporary)
+            elif temporary.suffix == ".html":
+                from unilateral.solution.interactive import page
+
+                temporary.write_text(page(self), encoding="utf-8")
             else:
                 from unilateral.solution.plot import draw
 
                 draw(self.plot(), temporary)
 
-    def plot(self) -> Figure:
-        """u_h with the contact set, lambda_H and the gap along the boundary; the mesh if it is adapted."""
-        from unilateral.solution.plot import figure, settled
+    @overload
+    def plot(self) -> Figure: ...
 
-        gap = settled(self.gap, self.multiplier) if self.converged else self.gap
-        adapted = self.solved.discrete.mesh.adapted
-        return figure(self.mesh, self.u, self.contact, gap, adapted, self._title())
+    @overload
+    def plot(self, ax: Axes) -> Axes: ...
 
-    def _title(self) -> str:
-        """The problem's name and, where an accuracy is certified, the bound."""
-        data = self.solved.discrete.data
-        name = data.name if data else self.polygon.name
-        if self.search is None or not self.certified:
-            return name
-        best = self.search.best
-        return f"{name}: {ERRORS[best.goal.norm]} $\\leq$ {up(best.total, '.2g')}, guaranteed"
+    def plot(self, ax: Axes | None = None) -> Figure | Axes:
+        """u_h with the contact set, lambda_H and the gap along the boundary; the mesh if it is adapted.
+
+        On the axes `ax` of a figure of your own only the first of these is drawn, and `ax` is returned.
+        Raises InputError if they are no plane axes of matplotlib.
+        """
+        require("pictures need", "matplotlib")
+        from unilateral.solution.plot import figure, on_axes
+        from unilateral.solution.shown import shown
+
+        return figure(shown(self)) if ax is None else on_axes(ax, shown(self))

@@ -272,7 +272,7 @@ def test_files_that_do_not_fit_together_are_one_error(folder, tmp_path, refused)
     said = refused("score", folder, tmp_path / "u.vtu", "--multiplier", folder / "level_2/partition.csv")
     assert "the columns start, end and multiplier are needed" in said
     said = refused("score", folder, "a.vtu", "b.vtu", "--multiplier", "cells.csv")
-    assert "--multiplier names 1 files for 2 solutions; repeat it" in said
+    assert "--multiplier is given 1 time for 2 solutions; repeat it" in said
     assert "no folder that 'unilateral export' wrote" in refused("score", tmp_path, "u.csv")
 
 
