@@ -7,22 +7,22 @@ LONGEST = 60
 
 
 class InputError(Exception):
-    """Bad input, told in one sentence: where (file, field), what is wrong, what would be right.
+    """Bad input, described in one sentence: where it is (file, field), what is wrong, and what would be right.
 
-    Who catches it prints the sentence and ends with `exit_code`.
+    The command line prints the sentence and ends with `exit_code`.
     """
 
     exit_code = 2
 
 
 class BudgetError(InputError):
-    """A limit that was reached before there was any result."""
+    """A limit was reached before there was any result."""
 
     exit_code = 3
 
 
 class SolutionWarning(UserWarning):
-    """There is a solution, but not as it was wanted.
+    """There is a solution, but it is not all that was asked for.
 
     The iteration did not converge, an accuracy was not reached, or lambda_H may not be the only one.
     """

@@ -18,7 +18,7 @@ class Stop:
     `tolerance` takes its place. `rho` None is 1.9 / lambda_max(S) for plain Uzawa and 1 / lambda_max(S) for
     the others. The `algorithm` "auto" is multigrid on large meshes, the active set where S is singular,
     Nesterov where no rho is given and more than `max_steps` plain steps are predicted, else plain Uzawa.
-    Raises InputError for a number that is none, for an unknown algorithm, and for a rho that has no use.
+    Raises InputError for what is not a number, for an unknown algorithm, and for a rho that has no use.
     """
 
     fraction: float = 0.01
