@@ -7,7 +7,7 @@ LONGEST = 60
 
 
 class InputError(Exception):
-    """Bad input, described in one sentence: where it is (file, field), what is wrong, and what would be right.
+    """Bad input, described in one sentence: where it is (file, field), what is wrong, what would be right.
 
     The command line prints the sentence and ends with `exit_code`.
     """

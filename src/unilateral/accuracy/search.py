@@ -35,7 +35,7 @@ STOPS = (KeyboardInterrupt, OutOfBudget, MemoryError, InputError)
 class Search:
     """The finished levels, and what `ended` the search; that is empty if the accuracy was reached.
 
-    `plan` predicts what the accuracy takes if a limit ended the search and a prediction is possible; `reach` is
+    `plan` predicts what the accuracy takes if a limit ended the search and that can be told; `reach` is
     a larger accuracy that the limits allow, where the plan shows that they do not allow this one.
     """
 

@@ -29,7 +29,7 @@ WANTED = "must be linear, or c - (x - a)**2 - (y - b)**2 up to a factor"
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """-k lap u + c u = f with contact on the sides, but k du/dn = q on `free_sides`; `units` are those of k and c.
+    """-k lap u + c u = f with contact, but k du/dn = q on `free_sides`; `units` come from k and c.
 
     `f` is a formula in x, y. `g` has one per side, which is not used on free sides. `q` has one per side,
     which is 0 on those that are not free; if `q` is empty, the flux is 0. What is enclosed is told by `Data`.

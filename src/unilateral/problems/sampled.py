@@ -22,7 +22,7 @@ This allows for functions that keep half of the digits.
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """-k lap u + c u = f with contact on the sides, but k du/dn = q on `free_sides`; `units` are those of k and c.
+    """-k lap u + c u = f with contact, but k du/dn = q on `free_sides`; `units` come from k and c.
 
     `f` takes arrays x, y of one shape and returns that shape; so do the functions of `g` and `q`, one per
     side. If `q` is empty, the flux is 0.
