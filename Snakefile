@@ -53,6 +53,7 @@ rule all:
         *MADE.values(),
         rules.manifest.output,
         rules.pages.output,
+        rules.curves.output,
 
 
 rule figures:

@@ -97,6 +97,12 @@ def blocks():
     return json.loads((ROOT / "results/blocks.json").read_text())
 
 
+def test_a_case_can_be_chosen_in_it(opened):
+    """The page's script runs within the report, too."""
+    text = shown(opened, "Tables", "Errors and rates")
+    assert "Observed rate of the expected one: " in text
+
+
 def test_versions_and_parameters_are_in_it(opened):
     text = shown(opened, "Tables", "Versions")
     told = json.loads((ROOT / "results/manifest.json").read_text())

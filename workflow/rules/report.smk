@@ -37,3 +37,29 @@ rule pages:
         "The pages of the report"
     script:
         "../scripts/job.py"
+
+
+rule curves:
+    input:
+        code("documents.curves"),
+        case_files(sorted({case for scene in JUDGED for case in SCENES[scene]["cases"]})),
+        errors=expand("results/{scene}/errors.nc", scene=JUDGED),
+        rates=expand("results/{scene}/rates.nc", scene=JUDGED),
+        totals=expand("results/{scene}/totals.nc", scene=config["totals"]["scenes"]),
+        template="workflow/report/curves.html",
+    output:
+        page=report(
+            "results/report/curves.html",
+            category="Tables",
+            labels={"table": "Errors and rates, to choose from"},
+        ),
+    log:
+        "results/logs/curves.log",
+    resources:
+        **TELLS,
+    params:
+        job="documents.curves.write",
+    message:
+        "The page of the report on which a case, a norm and h/H are chosen"
+    script:
+        "../scripts/job.py"

@@ -25,6 +25,8 @@ from unilateral.problems.case import Case
 from unilateral.system.files import check_target, replacing
 
 MOST_LEVELS = 12
+PAGES = {".html": ["matplotlib"], ".htm": ["matplotlib"]}
+"""The endings of pages with plots, and what draws these."""
 
 
 def export(
@@ -61,7 +63,7 @@ def _coarsest(case: Case, h: float | None, levels: int, file: str | None) -> Mes
         return api.KINDS[natural_kind(case.polygon)](case.polygon, h * 2 ** (levels - 1))
     if file is None or not Path(file).is_file():
         raise InputError(f"argument --mesh: there is no file '{file}'")
-    return api.mesh(file, case.polygon)
+    return api.mesh(file, polygon=case.polygon)
 
 
 def score(
@@ -69,7 +71,7 @@ def score(
 ) -> int:
     """Print the errors, rates and faults of another solver's solutions; the exit code."""
     if html is not None:
-        check_target(html, (".html", ".htm"))
+        check_target(html, PAGES)
     case, levels = exported(folder)
     if multipliers and len(multipliers) != len(solutions):
         raise InputError(
@@ -82,7 +84,8 @@ def score(
     verdict = scores.verdict(scored, rates)
     if html is not None:
         with replacing(html) as temporary:
-            temporary.write_text(load("unilateral.exchange.page").page(case, scored, rates), encoding="utf-8")
+            page = load("unilateral.exchange.page").page(case, scored, rates)
+            temporary.write_text(page, encoding="utf-8", newline="\n")
     if json:
         found = {"case": case.name, "verdict": verdict, "rates": {n: _rate(r) for n, r in rates.items()}}
         say(dumps(found | {"solutions": [_solution(each) for each in scored]}))

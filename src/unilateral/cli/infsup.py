@@ -54,7 +54,7 @@ def _mesh(file: str | None, h: float | None, polygon: Polygon | None) -> Mesh:
     if file is not None:
         if not Path(file).is_file():
             raise InputError(f"argument --mesh: there is no file '{file}'")
-        return api.mesh(file, polygon)
+        return api.mesh(file, polygon=polygon)
     if polygon is None or h is None:
         raise InputError("--h needs --polygon")
     check_size(polygon, h)

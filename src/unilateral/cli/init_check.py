@@ -6,11 +6,9 @@ import math
 from collections.abc import Callable, Iterator
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from unilateral.arrays import Array
 from unilateral.errors import InputError, shown
@@ -21,6 +19,11 @@ from unilateral.formulas.formula import compile_numpy
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
 from unilateral.system.files import replacing
+from unilateral.system.optional import require
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 PICTURES = (".svg", ".png", ".pdf")
 FREE, HELD = "tab:gray", "tab:blue"
@@ -36,8 +39,9 @@ def init(name: str) -> None:
     if Path(name).exists():
         raise InputError(f"{name} exists already; name another file")
     template = resources.files("unilateral.problems") / "template.yaml"
+    text = template.read_text(encoding="utf-8").replace("FILE", name)
     with replacing(name) as temporary:
-        temporary.write_text(template.read_text(encoding="utf-8").replace("FILE", name), encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
 def check(name: str, picture: str | None) -> str:
@@ -47,6 +51,8 @@ def check(name: str, picture: str | None) -> str:
     """
     if picture is not None and Path(picture).suffix not in PICTURES:
         raise InputError(f"argument --out: {picture} has to end in {', '.join(PICTURES)}")
+    if picture is not None:
+        require("pictures need", "matplotlib")
     if not problem_file.is_declared_in(name):
         raise InputError(f"{name} declares a case, not a problem; to see it type: unilateral cases {name}")
     problem = problem_file.load(name)
@@ -132,6 +138,8 @@ def _point(vertex: Array) -> str:
 
 def drawn(problem: Problem) -> Figure:
     """f in the polygon with its numbered sides, and g along the boundary."""
+    from matplotlib.figure import Figure
+
     page = Figure(figsize=(6.7, 7.5), layout="compressed")
     top, bottom = page.subplots(2, 1, height_ratios=(2, 1))
     _draw_polygon(top, problem)

@@ -14,7 +14,7 @@ import numpy as np
 from unilateral import api
 from unilateral.accuracy.goal import NORMS, Goal
 from unilateral.accuracy.level import Level
-from unilateral.accuracy.search import Search
+from unilateral.accuracy.search import WITHDRAWN, Search
 from unilateral.accuracy.watch import OutOfBudget, Watch
 from unilateral.cli.command import NOT_CONVERGED
 from unilateral.cli.report import (
@@ -30,7 +30,6 @@ from unilateral.cli.report import (
 )
 from unilateral.cli.streams import say, tell
 from unilateral.cli.watching import bar_during, clear, watching
-from unilateral.discrete.choice import bound_mb
 from unilateral.errors import BudgetError, InputError, counted
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
@@ -38,7 +37,8 @@ from unilateral.solution.solution import ENDINGS, Solution, not_converged, not_u
 from unilateral.solvers.stop import Stop
 from unilateral.system import as_json
 from unilateral.system.files import check_target
-from unilateral.system.memory import available_mb, keep_freed, peak_mb
+from unilateral.system.memory import keep_freed, peak_mb
+from unilateral.system.optional import require
 
 if TYPE_CHECKING:
     from unilateral.problems.case import Case
@@ -101,9 +101,9 @@ def _solved(options: SimpleNamespace, problem: Case | Problem, watch: Watch, dra
 def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bool) -> int:
     """Prints what was found; the exit code."""
     search, sharp = found.search, options.sharp
-    needed, free = 0.0 if search else bound_mb(found.mesh, sharp), available_mb()
-    if needed > free:
-        tell(f"no guaranteed bound: it takes about {needed:.0f} MB, and {free:.0f} MB are free")
+    refused = found.too_large(sharp)
+    if refused:
+        tell(refused)
         bounds = None
     else:
         bounds = found.sharp_bounds if sharp else found.bounds
@@ -147,6 +147,7 @@ def _targets(options: SimpleNamespace) -> list[Path]:
         check_target(file, ENDINGS)
     if options.out is None:
         return files
+    require("--out needs", *{package for name in KEPT for package in ENDINGS[Path(name).suffix]})
     folder = Path(options.out)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -202,7 +203,7 @@ def _mesh(given: str | None, problem: Case | Problem) -> Any:
         return given or ""
     if not Path(given).is_file():
         raise InputError(f"argument --mesh: '{given}' is neither structured nor unstructured nor a file")
-    return api.mesh(given, problem.polygon)
+    return api.mesh(given, polygon=problem.polygon)
 
 
 def _told(problem: Case | Problem, drawn: bool) -> Callable[[Level], None]:
@@ -223,7 +224,7 @@ def _tell_faults(search: Search) -> None:
         tell(search.refusal)
     if len(search.believed) < len(search.done):
         withdrawn = len(search.done) - len(search.believed)
-        tell(f"{counted(withdrawn, 'bound')} withdrawn, because they contradict each other; please report it")
+        tell(f"{counted(withdrawn, 'bound')} {WITHDRAWN}")
 
 
 def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float]] | None:

@@ -52,7 +52,7 @@ sizes, goal, domain, method = (
     type=FILE,
     metavar="FILE",
     multiple=True,
-    help="keep the solution: .vtu, .csv, .nc, .json, .svg, .png or .pdf; may be repeated",
+    help="keep the solution: .vtu, .csv, .nc, .json, .svg, .png, .pdf or .html; may be repeated",
 )
 @option("--out", type=FOLDER, metavar="FOLDER", help="write all useful files to this folder")
 @option("--sharp", is_flag=True, help="tighter but slower bounds, especially for lambda")
@@ -126,8 +126,8 @@ sizes, goal, domain, method = (
     "--mesh",
     type=Name(lambda: KINDS),
     metavar="KIND|FILE",
-    help="structured (not with --accuracy if k and c differ), unstructured, or a file with triangles; "
-    "default: structured where possible, and with --accuracy refined where it pays",
+    help="structured (sides along the axes), unstructured (needs gmsh), or a file with triangles; "
+    "default: structured on unit squares or without gmsh, and with --accuracy refined where it pays",
 )
 @method(
     "--algorithm",

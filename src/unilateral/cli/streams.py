@@ -50,7 +50,8 @@ def as_options(message: str) -> str:
 
 
 def _print(text: str, stream: TextIO) -> None:
-    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # as Python sets it; gmsh resets it
+    if hasattr(signal, "SIGPIPE"):
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # as Python sets it; gmsh resets it
     print(text, file=stream, flush=True)
 
 

@@ -72,7 +72,7 @@ def module(case: Case, kind: str) -> str:
     )
     return template.read_text(encoding="utf-8").format(
         name=case.name,
-        title=case.declaration["title"],
+        title=case.title,
         polygon=case.polygon.name,
         vertices=case.polygon.vertices.tolist(),
         definitions=DEFINITIONS,

@@ -32,7 +32,7 @@ def page(case: Case, scored: Sequence[Scored], rates: dict[str, Rate]) -> str:
     faults = [escape(sentence) for sentence in sentences(scored)]
     return Template(template.read_text(encoding="utf-8")).substitute(
         name=escape(case.name),
-        title=escape(str(case.declaration["title"])),
+        title=escape(case.title),
         polygon=escape(case.polygon.name),
         version=__version__,
         verdict=escape(verdict(scored, rates)),

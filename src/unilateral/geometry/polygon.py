@@ -12,6 +12,7 @@ from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError, meant
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.plane import cross, first_crossing
+from unilateral.system.copies import Rebuilt
 from unilateral.system.declarations import own
 
 MAX_VERTICES = 1000
@@ -25,7 +26,7 @@ MOST = 10_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Polygon:
+class Polygon(Rebuilt):
     """A simple polygon, not necessarily convex: the paper's Omega.
 
     `vertices` (n, 2) are listed anticlockwise; side i runs from vertex i to vertex i + 1, and the
@@ -47,6 +48,9 @@ class Polygon:
         vertices.setflags(write=False)
         object.__setattr__(self, "vertices", vertices)
         _check(vertices, self.name)
+
+    def __repr__(self) -> str:
+        return f"Polygon '{self.name}': {self.n_sides} sides, area {self.area:.4g}"
 
     @cached_property
     def largest(self) -> float:

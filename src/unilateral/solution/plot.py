@@ -1,131 +1,159 @@
-"""The picture of a solution."""
+"""The picture of a solution, by matplotlib."""
 
 from __future__ import annotations
 
+import textwrap
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.tri import Triangulation
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.ticker import FixedLocator
 
-from unilateral.arrays import Array
-from unilateral.geometry.mesh import Mesh
-from unilateral.solution.contact import Contact
+from unilateral.errors import InputError, shown
+from unilateral.solution.plot_domain import APART, CONTACT, FREE, TALLEST, domain, mesh, numbered, ticks
+from unilateral.solution.shown import Shown
 
-CONTACT, GAP = "tab:red", "tab:blue"
+GAP = "tab:blue"
 DOTS = 150
 """Dots per inch of what has as many parts as the mesh."""
-LINE = 20.0
-"""The width of the mesh's lines is this many points over the root of the number of triangles, or less."""
-WIDTH, ALONG = 5.5, 2.2
-"""WIDTH is that of a panel with the domain, ALONG the height of both panels along the boundary, in inches."""
-FLATTEST, TALLEST = 0.25, 1.2
-"""The least and the largest height over width of the space for the domain."""
-MARGIN = 0.03
-"""The margin around the domain, as a fraction of its size."""
-LEVELS = 12
-"""At most this many levels of u_h have a line."""
-NUMBERED = 0.07
-"""Sides longer than this fraction of the perimeter have their number along the boundary."""
+STYLE: Any = {
+    "font.size": 11,
+    "axes.titlesize": 11,
+    "figure.titlesize": 12,
+    "axes.formatter.limits": (-3, 4),
+    "axes.formatter.use_mathtext": True,
+}
+ONE, TWO, ALONG = 6.5, 7.5, 1.7
+"""The width of a page with one panel and with two beside each other, and the height along the boundary.
+
+In inches; they are small beside the letters, so that a picture can be read on a phone.
+"""
+BAR = 0.2
+"""The room at the right for the label of a colour bar, in inches, which the layout does not see."""
+FLATTEST, FLAT = 0.25, 0.5
+"""The least height over width of the space for the domain.
+
+Panels of domains below FLAT stand one above the other.
+"""
+LETTERS, LINES, DOTTED = 10.0, 3, " ..."
+"""Letters of a title to the inch, lines that it may have, and the end of a longer one."""
+PLACES = 6
+"""Decimals of the place of axes, as a fraction of the page."""
+PATHS: Any = {"svg.hashsalt": "unilateral", "svg.fonttype": "path"}
 
 
-def figure(mesh: Mesh, u_h: Array, contact: Contact, gap: Array, with_mesh: bool, title: str) -> Figure:
-    """u_h (n,) with the contact set, above lambda_H and u_h - g (m,) along the boundary.
-
-    The mesh is drawn beside u_h if that is asked for.
-    """
-    width, height = np.ptp(mesh.points, axis=0)
-    tall = WIDTH * float(np.clip(height / width, FLATTEST, TALLEST))
-    columns = 2 if with_mesh else 1
-    page = Figure(figsize=(columns * WIDTH + 1.0, tall + 2 * ALONG), layout="constrained", dpi=DOTS)
-    grid = page.add_gridspec(3, columns, height_ratios=(tall, ALONG / 2, ALONG / 2))
-    top = page.add_subplot(grid[0, 0])
-    triangles = Triangulation(mesh.points[:, 0], mesh.points[:, 1], mesh.triangles)
-    _solution(top, triangles, u_h, contact)
-    if with_mesh:
-        _mesh(page.add_subplot(grid[0, 1]), triangles)
-    flux = page.add_subplot(grid[1, :])
-    _along(flux, page.add_subplot(grid[2, :], sharex=flux), contact, gap)
-    page.suptitle(title)
+def figure(of: Shown) -> Figure:
+    """u_h with the contact set, beside it the mesh if it is adapted, and both along the boundary."""
+    width, height = np.ptp(of.mesh.points, axis=0)
+    shape, panels = float(np.clip(height / width, FLATTEST, TALLEST)), 2 if of.mesh.adapted else 1
+    across = panels if shape > FLAT else 1
+    wide, down = TWO if across > 1 else ONE, panels // across
+    tall = (wide / across - 1) * shape + 0.6  # less labels and the colour bar, and a title
+    with mpl.rc_context(STYLE):
+        layout = ConstrainedLayoutEngine(rect=(0, 0, 1 - BAR / wide, 1))
+        page = Figure(figsize=(wide, down * tall + 2 * ALONG), layout=layout, dpi=DOTS)
+        grid = page.add_gridspec(down + 2, across, height_ratios=[tall] * down + [ALONG] * 2)
+        domain(page.add_subplot(grid[0, 0]), of)
+        if panels > 1:
+            beside = page.add_subplot(grid[down - 1, across - 1])
+            mesh(beside, of)
+            beside.tick_params(labelleft=across == 1)
+        above = page.add_subplot(grid[-2, :])
+        _along(above, page.add_subplot(grid[-1, :], sharex=above), of)
+        lines = wrapped(of.title, int(LETTERS * wide)) + [of.accuracy] * bool(of.accuracy)
+        page.suptitle("\n".join(lines), parse_math=False)  # for the title is the user's
     return page
 
 
-def _solution(axes: Axes, triangles: Triangulation, u_h: Array, contact: Contact) -> None:
-    """u_h with its lines of level, a colour bar of the panel's height, and the contact set."""
-    field = axes.tripcolor(triangles, u_h, shading="gouraud", rasterized=True)
-    if np.ptp(u_h) > 0:
-        axes.tricontour(
-            triangles, u_h, levels=LEVELS, colors="w", linewidths=0.5, alpha=0.6, linestyles="solid"
-        )
-    axes.figure.colorbar(field, cax=axes.inset_axes((1.03, 0, 0.04, 1)))
-    lines = [(each.first, each.last) for each in contact.intervals]
-    axes.add_collection(LineCollection(lines, colors=CONTACT, linewidths=4, capstyle="butt", zorder=3))
-    where = "the whole boundary" if contact.full else f"length {contact.length:.4g}"
-    axes.set(xlabel="x", ylabel="y", title=f"$u_h$; contact in red, {where}")
-    _fitted(axes)
+def on_axes(ax: object, of: Shown) -> Axes:
+    """Draws u_h with the contact set on axes, and returns these. Raises InputError for what are none."""
+    if not isinstance(ax, Axes) or ax.name != "rectilinear":
+        raise InputError(f"ax is {shown(repr(ax))}; it has to be plane axes of matplotlib, such as plt.gca()")
+    domain(ax, of)
+    return ax
 
 
-def _mesh(axes: Axes, triangles: Triangulation) -> None:
-    n = len(triangles.triangles)
-    axes.triplot(triangles, color="k", linewidth=min(0.5, LINE / np.sqrt(n)), rasterized=True)
-    axes.set(xlabel="x", title=f"the mesh: {n} triangles")
-    _fitted(axes)
-
-
-def _fitted(axes: Axes) -> None:
-    """Fits axes to the domain, with room around it for lines of contact; contour lines would leave none."""
-    axes.use_sticky_edges = False
-    axes.set_aspect("equal")
-    axes.margins(MARGIN)
-
-
-def _along(above: Axes, below: Axes, contact: Contact, gap: Array) -> None:
-    """lambda_H, and below it u_h - g, over the arc length; sides have a line at their ends, and a number."""
-    s, polygon = contact.partition.points, contact.partition.polygon
-    above.stairs(contact.lambda_H, s, color=CONTACT, fill=True, alpha=0.3)
-    above.stairs(contact.lambda_H, s, color=CONTACT)
-    below.stairs(gap, s, baseline=0, color=GAP)
-    if not np.nan_to_num(gap).any():
-        where = "on the whole boundary" if np.isfinite(gap).all() else "on all sides that are not free"
-        below.text(0.5, 0.75, f"$u_h = g$ {where}", ha="center", va="center", transform=below.transAxes)
-        below.set(ylim=(-1, 1), yticks=[0])
-    for axes, label in ((above, "$\\lambda_H$"), (below, "mean of $u_h - g$")):
+def _along(above: Axes, below: Axes, of: Shown) -> None:
+    """lambda_H, and below it u_h - g, over the arc length; free sides are grey, and sides have numbers."""
+    s, polygon = of.contact.partition.points, of.mesh.polygon
+    above.stairs(of.contact.lambda_H, s, color=CONTACT, fill=True, alpha=0.3)
+    above.stairs(of.contact.lambda_H, s, color=CONTACT)
+    below.stairs(of.gap, s, baseline=0, color=GAP)
+    _scaled(above, "" if of.contact.intervals or of.flux.any() else of.where)
+    _scaled(below, of.no_gap)
+    for axes in (above, below):
         for start in polygon.starts:
             axes.axvline(start, color="0.8", linewidth=0.8, zorder=0)
         axes.axhline(0, color="0.8", linewidth=0.8, zorder=0)
-        axes.set(ylabel=label, xlim=(0, polygon.perimeter))
+    above.set(ylabel="multiplier\n$\\lambda_H$", xlim=(0, polygon.perimeter))
     above.tick_params(labelbottom=False)
-    below.set(xlabel="arc length along the boundary")
-    long, sides = np.flatnonzero(polygon.lengths > NUMBERED * polygon.perimeter), above.secondary_xaxis("top")
-    sides.set_xticks((polygon.starts[:-1] + polygon.lengths / 2)[long], [f"side {i}" for i in long])
+    above.yaxis.get_offset_text().set_horizontalalignment("right")  # not in the way of the sides' numbers
+    below.set(xlabel="arc length from vertex 0, anticlockwise", ylabel="gap, mean\nof $u_h - g$")
+    _free(above, below, of)
+    named, sides = numbered(of), above.secondary_xaxis("top")
+    middles = polygon.starts[:-1] + polygon.lengths / 2
+    sides.set_xticks(middles[named], [str(i) if i else "side 0" for i in named])
     sides.tick_params(length=0)
 
 
-def settled(gap: Array, lambda_H: Array) -> Array:
-    """u_h - g (m,), but 0 where it is no larger than what a converged iteration has left of 0; NaN stays.
+def _scaled(axes: Axes, nothing: str) -> None:
+    """Few ticks, or where all is 0 what that means."""
+    axes.yaxis.set_major_locator(FixedLocator([0]) if nothing else ticks())
+    if nothing:
+        axes.set_ylim(-1, 1)
+        axes.text(0.5, 0.75, nothing, ha="center", va="center", transform=axes.transAxes)
 
-    In exact arithmetic it is 0 where lambda_H > 0, and nowhere below 0. Values that differ from this tell the
-    size of what is left.
-    """
-    held = np.isfinite(gap)
-    rest = np.where(lambda_H[held] > 0, np.abs(gap[held]), np.maximum(-gap[held], 0.0))
-    return np.where(np.abs(gap) <= rest.max(initial=0.0), 0.0, gap)
+
+def _free(above: Axes, below: Axes, of: Shown) -> None:
+    """Free sides in grey, with the flux that is given there."""
+    s, polygon = of.contact.partition.points, of.mesh.polygon
+    for side in np.unique(of.contact.partition.side[of.free]):
+        start, end = polygon.starts[[side, side + 1]]
+        for axes in (above, below):
+            axes.axvspan(start, end, color="0.93", zorder=-1)
+        if end - start >= APART * polygon.perimeter:
+            place: Any = {"transform": below.get_xaxis_transform(), "ha": "center", "va": "center"}
+            below.text((start + end) / 2, 0.25, "free", color=FREE, **place)
+    if of.flux.any():
+        given = np.where(of.free, of.flux, np.nan)
+        above.stairs(given, s, baseline=None, color=FREE, linestyle="dashed", label="given flux q")
+        above.legend(fontsize="small", frameon=False)
+
+
+def wrapped(text: str, most: int) -> list[str]:
+    """A text on as few lines of at most so many letters as it takes, all of much the same length."""
+    found = textwrap.wrap(text, most, max_lines=LINES, placeholder=DOTTED)
+    for width in range(len(text) // max(len(found), 1), most):
+        evener = textwrap.wrap(text, max(width, 1))
+        if len(evener) == len(found):
+            return evener
+    return found
 
 
 def draw(page: Figure, path: Path) -> None:
     """Writes the figure into a file, with the same bytes for the same figure."""
     undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-    with mpl.rc_context({"svg.hashsalt": "unilateral", "svg.fonttype": "path"}):
+    _placed(page)
+    with mpl.rc_context(PATHS):
         page.savefig(path, metadata=undated.get(path.suffix))
+
+
+def _placed(page: Figure) -> None:
+    """Rounds where the layout puts axes: its last digits depend on the order in which it sees them."""
+    page.draw_without_rendering()
+    page.set_layout_engine("none")
+    for axes in page.axes:
+        axes.set_position(tuple(np.round(axes.get_position(original=True).bounds, PLACES)))
 
 
 def svg(page: Figure) -> str:
     """The figure as an element of a page of HTML, the same for the same figure."""
     found = StringIO()
-    with mpl.rc_context({"svg.hashsalt": "unilateral", "svg.fonttype": "path"}):
+    with mpl.rc_context(PATHS):
         page.savefig(found, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
     return "<svg" + found.getvalue().partition("<svg")[2]

@@ -206,7 +206,7 @@ def test_sizes_have_three_digits(tmp_path, size, shown):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("-o", "x.abc"), "x.abc: the ending must be .vtu, .csv, .nc, .json, .svg, .png or .pdf"),
+        (("-o", "x.abc"), "x.abc: the ending must be .vtu, .csv, .nc, .json, .svg, .png, .pdf or .html"),
         (("-o", "none/x.vtu"), "none/x.vtu cannot be written: there is no folder none"),
         (("-o", "folder.vtu"), "folder.vtu cannot be written: it is a folder"),
         (("--out", "file/new"), "argument --out: file/new cannot be made: Not a directory"),
@@ -278,7 +278,7 @@ def test_idle_sides_are_left_out_on_request(run, problem_file_of):
 
 def test_a_bound_that_does_not_fit_into_the_memory_is_left_out(run, monkeypatch):
     """1089 unknowns take 1 MB, and by the sharp bound 5; control: the cheap one."""
-    monkeypatch.setattr("unilateral.cli.solve.available_mb", lambda: 2.0)
+    monkeypatch.setattr("unilateral.solution.solution.available_mb", lambda: 2.0)
     sizes = "--h", "1/32", "--H", "1/16"
     code, out, err = run("solve", "no_contact", *sizes, "--sharp")
     assert (code, err) == (0, "unilateral: no guaranteed bound: it takes about 5 MB, and 2 MB are free\n")

@@ -26,7 +26,6 @@ from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.norms.dual import Errors
-from unilateral.problems.units import Units
 from unilateral.solution import Solution
 
 LEVELS = {"level_0": (4, 2), "level_1": (8, 4), "level_2": (16, 8)}
@@ -43,7 +42,7 @@ def folder(tmp_path_factory):
 
 def kept(of):
     """The solution of a discrete problem, in the units of the paper's equation."""
-    return Solution(solve(of), of.mesh.polygon, Units())
+    return Solution(solve(of), of.data)
 
 
 @cache

@@ -370,3 +370,22 @@ def test_numbers_that_cancel_are_told_to_the_last_digit():
         digits = mpmath.nstr(mpmath.floor(mpmath.pi * 10**120), 121).removesuffix(".0")
         rest = float(mpmath.pi * 10**120 - mpmath.mpf(digits)) * 1e-120
     assert float(rounded(parse(f"pi - {digits}/1{'0' * 120}", (), "here"))) == pytest.approx(rest, rel=1e-14)
+
+
+WRITTEN = {
+    "3 - 4*x": "-4*x + 3",
+    "3*x - 5": "3*(x - 2) + 1",
+    "x*(y - 3/4)*(5/2 - x)/2": "x*(5/2 - x)*(y - 3/4)/2",
+    "sqrt(2)*x**(1/3)/(y + 1)**2": "x**(1/3)*sqrt(2)*(1 + y)**(-2)",
+    "2*pos(x - 1/2, 3/2)/(3*pi)": "pos(x - 1/2, 3/2)*2/3*pi**(-1)",
+    "-x*y/2": "-x*y/2",
+    "0": "x - x",
+}
+
+
+@pytest.mark.parametrize(("wanted", "typed"), WRITTEN.items())
+def test_a_formula_is_written_so_that_it_could_be_typed(wanted, typed):
+    """By hand: terms below 0 last, a rational number last of the others. It is read as the same formula."""
+    found = parse(typed, "xy", "f")
+    assert str(found) == wanted
+    assert parse(str(found), "xy", "f") == found

@@ -1,14 +1,17 @@
 """The picture of a solution: what it shows, and that its bytes are always the same."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 from conftest import DATA
+from matplotlib.figure import Figure
 
 import unilateral as ul
-from unilateral.formulas.decimals import up
-from unilateral.solution import plot
+from unilateral.solution import plot_domain
+from unilateral.solution.plot import wrapped
+from unilateral.solution.shown import settled
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -37,6 +40,7 @@ def test_a_mesh_is_drawn_where_it_is_adapted(adapted):
     """Its triangles are counted in a title; a uniform mesh is not drawn."""
     titles = [axes.get_title() for axes in adapted.plot().axes]
     assert f"the mesh: {len(adapted.mesh.triangles)} triangles" in titles
+    assert len(adapted.mesh.triangles) < 1000
     uniform = ul.solve(ul.case("natural"), **SIZES)
     assert not any("mesh" in axes.get_title() for axes in uniform.plot().axes)
 
@@ -50,14 +54,18 @@ def test_the_picture_shows_contact_and_gap():
     np.testing.assert_array_equal(flux.patches[0].get_data().values, s.multiplier)
     held = s.multiplier > 0
     np.testing.assert_array_equal(gap.patches[0].get_data().values, np.where(held, 0, s.gap))
+    assert not flux.texts
     assert not gap.texts
     (names,) = flux.child_axes
-    assert [label.get_text() for label in names.get_xticklabels()] == [f"side {i}" for i in range(4)]
+    assert [label.get_text() for label in names.get_xticklabels()] == ["side 0", "1", "2", "3"]
+    assert {text.get_text() for text in top.texts} == {"0", "1", "2", "3"}
+    (bar,) = top.child_axes
+    assert bar.get_ylabel() == "$u_h$"
 
 
 @pytest.mark.parametrize(
     ("g", "free", "said"),
-    [(0, [], "on the whole boundary"), ([0, 0, 0, None], [3], "on all sides that are not free")],
+    [(0, [], "everywhere"), ([0, 0, 0, None], [3], "on all sides that are not free")],
 )
 def test_the_picture_of_a_contact_everywhere_shows_no_remainder_of_the_iteration(g, free, said):
     """f < 0 = g presses u down; of this loose tolerance means of u_h - g are up to 1e-3, of both signs."""
@@ -66,7 +74,7 @@ def test_the_picture_of_a_contact_everywhere_shows_no_remainder_of_the_iteration
     gap = s.plot().axes[2]
     shown = gap.patches[0].get_data().values
     assert np.all(shown[np.isfinite(s.gap)] == 0)
-    assert [text.get_text() for text in gap.texts] == [f"$u_h = g$ {said}"]
+    assert gap.texts[0].get_text() == f"in contact {said}"
     assert gap.get_yticks().tolist() == [0]
 
 
@@ -78,22 +86,132 @@ def test_what_has_not_converged_is_drawn_as_it_is():
     np.testing.assert_array_equal(gap.patches[0].get_data().values, s.gap)
     assert (np.abs(s.gap).max() > 1, len(gap.texts)) == (True, 0)
     zero = ul.solve(ul.Problem(SQUARE, f=0, g=0), **SIZES).plot()
-    assert zero.axes[0].get_title().endswith("length 0")
-    assert [text.get_text() for text in zero.axes[2].texts] == ["$u_h = g$ on the whole boundary"]
+    assert zero.axes[0].get_title() == "no contact"
+    assert [axes.texts[0].get_text() for axes in zero.axes[1:]] == ["no contact", "u = g everywhere"]
 
 
 def test_the_gap_is_drawn_but_for_the_size_of_what_the_iteration_left():
     """By hand: 0.1 is seen of the 0 in contact, so 0.05 outside is nothing, and 0.2 is a gap."""
     gap, lambda_H = np.array([0.1, -0.05, 0.05, 0.2, math.nan]), np.array([1.0, 0, 0, 0, 0])
-    np.testing.assert_array_equal(plot.settled(gap, lambda_H), [0, 0, 0, 0.2, math.nan])
-    np.testing.assert_array_equal(plot.settled(gap[2:], 0 * gap[2:]), gap[2:])
+    np.testing.assert_array_equal(settled(gap, lambda_H), [0, 0, 0, 0.2, math.nan])
+    np.testing.assert_array_equal(settled(gap[2:], 0 * gap[2:]), gap[2:])
 
 
-def test_the_picture_says_what_is_certified(adapted):
-    """The bound of the search, rounded up, and of a solution on given sizes the name alone."""
-    bound = f"{up(adapted.search.best.total, '.2g')}, guaranteed"
-    assert adapted.plot().get_suptitle().endswith(bound)
-    assert ul.solve(ul.case("natural"), **SIZES).plot().get_suptitle() == "natural"
+def test_the_title_is_that_of_the_problem_and_tells_the_relative_bound(adapted):
+    """The bound of the certificate, rounded up: not below it, and by less than a tenth above it."""
+    title, accuracy = adapted.plot().get_suptitle().split("\n")
+    assert title == "a re-entrant corner, contact on both of its sides"
+    told = re.fullmatch(r"error of u in H¹: at most ([\d.]+) %, guaranteed", accuracy)
+    bound = 100 * adapted.certificate()["h1_relative_bound"]
+    assert bound <= float(told[1]) < 1.1 * bound <= 33
+
+
+@pytest.mark.parametrize(
+    ("given", "sizes", "said"),
+    [
+        ({}, SIZES, r"error of u in H¹: at most [\d.]+ %, guaranteed"),
+        ({"k": 2}, SIZES, r"error of u in the energy norm: at most [\d.]+ %, guaranteed"),
+        ({}, {"accuracy": 0.5, "norm": "hm12"}, r"error of λ in H\^\(−1/2\): at most [\d.]+ %, guaranteed"),
+        ({}, {"accuracy": 1e-3, "max_unknowns": 99}, r"error of u .* %, guaranteed; 0.1 % was asked for"),
+        ({}, {"accuracy": 1e-9, "max_unknowns": 99, "absolute": True}, r"error .*; 1e-09 was asked for"),
+        ({"f": lambda x, y: x - 2}, SIZES, "no guaranteed bound on the error"),
+        ({"f": 0}, SIZES, r"error of u in H¹: at most [\d.e-]+, guaranteed"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore::unilateral.api.SolutionWarning")
+def test_the_picture_says_what_is_guaranteed(given, sizes, said):
+    """In words, whatever was asked for; where u may be 0 the bound is no part of it."""
+    s = ul.solve(ul.Problem(SQUARE, **({"f": "x - 2", "g": 0} | given)), **sizes)
+    title, accuracy = s.plot().get_suptitle().split("\n")
+    assert title == "problem"
+    assert re.fullmatch(said, accuracy)
+
+
+def test_long_titles_are_wrapped_evenly_and_too_long_ones_end():
+    """By hand: 11 words of 4 letters need 2 lines of at most 30, and as even ones 29 and 24."""
+    words = ["word"] * 11
+    assert wrapped(" ".join(words), 30) == [" ".join(words[:6]), " ".join(words[:5])]
+    cut = wrapped(" ".join(words * 9), 30)
+    assert (len(cut), cut[-1][-4:]) == (3, " ...")
+    assert wrapped("", 30) == []
+
+
+def test_a_title_is_no_formula():
+    s = ul.solve(ul.Problem(SQUARE, f=-1, g=0, name="costs $5 or $x_{$"), **SIZES)
+    s.plot().draw_without_rendering()
+
+
+def test_the_lengths_of_edges_take_the_place_of_a_mesh_that_would_be_grey(adapted, monkeypatch):
+    """In colours on a logarithmic scale with a name: at a node their geometric mean."""
+    monkeypatch.setattr(plot_domain, "TRIANGLES", len(adapted.mesh.triangles) - 1)
+    page = adapted.plot()
+    shown, (bar,), mesh = page.axes[1].collections[0].get_array(), page.axes[1].child_axes, adapted.mesh
+    for node in range(0, mesh.n_nodes, 50):
+        of = mesh.points[mesh.triangles[(mesh.triangles == node).any(axis=1)]]
+        longest = np.linalg.norm(of - np.roll(of, 1, axis=1), axis=2).max(axis=1)
+        assert shown[node] == pytest.approx(np.prod(longest) ** (1 / len(longest)))
+    assert (bar.get_yscale(), bar.get_ylabel()) == ("log", "longest edge")
+
+
+def test_free_sides_are_marked_and_their_flux_is_drawn():
+    """By hand: q = 4 y has the means 0.25, 0.75, ... on side 1, which H cuts in eight; q = -3 on side 3."""
+    data = {"g": [0, None, 0, None], "free_sides": [1, 3], "q": [None, "4*y", None, -3]}
+    s = ul.solve(ul.Problem(SQUARE, f="-1", **data), h=1 / 16, H=1 / 8)
+    top, above, below = s.plot().axes
+    given = next(patch for patch in above.patches if patch.get_label() == "given flux q")
+    means = np.full(32, np.nan)
+    means[8:16], means[24:] = np.arange(0.25, 4, 0.5), -3
+    np.testing.assert_allclose(given.get_data().values, means, rtol=1e-12)
+    assert [text.get_text() for text in above.get_legend().get_texts()] == ["given flux q"]
+    assert [text.get_text() for text in below.texts] == ["free", "free"]
+    dashed = [lines for lines in top.collections if lines.get_linestyle()[0][1] is not None]
+    assert [len(lines.get_segments()) for lines in dashed] == [2]
+    units = ul.solve(ul.Problem(SQUARE, f="-1", k=3, c=5, **data), h=1 / 16, H=1 / 8)
+    drawn = next(patch for patch in units.plot().axes[1].patches if patch.get_label() == "given flux q")
+    np.testing.assert_allclose(drawn.get_data().values, means, rtol=1e-12)
+
+
+@pytest.mark.parametrize("width", [1 / 20, 20])
+def test_a_domain_that_would_be_a_line_is_not_drawn_to_scale(width):
+    """And says so; a square is."""
+    flat = ul.solve(ul.Problem([(0, 0), (width, 0), (width, 1), (0, 1)], f=-1, g=0), h=1 / 8, H=1 / 4)
+    domain = flat.plot().axes[0]
+    assert (domain.get_aspect(), domain.get_title()[-14:]) == ("auto", "; not to scale")
+    square = ul.solve(ul.case("natural"), **SIZES).plot().axes[0]
+    assert (square.get_aspect(), "scale" in square.get_title()) == (1, False)
+
+
+@pytest.mark.parametrize("f", [1, 0, "1e120*(x - 1/2)", "1e-120*(x - 1/2)"])
+@pytest.mark.parametrize("size", [1e-6, 1, 1e6])
+def test_all_that_is_written_is_inside_the_page(f, size):
+    """For constant, huge and tiny values and domains, as for others, and no warning is given."""
+    square = (size * np.array(SQUARE)).tolist()
+    page = ul.solve(ul.Problem(square, f=f, g=0, c=1 / size**2), h=size / 8, H=size / 4).plot()
+    page.draw_without_rendering()
+    drawn, (width, height) = page.get_tightbbox(), page.get_size_inches()
+    assert 0 <= drawn.x0 < drawn.x1 <= width
+    assert 0 <= drawn.y0 < drawn.y1 <= height
+
+
+def test_on_axes_of_a_figure_of_ones_own_the_domain_is_drawn(adapted):
+    """The axes come back, and the others of the figure stay empty."""
+    left, right = Figure().subplots(1, 2)
+    assert adapted.plot(ax=right) is right
+    assert not left.has_data()
+    assert "contact" in right.get_title()
+    np.testing.assert_array_equal(right.collections[0].get_array(), adapted.u)
+
+
+@pytest.mark.parametrize("make", [lambda: 3, Figure, lambda: Figure().subplots(2)])
+def test_what_are_no_axes_is_refused(adapted, make):
+    with pytest.raises(ul.InputError, match=r"^ax is .*; it has to be plane axes of matplotlib, such as "):
+        adapted.plot(ax=make())
+
+
+@pytest.mark.parametrize("projection", ["polar", "3d"])
+def test_axes_that_are_not_plane_are_refused(adapted, projection):
+    with pytest.raises(ul.InputError, match=r"^ax is <.*Axes.*>; it has to be plane"):
+        adapted.plot(ax=Figure().add_subplot(projection=projection))
 
 
 @pytest.mark.parametrize("height", [0.05, 1.0, 3.0])

@@ -50,7 +50,7 @@ def rates(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd.DataFrame:
     rows = [
         {"scene": name, "case": f"`{case}`"}
         | {
-            f"{TITLES[norm]} (proved {proved[norm]:g})": _rate(
+            f"{TITLES[norm]} (proved {proved[norm]:g})": observed(
                 found.sel(case=case, norm=norm, h_over_H=ratio)
             )
             for norm in NORMS
@@ -61,7 +61,7 @@ def rates(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _rate(of: xr.Dataset) -> str:
+def observed(of: xr.Dataset) -> str:
     verdict = of["verdict"].item()
     if verdict == "exact":
         return "error 0, as exact"

@@ -1,0 +1,159 @@
+"""A solution as a page of HTML: a surface to turn and zoom, by plotly, in one file that needs no network."""
+
+from __future__ import annotations
+
+import math
+from html import escape
+from importlib import resources
+from string import Template
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from unilateral import __version__
+from unilateral.arrays import Array
+from unilateral.solution.shown import Shown, force, shown
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+    from unilateral.solution.solution import Solution
+
+CONTACT, OBSTACLE, GAP, FREE = "#d62728", "#222222", "#1f77b4", "#888888"
+HEIGHT, FLATTEST, FAR = 0.6, 0.1, 1.3
+"""The height of the surface over the longer side of the domain, and the least ratio of the domain's sides.
+
+The eye is FAR times the diagonal of what is seen away.
+"""
+BELOW, ROOM = 1.0, 0.05
+"""The obstacle is shown down to BELOW times the height of the surface below that; there is some ROOM."""
+LEGEND = {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"}
+BAR = {"title": {"text": "u<sub>h</sub>", "side": "top"}, "orientation": "h", "thickness": 12, "len": 0.6,
+       "y": 0, "yanchor": "top"}  # fmt: skip
+VALUES = "{} = %{{z:.4g}}<br>x = %{{x:.4g}}<br>y = %{{y:.4g}}<extra></extra>"
+GREY = {"fillcolor": "#eeeeee", "line_width": 0, "layer": "below"}
+
+
+def page(solution: Solution) -> str:
+    """The page, with the same bytes for the same solution."""
+    from plotly.offline import get_plotlyjs
+
+    of = shown(solution)
+    template = resources.files("unilateral.solution") / "interactive.template.html"
+    sentences = [of.accuracy, force(solution, of), of.where, _coarser(of)]
+    return Template(template.read_text(encoding="utf-8")).substitute(
+        title=escape(of.title),
+        sentences="\n".join(f"<p>{escape(text[0].upper() + text[1:])}.</p>" for text in sentences if text),
+        described=escape(described(of)),
+        no_gap=f"There is no gap: {escape(of.no_gap)}." if of.no_gap else "",
+        plotly=get_plotlyjs(),
+        surface=surface(of).to_json(),
+        boundary=along(of).to_json(),
+        version=__version__,
+    )
+
+
+def _coarser(of: Shown) -> str:
+    """Says that the surface is coarser than the mesh, if it is."""
+    drawn, all_of_them = len(of.surface[1]), len(of.mesh.triangles)
+    if drawn == all_of_them:
+        return ""
+    return f"the surface is drawn coarser than the mesh: with {drawn} triangles in place of {all_of_them}"
+
+
+def described(of: Shown) -> str:
+    """What the surface shows, for those who do not see it."""
+    least, largest = float(of.u.min()), float(of.u.max())
+    return (
+        f"The solution u_h as a surface over the domain, between {least:.4g} and {largest:.4g}; "
+        f"{of.where}; on a mesh of {len(of.mesh.triangles)} triangles."
+    )
+
+
+def surface(of: Shown) -> Figure:
+    """u_h over the domain, with the contact set and the obstacle as lines."""
+    import plotly.graph_objects as go
+
+    nodes, triangles = of.surface
+    (x, y), u, (i, j, k) = of.mesh.points[nodes].T, of.u[nodes], triangles.T.astype(np.int32)
+    mesh = go.Mesh3d(x=x, y=y, z=u, i=i, j=j, k=k, intensity=u, cmin=of.limits[0], cmax=of.limits[1],
+                     colorscale="Viridis", colorbar=BAR, lighting={"ambient": 0.8, "specular": 0.1},
+                     hovertemplate=VALUES.format("u<sub>h</sub>"))  # fmt: skip
+    contact = _line(_contact(of), CONTACT, 9, "contact")
+    obstacle = _line(_obstacle(of), OBSTACLE, 4, "obstacle g, mean over each cell without contact")
+    margin = {"l": 0, "r": 0, "t": 0, "b": 50}
+    layout = {"template": "none", "margin": margin, "legend": LEGEND, "scene": _scene(of)}
+    return go.Figure([mesh, contact, obstacle], layout)
+
+
+def _scene(of: Shown) -> dict[str, Any]:
+    """The axes: x and y to scale unless the domain is long, u_h so that it is seen."""
+    sizes, (least, largest) = np.ptp(of.mesh.points, axis=0), of.limits
+    across = np.maximum(sizes / sizes.max(), FLATTEST)
+    height = largest - least
+    lowest = float(np.nanmin(of.obstacle, initial=least))
+    bottom, top = max(lowest, least - BELOW * height) - ROOM * height, largest + ROOM * height
+    far = FAR * math.hypot(*across, HEIGHT)
+    return {
+        "xaxis": {"title": "x"},
+        "yaxis": {"title": "y"},
+        "zaxis": {"title": "u_h", "range": [bottom, top]},
+        "aspectmode": "manual",
+        "aspectratio": {"x": across[0], "y": across[1], "z": HEIGHT},
+        "camera": {"eye": {"x": -0.45 * far, "y": -0.75 * far, "z": 0.5 * far}},
+    }
+
+
+def _line(points: Array, colour: str, width: float, name: str) -> Any:
+    """A line through points (k, 3), broken at NaN."""
+    import plotly.graph_objects as go
+
+    (x, y, z), look = points.T, {"color": colour, "width": width}
+    return go.Scatter3d(x=x, y=y, z=z, mode="lines", line=look, name=name, hovertemplate=VALUES.format(name))
+
+
+def _contact(of: Shown) -> Array:
+    """(k, 3) the intervals of contact with u_h, NaN between them."""
+    s, polygon, parts = of.mesh.s, of.mesh.polygon, [np.empty((0, 3))]
+    trace = np.append(of.u[of.mesh.boundary], of.u[of.mesh.boundary[0]])
+    for each in of.contact.intervals:
+        start, end = polygon.starts[each.side] + np.array([each.start, each.end])
+        at = np.concatenate([[start], s[(s > start) & (s < end)], [end]])
+        places = polygon.at(np.full(len(at), each.side), at - polygon.starts[each.side])
+        parts += [np.column_stack([places, np.interp(at, s, trace)]), np.full((1, 3), np.nan)]
+    return np.concatenate(parts)
+
+
+def _obstacle(of: Shown) -> Array:
+    """(2 m, 3) both ends of each cell with the mean of g, NaN in contact, where the line would be hidden."""
+    ends = np.stack(of.contact.partition.ends, axis=1).reshape(-1, 2)
+    return np.column_stack([ends, np.repeat(np.where(of.contact.lambda_H > 0, np.nan, of.obstacle), 2)])
+
+
+def along(of: Shown) -> Figure:
+    """lambda_H and the gap over the arc length."""
+    import plotly.graph_objects as go
+    from plotly.subplots import make_subplots
+
+    cells, polygon = of.contact.partition, of.mesh.polygon
+    s, sides = np.repeat(cells.points, 2)[1:-1], np.repeat(cells.side, 2)
+    figure = make_subplots(rows=2, shared_xaxes=True, vertical_spacing=0.06)
+    lines = [(of.contact.lambda_H, 1, "λ<sub>H</sub>", {"color": CONTACT}, "tozeroy"),
+             (of.gap, 2, "mean of u<sub>h</sub> − g", {"color": GAP}, None)]  # fmt: skip
+    if of.flux.any():
+        given = np.where(of.free, of.flux, np.nan)
+        lines.append((given, 1, "given flux q", {"color": FREE, "dash": "dash"}, None))
+    for values, row, name, look, fill in lines:
+        value = f"side %{{customdata}}, s = %{{x:.4g}}<br>{name} = %{{y:.4g}}<extra></extra>"
+        line = go.Scatter(x=s, y=np.repeat(values, 2), line=look | {"width": 1.5}, fill=fill, name=name,
+                          customdata=sides, hovertemplate=value, mode="lines")  # fmt: skip
+        figure.add_trace(line, row=row, col=1)
+    for start in polygon.starts:
+        figure.add_vline(start, line={"color": "#cccccc", "width": 1}, layer="below")
+    for side in np.unique(cells.side[of.free]):
+        figure.add_vrect(*polygon.starts[[side, side + 1]], **GREY)
+    figure.update_xaxes(range=[0, polygon.perimeter], zeroline=False)
+    figure.update_xaxes(title="arc length from vertex 0, anticlockwise", row=2, col=1)
+    figure.update_yaxes(automargin=True, rangemode="tozero")
+    figure.update_layout(template="none", margin={"l": 50, "r": 10, "t": 10, "b": 45}, legend=LEGEND)
+    return figure
