@@ -4,7 +4,7 @@
 ifneq ($(words $(CURDIR)),1)
 $(error Snakemake runs no scripts below a folder with a space in its name; move the project out of '$(CURDIR)')
 endif
-.PHONY: study quick paper report docs bench score test fuzz mutants lock clean help git FORCE
+.PHONY: study quick paper report docs pictures bench score test installations fuzz mutants lock clean help git FORCE
 
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export OMP_NUM_THREADS := 1
@@ -25,6 +25,9 @@ paper: .venv/ready  ## paper.md and supplement.md as HTML and PDF: results/paper
 
 docs: .venv/ready  ## pages for readers and the library's reference: build/docs/index.html
 	sphinx-build -qWE -c docs . build/docs
+
+pictures: .venv/ready  ## draw docs/pictures/ anew, by what the pages type
+	python tests/pictures.py
 
 report: study  ## figures, tables, the paper, rules and their times as one page: results/report.html
 	python workflow/write_report.py results/report.html
@@ -50,6 +53,9 @@ bench: .venv/ready  ## side by side with other solvers; `make bench sizes="32 64
 score: .venv/ready  ## the drivers of other solvers in examples/, scored (see benchmarks/README.md)
 	python -m benchmarks.scores
 
+installations: .venv/ready  ## the core and each extra in empty environments, tried (some 10 minutes, needs the network)
+	python -m benchmarks.installations
+
 fuzz: .venv/ready  ## 900 problems against the certificate, beyond those of `make test` (above an hour)
 	UNILATERAL_FUZZ=60 pytest tests/unit/bounds/test_guarantees.py
 
@@ -66,7 +72,7 @@ clean:  ## remove results/ and build/
 	rm -rf results build
 
 help:  ## this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-7s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' Makefile
 
 git:
 	@command -v git >/dev/null || { echo "make test needs git, and there is no git in PATH." >&2; exit 1; }

@@ -59,7 +59,7 @@ class Whole(Runner):
         return took | (certified(said) if typed else reported(said, run.n))
 
     def judged(self, run: Run, data: Path, found: Path) -> dict[str, Any]:
-        """Of a driver's u, in each repeat: a bound of its error over that of ours.
+        """Of a driver's u, in each repeat: a bound on its error over that of ours.
 
         Raises InputError beyond TWICE.
         """
@@ -68,7 +68,7 @@ class Whole(Runner):
         judged = super().judged(run._replace(repeat=0), data, found)
         over_bound = max(judged["errors"]) / judged["reference"]
         if over_bound > TWICE:
-            raise InputError("its u is farther from this project's than the bound of that one's error")
+            raise InputError("its u is farther from this project's than the bound on that one's error")
         return {"over_bound": over_bound}
 
 

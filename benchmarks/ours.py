@@ -2,7 +2,7 @@
 
 `multigrid`: from nothing, then a further problem, on other cells, on the same hierarchy. `linear`: A u = load
 by the same multigrid, without constraints, as a yardstick. `bound`: multigrid from nothing, then the
-guaranteed bound of its error; f, which is enclosed for the load and for the bound, counts for neither.
+guaranteed bound on its error; f, which is enclosed for the load and for the bound, counts for neither.
 `recursive`, `sparse`: the interior eliminated by macro-elements or by sparse factors, then the algorithms on
 the boundary, each from 0.
 """

@@ -118,7 +118,7 @@ def _arrays(mesh: Mesh) -> dict[str, Any]:
 
 
 def _unknown(problem: Problem, order: Order) -> dict[str, Any]:
-    """The same of a problem file; `error` is the bound of w's."""
+    """The same of a problem file; `error` is the bound on w's."""
     mesh = mesh_of(order)
     source, cells = enclosed(mesh, problem), {k: partition(mesh, k) for k in OTHER}
     load = load_vector(mesh, source.moments)
@@ -141,7 +141,7 @@ def grid(mesh: Mesh, levels: Hierarchy, load: Array, means: Array, edges: int) -
 
 
 def judge(order: Order, data: Path, found: Path) -> dict[str, Any]:
-    """||u - v||_1 of each v that a driver has found, and of w; bounds of them where u is not known."""
+    """||u - v||_1 of each v that a driver has found, and of w; bounds on them where u is not known."""
     known, given, mesh = np.load(data), np.load(found), mesh_of(order)
     A, _ = matrix(mesh.triangulation, mesh.points)
     numbers, squares = matched(known["points"], given["points"]), []

@@ -1,6 +1,6 @@
-"""What the two ways in take: `python3 -m benchmarks.whole` in a fresh clone writes benchmarks/whole.json.
+"""What the study takes: `python3 -m benchmarks.whole` in a fresh clone writes benchmarks/whole.json.
 
-It runs `pip install .` in a new environment, then `make`, then `make test`. Times are those of the clock, and
+It runs `make`, then `make test`. Times are those of the clock, and
 count what is loaded from the network; memory is the largest sum over all processes that run at one time.
 Only Python's own modules are used, for nothing else is there yet.
 """
@@ -11,7 +11,6 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 import time
 from datetime import UTC, datetime
 from pathlib import Path
@@ -51,21 +50,11 @@ def disk(folder: Path) -> float:
     return sum(path.lstat().st_blocks * 512 for path in folder.rglob("*") if not path.is_dir()) / MB
 
 
-def installed() -> dict[str, float]:
-    """The solver alone, in an environment that is removed again."""
-    with tempfile.TemporaryDirectory() as folder:
-        subprocess.run([sys.executable, "-m", "venv", folder], check=True)
-        pip = [f"{folder}/bin/python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "."]
-        return {**measured(pip), "disk": disk(Path(folder))}
-
-
 def main() -> None:
     """Raises CalledProcessError where a command fails."""
     if (ROOT / ".venv").exists() or (ROOT / "results").exists():
         sys.exit("benchmarks.whole: .venv or results/ is there; run it in a fresh clone")
-    found = {"solver": installed()}
-    found["study"] = {**measured(["make"]), "disk": disk(ROOT)}
-    found["tests"] = measured(["make", "test"])
+    found = {"study": {**measured(["make"]), "disk": disk(ROOT)}, "tests": measured(["make", "test"])}
     told = {"date": datetime.now(UTC).date().isoformat(), "cores": os.cpu_count(), **found}
     (ROOT / "benchmarks/whole.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
 

@@ -4,43 +4,75 @@ The folder of sources is the project's, so that a link between files is right he
 shown. Nothing on a page comes from a network.
 """
 
+import logging
+import os
 import sys
 from pathlib import Path
+
+from jupyter_client import KernelManager
 
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
 from unilateral import __version__, api  # noqa: E402
+from unilateral.problems import given  # noqa: E402
 from unilateral.problems.case import Case  # noqa: E402
 from unilateral.problems.problem import Problem  # noqa: E402
 from unilateral.problems.sampled import Sampled  # noqa: E402
+from unilateral.solution import solver  # noqa: E402
 
 # What the library imports for types only.
-vars(api).update(Case=Case, AnyProblem=Case | Problem | Sampled)
+for module in (api, given, solver):
+    vars(module).update(Case=Case, AnyProblem=Case | Problem | Sampled)
 
 project = "unilateral"
 author = project_copyright = "The unilateral developers"
 version = release = __version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "rendering"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "rendering"]
 root_doc = "docs/index"
-include_patterns = ["docs/*.md", "manufactured/*.md", "benchmarks/*.md", "CONTRIBUTING.md", "CHANGELOG.md"]
+include_patterns = [
+    "docs/*.md",
+    "docs/notebooks/*.md",
+    "manufactured/*.md",
+    "benchmarks/*.md",
+    "CONTRIBUTING.md",
+    "CHANGELOG.md",
+]
 exclude_patterns = [".*", "build", "dist", "results", "src", "tests"]
 
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 myst_url_schemes = {"http": None, "https": None, "typeset": "../{{path}}#{{fragment}}"}
 highlight_language = "none"
+
+# Notebooks are run, in a kernel that shows figures and that is spoken to in code, or it warns.
+# Without the study's results the one about them is not run.
+os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
+KernelManager.transport_encryption.default_value = "auto"
+logging.getLogger("traitlets").setLevel(logging.WARNING)
+results = any((HERE.parent / "results").glob("*/rates.nc"))
+if results:
+    tags.add("results")  # noqa: F821  # of Sphinx, for `only`
+nb_execution_mode = "force"
+nb_execution_raise_on_error = True
+nb_execution_timeout = 60
+nb_execution_excludepatterns = [] if results else ["docs/notebooks/study-tables.md"]
+nb_merge_streams = True
+suppress_warnings = ["myst-nb.lexer"]  # the kernel names it, and one that is not run has none
 smartquotes = False
 
 autodoc_member_order = "bysource"
-aliases = ["Array", "ArrayLike", "Formula", "Function", "Given", "Index"]
+aliases = ["Array", "ArrayLike", "Function", "Given", "Index"]
 autodoc_type_aliases = {name: name for name in aliases}
 autodoc_typehints_format = "short"
 python_maximum_signature_line_length = 90
 nitpicky = True
-others = ["collections", "matplotlib", "numpy", "os", "pandas", "pd", "sympy", "xarray", "xr"]
-nitpick_ignore_regex = [("py:.*", rf"({'|'.join(others)})\..*"), ("py:class", "|".join(["Figure", *aliases]))]
+others = ["collections", "matplotlib", "numpy", "os", "pandas", "pd", "scipy", "sympy", "xarray", "xr"]
+nitpick_ignore_regex = [
+    ("py:.*", rf"({'|'.join(others)})\..*"),
+    ("py:class", "|".join(["Axes", "Figure", *aliases])),
+]
 
 html_theme = "furo"
 html_title = f"unilateral {release}"

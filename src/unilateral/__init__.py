@@ -15,11 +15,16 @@ from typing import Any
 
 PUBLIC = dict.fromkeys(("BudgetError", "InputError", "SolutionWarning"), "errors")
 PUBLIC |= {"Solution": "solution", "Stop": "solvers.stop"}
-PUBLIC |= dict.fromkeys(("Problem", "case", "load", "mesh", "solve"), "api")
+PUBLIC |= dict.fromkeys(("Problem", "Solver", "case", "load", "mesh", "open", "solve"), "api")
 __all__ = [
-    *("BudgetError", "InputError", "Problem", "Solution", "SolutionWarning", "Stop"),
-    *("case", "load", "mesh", "solve"),
+    *("BudgetError", "InputError", "Problem", "Solution", "SolutionWarning", "Solver", "Stop"),
+    *("case", "load", "mesh", "open", "solve"),
 ]
+
+
+def __dir__() -> list[str]:
+    """The public names, and not the rooms of the library that were imported meanwhile."""
+    return [*__all__, "__version__"]
 
 
 def __getattr__(name: str) -> Any:

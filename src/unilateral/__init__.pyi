@@ -1,7 +1,9 @@
 from unilateral.api import Problem as Problem
+from unilateral.api import Solver as Solver
 from unilateral.api import case as case
 from unilateral.api import load as load
 from unilateral.api import mesh as mesh
+from unilateral.api import open as open
 from unilateral.api import solve as solve
 from unilateral.errors import BudgetError as BudgetError
 from unilateral.errors import InputError as InputError

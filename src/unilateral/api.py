@@ -14,95 +14,41 @@ from __future__ import annotations
 import math
 import os
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from unilateral.accuracy.goal import NORMS, Goal
 from unilateral.accuracy.level import Level
-from unilateral.accuracy.search import Search, search
+from unilateral.accuracy.search import search
 from unilateral.accuracy.watch import Watch
-from unilateral.discrete.choice import cheapest, check_size, levels_for
-from unilateral.errors import InputError, IterationWarning, SolutionWarning, shown
-from unilateral.formulas.decimals import up
-from unilateral.formulas.formula import compile_numpy, parse, real
-from unilateral.geometry import mesh as meshes
-from unilateral.geometry import partition as partitions
+from unilateral.errors import InputError, IterationWarning, shown
 from unilateral.geometry.files import read_mesh
+from unilateral.geometry.foreign import halved, mesh_from
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import Polygon
-from unilateral.geometry.structured import natural_kind, structured
 from unilateral.problems import problem as problems
-from unilateral.problems import problem_file
-from unilateral.problems.data import is_case
-from unilateral.problems.sampled import Function, Sampled, check_vertices
+from unilateral.problems.given import Coefficient, Given, bare, case, load, mesh_of, problem_of, with_data
+from unilateral.problems.sampled import Sampled
 from unilateral.problems.scaled import scaled
-from unilateral.solution.certificate import SIZE, relative
-from unilateral.solution.solution import Solution, not_converged, not_unique
+from unilateral.solution.sizes import KINDS, Size, check_kind, number
+from unilateral.solution.solution import Solution
+from unilateral.solution.solver import Solver, check_stop, tell_faults
 from unilateral.solvers.stop import Stop
+from unilateral.system.files import path_of
 
 if TYPE_CHECKING:
-    from unilateral.problems.case import Case
+    from unilateral.problems.given import AnyProblem
 
-    AnyProblem = Case | problems.Problem | Sampled
-
-Formula = str | float
-Coefficient = str | float
-"""A number, or one that is written exactly, such as "1/3"."""
-Size = float | str
-"""A number, or one that is written as a fraction, such as "1/64"."""
-Given = Formula | Function | None
-KINDS = {"structured": structured, "unstructured": meshes.unstructured}
-"""The kinds of meshes that are made for a polygon and a size h."""
-
-
-def case(
-    name: str | os.PathLike[str],
-    polygon: str | Polygon | None = None,
-    side: int = 0,
-    free_sides: Sequence[int] = (),
-) -> Case:
-    """A case of the catalogue by its name, or of a YAML file: a problem whose solution is known.
-
-    It is put on that side of the polygon, which is by default the first of those that it is for. A polygon is
-    given by its name, or by a YAML file that has it in the field `polygon`. On `free_sides`, which must carry
-    no contact, there are no multipliers. Raises InputError, among others for a case that is not certified.
-
-    >>> import unilateral as ul
-    >>> ul.case("natural").polygon.name
-    'square'
-    """
-    from unilateral.problems import (
-        case as cases,  # sympy, on which they rest, takes longer than a small problem
-    )
-    from unilateral.problems.case_certificate import certify, with_free_sides
-
-    if polygon is None:
-        polygons = cases.declared(str(name))[0]["polygons"]
-        polygon = "square" if polygons == "any" else polygons[0]
-    domain = problem_file.polygon_of(polygon) if isinstance(polygon, str) else polygon
-    found = cases.load(str(name), domain, side)
-    certify(found)
-    return with_free_sides(found, free_sides) if free_sides else found
-
-
-def load(path: str | os.PathLike[str]) -> Case | problems.Problem:
-    """What a YAML file declares: a problem, or a case. Raises InputError with the file and the field."""
-    try:
-        name = os.fspath(path)
-    except TypeError:
-        raise InputError(f"{shown(repr(path))} is no path of a YAML file") from None
-    return problem_file.load(name) if problem_file.is_declared_in(name) else case(name)
+__all__ = ["KINDS", "Problem", "Solver", "case", "load", "mesh", "open", "solve"]
 
 
 def Problem(
-    polygon: Polygon | ArrayLike,
-    f: Formula | Function,
+    polygon: Polygon | Mesh | ArrayLike,
+    f: Given,
     g: Given | Sequence[Given],
-    free_sides: Sequence[int] = (),
+    free_sides: Sequence[int] | None = (),
     name: str = "problem",
     *,
     k: Coefficient = 1,
@@ -116,59 +62,76 @@ def Problem(
 
     `polygon` has the vertices (n, 2), anticlockwise; side i runs from vertex i to the next. f, g for all
     sides or one per side (None on a free one), and q for all free sides or one per side (None on the others)
-    are formulas in x and y, as in a problem file, or functions of two arrays. Where one of them is a function
-    nothing can be guaranteed: a solution then has no bounds, and no accuracy can be asked for. Raises
-    InputError as for a problem file.
+    are formulas in x and y, as in a problem file, functions of two arrays, or arrays. Where one of them is a
+    function nothing can be guaranteed: a solution then has no bounds, and no accuracy can be asked for. A
+    function that takes one point at a time is given as `np.vectorize(function, otypes=[float])`.
+
+    An array (n,) has a value for each node of a mesh, which takes the place of the polygon: see `mesh`. It
+    stands for the function that is linear on triangles and boundary edges; bounds are for that one. Of g and
+    q the values at other nodes than those of their sides are not read. The problem is solved on that mesh,
+    so `solve` takes H only.
+
+    Raises InputError as for a problem file, and for an array that does not fit the mesh.
 
     >>> import unilateral as ul
     >>> ul.Problem([(0, 0), (1, 0), (0, 1)], f="x - 1", g=[0, None, 0], free_sides=[1]).free_sides
     (1,)
     """
-    try:
-        vertices = np.asarray(polygon.vertices if isinstance(polygon, Polygon) else polygon, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{name}, field polygon: its vertices have to be pairs of numbers") from error
-    common = {"polygon": vertices.tolist(), "free_sides": list(free_sides), "k": k, "c": c}
-    if not any(callable(each) for given in (f, g, q) for each in _listed(given)):
-        given = {"f": f, "g": _each(g, lambda each: each), "q": _each(q, lambda each: each)}
-        return problem_file.made(common | given, name)
-    # The same checks of shapes and sides as for formulas, with numbers in place of the functions.
-    numbers = {
-        "g": _each(g, lambda each: None if each is None else 0),
-        "q": _each(q, lambda each: 1 if callable(each) else each),
-    }
-    checked = problem_file.made(common | {"f": 0} | numbers, name)
-    of_f, polygon = _function(f, f"{name}, field f"), Polygon(vertices, name)
-    of_g, of_q = (
-        [_function(each, f"{name}, field {field}[{i}]") for i, each in enumerate(_listed(given))]
-        for field, given in (("g", g), ("q", q))
-    )
-    on_sides = (tuple(each * (polygon.n_sides // len(each))) for each in (of_g, of_q))
-    found = Sampled(name, polygon, of_f, next(on_sides), checked.free_sides, checked.units, next(on_sides))
-    check_vertices(found)
-    return found
+    of = bare(polygon, free_sides, k, c, name)
+    if f is None:
+        raise InputError(f"{name}, field f: there is no formula; write 0 where there is none")
+    return with_data(of, f, [None] * of.polygon.n_sides if g is None else g, q)
 
 
-def _listed(given: Given | Sequence[Given]) -> list[Given]:
-    """A list with one for all sides, or one per side."""
-    return [given] if isinstance(given, str) or not isinstance(given, Sequence) else list(given)
+def mesh(
+    given: object,
+    triangles: ArrayLike | None = None,
+    *,
+    polygon: Polygon | None = None,
+    halvings: int = 0,
+) -> Mesh:
+    """Triangles of one's own: points (n, 2) with `triangles` (m, 3), or a file of any of meshio's formats.
+
+    A mesh of meshio, of scikit-fem or a triangulation of matplotlib will do as well, and so will a mesh that
+    this function gave. Triangles may run either way round; third coordinates have to be 0. The boundary is
+    the polygon, if none is given: it has a vertex wherever the boundary turns.
+
+    All edges are then halved `halvings` times; the polygon stays. On a mesh of a disc each boundary edge is a
+    side of its own. A multiplier is unique if each side has two edges or more, as it has after one halving.
+    Raises InputError for what is no triangulation of a polygon.
+
+    >>> import unilateral as ul
+    >>> mesh = ul.mesh([(0, 0), (1, 0), (1, 1), (0, 1)], [(0, 1, 2), (0, 2, 3)], halvings=1)
+    >>> mesh.points.shape, mesh.triangles.shape, mesh.polygon.n_sides
+    ((9, 2), (8, 3), 4)
+    """
+    of_file = isinstance(given, str | os.PathLike) and triangles is None
+    found = read_mesh(given, polygon) if of_file else mesh_from(given, triangles, polygon)  # type: ignore[arg-type]
+    return halved(found, halvings)
 
 
-def _each(given: Given | Sequence[Given], change: Callable[[Given], Given]) -> Given | list[Given]:
-    found = [change(each) for each in _listed(given)]
-    return found if isinstance(given, Sequence) and not isinstance(given, str) else found[0]
+def open(path: str | os.PathLike[str]) -> Solution:
+    """The solution in a file that `Solution.save` wrote with the ending .nc.
 
+    u, lambda_H and all else that the solver found are as they were saved, bit for bit. Bounds, true errors
+    and forces are computed again when they are asked for, from the problem and the numbers that the file
+    holds; so a bound does not rest on what the file says of it. For given sizes they are the same numbers,
+    after an accuracy they may differ by rounding. A file holds no functions: without formulas there are no
+    bounds, and the `problem` cannot be solved again. Raises InputError for a file that holds no solution, and
+    for one that is damaged.
 
-def _function(given: Given, where: str) -> Function:
-    if callable(given):
-        return given
-    compiled = compile_numpy([parse(0 if given is None else given, ("x", "y"), where)], "xy")
-    return lambda x, y: compiled(x, y)[0]
+    >>> import pathlib, tempfile
+    >>> import unilateral as ul
+    >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     s.save(pathlib.Path(folder, "s.nc"))
+    ...     again = ul.open(pathlib.Path(folder, "s.nc"))
+    >>> bool((again.u == s.u).all()), again.bounds == s.bounds
+    (True, True)
+    """
+    from unilateral.solution.stored import read
 
-
-def mesh(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
-    """The triangles in a file of any of meshio's formats; by default their boundary is the polygon."""
-    return read_mesh(path, polygon)
+    return read(path_of(path, "solution.nc"))
 
 
 def solve(
@@ -213,131 +176,71 @@ def solve(
     True
     """
     problem = _problem(problem)
-    h, H, accuracy = (_number(*each) for each in (("h", h), ("H", H), ("the accuracy", accuracy)))
-    if not isinstance(mesh, Mesh) and not (isinstance(mesh, str) and mesh in ("", *KINDS)):
-        raise InputError(
-            f"the mesh is {shown(repr(mesh))}; it has to be {' or '.join(KINDS)}, or a mesh such as "
-            "ul.mesh(path)"
-        )
-    if not isinstance(stop, Stop | None):
-        raise InputError(f"stop is {shown(repr(stop))}; it has to be one such as ul.Stop(tolerance=1e-8)")
+    h, H, accuracy = (number(*each) for each in (("h", h), ("H", H), ("the accuracy", accuracy)))
+    check_kind(mesh)
+    check_stop(stop)
+    _check_flags(sharp=sharp, absolute=absolute, dry_run=dry_run)
+    if not (tell is None or callable(tell)) or not isinstance(watch, Watch | None):
+        raise InputError("tell has to be a function of a level, and watch a Watch; leave them out")
+    limits = {"max_unknowns": max_unknowns, "max_seconds": max_seconds, "max_memory": max_memory}
     if accuracy is None:
-        stop = stop or Stop()
-        own_mesh, cells = _sizes(problem, h, H, mesh, stop)
-        data = scaled(problem)
-        on = meshes.similar(own_mesh, data.polygon), partitions.similar(cells, data.polygon)
-        with warnings.catch_warnings(action="ignore", category=IterationWarning):  # `_told` tells it
-            solved = cheapest(data, *on, stop).solved(stop)
-        solved.forget()
-        return _told(Solution(solved, problem.polygon, problem.units), isinstance(mesh, Mesh))
+        _check_sizes_alone(limits, absolute=absolute, dry_run=dry_run, norm=norm != NORMS[0])
+        solver = Solver(problem, h, H, mesh=mesh, stop=stop)
+        only = solver.found()
+        tell_faults(only, solver.own_mesh)
+        return only
     if h is not None or H is not None or isinstance(mesh, Mesh):
         raise InputError("an accuracy chooses the sizes and the mesh; give either it or h and H")
+    if mesh_of(problem) is not None:
+        raise InputError(
+            f"'{problem.name}' was made of a mesh and is solved on it; give H, or make the problem of the "
+            "polygon, for an accuracy chooses the mesh"
+        )
     if isinstance(problem, Sampled):
         raise InputError(f"'{problem.name}': f, g and q must be formulas, or no accuracy can be guaranteed")
-    if mesh == "structured" and problem.units.length != 1:
-        raise InputError(
-            f"'{problem.name}': 'structured' is possible, but not with an accuracy if k and c differ; "
-            "leave it out, or give h and H"
-        )
-    if norm not in NORMS:
+    if not isinstance(norm, str) or norm not in NORMS:
         raise InputError(f"the norm '{norm}' is none of {', '.join(NORMS)}")
     if not 0 < accuracy < math.inf:
         raise InputError(f"the accuracy {accuracy:g} must be a positive number, such as 1e-2")
     if accuracy >= 1 and not absolute:
         raise InputError(f"the accuracy {accuracy:g} is relative and must be below 1, unless absolute=True")
-    given = {"max_unknowns": max_unknowns, "max_seconds": max_seconds, "max_memory": max_memory}
-    limits = {name: _limit(name, limit) for name, limit in given.items()}
-    goal = Goal(accuracy, norm, **limits, sharp=sharp or norm == "hm12", absolute=absolute)
+    most = {name: _limit(name, limit) for name, limit in limits.items()}
+    goal = Goal(accuracy, norm, **most, sharp=sharp or norm == "hm12", absolute=absolute)
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
         levels = search(scaled(problem), goal, stop, mesh, tell, watch, dry_run)
-    found = Solution(levels.best.solved, problem.polygon, problem.units, levels)
-    return found if dry_run else _told(found)
+    found = Solution(levels.best.solved, problem, levels)
+    if not dry_run:
+        tell_faults(found)
+    return found
 
 
-def _problem(given: object) -> AnyProblem:
+def _problem(of: object) -> AnyProblem:
     """The problem that is given, or that of a name."""
-    if isinstance(given, str | os.PathLike):
-        return load(given)
-    if isinstance(given, problems.Problem | Sampled) or is_case(given):
-        return given
-    raise InputError(
-        f"{shown(repr(given))} is not a problem; take ul.Problem(...), ul.case(name) or ul.load(path)"
-    )
-
-
-def _number(name: str, given: Size | None) -> float | None:
-    """A number that may be a text, such as "1/64"."""
-    if isinstance(given, str):
-        return real(given, name)
-    try:
-        return given if given is None else float(given)
-    except (TypeError, ValueError, OverflowError):
+    found = problem_of(of)
+    if found is None:
         raise InputError(
-            f"{name} is {shown(repr(given))}; it has to be a number, or a text such as '1/64'"
-        ) from None
+            f"{shown(repr(of))} is not a problem; take ul.Problem(...), ul.case(name) or ul.load(path)"
+        )
+    return found
+
+
+def _check_flags(**flags: object) -> None:
+    for name, given in flags.items():
+        if not isinstance(given, bool):
+            raise InputError(f"{name} is {shown(repr(given))}; it has to be True or False")
+
+
+def _check_sizes_alone(limits: Mapping[str, Size | None], **others: bool) -> None:
+    """Raises InputError for what only an accuracy has a use for."""
+    given = [name for name, limit in limits.items() if limit is not None]
+    given += [name for name, other in others.items() if other]
+    if given:
+        raise InputError(f"{given[0]} is only for an accuracy; leave it out, or give an accuracy")
 
 
 def _limit(name: str, given: Size | None) -> float | None:
     """A limit, if there is one."""
-    found = _number(name, given)
+    found = number(name, given)
     if found is not None and not found > 0:
         raise InputError(f"{name} is {found:g}; it has to be above 0")
     return found
-
-
-def _told(found: Solution, own_mesh: bool = False) -> Solution:
-    """The solution; a warning tells what is less than what was wanted."""
-    search = found.search
-    if search and not search.certified:
-        warnings.warn(_not_certified(search), SolutionWarning, stacklevel=3)
-    elif not found.converged:
-        warnings.warn(not_converged(found.solved.result.bound), SolutionWarning, stacklevel=3)
-    if not found.unique:
-        warnings.warn(f"lambda_H {not_unique(found.mesh, own_mesh)}", SolutionWarning, stacklevel=3)
-    return found
-
-
-def _not_certified(search: Search) -> str:
-    """Why the accuracy is not certified, and what is reached: in the same terms, and as an error."""
-    best = search.best
-    parts = [f"the accuracy {best.goal.accuracy:g} is not certified: {search.ended}"]
-    if not search.believed:
-        parts.append("no bound is left")
-    elif best.goal.absolute or not best.size > 0:
-        parts.append(f"reached is {up(best.total, '.4e')}")
-    else:
-        share = up(relative(best.total, best.size), ".3g")
-        parts.append(f"reached is {share} of {SIZE[best.goal.norm]}, or {up(best.total, '.4e')}")
-    if search.reach:
-        parts.append(f"an accuracy of {search.reach:g} is within reach")
-    return "; ".join(parts)
-
-
-def _sizes(
-    problem: AnyProblem, h: float | None, H: float | None, given: Mesh | str, stop: Stop
-) -> tuple[Mesh, Partition]:
-    """The mesh and the partition of sizes h and H at most."""
-    polygon, wanted_H = problem.polygon, _checked("H", H)
-    if isinstance(given, Mesh):
-        if h is not None:
-            raise InputError("the mesh is given; leave h out")
-        same = np.array_equal(given.polygon.vertices, polygon.vertices)
-        mesh = given if same else meshes.from_arrays(polygon, given.points, given.triangles)
-        return mesh, uniform(polygon, wanted_H)
-    wanted_h = _checked("h", h)
-    check_size(polygon, wanted_h)
-    kind = given or natural_kind(polygon)
-    edges = math.ceil(wanted_H / wanted_h * (1 - 1e-12))
-    halvings = levels_for(polygon, wanted_H, edges, stop) if kind == "unstructured" and edges > 1 else 0
-    if halvings:
-        return meshes.following(uniform(polygon, 2**halvings * wanted_H), edges, halvings)
-    return KINDS[kind](polygon, wanted_h), uniform(polygon, wanted_H)
-
-
-def _checked(name: str, size: float | None) -> float:
-    """A size that is given and positive."""
-    if size is None:
-        raise InputError(f"solve needs h and H, or an accuracy; {name} is missing")
-    if not 0 < size < math.inf:
-        raise InputError(f"{name} = {size:g} must be a positive number")
-    return size

@@ -10,13 +10,28 @@ class InputError(Exception):
     """Bad input, told in one sentence: where (file, field), what is wrong, what would be right.
 
     Who catches it prints the sentence and ends with `exit_code`.
+
+    >>> import unilateral as ul
+    >>> try:
+    ...     ul.solve("natural", h=1 / 16)
+    ... except ul.InputError as error:
+    ...     print(error)
+    h and H are needed, and H is missing; ul.solve takes an accuracy in their place
     """
 
     exit_code = 2
 
 
 class BudgetError(InputError):
-    """A limit that was reached before there was any result."""
+    """A limit that was reached before there was any result.
+
+    >>> import unilateral as ul
+    >>> try:
+    ...     ul.solve("natural", accuracy=0.01, max_seconds=1e-9)
+    ... except ul.BudgetError as error:
+    ...     print(error)
+    max_seconds=1e-09 does not suffice to solve on the coarsest mesh of 'square'
+    """
 
     exit_code = 3
 
@@ -24,7 +39,18 @@ class BudgetError(InputError):
 class SolutionWarning(UserWarning):
     """There is a solution, but not as it was wanted.
 
-    The iteration did not converge, an accuracy was not reached, or lambda_H may not be the only one.
+    The iteration did not converge, an accuracy was not reached, lambda_H may not be the only one, or a
+    guaranteed bound takes more memory than is free. Each is also told by an attribute of the solution.
+
+    >>> import warnings
+    >>> import unilateral as ul
+    >>> with warnings.catch_warnings(record=True) as told:
+    ...     warnings.simplefilter("always")
+    ...     s = ul.solve("natural", h=1 / 8, H=1 / 8)
+    >>> print(told[0].message)
+    lambda_H may not be unique, because beta is 0 to rounding; take h < H, such as H = 2h
+    >>> s.unique
+    False
     """
 
 
@@ -39,8 +65,8 @@ class StorageError(InputError):
 
 
 def shown(value: object) -> str:
-    """Input as a message quotes it: its beginning, if it is long."""
-    text = str(value)
+    """Input as a message quotes it: in one line, and its beginning if it is long."""
+    text = " ".join(str(value).split(None)) if "\n" in str(value) else str(value)
     return text if len(text) <= LONGEST else f"{text[: LONGEST - 3]}..."
 
 
@@ -48,3 +74,12 @@ def meant(given: str, known: Iterable[str]) -> str:
     """The end of a message about an unknown name: the known one that is most like it, if any is."""
     near = get_close_matches(given, known, n=1)
     return f"; did you mean {near[0]}?" if near else ""
+
+
+def counted(n: int, one: str, many: str = "") -> str:
+    """A number of things, such as 1 edge or 2 edges; `many` is for words whose plural has no s at its end.
+
+    >>> counted(1, "edge"), counted(2, "edge"), counted(1, "mesh", "meshes")
+    ('1 edge', '2 edges', '1 mesh')
+    """
+    return f"{n} {one if n == 1 else many or one + 's'}"

@@ -1,11 +1,13 @@
 """What an installation takes: memory of a process and its children, and the disk."""
 
+import json
 import subprocess
 import sys
 
 import pytest
+import smoke
 
-from benchmarks import whole
+from benchmarks import installations, whole
 
 HOLD = "import time; held = b'x' * {mb} * 2**20; time.sleep(1)"
 MB = 200
@@ -27,3 +29,12 @@ def test_the_disk_counts_files_in_folders_too(tmp_path):
     (tmp_path / "folder").mkdir()
     (tmp_path / "folder/file").write_bytes(b"x" * 3 * whole.MB)
     assert whole.disk(tmp_path) == pytest.approx(3, abs=0.1)  # blocks of the file system
+
+
+def test_each_set_that_is_measured_is_tried_and_told():
+    """By `make installations`, and each by its own name."""
+    assert [*installations.SETS] == [*smoke.HAS]
+    found = json.loads((whole.ROOT / "benchmarks/installations.json").read_text(encoding="utf-8"))
+    assert [*found] == ["date", *installations.SETS]
+    assert found["core"]["packages"] < min(found[name]["packages"] for name in installations.SETS[1:])
+    assert max(each["disk"] for name, each in found.items() if name != "date") == found["all"]["disk"]

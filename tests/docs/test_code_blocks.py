@@ -1,122 +1,53 @@
-"""Every code block of the documents works as it stands, from top to bottom of each page.
+"""Every code block of the documents works as it stands, and the pictures that pages show are what they draw.
 
-Commands are run, programs executed, problem files looked at, and what is said to be printed is compared. A
-block that no test can run says so in the line before it: `<!-- not run: REASON -->`.
+A block that no test can run says so in the line before it: `<!-- not run: REASON -->`.
 """
 
-import glob
 import re
-import shlex
-import subprocess
-import sys
 
-import meshio
-import numpy as np
+import pictures
 import pytest
-import yaml
 from conftest import ROOT
 from documents import PAGES, Block, blocks, blocks_in
-
-import unilateral as ul
-from unilateral.cli import main
-from unilateral.geometry.polygon import named
-from unilateral.geometry.structured import structured
+from pictures import alike, drawn, shown, typed_on
+from reader import follow
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
-FOLDERS = ("examples", "results")
-"""What pages name of the project."""
-
-
-def own_mesh():
-    """A reader's mesh of the unit square, in three coordinates as gmsh writes them."""
-    mesh = structured(named("square"), 1 / 8)
-    points = np.column_stack([mesh.points, np.zeros(mesh.n_nodes)])
-    meshio.Mesh(points, [("triangle", mesh.triangles)]).write("own.msh", file_format="gmsh")
-
-
-def own_solutions():
-    """A reader's solutions of `natural` on the levels of docs/own-solver.md; here they are this project's."""
-    for level in range(5):
-        h = 1 / 2 ** (level + 2)
-        ul.solve(ul.case("natural"), h=h, H=2 * h).save(f"level_{level}.vtu")
-
-
-READERS_FILES = {
-    "own.msh": own_mesh,
-    "level_": own_solutions,
-    "solve problem.yaml": lambda: main(["init", "problem.yaml"]),
-}
-"""What a reader has: what a page says of it, and what makes it."""
 
 
 @pytest.fixture
-def told(tmp_path, monkeypatch, capsys):
-    """Runs blocks one after the other in a reader's folder; those of the kind `text` show what is printed."""
-    monkeypatch.chdir(tmp_path)
-    for name in FOLDERS:
-        (tmp_path / name).symlink_to(ROOT / name)
-
-    def run(page_blocks):
-        everything = "".join(block.text for block in page_blocks)
-        for wanted, make in READERS_FILES.items():
-            if wanted in everything:
-                make()
-        printed, done = "", []
-        for block in page_blocks:
-            if block.reason is None:
-                capsys.readouterr()
-                RUN[block.kind](block, printed)
-                printed = printed if block.kind == "text" else "".join(capsys.readouterr())
-                done.append(block)
-        return done
-
-    return run
-
-
-def commands(block, _):
-    for line in block.text.splitlines():
-        if words := shlex.split(line, comments=True):
-            program, *arguments = [name for word in words for name in sorted(glob.glob(word)) or [word]]
-            assert RUNNERS[program](arguments) == 0, f"{place(block)}: {line}"
-
-
-def python_file(arguments):
-    return subprocess.run([sys.executable, *arguments], timeout=120).returncode
-
-
-def program(block, _):
-    exec(compile(block.text, place(block), "exec"), {"__name__": "__main__"})
-
-
-def declaration(block, _):
-    """A case or a problem; its first line may name its file."""
-    name = re.match(r"# ([\w.]+\.yaml)\n", block.text)
-    file = name[1] if name else "declared.yaml"
-    with open(file, "w", encoding="utf-8") as written:
-        written.write(block.text)
-    if "u" in yaml.safe_load(block.text):
-        ul.case(file)
-    else:
-        assert main(["check", file]) == 0, place(block)
-
-
-def output(block, printed):
-    parts = [re.escape(part.strip()) for part in block.text.split("...")]
-    assert re.search(".*".join(parts), printed, re.DOTALL), f"{place(block)}: printed was\n{printed}"
-
-
-def place(block):
-    return f"{block.page}, line {block.line}"
-
-
-RUNNERS = {"unilateral": main, "python": python_file}
-RUN = {"": commands, "python": program, "yaml": declaration, "text": output}
+def told(tmp_path):
+    """Follows blocks in a reader's folder."""
+    return lambda page: follow(page, tmp_path)
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if blocks(page)])
-def test_the_blocks_of_a_page_run(page, told):
+def test_the_blocks_of_a_page_run_and_draw_its_pictures(page, told, tmp_path):
     """A page takes as long as all that it types, up to some ten seconds."""
     assert told(blocks(page)) == [block for block in blocks(page) if block.reason is None]
+    mine = [name for name in COMMITTED if page in typed_on(name)]
+    old = [name for name in mine if not alike(pictures.FOLDER / name, drawn(tmp_path, name))]
+    assert old == [], "run 'make pictures'"
+
+
+COMMITTED = sorted(path.name for path in pictures.FOLDER.iterdir())
+
+
+def test_every_picture_is_shown_and_one_page_draws_it():
+    assert len(COMMITTED) > 5
+    assert sorted({name for page in PAGES for name in shown(page)}) == COMMITTED
+    assert {name: len(typed_on(name)) for name in COMMITTED} == dict.fromkeys(COMMITTED, 1)
+
+
+def test_pictures_of_other_solutions_are_not_alike(told, tmp_path):
+    """Control: a coarser mesh, and another load."""
+    problem = "# own.yaml\npolygon: [[0, 0], [1, 0], [1, 1], [0, 1]]\nf: {}\ng: 0\n"
+    solved = [("first", "3 - 4*x", "1/8"), ("coarse", "3 - 4*x", "1/4"), ("other", "3 - 4.1*x", "1/8")]
+    for name, f, h in solved:
+        command = f"unilateral solve own.yaml --h {h} --H 1/2 -o {name}.svg"
+        told(blocks_in(f"```yaml\n{problem.format(f)}```\n\n```\n{command}\n```\n"))
+    pairs = [(tmp_path / "first.svg", tmp_path / f"{name}.svg") for name, *_ in solved]
+    assert [alike(*pair) for pair in pairs] == [True, False, False]
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -19,15 +19,15 @@ FETCHED = {"src", "srcset", "poster", "data", "background"}
 IN_STYLES = re.compile(r"""@import\s+["']?([^"';)]+)|url\(\s*["']?([^"')]+)""")
 
 
-def built(folder, sources=ROOT, *options):
+def built(folder, sources=ROOT, *options, configured="docs"):
     """What `make docs` runs, into that folder."""
-    command = [sys.executable, "-m", "sphinx", "-qWE", "-c", "docs", *options, str(sources), str(folder)]
+    command = [sys.executable, "-m", "sphinx", "-qWE", "-c", configured, *options, str(sources), str(folder)]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
 
 
 @pytest.fixture(scope="session")
 def site(tmp_path_factory):
-    """All pages, built once for all tests; Sphinx takes seconds."""
+    """All pages, built once for all tests; Sphinx takes seconds, and notebooks some 20."""
     folder = tmp_path_factory.mktemp("docs")
     run = built(folder)
     assert (run.returncode, run.stderr) == (0, "")
@@ -96,8 +96,8 @@ def test_links_lead_somewhere_and_nothing_is_fetched_from_elsewhere(site):
 
 
 def test_without_the_typeset_paper_links_lead_to_the_page_that_says_how_to_make_it(tmp_path):
-    """All pages are built once more, which takes seconds."""
-    run = built(tmp_path, ROOT, "-D", "typeset_paper=")
+    """All pages are built once more, which takes seconds; notebooks are not run."""
+    run = built(tmp_path, ROOT, "-D", "typeset_paper=", "-D", "nb_execution_mode=off")
     assert (run.returncode, run.stderr) == (0, "")
     assert faults(tmp_path) == []
     links = Page((tmp_path / "docs/accuracy.html").read_text(encoding="utf-8")).links
@@ -182,6 +182,51 @@ def test_a_page_with_a_fault_is_not_built(refused, told):
     With -W any one of these warnings refuses the pages.
     """
     assert re.search(told, refused)
+
+
+NOTEBOOKS = ("first-solution", "own-solver", "study-tables")
+
+
+@pytest.mark.parametrize("name", NOTEBOOKS)
+def test_a_notebook_was_run(site, name):
+    """It shows what it prints, and a figure."""
+    page = (site / f"docs/notebooks/{name}.html").read_text(encoding="utf-8")
+    assert "cell_output" in page
+    assert "/_images/" in page
+    assert UNREAD not in page
+
+
+@pytest.mark.parametrize(("cell", "refused"), [("print(6 * 7)", False), ("1 / 0", True)])
+def test_a_notebook_that_fails_refuses_the_pages(tmp_path, cell, refused):
+    """Control: one that works. A kernel takes seconds to start."""
+    folder = tmp_path / "sources/docs/notebooks"
+    folder.mkdir(parents=True)
+    (folder.parent / "index.md").write_text("# Home\n\n```{toctree}\nnotebooks/own\n```\n")
+    head = "---\nfile_format: mystnb\nkernelspec: { name: python3 }\n---\n# Own\n\n"
+    (folder / "own.md").write_text(f"{head}```{{code-cell}}\n{cell}\n```\n")
+    run = built(tmp_path / "pages", tmp_path / "sources")
+    assert (run.returncode != 0) == refused
+    if not refused:
+        assert ">42\n" in (tmp_path / "pages/docs/notebooks/own.html").read_text(encoding="utf-8")
+
+
+UNREAD = "This page was built without the study"
+
+
+def test_without_results_the_notebook_about_them_says_what_to_run(tmp_path):
+    """The configuration of the pages, in a folder that has no results."""
+    (tmp_path / "docs/notebooks").mkdir(parents=True)
+    for name in ("conf.py", "rendering.py", "site", "static"):
+        (tmp_path / "docs" / name).symlink_to(ROOT / "docs" / name)
+    own = "# Home\n\n```{toctree}\nnotebooks/study-tables\n```\n"
+    (tmp_path / "docs/index.md").write_text(own)
+    text = (ROOT / "docs/notebooks/study-tables.md").read_text(encoding="utf-8")
+    (tmp_path / "docs/notebooks/study-tables.md").write_text(re.sub(r"\]\(\.\.[^)]+\)", "]", text))
+    run = built(tmp_path / "pages", tmp_path, configured=str(tmp_path / "docs"))
+    assert (run.returncode, run.stderr) == (0, "")
+    page = (tmp_path / "pages/docs/notebooks/study-tables.html").read_text(encoding="utf-8")
+    assert UNREAD in page
+    assert "cell_output" not in page
 
 
 def documented():

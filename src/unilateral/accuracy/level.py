@@ -13,6 +13,7 @@ from unilateral.accuracy.halvings import evenness
 from unilateral.bounds.flux_residuals import SUMS, underflow
 from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.choice import SHARP, SPARSE, wants_multigrid
+from unilateral.formulas.decimals import up
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.solvers.stop import Stop
@@ -33,6 +34,17 @@ RECENT = 3
 """The time to enclose f, which hardly depends on the size, is taken to be the mean of so many last ones."""
 
 
+class Summary(NamedTuple):
+    """What is told of a level; sizes are those of the scaled domain."""
+
+    h: float
+    H: float
+    unknowns: int
+    multipliers: int
+    iterations: float
+    total_bound: float
+
+
 @dataclass(frozen=True, eq=False)
 class Level:
     """One solve towards a goal. Its `seconds` include those for its mesh, and `mb` is what it took at most.
@@ -48,6 +60,9 @@ class Level:
     enclosing: float = 0.0
     predicted: float = math.inf
 
+    def __repr__(self) -> str:
+        return f"Level: {self.unknowns} unknowns, the error is at most {up(self.total, '.3g')}"
+
     @property
     def partition(self) -> Partition:
         return self.solved.discrete.partition
@@ -60,6 +75,12 @@ class Level:
     def total(self) -> float:
         """The guaranteed bound on the error in the goal's norm."""
         return self.solved.total(self.goal.norm, self.goal.sharp)
+
+    @property
+    def summary(self) -> Summary:
+        discrete, result = self.solved.discrete, self.solved.result
+        sizes = discrete.mesh.h, self.partition.H, self.unknowns, len(discrete.cells)
+        return Summary(*sizes, result.iterations, self.total)
 
     @property
     def missed(self) -> float:

@@ -35,8 +35,8 @@ from unilateral.geometry import partition as partitions
 from unilateral.geometry.adapted import AdaptedMesh, adapted
 from unilateral.geometry.adapted import divided as divided_mesh
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.polygon import Polygon, square
-from unilateral.geometry.structured import natural_kind, structured
+from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.structured import halved_cells, natural_kind
 from unilateral.problems.data import Data
 from unilateral.solvers.stop import Stop
 from unilateral.system.memory import available_mb, forget_peak, peak_mb
@@ -137,8 +137,8 @@ def two_edges_per_cell(polygon: Polygon, H: float, kind: str, growth: float | No
 
     With a `growth` triangles are larger the farther they are from the boundary.
     """
-    if kind == "structured":  # the next smaller H whose cells consist of whole edges
-        return structured(polygon, 0.5 / square().counts(H)[0])
+    if kind == "structured":
+        return halved_cells(polygon, H)
     cells = partitions.balanced(partitions.uniform(polygon, H))
     return meshes.following(cells, 2, growth=growth)[0]
 

@@ -8,23 +8,25 @@ other, which would be a fault of this program. A limit, or an interrupt, gives u
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from unilateral.accuracy.goal import Goal
-from unilateral.accuracy.level import Level, Prospect, standing, unknowable, without_contact
+from unilateral.accuracy.level import Level, Prospect, Summary, standing, unknowable, without_contact
 from unilateral.accuracy.levels import levels, limits, wanted
 from unilateral.accuracy.plan import Plan, enough, hopeless, plan, reach
 from unilateral.accuracy.watch import OutOfBudget, Watch
+from unilateral.discrete.base import DiscreteSolution
 from unilateral.errors import BudgetError, InputError
 from unilateral.problems.data import Data
 from unilateral.solvers.stop import Stop
 
 INTERRUPTED = "interrupted"
 CONTRADICTED = "bounds contradict each other"
+WITHDRAWN = "withdrawn, because they contradict each other; please report it"
 NOT_CONVERGED = "the iteration did not converge (max_steps=, rho=, algorithm=)"
 OUT_OF_REACH = "out of reach"
-WITHOUT_CONTACT = "lambda_H is 0, and no error is a part of that; ask for an absolute accuracy"
+WITHOUT_CONTACT = "lambda_H is 0, so a relative error has no meaning; ask for an absolute accuracy"
 REFUSED = "the next level is refused"
 NOT_ENCLOSED = "f or g varies too fast or has terms that cancel"
 STOPS = (KeyboardInterrupt, OutOfBudget, MemoryError, InputError)
@@ -36,7 +38,8 @@ class Search:
     """The levels done, and what ended the search; nothing did where the accuracy was reached.
 
     `plan` says what the accuracy takes, where a limit ended the search and something can be said; `reach` is
-    a larger accuracy that the limits allow, where the plan shows that they do not allow this one.
+    a larger accuracy that the limits allow, where the plan shows that they do not allow this one. Copies and
+    files keep the best level alone, and what is `told` of all.
     """
 
     done: list[Level]
@@ -44,6 +47,20 @@ class Search:
     refusal: InputError | None = None
     plan: Plan | None = None
     reach: float | None = None
+    told: tuple[Summary, ...] = ()
+
+    def __repr__(self) -> str:
+        outcome = "certified" if self.certified else f"not certified: {self.ended}"
+        return f"Search: {len(self.summaries)} levels, {outcome}"
+
+    @property
+    def summaries(self) -> tuple[Summary, ...]:
+        """What is told of all levels."""
+        return self.told or tuple(level.summary for level in self.done)
+
+    def kept(self, solved: DiscreteSolution) -> Search:
+        """The search without its levels but the best one, of which `solved` is the solution."""
+        return replace(self, done=[replace(self.best, solved=solved)], told=self.summaries)
 
     @cached_property
     def believed(self) -> list[Level]:
@@ -137,6 +154,6 @@ def _limit(stopped: BaseException) -> str:
 def _without_result(problem: Data, stopped: BaseException | None) -> BaseException:
     if isinstance(stopped, OutOfBudget):
         name = problem.polygon.name
-        return BudgetError(f"{stopped} does not suffice to solve on the coarsest mesh of '{name}'")
+        return BudgetError(f"{stopped} is not enough to solve on the coarsest mesh of '{name}'")
     assert stopped is not None
     return stopped

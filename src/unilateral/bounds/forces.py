@@ -32,6 +32,7 @@ from unilateral.bounds.flux_residuals import SUMS
 from unilateral.errors import InputError
 from unilateral.fem.condense import Condensed, condense
 from unilateral.fem.p1 import coupling, h1_norm
+from unilateral.formulas.decimals import plus_minus
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry import exact_mesh
 from unilateral.geometry import mesh as meshes
@@ -70,6 +71,14 @@ class Force(NamedTuple):
     value: float
     lower: float
     upper: float
+
+    def __repr__(self) -> str:
+        """An interval about the value that contains the bounds.
+
+        >>> Force(6.1144, 6.0135, 6.2266)
+        Force: 6.11 ± 0.12, guaranteed
+        """
+        return f"Force: {plus_minus(self.value, self.lower, self.upper)}, guaranteed"
 
 
 def forces(
@@ -215,7 +224,7 @@ def _first(mesh: Mesh) -> Mesh:
     if coarse.n_nodes <= LARGE:
         return coarse
     if natural_kind(polygon) == "structured":
-        return structured(polygon, 1)
+        return structured(polygon, float(polygon.lengths.max()))
     edges = balanced(uniform(polygon, float(polygon.lengths.max())))
     return meshes.with_boundary(polygon, edges.points[:-1], GROWTH)
 

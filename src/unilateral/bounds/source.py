@@ -32,13 +32,17 @@ from unilateral.bounds.source_pieces import (
     rounded_size,
     with_gaps,
 )
+from unilateral.fem.p1 import linear_moments
 from unilateral.fem.p2 import linear_squares
 from unilateral.fem.splitting import quarter
+from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.data import Data
 
 J = 3.8317
 """The first zero of J_1, 3.83170597.., rounded down."""
+ROUNDING = 8 * EPS
+"""Values at nodes, in units of the problem that is solved, are rounded by less than this part of them."""
 IN_VAIN = 16.0
 """A piece is not quartered if its E^2 is at most this times what rounding leaves."""
 RESOLVED = 4.0
@@ -81,8 +85,7 @@ class Source:
 
     def moments_on(self, of: slice) -> Array:
         """(k, 3) the `moments` on some triangles."""
-        f_h = self.f_h[of]
-        return self.mesh.areas[of, None] / 12 * (f_h + f_h.sum(axis=1, keepdims=True))
+        return linear_moments(self.mesh.areas[of], self.f_h[of])
 
     @property
     def distance(self) -> float:
@@ -158,6 +161,19 @@ def enclosed(mesh: Mesh, data: Data, before: Source | None = None) -> Source:
         source.put(left, pieces)
     resolved = float(source.rest @ source.rest) <= RESOLVED * sums.wanted(even_h(mesh))
     return replace(source, resolved=resolved, seen=search.seen)
+
+
+def source_of(mesh: Mesh, data: Data) -> Source:
+    """f on the mesh, enclosed, or linear if it is given at the nodes."""
+    values = data.f_at_nodes
+    return enclosed(mesh, data) if values is None else linear(mesh, values)
+
+
+def linear(mesh: Mesh, f: Array) -> Source:
+    """f (n,) at the nodes, linear on every triangle; only the rounding of the values is not known."""
+    f_h = f[mesh.triangles]
+    rounding = ROUNDING * np.abs(f_h).max(axis=1) * np.sqrt(mesh.areas)
+    return Source(mesh, f_h, np.zeros(len(f_h)), rounding)
 
 
 def _in_pieces(mesh: Mesh, data: Data, sums: Sums, left: int) -> tuple[Source, Sums]:

@@ -66,7 +66,7 @@ def _guarded(action: Callable[[], int]) -> int:
 
 def _reason(error: Exception) -> str:
     if isinstance(error, MemoryError):
-        return "the memory does not suffice; take larger sizes --h and --H or a smaller --max-unknowns"
+        return "there is not enough memory; take larger sizes --h and --H or a smaller --max-unknowns"
     if isinstance(error, OSError):
         place = f"{error.filename}: " if error.filename else ""
         return f"the system failed: {place}{error.strerror or error}"

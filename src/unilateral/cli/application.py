@@ -11,21 +11,30 @@ import click
 from unilateral.cli.command import DOES_NOT_HOLD, NOT_CONVERGED, Command, said
 from unilateral.cli.streams import load, say
 from unilateral.errors import InputError
+from unilateral.system.optional import lacking, wanted
 
 NAME = "unilateral"
 COMPLETE = "_UNILATERAL_COMPLETE"
 """The variable that a shell sets to ask for completions, as click names it."""
 COMMANDS = {
-    "solve": "solve one problem, with its errors",
-    "init": "write a commented problem file to begin with",
-    "check": "show what is understood of a problem file",
+    "solve": "solve a problem, with guaranteed bounds on the errors",
+    "init": "write a commented problem file to start from",
+    "check": "show how a problem file is read",
     "cases": "list the manufactured cases, or show one with its formulas",
     "export": "write a case as files for another solver",
-    "score": "judge another solver's solutions of such files",
-    "infsup": "tell whether a mesh and a partition of one's own are stable",
-    "claims": "judge the paper's statements by the study's results",
+    "score": "judge another solver's solutions of an exported case",
+    "infsup": "check whether a mesh and a partition are stable",
+    "claims": "show the verdict on each of the paper's statements",
 }
 """Each command and what it is for."""
+PACKAGES = {
+    "cases": ("sympy",),
+    "export": ("sympy", "meshio", "pandas", "xarray"),
+    "score": ("sympy", "meshio", "pandas", "xarray"),
+    "infsup": ("gmsh",),
+    "claims": ("sympy", "netCDF4", "pandas", "xarray"),
+}
+"""The optional packages without which a command can do nothing."""
 
 
 class Application(Command, click.Group):
@@ -39,13 +48,19 @@ class Application(Command, click.Group):
             return None
         module = "solve_options" if name == "solve" else "commands"
         found: click.Command = getattr(load(f"unilateral.cli.{module}"), name)
-        found.short_help = COMMANDS[name]
+        found.short_help, found.packages = COMMANDS[name], PACKAGES.get(name, ())  # type: ignore[attr-defined]
         return found
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         super().format_options(ctx, formatter)
         with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
+            formatter.write_dl([(name, f"{what}{_needed(name)}") for name, what in COMMANDS.items()])
+
+
+def _needed(name: str) -> str:
+    """What has to be installed before a command can be used."""
+    missing = lacking(*PACKAGES.get(name, ()))
+    return f" (needs {wanted(*missing)})" if missing else ""
 
 
 def _version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
@@ -56,7 +71,7 @@ def _version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
 
 application = Application(
     NAME,
-    help="Mixed finite elements for unilateral problems, verified.",
+    help="Solve contact (Signorini) problems on polygons, with guaranteed bounds on the errors.",
     params=[
         click.Option(
             ["--version"],

@@ -12,10 +12,11 @@ from click.shell_completion import CompletionItem
 
 from unilateral.cli.streams import load
 from unilateral.errors import InputError, meant
+from unilateral.system.optional import require
 
 CODES = {
     0: "done",
-    1: "a claim or a judged solution does not hold",
+    1: "a claim or a judged solution fails",
     2: "bad input",
     3: "not converged or out of budget",
     4: "the system or this program failed",
@@ -39,8 +40,11 @@ class Option(click.Option):
 class Command(click.Command):
     """A command whose help ends with examples and with the exit codes that it may return.
 
-    The examples work as typed, one after the other. `also` are codes that not every command has.
+    The examples work as typed, one after the other. `also` are codes that not every command has. Without the
+    optional `packages` there is help, but nothing else.
     """
+
+    packages: Sequence[str] = ()
 
     def __init__(self, *args: Any, examples: Sequence[str], also: Sequence[int] = (), **rest: Any) -> None:
         super().__init__(*args, **rest)
@@ -52,6 +56,10 @@ class Command(click.Command):
         except click.UsageError as error:
             error.ctx = error.ctx or ctx  # which an option without its argument does not have
             raise
+
+    def invoke(self, ctx: click.Context) -> Any:
+        require(f"'{ctx.command_path}' needs", *self.packages)
+        return super().invoke(ctx)
 
     def get_help_option(self, ctx: click.Context) -> click.Option | None:
         found = super().get_help_option(ctx)

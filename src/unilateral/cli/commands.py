@@ -6,6 +6,8 @@ This module imports next to nothing. What takes long to import is imported when 
 
 from __future__ import annotations
 
+import sys
+from shutil import get_terminal_size
 from typing import Any
 
 import click
@@ -25,7 +27,7 @@ from unilateral.cli.command import (
     command,
     option,
 )
-from unilateral.cli.streams import load, say
+from unilateral.cli.streams import load, say, sized
 
 FORMATS = ("text", "json", "python", "ufl")
 
@@ -33,9 +35,9 @@ FORMATS = ("text", "json", "python", "ufl")
 @command(examples=("unilateral init my_problem.yaml",))
 @argument("file", type=FILE, help="a new file, such as my_problem.yaml")
 def init(file: str) -> int:
-    """Write a commented problem file to begin with."""
+    """Write a commented problem file to start from."""
     load("unilateral.cli.init_check").init(file)
-    say(f"{file} is written; edit it, then: unilateral check {file}")
+    say(f"written: {file}, {sized(file)}; edit it, then type: unilateral check {file}")
     return 0
 
 
@@ -43,10 +45,12 @@ def init(file: str) -> int:
     examples=("unilateral init my_problem.yaml", "unilateral check my_problem.yaml --out my_problem.svg")
 )
 @argument("file", type=FILE, help="a YAML file that declares a problem")
-@option("--out", type=FILE, metavar="PICTURE", help="draw it, too: a .svg, .png or .pdf file")
+@option("--out", type=FILE, metavar="PICTURE", help="also draw it, as a .svg, .png or .pdf file")
 def check(file: str, out: str | None) -> int:
-    """Show what is understood of a problem file, before anything is solved."""
+    """Show how a problem file is read, before anything is solved."""
     say(load("unilateral.cli.init_check").check(file, out))
+    if out is not None:
+        say(f"  written     {out}, {sized(out)}")
     return 0
 
 
@@ -62,7 +66,7 @@ def check(file: str, out: str | None) -> int:
     type=CASE,
     metavar="[CASE]",
     required=False,
-    help="show this one, by its name or that of a YAML file: formulas, contact, regularity, rates",
+    help="a case to show, by its name or its YAML file: formulas, contact, regularity, rates",
 )
 @option("--json", "form", flag_value="json", help="print one JSON object, and nothing else")
 @option(
@@ -70,20 +74,20 @@ def check(file: str, out: str | None) -> int:
     "form",
     type=Choice(FORMATS),
     default=FORMATS[0],
-    help="text (default), json as --json; of one case also python, a module for numpy, or ufl",
+    help="text (default) or json (like --json); for one case also python (a module for numpy) or ufl",
 )
 @option(
     "--polygon",
     type=POLYGON,
     metavar="NAME|FILE",
-    help="of one case: on this polygon or that of a problem file (default: all named ones that it is for)",
+    help="for one case: this polygon, or that of a problem file (default: all that it is made for)",
 )
-@option("--side", type=int, metavar="I", help="of one case: the side on which it is put (default 0)")
+@option("--side", type=int, metavar="I", help="for one case: the side on which it is placed (default 0)")
 @click.pass_context
 def cases(ctx: click.Context, name: str | None, form: str, polygon: str | None, side: int | None) -> int:
     """List the manufactured cases with their certificates, or show one of them.
 
-    python and ufl are for one polygon, by default the first that the case is for.
+    The formats python and ufl are for one polygon, by default the first that the case is made for.
     """
     if name:
         say(load("unilateral.cli.cases").shown(name, polygon, side or 0, form))
@@ -108,21 +112,26 @@ def cases(ctx: click.Context, name: str | None, form: str, polygon: str | None, 
     ),
 )
 @argument("case", type=CASE, help="a case's name, or a YAML file that declares a case")
-@option("--h", type=POSITIVE, metavar="EDGE", help="mesh size on the boundary, on the finest level")
+@option("--h", type=POSITIVE, metavar="EDGE", help="longest boundary edge on the finest level")
+@option("--H", "H", type=POSITIVE, metavar="CELL", required=True, help="longest cell on the finest level")
 @option(
-    "--H", "H", type=POSITIVE, metavar="CELL", required=True, help="size of the cells, on the finest level"
+    "--levels", type=COUNT, metavar="N", default=1, help="number of levels; each halves h and H (default 1)"
 )
-@option("--levels", type=COUNT, metavar="N", default=1, help="each halves h and H (default 1)")
-@option("--mesh", type=FILE, metavar="FILE", help="of your own, the coarsest level, in place of --h")
+@option("--mesh", type=FILE, metavar="FILE", help="your own mesh as the coarsest level, in place of --h")
 @option(
     "--polygon",
     type=POLYGON,
     metavar="NAME|FILE",
-    help="a named one, or that of a problem file (default: the first it is for)",
+    help="a named one, or that of a problem file (default: the first that the case is made for)",
 )
-@option("--side", type=int, metavar="I", default=0, help="on which the case is put (default 0)")
-@option("--free-sides", type=SIDES, metavar="I,J,...", help="sides without contact, as free ones")
-@option("--out", type=FOLDER, metavar="DIR", required=True, help="a folder that is not there yet")
+@option("--side", type=int, metavar="I", default=0, help="the side on which the case is placed (default 0)")
+@option(
+    "--free-sides",
+    type=SIDES,
+    metavar="I,J,...",
+    help="sides without contact that become free (Neumann) sides",
+)
+@option("--out", type=FOLDER, metavar="DIR", required=True, help="a new folder")
 def export(**options: Any) -> int:
     """Write a case as files for another solver: meshes, data and formulas."""
     return int(load("unilateral.cli.exchange").export(**options))
@@ -136,9 +145,9 @@ def export(**options: Any) -> int:
     ),
     also=(DOES_NOT_HOLD,),
 )
-@argument("folder", type=FOLDER, metavar="DIR", help="what `unilateral export` wrote")
+@argument("folder", type=FOLDER, metavar="DIR", help="the folder that `unilateral export` wrote")
 @argument(
-    "solutions", type=FILE, metavar="SOLUTION...", nargs=-1, required=True, help="a file for each level"
+    "solutions", type=FILE, metavar="SOLUTION...", nargs=-1, required=True, help="one file for each level"
 )
 @option(
     "--multiplier",
@@ -146,9 +155,9 @@ def export(**options: Any) -> int:
     type=FILE,
     metavar="FILE",
     multiple=True,
-    help="a CSV file of start, end, multiplier; once for each solution",
+    help="a CSV file with the columns start, end, multiplier; repeat it for each solution",
 )
-@option("--html", type=FILE, metavar="FILE", help="write a page with plots, too")
+@option("--html", type=FILE, metavar="FILE", help="also write a page with plots")
 @as_json
 def score(**options: Any) -> int:
     """Judge another solver's solutions of an exported case: errors, rates, and what is wrong."""
@@ -163,24 +172,34 @@ def score(**options: Any) -> int:
         "unilateral infsup --mesh natural/level_0/mesh.msh --cells natural/level_0/partition.csv",
     ),
 )
-@option("--mesh", type=FILE, metavar="FILE", help="triangles of your own, in a format of meshio")
-@option("--h", type=POSITIVE, metavar="EDGE", help="in place of --mesh: size of a mesh that is made")
+@option("--mesh", type=FILE, metavar="FILE", help="your own triangles, in any format of meshio")
+@option(
+    "--h",
+    type=POSITIVE,
+    metavar="EDGE",
+    help="in place of --mesh: the longest boundary edge of a mesh that is made",
+)
 @option(
     "--polygon",
     type=POLYGON,
     metavar="NAME|FILE",
-    help="a named one, or that of a problem file; with --mesh by default what the triangles cover",
+    help="a named one, or that of a problem file; with --mesh the default is what the triangles cover",
 )
-@option("--cells", type=FILE, metavar="N|FILE", help="N equal cells a side, or a CSV file of start, end")
+@option(
+    "--cells",
+    type=FILE,
+    metavar="N|FILE",
+    help="N equal cells per side, or a CSV file with the columns start, end",
+)
 @option("--H", "H", type=POSITIVE, metavar="CELL", help="in place of --cells: the size of equal cells")
 @as_json
 @click.pass_context
 def infsup(ctx: click.Context, **options: Any) -> int:
-    """Tell whether a mesh and a partition of its boundary are stable: the constants of Lemma 3.1.
+    """Check whether a mesh and a partition of its boundary are stable: the constants of Lemma 3.1.
 
-    beta is the inf-sup constant in H^(-1/2), between guaranteed bounds, beta_0 the one in L2, for -lap u + u.
-    Beside them stands the local rule: edges are short against the cells that they meet, and triangles at the
-    boundary are not flat. Cells and triangles that break it are named.
+    beta is the inf-sup constant in H^(-1/2), with guaranteed bounds, and beta_0 the one in L2. Both are for
+    -lap u + u. A local rule is checked, too: edges are short compared with the cells that they meet, and
+    triangles at the boundary are not flat. Cells and triangles that break it are named.
     """
     for one, other in (("mesh", "h"), ("cells", "H")):
         if (options[one] is None) == (options[other] is None):
@@ -189,23 +208,44 @@ def infsup(ctx: click.Context, **options: Any) -> int:
 
 
 @command(examples=("unilateral claims", "unilateral claims 4.12"), also=(DOES_NOT_HOLD,))
-@argument("claim", metavar="[ID]", required=False, help="explain this one, such as 4.12")
-@option("--results", type=FOLDER, metavar="FOLDER", default="results", help="default results")
+@argument("claim", metavar="[ID]", required=False, help="judge and explain this one, such as 4.12")
+@option(
+    "--results",
+    type=FOLDER,
+    metavar="FOLDER",
+    default="results",
+    help="where the study wrote them (default results)",
+)
 @as_json
 def claims(claim: str | None, results: str, json: bool) -> int:
-    """Judge the paper's statements by the study's results, in the folder that `make` writes."""
+    """Show the verdict on each of the paper's statements, or judge one anew by the study's results.
+
+    Both need the folder of results that `make` writes.
+    """
+    found, text = _one(claim, results) if claim else _all(results)
+    say(load("unilateral.system.as_json").text({"claims": found}) if json else text)
+    return DOES_NOT_HOLD if any(each["holds"] is False for each in found) else 0
+
+
+def _all(results: str) -> tuple[list[dict[str, Any]], str]:
+    """The stored records of all claims, and the table of them."""
+    listing = load("unilateral.study.ledger.listing")
+    found = listing.stored(results)
+    width = get_terminal_size().columns if sys.stdout.isatty() else None
+    return [_record(each) for each in found], "\n".join(listing.table(found, width))
+
+
+def _one(claim: str, results: str) -> tuple[list[dict[str, Any]], str]:
+    """The record of a claim that is judged now, and everything about it."""
     judge, reports = (load(f"unilateral.study.ledger.{name}") for name in ("claims", "reports"))
     tables = load("unilateral.study.ledger.results").finished(results)
-    found = judge.judge(tables, [judge.find(claim)] if claim else None)
-    if json:
-        say(load("unilateral.system.as_json").text({"claims": [_record(each) for each in found]}))
-    else:
-        say(reports.explanation(found[0]) if claim else reports.summary(found))
-    return DOES_NOT_HOLD if any(each.counts_against for each in found) else 0
+    (found,) = judge.judge(tables, [judge.find(claim)])
+    return [_record(found.record())], reports.explanation(found)
 
 
-def _record(judgement: Any) -> dict[str, Any]:
-    """As stored, and whether it holds; the number that was required without its sign."""
-    required = getattr(judgement.evidence, "required", None)  # there is none where a claim is not judged
-    holds = None if judgement.evidence is None else judgement.holds
-    return judgement.record() | {"required": required, "holds": holds}
+def _record(stored: dict[str, Any]) -> dict[str, Any]:
+    """As stored, with the number that is required without its sign, and whether the claim holds."""
+    records, texts = (load(f"unilateral.study.ledger.{name}") for name in ("records", "texts"))
+    measured = not stored["verdict"].startswith(records.UNMEASURED)
+    holds = records.holds(stored["verdict"]) if measured else None
+    return stored | {"required": texts.required(stored), "holds": holds}

@@ -11,9 +11,9 @@ from typing import Any
 
 from unilateral import api
 from unilateral.cli.command import DOES_NOT_HOLD
-from unilateral.cli.streams import load, say
+from unilateral.cli.streams import load, say, sized
 from unilateral.discrete.choice import check_size
-from unilateral.errors import InputError
+from unilateral.errors import InputError, counted
 from unilateral.exchange import export as exports
 from unilateral.exchange import score as scores
 from unilateral.exchange.exported_folder import exported, foreign
@@ -25,6 +25,8 @@ from unilateral.problems.case import Case
 from unilateral.system.files import check_target, replacing
 
 MOST_LEVELS = 12
+PAGES = {".html": ["matplotlib"], ".htm": ["matplotlib"]}
+"""The endings of pages with plots, and what draws these."""
 
 
 def export(
@@ -40,14 +42,17 @@ def export(
 ) -> int:
     """Write a case as files; the exit code."""
     if problem_file.is_declared_in(case):
-        raise InputError(f"{case} declares a problem; only a case has the solution to score by")
+        raise InputError(f"{case} declares a problem; only a case has a known solution to compare with")
     if (h is None) == (mesh is None):
         raise InputError("export needs either --h or --mesh")
     if levels > MOST_LEVELS:
         raise InputError(f"argument --levels: {levels} is more than {MOST_LEVELS}")
     found = api.case(case, polygon, side, free_sides or ())
     exports.export(found, _coarsest(found, h, levels, mesh), H, levels, out)
-    say(f"{found.name}: {levels} levels in {out}")
+    say(f"{found.name}: {counted(levels, 'level')} in {out}")
+    for folder in (Path(out), *sorted(file for file in Path(out).iterdir() if file.is_dir())):
+        files = sorted(file for file in folder.iterdir() if file.is_file())
+        say(f"  {folder}: {', '.join(file.name for file in files)}; {sized(*files)}")
     return 0
 
 
@@ -58,7 +63,7 @@ def _coarsest(case: Case, h: float | None, levels: int, file: str | None) -> Mes
         return api.KINDS[natural_kind(case.polygon)](case.polygon, h * 2 ** (levels - 1))
     if file is None or not Path(file).is_file():
         raise InputError(f"argument --mesh: there is no file '{file}'")
-    return api.mesh(file, case.polygon)
+    return api.mesh(file, polygon=case.polygon)
 
 
 def score(
@@ -66,12 +71,12 @@ def score(
 ) -> int:
     """Print the errors, rates and faults of another solver's solutions; the exit code."""
     if html is not None:
-        check_target(html, (".html", ".htm"))
+        check_target(html, PAGES)
     case, levels = exported(folder)
     if multipliers and len(multipliers) != len(solutions):
         raise InputError(
-            f"--multiplier names {len(multipliers)} files for {len(solutions)} solutions; "
-            "repeat it, once for each of them"
+            f"--multiplier is given {counted(len(multipliers), 'time')} for "
+            f"{counted(len(solutions), 'solution')}; repeat it for each of them"
         )
     given = [foreign(levels, *each) for each in zip_longest(solutions, multipliers)]
     scored = [scores.score(case, each) for each in given]
@@ -79,13 +84,16 @@ def score(
     verdict = scores.verdict(scored, rates)
     if html is not None:
         with replacing(html) as temporary:
-            temporary.write_text(load("unilateral.exchange.page").page(case, scored, rates), encoding="utf-8")
+            page = load("unilateral.exchange.page").page(case, scored, rates)
+            temporary.write_text(page, encoding="utf-8", newline="\n")
     if json:
         found = {"case": case.name, "verdict": verdict, "rates": {n: _rate(r) for n, r in rates.items()}}
         say(dumps(found | {"solutions": [_solution(each) for each in scored]}))
     else:
         told = [*_table(scored), *_lines(rates), scores.at_boundary(scored), *scores.sentences(scored)]
         say("\n".join([*filter(None, told), f"{case.name}: {verdict}"]))
+        if html is not None:
+            say(f"  written: {html}, {sized(html)}")
     return 0 if scores.holds(scored, rates) else DOES_NOT_HOLD
 
 
@@ -128,5 +136,7 @@ def _table(scored: list[Scored]) -> Iterator[str]:
 def _lines(rates: dict[str, Rate]) -> Iterator[str]:
     """A line on the rate in each norm."""
     for norm, rate in rates.items():
-        numbers = f"{rate.observed:.2f} ({rate.pairs} pairs), own {rate.own:.2f}, proved {rate.proved:g}"
+        numbers = (
+            f"{rate.observed:.2f} ({counted(rate.pairs, 'pair')}), own {rate.own:.2f}, proved {rate.proved:g}"
+        )
         yield f"rate in {norm:5} {numbers if rate.pairs else 'no two levels that count'}: {rate.verdict}"

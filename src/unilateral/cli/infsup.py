@@ -12,7 +12,7 @@ from unilateral import api
 from unilateral.arrays import Array, Index
 from unilateral.cli.streams import say
 from unilateral.discrete.choice import check_condensed, check_size
-from unilateral.errors import InputError
+from unilateral.errors import InputError, counted
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.formulas.decimals import between
@@ -34,7 +34,7 @@ MOST_CELLS = 100_000
 """A side has at most this many cells."""
 CELL = (
     "    cell {cell} on side {side}, s = {start:.6g} to {end:.6g}: "
-    "{edges:.4g} edges, {cell_over_edge:.4g} times the longest of them, delta = {delta:.3g}"
+    "edges = {edges:.4g}, cell over longest edge = {cell_over_edge:.4g}, delta = {delta:.3g}"
 )
 TRIANGLE = "    triangle {triangle} at ({x:.6g}, {y:.6g}): {angle:.4g} degrees"
 
@@ -54,7 +54,7 @@ def _mesh(file: str | None, h: float | None, polygon: Polygon | None) -> Mesh:
     if file is not None:
         if not Path(file).is_file():
             raise InputError(f"argument --mesh: there is no file '{file}'")
-        return api.mesh(file, polygon)
+        return api.mesh(file, polygon=polygon)
     if polygon is None or h is None:
         raise InputError("--h needs --polygon")
     check_size(polygon, h)
@@ -125,16 +125,17 @@ def lines(found: dict[str, Any]) -> Iterator[str]:
     rule, h, H, angle = found["rule"], found["h"], found["H"], found["smallest_angle"]
     beta = f"between {between(found['beta_lower'], found['beta_upper'], '.4f', 'and')}, guaranteed"
     if found["beta_upper"] == 0:
-        beta = "0 to rounding: lambda_H may not be unique; take larger cells or shorter edges"
+        beta = "0 up to rounding: lambda_H may not be unique; take larger cells or shorter edges"
     constants = f"delta = {found['delta']:.4g}, alpha_1 = {found['alpha_1']:.4g}"
-    broken = f"BROKEN by {len(rule['cells'])} cells and {len(rule['triangles'])} triangles"
+    many = counted(len(rule["cells"]), "cell"), counted(len(rule["triangles"]), "triangle")
+    broken = f"BROKEN by {' and '.join(many)}"
     rows = {
-        "unknowns": f"{found['unknowns']} and {found['multipliers']} multipliers",
+        "unknowns": f"{found['unknowns']} and {counted(found['multipliers'], 'multiplier')}",
         "beta in H^(-1/2)": beta,
         "beta_0 in L2": f"{found['beta_0']:.4f}",
-        "edges per cell": f"{found['edges_per_cell']:.4g} at least",
-        "cell over edge": f"{found['cell_over_edge']:.4g} at least (rule: {rule['cell_over_edge']})",
-        "boundary angles": f"{angle:.4g} degrees at least (rule: {rule['smallest_angle']})",
+        "edges per cell": f"at least {found['edges_per_cell']:.4g}",
+        "cell over edge": f"at least {found['cell_over_edge']:.4g} (rule: at least {rule['cell_over_edge']})",
+        "boundary angles": f"at least {angle:.4g} degrees (rule: at least {rule['smallest_angle']})",
         "local rule": "kept" if rule["kept"] else broken,
         "Theorem 5": f"{'applies' if found['theorem_5'] else 'does NOT apply'}: {constants}",
     }
@@ -143,4 +144,4 @@ def lines(found: dict[str, Any]) -> Iterator[str]:
     for what, wrong in ((CELL, rule["cells"]), (TRIANGLE, rule["triangles"])):
         yield from (what.format(**each) for each in wrong[:LISTED])
         if len(wrong) > LISTED:
-            yield f"    and {len(wrong) - LISTED} more; --json has all"
+            yield f"    and {len(wrong) - LISTED} more; --json lists all"

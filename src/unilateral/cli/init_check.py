@@ -6,11 +6,9 @@ import math
 from collections.abc import Callable, Iterator
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from unilateral.arrays import Array
 from unilateral.errors import InputError, shown
@@ -21,6 +19,11 @@ from unilateral.formulas.formula import compile_numpy
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
 from unilateral.system.files import replacing
+from unilateral.system.optional import require
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 PICTURES = (".svg", ".png", ".pdf")
 FREE, HELD = "tab:gray", "tab:blue"
@@ -32,23 +35,26 @@ POINTS = 201
 def init(name: str) -> None:
     """Writes a commented problem. Raises InputError for a file that is there, or does not end in .yaml."""
     if not name.endswith((".yaml", ".yml")):
-        raise InputError(f"{name} does not end in .yaml or .yml, as a problem file has to")
+        raise InputError(f"{name}: the name of a problem file has to end in .yaml or .yml")
     if Path(name).exists():
-        raise InputError(f"{name} is there already; name another file")
+        raise InputError(f"{name} exists already; name another file")
     template = resources.files("unilateral.problems") / "template.yaml"
+    text = template.read_text(encoding="utf-8").replace("FILE", name)
     with replacing(name) as temporary:
-        temporary.write_text(template.read_text(encoding="utf-8").replace("FILE", name), encoding="utf-8")
+        temporary.write_text(text, encoding="utf-8", newline="\n")
 
 
 def check(name: str, picture: str | None) -> str:
-    """What is understood of a problem file, as text, and where a picture is named as that, too.
+    """How a problem file is read, as text, and as a picture, too, where one is named.
 
     Raises InputError for a file that declares no problem, and for a picture with another ending.
     """
     if picture is not None and Path(picture).suffix not in PICTURES:
         raise InputError(f"argument --out: {picture} has to end in {', '.join(PICTURES)}")
+    if picture is not None:
+        require("pictures need", "matplotlib")
     if not problem_file.is_declared_in(name):
-        raise InputError(f"{name} declares a case; 'unilateral cases' lists what is known of the project's")
+        raise InputError(f"{name} declares a case, not a problem; to see it type: unilateral cases {name}")
     problem = problem_file.load(name)
     if picture is not None:
         from unilateral.solution.plot import draw  # and with it the method
@@ -71,10 +77,11 @@ def described(problem: Problem) -> Iterator[str]:
     if problem.least > -np.inf:
         size = max(map(abs, problem.range_of_f)) / rounded(units.c)
         least = outward(problem.least, size, down)
-        yield f"  guaranteed  u >= {least}, a lower bound of inf f / c, rounding counted"
+        yield f"  guaranteed  u >= {least}, a lower bound on inf f / c, rounding included"
     idle = problem.idle_sides()
     if idle:
-        yield f"  no contact  on sides {', '.join(map(str, idle))}, where g is below that"
+        sides = "side" if len(idle) == 1 else "sides"
+        yield f"  no contact  on {sides} {', '.join(map(str, idle))}, where g is below this bound"
 
 
 def _held(problem: Problem, side: int) -> str:
@@ -106,7 +113,7 @@ def _bounds(problem: Problem) -> str:
     """The bounds on f in the polygon, which are guaranteed."""
     lower, upper = problem.range_of_f
     size = max(abs(lower), abs(upper))
-    return f"between {outward(lower, size, down)} and {outward(upper, size, up)}, rounding counted"
+    return f"between {outward(lower, size, down)} and {outward(upper, size, up)}, rounding included"
 
 
 def outward(x: float, size: float, rounded: Callable[[float, str], str]) -> str:
@@ -131,6 +138,8 @@ def _point(vertex: Array) -> str:
 
 def drawn(problem: Problem) -> Figure:
     """f in the polygon with its numbered sides, and g along the boundary."""
+    from matplotlib.figure import Figure
+
     page = Figure(figsize=(6.7, 7.5), layout="compressed")
     top, bottom = page.subplots(2, 1, height_ratios=(2, 1))
     _draw_polygon(top, problem)

@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import asdict, fields, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,8 @@ import numpy as np
 from unilateral.accuracy.level import Level, refinement_pays
 from unilateral.accuracy.plan import Plan
 from unilateral.accuracy.search import NOT_ENCLOSED, Search
-from unilateral.cli.streams import as_options
+from unilateral.cli.streams import as_options, sized
+from unilateral.errors import counted
 from unilateral.formulas.decimals import between, down, up
 from unilateral.solution.certificate import SIZE, Bounds, relative
 
@@ -34,22 +36,26 @@ def head(found: dict[str, Any]) -> str:
     return f"{found['problem']}: h = {found['h']:.6g}, H = {found['H']:.6g}, h/H = {ratio:.4g}"
 
 
-def table(found: dict[str, Any], bounds: Bounds | None, doubt: str) -> str:
-    """Rows for a reader; `doubt` is what is told of a lambda_H that may not be unique, else empty."""
-    steps = "" if _unknown(found["iterations"]) else f" after {found['iterations']} steps"
+def table(found: dict[str, Any], bounds: Bounds | None, sizes: dict[str, float], doubt: str) -> str:
+    """Rows for a reader: what was found with its bounds.
+
+    `sizes` are lower bounds on the norms of the solution, by the names of norms. `doubt` is what is told of a
+    lambda_H that may not be unique, else empty.
+    """
+    steps = "" if _unknown(found["iterations"]) else f", after {counted(found['iterations'], 'step')}"
     outcome, unique = "converged" if found["converged"] else "NOT converged", found["unique"]
     algebraic = f"algebraic error <= {up(found['algebraic_bound'], DIGITS)}, guaranteed{steps}"
     rows = {
-        "unknowns": f"{found['unknowns']} and {found['multipliers']} multipliers",
+        "unknowns": f"{found['unknowns']} and {counted(found['multipliers'], 'multiplier')}",
         f"{found['algorithm']} {outcome}": algebraic,
     }
     if not _unknown(found["h1_error"]):
         rows |= _errors(found, unique)
     if bounds is not None:
-        of_u, of_lambda = (up(bound, DIGITS) for bound in (bounds.u, bounds.multiplier))
-        rows["guaranteed"] = f"{ERROR['h1']} <= {of_u}, {ERROR['hm12']} <= {of_lambda}"
-        adds = f"f, g and q enclosed, which adds {up(bounds.unknown, '.1e')}"
-        rows["the guarantee rests on"] = f"{adds}; exact integrals, rounding added; nothing sampled"
+        rows["guaranteed"] = _bounded("h1", bounds.u, sizes["h1"])
+        rows["also guaranteed"] = _bounded("hm12", bounds.multiplier, sizes["hm12"])
+        enclosed = f"at most {up(bounds.unknown, '.1e')} for how closely f, g and q are enclosed"
+        rows["these bounds include"] = f"all rounding errors, and {enclosed}"
     rows |= _contact(found["contact"])
     for name, force in (found["forces"] or {}).items():
         guaranteed = between(force["lower"], force["upper"], DIGITS, "and")
@@ -58,6 +64,20 @@ def table(found: dict[str, Any], bounds: Bounds | None, doubt: str) -> str:
         rows["lambda_H"] = doubt
     rows["time and memory"] = f"{found['seconds']:.2f} s, {found['peak_mb']:.0f} MB"
     return "\n".join(f"  {name:27} {value}" for name, value in rows.items())
+
+
+def _bounded(norm: str, bound: float, size: float) -> str:
+    """A bound on the error in a norm, and, where that is known to be `size` or more, on the relative one."""
+    text = f"{ERROR[norm]} <= {up(bound, DIGITS)}"
+    if size > 0:
+        share = up(relative(bound, size), ".3g")
+        text += f" <= {share} {SIZE[norm]}, {SIZE[norm]} >= {down(size, DIGITS)}"
+    return text
+
+
+def written(file: Path) -> str:
+    """The row of a file that was written."""
+    return f"  {'written':27} {file}, {sized(file)}"
 
 
 def _contact(found: dict[str, Any]) -> dict[str, str]:
@@ -80,10 +100,12 @@ def _errors(found: dict[str, Any], unique: bool) -> dict[str, str]:
     def number(key: str, written: Callable[[float, str], str] = format) -> str:
         return why if _unknown(found[key]) else written(found[key], DIGITS)
 
-    why = "none, for lambda is not in L2" if unique else "not judged, for beta is 0 to rounding"
+    why = (
+        "undefined, because lambda is not in L2" if unique else "not judged, because beta is 0 up to rounding"
+    )
     dual = f">= {number('hm12_error_lower', down)}" if unique else f" = {why}"
     if unique and _unknown(found["hm12_error_lower"]):
-        dual = " = left out, for it takes longer than the solve; in Python: s.errors"
+        dual = " is left out, because it takes longer than the solve; in Python: s.errors"
     if not _unknown(found["hm12_error_upper"]):
         dual += f", <= {number('hm12_error_upper', up)}"
     return {
@@ -116,19 +138,15 @@ def ending(search: Search) -> str:
     best, norm = search.best, search.best.goal.norm
     if not search.believed:
         return f"  NOT certified, {search.ended}: no bound is left"
-    reached = f"{ERROR[norm]} <= {up(best.total, DIGITS)}"
-    if best.size > 0:
-        share = up(relative(best.total, best.size), ".3g")
-        reached += f" <= {share} {SIZE[norm]}, {SIZE[norm]} >= {down(best.size, DIGITS)}"
+    reached = _bounded(norm, best.total, best.size)
     if best.certified:
         return f"  certified: {reached}"
     bound = best.solved.bound(best.goal.sharp)
     if bound and search.ended == NOT_ENCLOSED:
         return (
-            f"  NOT guaranteed, for {NOT_ENCLOSED}: {reached}, of which "
-            f"{up(bound.unknown, DIGITS)} is what is not known of them; "
-            f"{best.total - bound.unknown:{DIGITS}}, the rest, "
-            "is an estimate"
+            f"  NOT guaranteed, because {NOT_ENCLOSED}: {reached}; {up(bound.unknown, DIGITS)} of this bound "
+            f"is for how closely they are enclosed, and the rest, {best.total - bound.unknown:{DIGITS}}, "
+            "is only an estimate"
         )
     needed = f"; {amounts(search.plan)} would be enough" if search.plan else ""
     return f"  NOT certified, {as_options(search.ended)}: {reached}{needed}{_reach(search)}"
@@ -156,16 +174,16 @@ def planned(name: str, search: Search, as_json: bool) -> str:
         found = asdict(rounded(plan)) if plan else {field.name: None for field in fields(Plan)}
         return json.dumps({"problem": name, **found, "ended": search.ended or None, "reach": search.reach})
     if plan is None:
-        why = search.ended or "for nothing is known yet of the size of the solution or of the error"
+        why = search.ended or "because too little is known yet about the size of the solution or of the error"
         return f"  plan: unknown, {as_options(why)}"
     fits = f"; not within {', '.join(plan.missed)}" if plan.missed else ", within the limits"
     if plan.adapted:
-        why = "adapted meshes, for few triangles have most of the bound"
+        why = "adapted meshes, because a few triangles contribute most of the bound"
     elif refinement_pays(last):
-        why = "uniform meshes, for the norm, bound, mesh or algorithm that is asked for needs them"
+        why = "uniform meshes, because the norm, bound, mesh or algorithm that was asked for needs them"
     else:
-        why = "uniform meshes, for all triangles have much the same part of the bound"
-    rule = "H = 2h, for an edge that meets a cell may be at most half of it, or lambda_H may be unstable"
+        why = "uniform meshes, because all triangles contribute much the same to the bound"
+    rule = "H = 2h, because lambda_H may be unstable where edges are longer than half of a cell"
     return f"  plan: {amounts(plan)}{as_options(fits)}{_reach(search)}\n  {why}\n  {rule}"
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -11,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from unilateral import api
-from unilateral.accuracy.goal import Goal
+from unilateral.accuracy.goal import NORMS, Goal
 from unilateral.accuracy.level import Level
-from unilateral.accuracy.search import Search
+from unilateral.accuracy.search import WITHDRAWN, Search
 from unilateral.accuracy.watch import OutOfBudget, Watch
 from unilateral.cli.command import NOT_CONVERGED
 from unilateral.cli.report import (
@@ -25,18 +26,19 @@ from unilateral.cli.report import (
     level_line,
     planned,
     table,
+    written,
 )
 from unilateral.cli.streams import say, tell
 from unilateral.cli.watching import bar_during, clear, watching
-from unilateral.discrete.choice import bound_mb
-from unilateral.errors import BudgetError, InputError
+from unilateral.errors import BudgetError, InputError, counted
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
 from unilateral.solution.solution import ENDINGS, Solution, not_converged, not_unique
 from unilateral.solvers.stop import Stop
 from unilateral.system import as_json
 from unilateral.system.files import check_target
-from unilateral.system.memory import available_mb, keep_freed, peak_mb
+from unilateral.system.memory import keep_freed, peak_mb
+from unilateral.system.optional import require
 
 if TYPE_CHECKING:
     from unilateral.problems.case import Case
@@ -81,7 +83,7 @@ def _read(options: SimpleNamespace, drawn: bool) -> Case | Problem:
         with bar_during(Watch(begin=options.begin, goal=goal), READING, drawn):
             return _problem(options)
     except OutOfBudget as limit:
-        why = f"{limit} does not suffice to enclose the formulas of '{options.problem}'"
+        why = f"{limit} is not enough to enclose the formulas of '{options.problem}'"
         raise BudgetError(why) from None
 
 
@@ -99,9 +101,9 @@ def _solved(options: SimpleNamespace, problem: Case | Problem, watch: Watch, dra
 def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bool) -> int:
     """Prints what was found; the exit code."""
     search, sharp = found.search, options.sharp
-    needed, free = 0.0 if search else bound_mb(found.mesh, sharp), available_mb()
-    if needed > free:
-        tell(f"no guaranteed bound, for it takes about {needed:.0f} MB, and {free:.0f} MB are free")
+    refused = found.too_large(sharp)
+    if refused:
+        tell(refused)
         bounds = None
     else:
         bounds = found.sharp_bounds if sharp else found.bounds
@@ -125,7 +127,11 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
         say(head(printed))
     if not (options.json or found.units.trivial):
         say(f"  {NORMS_WITH_COEFFICIENTS}")
-    say(as_json.text(printed) if options.json else table(printed, bounds, doubt))
+    if options.json:
+        say(as_json.text(printed))
+    else:
+        sizes = {norm: found.solved.size(norm, sharp) if bounds else math.nan for norm in NORMS}
+        say(table(printed, bounds, sizes, doubt))
     _keep(found, options, printed)
     if watch.asked:
         return INTERRUPTED
@@ -136,11 +142,12 @@ def _targets(options: SimpleNamespace) -> list[Path]:
     """The files that are asked for; --out's folder is made. Raises InputError for what cannot be written."""
     files = [Path(name) for name in options.output]
     if (files or options.out) and options.dry_run:
-        raise InputError("a --dry-run has no solution that could be kept; leave -o and --out out")
+        raise InputError("--dry-run computes no solution that could be written; leave out -o and --out")
     for file in files:
         check_target(file, ENDINGS)
     if options.out is None:
         return files
+    require("--out needs", *{package for name in KEPT for package in ENDINGS[Path(name).suffix]})
     folder = Path(options.out)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -153,12 +160,14 @@ def _targets(options: SimpleNamespace) -> list[Path]:
 
 
 def _keep(found: Solution, options: SimpleNamespace, printed: dict[str, Any]) -> None:
-    """Writes the files; .json has what is printed by --json."""
+    """Writes the files, each told when it is there; .json has what is printed by --json."""
     for file in _targets(options):
         if file.suffix == ".json":
             as_json.write(printed, file)
         else:
             found.save(file)
+        if not options.json:
+            say(written(file))
 
 
 def _allowed(phase: str, compute: Callable[[], Any], found: Solution, watch: Watch) -> Any:
@@ -184,7 +193,7 @@ def _problem(options: SimpleNamespace) -> Case | Problem:
         problem = problem_file.load(name)
         return problem.without_idle_sides() if options.leave_out_idle_sides else problem
     if options.leave_out_idle_sides:
-        raise InputError("--leave-out-idle-sides is for problem files; of a case name --free-sides")
+        raise InputError("--leave-out-idle-sides is for problem files; for a case use --free-sides")
     return api.case(name, options.polygon, options.side or 0, options.free_sides or ())
 
 
@@ -194,7 +203,7 @@ def _mesh(given: str | None, problem: Case | Problem) -> Any:
         return given or ""
     if not Path(given).is_file():
         raise InputError(f"argument --mesh: '{given}' is neither structured nor unstructured nor a file")
-    return api.mesh(given, problem.polygon)
+    return api.mesh(given, polygon=problem.polygon)
 
 
 def _told(problem: Case | Problem, drawn: bool) -> Callable[[Level], None]:
@@ -215,7 +224,7 @@ def _tell_faults(search: Search) -> None:
         tell(search.refusal)
     if len(search.believed) < len(search.done):
         withdrawn = len(search.done) - len(search.believed)
-        tell(f"{withdrawn} bounds withdrawn, for they contradict each other; please report it")
+        tell(f"{counted(withdrawn, 'bound')} {WITHDRAWN}")
 
 
 def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float]] | None:

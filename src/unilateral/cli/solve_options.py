@@ -33,7 +33,7 @@ OF_ACCURACY = {"absolute", "dry_run", "norm", "max_unknowns", "max_seconds", "ma
 KINDS = ("structured", "unstructured")
 sizes, goal, domain, method = (
     partial(option, heading=heading)
-    for heading in ("On given sizes", "Up to an accuracy", "Domain and multipliers", "Iteration")
+    for heading in ("With given sizes", "To an accuracy", "Domain and multipliers", "Iteration")
 )
 
 
@@ -44,7 +44,7 @@ sizes, goal, domain, method = (
     ),
     also=(NOT_CONVERGED,),
 )
-@argument("problem", type=CASE, help="a case's name, or a YAML file that declares a case or a problem")
+@argument("problem", type=CASE, help="the name of a case, or a YAML file that declares a problem or a case")
 @as_json
 @option(
     "-o",
@@ -54,35 +54,49 @@ sizes, goal, domain, method = (
     multiple=True,
     help="keep the solution: .vtu, .csv, .nc, .json, .svg, .png, .pdf or .html; may be repeated",
 )
-@option("--out", type=FOLDER, metavar="FOLDER", help="the same in a folder, with all that is useful")
+@option("--out", type=FOLDER, metavar="FOLDER", help="write all useful files to this folder")
 @option("--sharp", is_flag=True, help="tighter but slower bounds, especially for lambda")
-@sizes("--h", type=POSITIVE, metavar="EDGE", help="mesh size on the boundary, such as 1/64")
-@sizes("--H", "H", type=POSITIVE, metavar="CELL", help="size of the multiplier's cells, such as 1/32")
-@sizes("--tolerance", type=POSITIVE, metavar="T", help="of the algebraic bound (default 1 % of the errors)")
+@sizes("--h", type=POSITIVE, metavar="EDGE", help="longest boundary edge of the mesh, such as 1/64")
+@sizes("--H", "H", type=POSITIVE, metavar="CELL", help="longest cell of the multiplier, such as 1/32")
+@sizes(
+    "--tolerance",
+    type=POSITIVE,
+    metavar="T",
+    help="stop when the algebraic error is at most T (default: 1 % of the errors)",
+)
 @goal(
     "--accuracy",
     type=POSITIVE,
     metavar="A",
-    help="relative, such as 1e-2; chooses h, H and the stop; Ctrl-C keeps the best so far",
+    help="relative error to reach, such as 1e-2; h, H and the stop are chosen; Ctrl-C keeps the best so far",
 )
 @goal(
     "--absolute",
     is_flag=True,
     help="absolute instead of relative error",
 )
-@goal("--dry-run", is_flag=True, help="only say what it will take: unknowns, seconds, MB, and what meshes")
+@goal(
+    "--dry-run",
+    is_flag=True,
+    help="only estimate what it would take: unknowns, seconds, MB and the kind of meshes",
+)
 @goal(
     "--norm",
     type=Choice(NORMS),
     default=NORMS[0],
-    help="of u in H1 (default) or of lambda in H^(-1/2)",
+    help="the error of u in H1 (default), or that of lambda in H^(-1/2)",
 )
-@goal("--max-unknowns", type=COUNT, metavar="N", help="on the finest mesh (default: what the memory allows)")
+@goal(
+    "--max-unknowns",
+    type=COUNT,
+    metavar="N",
+    help="limit for the finest mesh (default: what the memory allows)",
+)
 @goal(
     "--max-seconds",
     type=POSITIVE,
     metavar="S",
-    help=f"then the best so far is kept, with its bound (default {MAX_SECONDS:g})",
+    help=f"time limit; the best so far is kept, with its bound (default {MAX_SECONDS:g})",
 )
 @goal(
     "--max-memory",
@@ -94,21 +108,26 @@ sizes, goal, domain, method = (
     "--polygon",
     type=POLYGON,
     metavar="NAME|FILE",
-    help="of a case: a named one, or that of a problem file (default: the first it is for)",
+    help="for a case: a named one, or that of a problem file (default: the first that the case is made for)",
 )
-@domain("--side", type=int, metavar="I", help="on which a case is put (default 0)")
-@domain("--free-sides", type=SIDES, metavar="I,J,...", help="of a case: sides without contact, as free ones")
+@domain("--side", type=int, metavar="I", help="for a case: the side on which it is placed (default 0)")
+@domain(
+    "--free-sides",
+    type=SIDES,
+    metavar="I,J,...",
+    help="for a case: sides without contact that become free (Neumann) sides",
+)
 @domain(
     "--leave-out-idle-sides",
     is_flag=True,
-    help="of a problem: no multipliers on sides that provably carry no contact",
+    help="for a problem: no multipliers on sides that provably have no contact",
 )
 @domain(
     "--mesh",
     type=Name(lambda: KINDS),
     metavar="KIND|FILE",
-    help="structured (not with --accuracy if k and c differ), unstructured, or a file with triangles; "
-    "default: structured where there is one, and with --accuracy refined where it pays",
+    help="structured (sides along the axes), unstructured (needs gmsh), or a file with triangles; "
+    "default: structured on unit squares or without gmsh, and with --accuracy refined where it pays",
 )
 @method(
     "--algorithm",
@@ -117,17 +136,19 @@ sizes, goal, domain, method = (
     default="auto",
     help=f"{', '.join(ALGORITHMS)} (default auto: multigrid on large meshes, else uzawa)",
 )
-@method("--rho", type=POSITIVE, metavar="STEP", help="Uzawa's step (default 1.9 / lambda_max(S))")
+@method(
+    "--rho", type=POSITIVE, metavar="STEP", help="step of Uzawa's algorithm (default 1.9 / lambda_max(S))"
+)
 @method(
     "--max-steps",
     type=COUNT,
     metavar="N",
     default=Stop.max_steps,
-    help=f"of uzawa and its faster kinds (default {Stop.max_steps})",
+    help=f"limit for uzawa and its faster variants (default {Stop.max_steps})",
 )
 @click.pass_context
 def solve(ctx: click.Context, **options: Any) -> int:
-    """Solve one problem, on given sizes --h and --H or up to an --accuracy that is then guaranteed."""
+    """Solve a problem, either with given sizes --h and --H or to a guaranteed --accuracy."""
     _check_alternatives(ctx, options)
     return int(load("unilateral.cli.solve").run(SimpleNamespace(**options, begin=ctx.obj)))
 
@@ -145,7 +166,7 @@ def _check_alternatives(ctx: click.Context, options: dict[str, Any]) -> None:
     else:
         if options["accuracy"] >= 1 and not options["absolute"]:
             ctx.fail(
-                "argument --accuracy: it is relative and must be below 1, such as 1e-2, unless --absolute"
+                "argument --accuracy: it is relative and must be below 1, such as 1e-2; or add --absolute"
             )
         wrong, why = {"h", "H", "tolerance"} & given, "is chosen by --accuracy; leave one of the two out"
     for name in sorted(wrong):

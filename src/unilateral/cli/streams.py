@@ -15,9 +15,10 @@ from typing import Any, TextIO
 from unilateral.system.signals import leave
 
 NAMES = {
-    "α": "alpha", "β": "beta", "γ": "gamma", "ε": "epsilon", "λ": "lambda", "μ": "mu", "ρ": "rho",
-    "σ": "sigma", "Λ": "Lambda", "Π": "Pi", "Ω": "Omega", "∂": "d", "‖": "||", "×": "x", "·": "*",
-    "–": "-", "°": " degrees",
+    "α": "alpha", "β": "beta", "γ": "gamma", "δ": "delta", "ε": "epsilon", "λ": "lambda", "μ": "mu",
+    "ν": "nu", "π": "pi", "ρ": "rho", "σ": "sigma", "τ": "tau", "ω": "omega", "Λ": "Lambda", "Π": "Pi",
+    "Σ": "sum ", "Ω": "Omega", "∂": "d", "‖": "||", "⟨": "<", "⟩": ">", "≤": "<=", "≥": ">=", "→": "->",
+    "×": "x", "·": "*", "√": "sqrt", "²": "^2", "–": "-", "°": " degrees",
 }  # fmt: skip
 """How letters that a terminal does not have are written; any other one by its code, such as \\u2026."""
 
@@ -49,8 +50,19 @@ def as_options(message: str) -> str:
 
 
 def _print(text: str, stream: TextIO) -> None:
-    signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # as Python sets it; gmsh resets it
+    if hasattr(signal, "SIGPIPE"):
+        signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # as Python sets it; gmsh resets it
     print(text, file=stream, flush=True)
+
+
+def sized(*files: str | os.PathLike[str]) -> str:
+    """The size of files together, such as 12 kB."""
+    size = float(sum(os.path.getsize(file) for file in files))
+    for unit in ("B", "kB", "MB"):
+        if size < 999.5:
+            return f"{size:.3g} {unit}"
+        size /= 1000
+    return f"{size:.3g} GB"
 
 
 def load(module: str) -> Any:

@@ -57,7 +57,13 @@ def bar_during(watch: Watch, phase: str, drawn: bool) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _ticking(watch: Watch, drawn: bool) -> Iterator[None]:
-    """A clock looks at the limits again and again, and draws the bar."""
+    """A clock looks at the limits again and again, and draws the bar.
+
+    Where the system has no such clock, as Windows has none, limits are looked at between phases only.
+    """
+    if not hasattr(signal, "setitimer"):
+        yield
+        return
 
     def tick(*_: object) -> None:
         watch.look()

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.bounds.boundary_flux import Given, given
+from unilateral.bounds.boundary_flux import Given, edge_flux, given
+from unilateral.bounds.equilibrated_flux import equilibrated
 from unilateral.bounds.flux_residuals import SUMS
 from unilateral.bounds.local_bounds import LocalBound, local_bound
 from unilateral.bounds.sharp_bounds import SharpBound, sharp_bound
-from unilateral.bounds.source import Source, enclosed
+from unilateral.bounds.source import Source, source_of
+from unilateral.errors import InputError
 from unilateral.fem.p1 import coupling, h1_norm
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -24,11 +27,14 @@ from unilateral.problems.obstacle_and_flux import Obstacle
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 
+KEPT = "a copy of a solution, or one from a file, is not iterated on; solve its problem again"
+NO_LOAD = np.full(1, math.nan)
+"""In place of a load that is not kept: what is computed from it is NaN."""
 AIM = 0.5
 """After an iteration has missed a tolerance that follows from bounds, it goes on to this fraction of it."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class DiscreteProblem(ABC):
     """(P_h*) on a mesh and a partition, with the `load` (n,) of f and q, and the `g_means` (all cells,) of g.
 
@@ -43,6 +49,9 @@ class DiscreteProblem(ABC):
     g_means: Array
     data: Data | None = field(default=None, kw_only=True)
     source: Source | None = field(default=None, kw_only=True)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}: {self.mesh.n_nodes} unknowns, {len(self.cells)} multipliers"
 
     @property
     @abstractmethod
@@ -84,6 +93,44 @@ class DiscreteProblem(ABC):
         return
 
 
+class Facts(NamedTuple):
+    """What was found out when a problem was solved: see the properties of `DiscreteProblem`."""
+
+    unique: bool
+    beta: float
+    lambda_norm: float
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class KeptProblem(DiscreteProblem):
+    """(P_h*) as copies and files of its solution keep it: with what bounds need, but not to be solved."""
+
+    facts: Facts
+
+    @property
+    def unique(self) -> bool:
+        return self.facts.unique
+
+    @property
+    def beta(self) -> float:
+        return self.facts.beta
+
+    def lambda_norm(self, lambda_H: Array) -> float:
+        """That of the solution."""
+        return self.facts.lambda_norm
+
+    def solved(self, stop: Stop) -> DiscreteSolution:
+        raise InputError(KEPT)
+
+    def iterated(
+        self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
+    ) -> DiscreteSolution:
+        raise InputError(KEPT)
+
+    def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
+        raise InputError(KEPT)
+
+
 @dataclass(frozen=True, eq=False)
 class DiscreteSolution:
     """u_h, and lambda_H on all cells; `result` is what the iteration found, with its algebraic bound."""
@@ -93,6 +140,9 @@ class DiscreteSolution:
     tolerance: float
     lambda_H: Array
     u_h: Array
+
+    def __repr__(self) -> str:
+        return f"DiscreteSolution of {self.discrete!r}"
 
     @cached_property
     def errors(self) -> ExactErrors | None:
@@ -110,6 +160,38 @@ class DiscreteSolution:
     def bound(self, sharp: bool = False) -> LocalBound | SharpBound | None:
         """The guaranteed bounds on the errors, where f, g and q are formulas; sharp ones take more time."""
         return self._sharp_bound if sharp else self._local_bound
+
+    def known(self, sharp: bool = False) -> bool:
+        """Whether the bounds are already computed."""
+        return ("_sharp_bound" if sharp else "_local_bound") in vars(self)
+
+    @cached_property
+    def flux(self) -> Array | None:
+        """(2, E) the flux of the cheap bound, as `equilibrated` gives it, where f, g and q are formulas."""
+        if self._given is None:
+            return None
+        source, _, cells, u_h, lambda_H, _, tau = self._given
+        sigma = edge_flux(source.mesh, cells, lambda_H)
+        return equilibrated(source.mesh, u_h, source.moments_on, sigma.ends + tau.ends)
+
+    @property
+    def facts(self) -> Facts:
+        """What was found out when the problem was solved."""
+        return Facts(self.discrete.unique, self.discrete.beta, self.lambda_norm)
+
+    def kept(self, believed: bool = True) -> DiscreteSolution:
+        """The same without what solved it, and with the bounds that are already computed.
+
+        It has none if these are not `believed`.
+        """
+        of = self.discrete
+        data = of.data if believed else None
+        problem = KeptProblem(of.mesh, of.partition, of.cells, NO_LOAD, of.g_means, self.facts, data=data)
+        found = replace(self, discrete=problem)
+        bounds = ("_local_bound", "_sharp_bound")
+        if believed:
+            vars(found).update({name: bound for name, bound in vars(self).items() if name in bounds})
+        return found
 
     @property
     def shares(self) -> Array:
@@ -133,7 +215,7 @@ class DiscreteSolution:
         discrete, data = self.discrete, self.discrete.data
         if data is None:
             return None
-        source = discrete.source or enclosed(discrete.mesh, data)
+        source = discrete.source or source_of(discrete.mesh, data)
         pair = discrete.partition, self.u_h, self.lambda_H
         flux = given(data.enclosed_flux, discrete.mesh)
         return source, data.enclosed_obstacle, *pair, data.free_sides, flux

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from unilateral.discrete.base import DiscreteProblem
-from unilateral.discrete.condensed import CondensedProblem, discretise
+from unilateral.discrete.condensed import CondensedProblem, on_spaces
+from unilateral.discrete.loads import Load, load_of
 from unilateral.errors import InputError
-from unilateral.fem.condense import REFINED
+from unilateral.fem.condense import REFINED, condense
+from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
@@ -15,6 +18,11 @@ from unilateral.problems.data import Data
 from unilateral.problems.sampled import Sampled
 from unilateral.solvers.stop import Stop
 from unilateral.system.memory import available_mb
+
+if TYPE_CHECKING:
+    from unilateral.discrete.multilevel import NestedSpaces
+
+    Spaces = MixedSpaces | NestedSpaces
 
 PAYS = 20_000
 """From this many unknowns on multigrid is cheaper than A_3, the matrix condensed to the boundary.
@@ -36,30 +44,44 @@ DENSE = 64
 """Bytes per entry of A_3 or S: about eight matrices of that size are held."""
 
 
-def cheapest(problem: Data | Sampled, mesh: Mesh, partition: Partition, stop: Stop) -> DiscreteProblem:
-    """The problem on nested levels where these pay and can follow the partition, else `condensed`.
+def cheapest(mesh: Mesh, partition: Partition, free: tuple[int, ...], stop: Stop) -> Spaces:
+    """The spaces on nested levels where these pay and can follow the partition, else condensed ones.
 
-    An algorithm or a rho that is asked for decides. Raises InputError where multigrid is asked for but not
-    possible.
+    An algorithm or a rho that is asked for decides. There are no multipliers on the sides `free`. Raises
+    InputError where multigrid is asked for but not possible.
     """
     if wants_multigrid(stop, mesh.n_nodes):
-        from unilateral.discrete.multilevel import multilevel  # and with it PyAMG
+        from unilateral.discrete.multilevel import nested_spaces  # and with it PyAMG
 
-        on_levels = multilevel(problem, mesh, partition)
-        if on_levels:
-            return on_levels
+        nested = nested_spaces(mesh, partition, free)
+        if nested:
+            return nested
         if stop.algorithm == "multigrid":
             raise InputError(
-                f"multigrid needs a mesh of '{problem.polygon.name}' made by refinement, with nodes at the "
+                f"multigrid needs a mesh of '{mesh.polygon.name}' made by refinement, with nodes at the "
                 "ends of all cells and two edges or more in each; take H = 2h or 4h, or another algorithm"
             )
-    return condensed(problem, mesh, partition)
+    return condensed_spaces(mesh, partition, free)
+
+
+def discretised(problem: Data | Sampled, spaces: Spaces, load: Load | None = None) -> DiscreteProblem:
+    """The problem on its spaces, with the `load` of its f if that is known."""
+    if isinstance(spaces, MixedSpaces):
+        return on_spaces(problem, spaces, load)
+    from unilateral.discrete.multilevel import on_levels
+
+    return on_levels(problem, spaces, load or load_of(problem, spaces.mesh))
 
 
 def condensed(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> CondensedProblem:
     """The problem condensed to the boundary. Raises InputError where more memory is needed than is free."""
+    return on_spaces(problem, condensed_spaces(mesh, partition, problem.free_sides))
+
+
+def condensed_spaces(mesh: Mesh, partition: Partition, free: tuple[int, ...]) -> MixedSpaces:
+    """The spaces condensed to the boundary. Raises InputError where more memory is needed than is free."""
     check_condensed(mesh, partition)
-    return discretise(problem, mesh, partition)
+    return mixed_spaces(condense(mesh), partition, free)
 
 
 def check_condensed(mesh: Mesh, partition: Partition) -> None:

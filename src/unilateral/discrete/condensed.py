@@ -10,17 +10,15 @@ import numpy as np
 from scipy.linalg.blas import dnrm2
 
 from unilateral.arrays import Array
-from unilateral.bounds.boundary_flux import given
-from unilateral.bounds.source import enclosed
 from unilateral.discrete.base import DiscreteProblem, DiscreteSolution
+from unilateral.discrete.loads import Load, flux_load, load_of, obstacle_means
 from unilateral.fem.condense import condense
-from unilateral.fem.p1 import edge_load, h1_norm, load_vector, sampled_edge_load, sampled_moments
-from unilateral.fem.quadrature import boundary_rule
+from unilateral.fem.p1 import h1_norm
 from unilateral.fem.residual_rounding import Rounded, constrained, dual_norm, loaded, residual
 from unilateral.fem.spaces import FORMS, MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.exact_errors import Exact, ExactErrors, cell_means, exact
+from unilateral.norms.exact_errors import Exact, ExactErrors, exact
 from unilateral.problems.data import Data, is_case
 from unilateral.problems.sampled import Sampled
 from unilateral.solvers.algebraic_bound import certified
@@ -46,7 +44,7 @@ MOST_BOUNDED = 100_000
 """Up to this many unknowns the error is bounded to find a tolerance, which takes 3 GB."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CondensedProblem(DiscreteProblem):
     """(P_h*) on the `spaces`; `offset` (m,) is F(0). True errors are known where the `exact` solution is."""
 
@@ -147,44 +145,24 @@ def with_solution(spaces: MixedSpaces, exact: Exact) -> CondensedProblem:
     return replace(discrete, exact=exact, data=exact.ritz.case)
 
 
-def flux_load(problem: Data | Sampled, mesh: Mesh) -> Array:
-    """(n,) the load of the given flux: exact for the polynomials of its enclosure, or by Gauss rules."""
-    if isinstance(problem, Sampled):
-        return sampled_edge_load(problem, mesh)
-    return edge_load(mesh, given(problem.enclosed_flux, mesh).ends)
-
-
-def obstacle_means(problem: Data | Sampled, cells: Partition) -> Array:
-    """(cells,) the means of g: of a case exact up to rounding, else of the enclosure, or by Gauss rules."""
-    if is_case(problem):
-        return cell_means(problem, cells).g_means
-    if not isinstance(problem, Sampled):
-        return problem.enclosed_obstacle.means(cells.points)
-    rule = boundary_rule(problem.polygon, cells.points)
-    return rule.integrate(problem.obstacle(rule.side, rule.s), cells.n_cells) / cells.lengths
-
-
 def discretise(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> CondensedProblem:
-    """The problem on one mesh and one partition, factorised, without multipliers on its free sides.
+    """The problem on one mesh and one partition, factorised, without multipliers on its free sides."""
+    return on_spaces(problem, mixed_spaces(condense(mesh), partition, problem.free_sides))
 
-    f and q are enclosed, and the load is that of the enclosure's polynomials. Where f, g and q are known at
-    points only, Gauss rules integrate them, with errors that nobody knows.
-    """
-    spaces = mixed_spaces(condense(mesh), partition, problem.free_sides)
+
+def on_spaces(problem: Data | Sampled, spaces: MixedSpaces, load: Load | None = None) -> CondensedProblem:
+    """The problem on its spaces, with the `load` of its f if that is known."""
     if is_case(problem):
         return with_solution(spaces, exact(problem, spaces))
-    if isinstance(problem, Sampled):
-        data, source = None, None
-        load = load_vector(mesh, sampled_moments(problem, mesh))
-    else:
-        data, source = problem, enclosed(mesh, problem)
-        load = source.load
-    load = load + flux_load(problem, mesh)
-    trace = spaces.condensed.solve(load)[mesh.boundary]
-    discrete = with_load(spaces, load, trace, obstacle_means(problem, partition))
+    mesh = spaces.mesh
+    of_f = load or load_of(problem, mesh)
+    total = of_f.values + flux_load(problem, mesh)
+    trace = spaces.condensed.solve(total)[mesh.boundary]
+    discrete = with_load(spaces, total, trace, obstacle_means(problem, spaces.partition))
+    data = None if isinstance(problem, Sampled) else problem
     if data is not None and np.max(np.abs(discrete.offset), initial=0.0) < LEAST:
         discrete.offset[:] = 0.0  # of data that this mesh does not see
-    return replace(discrete, data=data, source=source)
+    return replace(discrete, data=data, source=of_f.source)
 
 
 def solve(discrete: CondensedProblem, stop: Stop = Stop(), beta: float | None = None) -> DiscreteSolution:  # noqa: B008

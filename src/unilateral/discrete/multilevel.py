@@ -9,22 +9,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.bounds.source import Source, enclosed
+from unilateral.bounds.source import enclosed
 from unilateral.discrete.base import AIM, DiscreteProblem, DiscreteSolution
-from unilateral.discrete.condensed import flux_load, obstacle_means
+from unilateral.discrete.loads import Load, flux_load, load_of, obstacle_means
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
-from unilateral.fem.nested_cells import nested_cells
-from unilateral.fem.p1 import by_parts, case_moments, sampled_moments
+from unilateral.fem.nested_cells import Cells, nested_cells
 from unilateral.geometry.adapted import AdaptedMesh, refined
 from unilateral.geometry.adapted import adapted as adapted_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.problems.data import Data, is_case
+from unilateral.problems.data import Data
 from unilateral.problems.sampled import Sampled
 from unilateral.solvers.multigrid import IN_L2, Multigrid, MultigridResult, multigrid
 from unilateral.solvers.multigrid_bounds import dual_norm_below
@@ -35,7 +34,7 @@ MOST_COARSE = 50_000
 """The coarsest mesh, whose matrix is factorised, has at most this many unknowns."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class MultilevelProblem(DiscreteProblem):
     """(P_h*) on nested spaces. f and g are enclosed where the `data` are formulas.
 
@@ -58,9 +57,14 @@ class MultilevelProblem(DiscreteProblem):
     @cached_property
     def grids(self) -> Multigrid:
         """The levels, which are made again if they are asked for after they were forgotten."""
-        grids = _grids(self, hierarchy(self.mesh))
-        assert grids is not None
-        return grids
+        spaces = nested_spaces(self.mesh, self.partition, self.free, hierarchy(self.mesh))
+        assert spaces is not None
+        return self.on_grids(spaces)
+
+    def on_grids(self, spaces: NestedSpaces) -> Multigrid:
+        """The problem on all levels of its spaces."""
+        d = (self.partition.lengths * self.g_means)[self.cells]
+        return multigrid(spaces.levels, spaces.nested, self.load, d)
 
     def forget(self) -> None:
         """Frees the levels, which take half of the memory and are needed for no bound on the total error."""
@@ -105,47 +109,55 @@ class MultilevelProblem(DiscreteProblem):
         return DiscreteSolution(self, result, of.tolerance, lambda_H, of.u)
 
 
+@dataclass(frozen=True, eq=False)
+class NestedSpaces:
+    """The spaces on the `levels` of a mesh, with the cells of the last levels; see `nested_cells`.
+
+    There are no multipliers on the sides `free`.
+    """
+
+    mesh: Mesh
+    partition: Partition
+    free: tuple[int, ...]
+    levels: Hierarchy
+    nested: list[Cells]
+
+
 def multilevel(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> MultilevelProblem | None:
-    """The problem on the levels of a mesh, without multipliers on its free sides.
+    """The problem on the levels of a mesh; None as for `nested_spaces`."""
+    spaces = nested_spaces(mesh, partition, problem.free_sides)
+    return on_levels(problem, spaces, load_of(problem, mesh)) if spaces else None
+
+
+def nested_spaces(
+    mesh: Mesh, partition: Partition, free: tuple[int, ...] = (), known: Hierarchy | None = None
+) -> NestedSpaces | None:
+    """The spaces on the levels of a mesh, which may be `known`.
 
     None where the mesh has no coarse level, or one of more than MOST_COARSE unknowns, or where its levels
     cannot follow the partition: a point of the partition is no node of the mesh, or a cell has one edge only.
     """
     coarse = mesh.coarse or mesh
-    if not mesh.steps or coarse.n_nodes > MOST_COARSE:
+    if known is None and (not mesh.steps or coarse.n_nodes > MOST_COARSE):
         return None
-    return _on_levels(problem, mesh, partition, hierarchy(mesh), *_load(problem, mesh))
+    levels = known or hierarchy(mesh)
+    nested = nested_cells(levels, partition, free)
+    return None if nested is None else NestedSpaces(mesh, partition, free, levels, nested)
 
 
-def _on_levels(
-    problem: Data | Sampled,
-    mesh: Mesh,
-    partition: Partition,
-    levels: Hierarchy,
-    load: Array,
-    source: Source | None,
-    guess: Array | None = None,
-) -> MultilevelProblem | None:
-    """The problem with the `load` of f (n,), or None if the `levels` cannot follow the partition."""
-    cells = np.flatnonzero(~np.isin(partition.side, problem.free_sides))
-    means, load = obstacle_means(problem, partition), load + flux_load(problem, mesh)
+def on_levels(
+    problem: Data | Sampled, spaces: NestedSpaces, load: Load, guess: Array | None = None
+) -> MultilevelProblem:
+    """The problem on its spaces, with the `load` of its f; the iteration begins at the `guess` (n,)."""
+    mesh, partition = spaces.mesh, spaces.partition
+    cells = np.flatnonzero(~np.isin(partition.side, spaces.free))
+    means, values = obstacle_means(problem, partition), load.values + flux_load(problem, mesh)
     data = None if isinstance(problem, Sampled) else problem
     discrete = MultilevelProblem(
-        mesh, partition, cells, load, means, problem.free_sides, guess, data=data, source=source
+        mesh, partition, cells, values, means, spaces.free, guess, data=data, source=load.source
     )
-    grids = _grids(discrete, levels)
-    if grids is None:
-        return None
-    vars(discrete)["grids"] = grids
+    vars(discrete)["grids"] = discrete.on_grids(spaces)
     return discrete
-
-
-def _grids(of: MultilevelProblem, levels: Hierarchy) -> Multigrid | None:
-    """The problem on all levels, or None if these cannot follow the partition."""
-    cells = nested_cells(levels, of.partition, of.free)
-    if cells is None:
-        return None
-    return multigrid(levels, cells, of.load, (of.partition.lengths * of.g_means)[of.cells])
 
 
 def after(last: DiscreteSolution | None, problem: Data, of: AdaptedMesh) -> MultilevelProblem:
@@ -164,9 +176,9 @@ def after(last: DiscreteSolution | None, problem: Data, of: AdaptedMesh) -> Mult
         for level in levels.levels:
             if level.n > len(last.u_h):
                 level.prolong(guess)
-    discrete = _on_levels(problem, mesh, of.partition, levels, source.load, source, guess)
-    assert discrete is not None
-    return discrete
+    spaces = nested_spaces(mesh, of.partition, problem.free_sides, levels)
+    assert spaces is not None
+    return on_levels(problem, spaces, Load(source.load, source), guess)
 
 
 def refinements(
@@ -192,13 +204,3 @@ def _solved(last: DiscreteSolution | None, discrete: MultilevelProblem, stop: St
     start = last.discrete.partition.means(last.lambda_H, discrete.partition.points)[discrete.cells]
     total = last.total("h1")
     return discrete.iterated(AIM * stop.fraction * total, stop, start, total).within(stop)
-
-
-def _load(problem: Data | Sampled, mesh: Mesh) -> tuple[Array, Source | None]:
-    """(n,) the load (f, phi_i), and the enclosure of f if the load is made of that."""
-    if is_case(problem):
-        return by_parts(mesh, partial(case_moments, problem)), None
-    if isinstance(problem, Sampled):
-        return by_parts(mesh, partial(sampled_moments, problem)), None
-    source = enclosed(mesh, problem)
-    return source.load, source

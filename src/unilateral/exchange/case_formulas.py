@@ -23,7 +23,7 @@ DEFINITIONS = (
     "def angle(b, a):  # of (a, b), in [0, 2 pi); b is 0 up to rounding on a side\n"
     "    return arctan2(where(abs(b) < 1e-12, abs(b), b), a) % (2 * pi)\n"
 )
-NO_FORMULAS = "there are no closed formulas, for u is a sum over the intervals of a Cantor set"
+NO_FORMULAS = "there are no closed formulas, because u is a sum over the intervals of a Cantor set"
 COORDINATES = {"python": ("x", "y"), "ufl": ("x[0]", "x[1]")}
 ARGUMENTS = {"python": "x, y", "ufl": "x"}
 """COORDINATES is how a module of each kind writes coordinates, ARGUMENTS what its functions take."""

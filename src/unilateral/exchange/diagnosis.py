@@ -34,7 +34,7 @@ Up to there a rate over a factor of 2 changes by 0.03 at most.
 """
 NO_ERROR = 1e-10
 """An error of lambda below this fraction of the error of u counts as 0."""
-REMARK = "the load is that of f {}; its error is a part of yours, and no fault"
+REMARK = "the load is that of f {}; its error adds to yours, and is no fault"
 
 
 class Judged(NamedTuple):
@@ -99,7 +99,7 @@ def _of_multiplier(case: Case, mu: Trace | None, of: Residual, own: Errors) -> I
         each for each in ahead(case, mu, of, right) if of.norm(each.load - right) <= most
     ][:1]
     if meant:
-        yield either([Fault(each.fault, "so read it fits u's equation") for each in meant])
+        yield either([Fault(each.fault, "read in this way it fits u's equation") for each in meant])
         reading = meant[0]
     else:
         fits = ((each, of.fitted(each.load, right)) for each in (first, *others))
@@ -117,7 +117,7 @@ def _allowed(of: Residual, own: Errors) -> float:
 def _scaled(fault: str, fit: Fit, allowed: float) -> Iterator[Fault]:
     """The faults of a multiplier that has not the right scale, if it was meant as in a reading."""
     if fault:
-        yield Fault(fault, "so read it fits u's equation, but for a factor")
+        yield Fault(fault, "read in this way it fits u's equation up to a factor")
     if fit.factor == fit.left == 0:
         yield Fault(
             "the multiplier is 0 everywhere, but that of u's equation is not", f"its norm is {fit.size:.2g}"

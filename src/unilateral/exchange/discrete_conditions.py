@@ -137,9 +137,9 @@ def mistaken(
     for each in every:
         fields = vars(each)
         yield "the conditions hold as equations (u = g everywhere)", Equal(**fields)
-        yield "the conditions are turned around (u <= g and lambda <= 0)", Reversed(**fields)
+        yield "the conditions are reversed (u <= g and lambda <= 0)", Reversed(**fields)
         yield "g has the wrong sign", replace(each, g=-each.g)
-        yield "g is taken for 0", replace(each, g=np.zeros_like(each.g))
+        yield "g is taken as 0", replace(each, g=np.zeros_like(each.g))
     yield from _counted(case, every[-1], mu)
     yield from _ignored(case, discrete, mu, trace)
 

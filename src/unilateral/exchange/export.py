@@ -31,7 +31,7 @@ from unilateral.geometry.mesh import Mesh, refine
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.case import Case
-from unilateral.solution.tables import of_cells
+from unilateral.solution.tables import of_cells, write_csv
 from unilateral.system.files import hidden_beside, write_netcdf
 
 LEVEL_FILES = {
@@ -54,7 +54,7 @@ def export(case: Case, coarse: Mesh, H: float, levels: int, folder: str | os.Pat
     what the disk refuses.
     """
     folder = Path(folder)
-    is_there = InputError(f"{folder} is there already; name a folder that is not")
+    is_there = InputError(f"{folder} exists already; name a new folder")
     if folder.exists():
         raise is_there
     if not folder.parent.is_dir():
@@ -82,10 +82,10 @@ def _write(case: Case, coarse: Mesh, H: float, levels: int, folder: Path) -> Non
         counts = {"nodes": mesh.n_nodes, "cells": cells.n_cells}
         sizes.append({"folder": f"level_{k}", "h": mesh.h, "H": cells.H, **counts})
     found = _problem(case) | {"levels": sizes}
-    (folder / "problem.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    (folder / "problem.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8", newline="\n")
     declaration = yaml.safe_dump(dict(case.declaration), allow_unicode=True, sort_keys=False)
-    (folder / f"{case.name}.yaml").write_text(declaration, encoding="utf-8")
-    (folder / "README.md").write_text(_readme(case, found), encoding="utf-8")
+    (folder / f"{case.name}.yaml").write_text(declaration, encoding="utf-8", newline="\n")
+    (folder / "README.md").write_text(_readme(case, found), encoding="utf-8", newline="\n")
 
 
 def _problem(case: Case) -> dict[str, Any]:
@@ -115,7 +115,7 @@ def _write_level(case: Case, mesh: Mesh, cells: Partition, folder: Path) -> None
         write_mesh(mesh, folder / name)
     _nodes(case, mesh).to_csv(folder / "nodes.csv", index=False)
     g_mean = np.where(held_cells(case, cells), cell_means(case, cells).g_means, np.nan)
-    of_cells(cells, g_mean=g_mean).to_csv(folder / "partition.csv", index=False)
+    write_csv(of_cells(cells, g_mean=g_mean), folder / "partition.csv")
     write_netcdf(_quadrature(case, mesh), folder / "quadrature.nc")
 
 

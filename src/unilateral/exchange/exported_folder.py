@@ -63,7 +63,9 @@ def exported(folder: str | os.PathLike[str]) -> tuple[Case, list[ExportedLevel]]
         case = replace(found, free_sides=tuple(problem["free_sides"]))
         return case, [_level(folder, case, str(entry["folder"])) for entry in problem["levels"]]
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{folder}: this is no folder that 'unilateral export' wrote ({error})") from error
+        raise InputError(
+            f"{folder}: this is not a folder that 'unilateral export' wrote ({error})"
+        ) from error
 
 
 def _level(folder: Path, case: Case, name: str) -> ExportedLevel:

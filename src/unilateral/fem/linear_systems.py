@@ -10,11 +10,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import pymetis
 import scipy.sparse as sp
 from scipy.sparse.linalg import SuperLU, splu
 
 from unilateral.arrays import Array, Index
+
+try:
+    import pymetis
+except ModuleNotFoundError:  # there are no wheels for Windows
+    pymetis = None  # type: ignore[assignment]
 
 NONE = np.empty(0, dtype=np.intp)
 DIRECT = 10_000
@@ -57,14 +61,20 @@ def factorise(A: sp.csr_array, order: Index) -> SuperLU:
 def elimination_order(A: sp.csr_array, boundary: Index = NONE) -> Index:
     """(n,) node numbers: the interior by nested dissection, then the boundary, if any, as it is listed.
 
+    Without METIS the interior has SuperLU's order of minimum degree, for which it is factorised once more.
+
     Consecutive boundary nodes share an edge, so the elimination tree ends in their chain and SuperLU's
     postordering leaves them last.
     """
     interior = np.delete(np.arange(A.shape[0]), boundary)
-    graph = A[interior][:, interior].tocoo()
+    inner = A[interior][:, interior]
+    graph = inner.tocoo()
     off = graph.row != graph.col
     if not np.any(off):
         return np.concatenate([interior, boundary])
+    if not pymetis:
+        first = splu(inner.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+        return np.concatenate([interior[np.argsort(first.perm_c)], boundary])
     rows, neighbours = graph.row[off], graph.col[off]
     starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=len(interior)))])
     dissection, _ = pymetis.nested_dissection(pymetis.CSRAdjacency(starts, neighbours))

@@ -164,7 +164,7 @@ def triangle_rules(mesh: Mesh, case: Case, degree: int | None = None) -> Iterato
 @cache
 def symmetric(degree: int) -> tuple[Array, Array]:
     """Barycentric points (q, 3) and weights (q,) with sum 1."""
-    from skfem.quadrature import get_quadrature_tri  # which bounds of formulas do not need
+    from skfem.quadrature import get_quadrature_tri  # which bounds on formulas do not need
 
     points, weights = get_quadrature_tri(degree)
     return np.column_stack([1 - points.sum(axis=0), *points]), 2 * weights

@@ -10,11 +10,15 @@ import math
 import re
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal, localcontext
 
+EXACT = 1100
+"""With this many digits sums of two floating-point numbers are exact."""
+PLAIN = 6
+"""Numbers of up to this many digits before the point are written without a power of ten."""
 SPEC = re.compile(r"\.(\d+)([efg])")
 """The format specifications of Python that are allowed here."""
 
 
-def up(x: float, spec: str) -> str:
+def up(x: float | Decimal, spec: str) -> str:
     """The least number of the format that is not below x, as Python would write it.
 
     Exact for every x; one that is not finite is written as it is. Raises ValueError for a `spec` other than
@@ -23,7 +27,7 @@ def up(x: float, spec: str) -> str:
     return _rounded(x, spec, ROUND_CEILING)
 
 
-def down(x: float, spec: str) -> str:
+def down(x: float | Decimal, spec: str) -> str:
     """The largest number of the format that is not above x, written as by `up`."""
     return _rounded(x, spec, ROUND_FLOOR)
 
@@ -33,7 +37,39 @@ def between(lower: float, upper: float, spec: str, word: str = "to") -> str:
     return f"{down(lower, spec)} {word} {up(upper, spec)}"
 
 
-def _rounded(x: float, spec: str, rounding: str) -> str:
+def percent(part: float) -> str:
+    """A part of a whole in percent, rounded up.
+
+    >>> percent(0.0451)
+    '4.6 %'
+    """
+    with localcontext(prec=EXACT):
+        return f"{up(Decimal(part).scaleb(2), '.2g')} %"
+
+
+def plus_minus(value: float, lower: float, upper: float) -> str:
+    """A number and the least distance, of two digits, that leaves both bounds between them.
+
+    >>> plus_minus(6.1144, 6.0135, 6.2266), plus_minus(1.5, 1.0, math.inf), plus_minus(6e9, 6e9, 6.1e9)
+    ('6.11 ± 0.12', '1.5, at least 1', '(6.00 ± 0.10)e+09')
+    """
+    if not (math.isfinite(lower) and math.isfinite(upper)):
+        return f"{value:.4g}, at least {down(lower, '.4g')}"
+    with localcontext(prec=EXACT):
+        of, low, high = Decimal(value), Decimal(lower), Decimal(upper)
+        apart = max(high - of, of - low)
+        if not (of or apart):
+            return "0 ± 0"
+        largest = max(abs(of), apart)
+        power = largest.adjusted() if largest and not -4 <= largest.adjusted() < PLAIN else 0
+        digit = Decimal(1).scaleb((apart.adjusted() if apart else of.adjusted() - PLAIN) - 1)
+        shown = of.quantize(digit)
+        wide = max(high - shown, shown - low).quantize(digit, ROUND_CEILING)
+        text = " ± ".join(format(each.scaleb(-power), "f") for each in (shown, wide))
+    return f"({text})e{power:+03d}" if power else text
+
+
+def _rounded(x: float | Decimal, spec: str, rounding: str) -> str:
     parts = SPEC.fullmatch(spec)
     if parts is None:
         raise ValueError(f"'{spec}' is not a format such as .4e, .2f or .3g")

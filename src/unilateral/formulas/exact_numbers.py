@@ -9,6 +9,7 @@ from typing import Any
 
 from unilateral.formulas.expression import ZERO, Atom, Expression, expression, number, variable
 from unilateral.formulas.formula_walk import Evaluation
+from unilateral.system.optional import require
 
 BITS = 160
 SHARP = 2.0**-62
@@ -54,6 +55,7 @@ def _value(e: Expression) -> Any:
     iv, enclosure = _intervals(), _Intervals((e,), {}).of(e)
     if abs(enclosure).a > 0 and enclosure.delta <= SHARP * abs(enclosure).a:
         return enclosure.mid
+    require("formulas with a number whose terms cancel need", "sympy")
     from unilateral.formulas import symbolic  # whose import takes longer than a small problem
 
     return symbolic.value(e, iv)

@@ -56,7 +56,7 @@ class Atom(Node):
         return frozenset([self.name])
 
     def __str__(self) -> str:
-        return str(expression(self))
+        return f"{self.name}({', '.join(map(str, self.args))})" if self.args else self.name
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +74,15 @@ class Expression(Node):
         return frozenset().union(*(base.variables for of, _ in self.terms for base, _ in of))
 
     def __str__(self) -> str:
-        """The formula as sympy writes it."""
-        from unilateral.formulas.symbolic import symbolic  # whose import takes longer than a small problem
+        """The formula as it may be typed: terms below 0 last, a rational number last of the others.
 
-        return str(symbolic(self))
+        >>> str(variable("x").scaled(Fraction(3, 2)) - number(5))
+        '3*x/2 - 5'
+        """
+        terms = self.terms or (((), Fraction(0)),)
+        first, *others = sorted(terms, key=lambda term: (term[1] < 0, not term[0]))
+        signed = (f" {'-' if c < 0 else '+'} {_written(of, c)}" for of, c in others)
+        return f"{'-' if first[1] < 0 else ''}{_written(*first)}{''.join(signed)}"
 
     @cached_property
     def rational(self) -> Fraction | None:
@@ -162,6 +167,27 @@ def total(terms: Iterable[tuple[Product, Fraction]]) -> Expression:
 
 def _key(of: Product) -> str:
     return "".join(f" ({base.key})^{k}" for base, k in of)
+
+
+def _written(of: Product, c: Fraction) -> str:
+    """A term without its sign, what has a negative exponent below the line."""
+    powers = sorted(of, key=lambda power: isinstance(power[0], Expression) and bool(power[0].variables))
+    above = [_power(base, k) for base, k in powers if k > 0]
+    below = [_power(base, -k) for base, k in powers if k < 0]
+    if abs(c.numerator) != 1 or not above:
+        above = [str(abs(c.numerator)), *above]
+    if c.denominator != 1:
+        below = [str(c.denominator), *below]
+    divisor = "*".join(below)
+    return "*".join(above) + (f"/({divisor})" if len(below) > 1 else f"/{divisor}" if below else "")
+
+
+def _power(base: Atom | Expression, k: Fraction) -> str:
+    if k == Fraction(1, 2):
+        return f"sqrt({base})"
+    bare = isinstance(base, Atom) or str(base).isdecimal()
+    text = str(base) if bare else f"({base})"
+    return text if k == 1 else f"{text}**{k}" if k.denominator == 1 else f"{text}**({k})"
 
 
 def product(c: Number, powers: Iterable[Power]) -> Expression:

@@ -31,6 +31,7 @@ from unilateral.formulas.expression import (
 from unilateral.formulas.expression import number as exact
 from unilateral.formulas.formula_walk import Evaluation
 from unilateral.formulas.interval import positive_power
+from unilateral.system.optional import require
 
 Compiled = Callable[..., list[Array]]
 
@@ -190,6 +191,7 @@ def _real_roots(of: Sequence[Expression]) -> list[float]:
     if len(of) == 2:
         return [nearest(-of[1] / of[0])]
     if len(of) > 3:
+        require("roots of a polynomial whose degree is above 2 need", "sympy")
         from unilateral.formulas.symbolic import real_roots  # whose import takes longer than a small problem
 
         return real_roots([c.rational or Fraction(0) for c in of])

@@ -214,23 +214,23 @@ class Reader(ast.NodeVisitor):
     def check_limits(self, node: ast.AST, degree: float, functions: int) -> None:
         if degree > MAX_DEGREE:
             raise self.refuse(
-                node, f"has, multiplied out, the degree {degree:g}; at most {MAX_DEGREE} is read"
+                node, f"has the degree {degree:g} when multiplied out; at most {MAX_DEGREE} is allowed"
             )
         if functions > MAX_FUNCTIONS:
-            raise self.refuse(node, f"has more than {MAX_FUNCTIONS} functions in each other")
+            raise self.refuse(node, f"has more than {MAX_FUNCTIONS} nested functions")
 
     def check_kink(self, node: ast.AST, base: Expression, k: Fraction) -> None:
         if hides_kink(base, k):
-            raise self.refuse(node, "hides a kink; write pos(a, 1) for the positive part of a")
+            raise self.refuse(node, "has a kink; write pos(a, 1) for the positive part of a")
 
     def checked_power(self, node: ast.AST, argument: FormulaPart, power: FormulaPart) -> float:
         """The power k of pos(a, k), which has to be a number within the limits."""
         k = power.value.rational
         if k is None or not (0 <= k <= MAX_DEGREE and k.denominator <= MAX_DENOMINATOR):
-            limits = f"between 0 and {MAX_DEGREE}, its denominator at most {MAX_DENOMINATOR}"
+            limits = f"between 0 and {MAX_DEGREE}, with a denominator of at most {MAX_DENOMINATOR}"
             raise self.refuse(node, f"needs a rational power {limits}")
         if argument.degree > MAX_KINK_DEGREE:
-            raise self.refuse(node, f"needs an argument of a degree up to {MAX_KINK_DEGREE}")
+            raise self.refuse(node, f"needs an argument of degree at most {MAX_KINK_DEGREE}")
         return float(k)
 
 

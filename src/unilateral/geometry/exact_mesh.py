@@ -47,14 +47,14 @@ def check(polygon: Polygon, points: Array, triangles: Index, distorted: Array) -
     if not distorted[worst] <= MOST:
         x, y = points[triangles[worst]].mean(axis=0)
         raise InputError(
-            f"polygon '{polygon.name}': no bound is guaranteed on so fine a mesh, for rounding of "
-            f"coordinates may change the shape of triangle {worst} at ({x:.6g}, {y:.6g}) by "
+            f"polygon '{polygon.name}': no bound is guaranteed on so fine a mesh, because rounding "
+            f"of coordinates may change the shape of triangle {worst} at ({x:.6g}, {y:.6g}) by "
             f"{distorted[worst]:.1g}, more than {MOST:g}; move the polygon to the origin, or take larger or "
             "less flat triangles"
         )
     if not polygon.stretch[short] <= MOST:
         raise InputError(
-            f"polygon '{polygon.name}': no bound is guaranteed, for rounding changes side {short} by "
+            f"polygon '{polygon.name}': no bound is guaranteed, because rounding changes side {short} by "
             f"{polygon.stretch[short]:.1g} of its length, more than {MOST:g}; leave out so short a side, or "
             "move the polygon to the origin"
         )

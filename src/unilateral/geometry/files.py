@@ -10,17 +10,14 @@ from pathlib import Path
 
 import numpy as np
 
-from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
-from unilateral.geometry.mesh import Mesh, from_arrays
+from unilateral.geometry.foreign import mesh_from
+from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, from_points
-from unilateral.geometry.plane import cross
 from unilateral.geometry.polygon import Polygon
-from unilateral.geometry.triangulation_checks import anticlockwise, boundary_edges, check_arrays
 from unilateral.system.files import replacing
+from unilateral.system.optional import require
 
-STRAIGHT = 1e-9
-"""A boundary runs straight on if the sine of the angle by which it turns is at most this."""
 SAME = 1e-9
 """Arc lengths that differ by at most this part of the perimeter are the same."""
 MALFORMED = "it has no nodes or no triangles, its end is missing, or it is not what its ending says"
@@ -40,6 +37,7 @@ def write_mesh(
     side's, and edges have no further data.
     Raises InputError if the file cannot be written.
     """
+    require("files of meshes need", "meshio")
     import meshio
 
     n, lines = len(mesh.triangles), np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)])
@@ -84,6 +82,7 @@ def read_mesh(path: str | os.PathLike[str], polygon: Polygon | None = None) -> M
 
     If no polygon is given, it is the one that the triangles' boundary forms.
     """
+    require("files of meshes need", "meshio")
     import meshio
 
     try:
@@ -92,41 +91,7 @@ def read_mesh(path: str | os.PathLike[str], polygon: Polygon | None = None) -> M
     except (Exception, SystemExit) as error:
         reason = _words(error) if isinstance(error, OSError | meshio.ReadError) else MALFORMED
         raise InputError(f"{path}: no mesh can be read from this file ({reason})") from error
-    foreign = sorted({block.type for block in content.cells} - {"triangle", "line", "vertex"})
-    if foreign:
-        raise InputError(f"{path}: the file has cells of type {foreign[0]}; only plain triangles will do")
-    points = np.asarray(content.points, dtype=float)
-    blocks = [np.asarray(block.data) for block in content.cells if block.type == "triangle"]
-    if points.size == 0:
-        raise InputError(f"{path}: the file has no nodes; a mesh of plain triangles is needed")
-    if points.ndim != 2 or any(block.size and block.shape[1:] != (3,) for block in blocks):
-        raise InputError(f"{path}: no mesh can be read from this file (its end is missing)")
-    if points.shape[1] == 3 and not np.any(points[:, 2]):
-        points = points[:, :2]
-    triangles = np.concatenate([np.empty((0, 3)), *(block for block in blocks if block.size)]).astype(np.intp)
-    if not len(triangles):
-        raise InputError(f"{path}: the file has no triangles; a mesh of plain triangles is needed")
-    return from_arrays(polygon or outline(points, triangles, str(path)), points, triangles, str(path))
-
-
-def outline(points: Array, triangles: Index, where: str) -> Polygon:
-    """The polygon that the triangles' boundary forms, anticlockwise, from the first of its corners on.
-
-    Raises InputError for a boundary that is not one closed line.
-    """
-    check_arrays(points, triangles, where)
-    edges = boundary_edges(points, anticlockwise(points, triangles), where)
-    after = np.full(len(points), -1)
-    after[edges[:, 0]] = edges[:, 1]
-    line = [int(edges[:, 0].min())]
-    while after[line[-1]] >= 0 and after[line[-1]] != line[0] and len(line) < len(edges):
-        line.append(int(after[line[-1]]))
-    if len(line) < len(edges):
-        raise InputError(f"{where}: the triangles' boundary must be one closed line, for there are no holes")
-    corners = points[line]
-    d, e = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
-    turns = np.abs(cross(d, e)) > STRAIGHT * np.hypot(*d.T) * np.hypot(*e.T)
-    return Polygon(corners[turns], Path(where).stem)
+    return mesh_from(content, polygon=polygon, where=str(path))
 
 
 def read_partition(path: str | os.PathLike[str], polygon: Polygon) -> Partition:
@@ -134,6 +99,7 @@ def read_partition(path: str | os.PathLike[str], polygon: Polygon) -> Partition:
 
     Raises InputError, with the file, for what cannot be read, cells that do not join, and as `from_points`.
     """
+    require("files of cells need", "pandas")
     import pandas as pd
 
     try:

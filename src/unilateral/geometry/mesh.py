@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +18,8 @@ from unilateral.geometry.partition import Partition
 from unilateral.geometry.plane import circles, longest_edges, signed_areas
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.refinement import Step, Triangulation
+from unilateral.system.copies import Rebuilt
+from unilateral.system.optional import require
 
 ROUNDED = 1e-6
 """The rounding of coordinates may be this part of the longest boundary edge; a larger one shows in A_3."""
@@ -24,7 +28,7 @@ SHORTEST = exact_mesh.MOST
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh:
+class Mesh(Rebuilt):
     """A triangulation of a polygon, as `conforming` makes it.
 
     `points` (n, 2); `triangles` (m, 3), anticlockwise, in the order of `refinement`; `boundary` (nb,) the
@@ -43,9 +47,20 @@ class Mesh:
     steps: tuple[Step, ...] = ()
     known: Triangulation | None = None
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """A copy or a pickle of a mesh that was refined is refined again: its edges would be most of it."""
+        if self.coarse is None:
+            return super().__reduce__()
+        halved = [step.ends for step in self.steps]
+        return replayed, (self.polygon, self.points, self.s, self.coarse, halved)
+
     def __post_init__(self) -> None:
         for array in (self.points, self.triangles, self.boundary, self.s):
             array.setflags(write=False)
+
+    def __repr__(self) -> str:
+        n, m = self.n_nodes, len(self.triangles)
+        return f"Mesh of '{self.polygon.name}': {n} nodes, {m} triangles, h = {self.h:.4g}"
 
     @property
     def n_nodes(self) -> int:
@@ -140,7 +155,7 @@ def from_arrays(polygon: Polygon, points: ArrayLike, triangles: ArrayLike, where
     triangulation_checks.check_arrays(nodes, cells, where)
     cells = triangulation_checks.anticlockwise(nodes, cells)
     triangulation_checks.check_areas(nodes, cells, where)
-    triangulation_checks.check_distinct(polygon, nodes, where)
+    triangulation_checks.check_distinct(polygon.diameter, nodes, where)
     mesh = conforming(polygon, nodes, cells, where)
     triangulation_checks.check_areas(mesh.points, cells, where)
     return mesh
@@ -232,6 +247,7 @@ def with_boundary(polygon: Polygon, s: ArrayLike, growth: float | None = None) -
 
     For the `growth` of its triangles see `triangulate`. Raises InputError if the edges are no `Partition`.
     """
+    require(f"the mesh of '{polygon.name}' needs", "gmsh")
     from unilateral.geometry.triangulate import triangulate
 
     edges = Partition(polygon, np.append(s, polygon.perimeter))
@@ -272,6 +288,20 @@ def refine_some(mesh: Mesh, chosen: Index | None = None) -> Mesh:
     s = _arc_lengths(mesh.polygon, side, s[:-1])
     _check_rounding(mesh.polygon, float(np.diff(s).max()), "mesh")
     return Mesh(mesh.polygon, points, of.nodes, boundary, s, mesh.coarse or mesh, (*mesh.steps, step), of)
+
+
+def replayed(polygon: Polygon, points: Array, s: Array, coarse: Mesh, halved: Sequence[Int32]) -> Mesh:
+    """The mesh with the nodes (n, 2) and the boundary's arc lengths s, refined from the `coarse` one.
+
+    Each step `halved` the edges between those nodes (k, 2). Raises KeyError where there is no such edge, or
+    where the new nodes are numbered in another order.
+    """
+    of, steps = coarse.triangulation, list[Step]()
+    for ends in halved:
+        of, step = refinement.refined_at(of, refinement.edges_between(of, ends))
+        steps.append(step)
+    boundary = of.ends[of.boundary, 0].astype(np.intp)
+    return Mesh(polygon, points, of.nodes, boundary, s, coarse, tuple(steps), of)
 
 
 def halved(boundary: Index, n: int) -> Index:

@@ -12,12 +12,13 @@ from numpy.typing import ArrayLike
 from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError
 from unilateral.geometry.polygon import Polygon
+from unilateral.system.copies import Rebuilt
 
 VERTEX_TOLERANCE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Partition:
+class Partition(Rebuilt):
     """The paper's T_H: cell i is the part of the boundary between points[i] and points[i + 1].
 
     `points` (m + 1,) are arc lengths, strictly increasing from 0 to the perimeter; the polygon's
@@ -34,6 +35,9 @@ class Partition:
         points.setflags(write=False)
         object.__setattr__(self, "points", points)
         _check(self.polygon, points)
+
+    def __repr__(self) -> str:
+        return f"Partition of '{self.polygon.name}': {self.n_cells} cells, H = {self.H:.4g}"
 
     @property
     def n_cells(self) -> int:

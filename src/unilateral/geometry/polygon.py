@@ -12,6 +12,7 @@ from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError, meant
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.plane import cross, first_crossing
+from unilateral.system.copies import Rebuilt
 from unilateral.system.declarations import own
 
 MAX_VERTICES = 1000
@@ -25,7 +26,7 @@ MOST = 10_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Polygon:
+class Polygon(Rebuilt):
     """A simple polygon, not necessarily convex: the paper's Omega.
 
     `vertices` (n, 2) are listed anticlockwise; side i runs from vertex i to vertex i + 1, and the
@@ -47,6 +48,9 @@ class Polygon:
         vertices.setflags(write=False)
         object.__setattr__(self, "vertices", vertices)
         _check(vertices, self.name)
+
+    def __repr__(self) -> str:
+        return f"Polygon '{self.name}': {self.n_sides} sides, area {self.area:.4g}"
 
     @cached_property
     def largest(self) -> float:
@@ -138,12 +142,12 @@ class Polygon:
         """
         if not (np.isfinite(size) and size > 0):
             raise InputError(
-                f"polygon '{self.name}' cannot be divided by the size {size}; give a positive number"
+                f"polygon '{self.name}' cannot be divided into pieces of size {size}; give a positive number"
             )
         if size < self.perimeter / MOST:
             raise InputError(
-                f"polygon '{self.name}' cannot be divided by the size {size:g}: these are more than "
-                f"{MOST:g} pieces; give a larger one"
+                f"polygon '{self.name}' cannot be divided into pieces of size {size:g}: these would be more "
+                f"than {MOST:g}; give a larger one"
             )
         return np.maximum(1, np.ceil(self.lengths / size * (1 - 1e-12))).astype(np.intp)
 
@@ -200,15 +204,15 @@ def _check(v: Array, name: str) -> None:
         )
     if np.abs(v).max() > LARGEST or np.ptp(v, axis=0).max() < SMALLEST:
         raise InputError(
-            f"polygon '{name}' is too large or too small, and squares of areas leave double precision; "
-            f"it has to be at least {SMALLEST:g} wide or high, its coordinates at most {LARGEST:g}"
+            f"polygon '{name}' is too large or too small: squares of areas leave the range of double "
+            f"precision; make it at least {SMALLEST:g} wide or high, with coordinates of at most {LARGEST:g}"
         )
     lengths = np.hypot(*(np.roll(v, -1, axis=0) - v).T)
     short, perimeter = int(lengths.argmin()), float(lengths.sum())
     if lengths[short] <= np.spacing(perimeter):
         raise InputError(
-            f"polygon '{name}': its side {short} is {lengths[short]:.2g} long, which rounding takes away "
-            f"beside the perimeter, {perimeter:.6g}; leave one of its vertices out"
+            f"polygon '{name}': its side {short} is {lengths[short]:.2g} long, which is lost in "
+            f"rounding beside the perimeter, {perimeter:.6g}; leave one of its vertices out"
         )
     crossing = first_crossing(v)
     if crossing is not None:

@@ -1,6 +1,8 @@
-"""Structured meshes: rectangles, each cut from lower left to upper right."""
+"""Structured meshes: rectangles, each cut from lower left to upper right, on polygons along the axes."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
@@ -8,49 +10,110 @@ from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError
 from unilateral.geometry.mesh import Mesh, conforming, refine
 from unilateral.geometry.polygon import Polygon, square
+from unilateral.system.optional import lacking
 
 FEWEST = 4
 """With at most this many squares in a unit of length no coarser mesh is sought, for it saves nothing."""
 MANY = 16
-"""Polygons that are wider or higher get no structured mesh unless asked for: even unit squares are many."""
-MOST_SQUARES = 1000
-"""A polygon is taken to consist of unit squares if its coordinates are whole numbers up to this."""
+"""A polygon that is wider or higher is not taken to consist of unit squares: these would be many."""
+LARGEST = 1000
+"""The same holds where coordinates are larger than this."""
+NARROWEST = 1e-6
+"""Coordinates that differ by less than this part of the diameter are no places for lines of a mesh."""
+
+
+class TensorGrid(NamedTuple):
+    """Coordinates x (m + 1,) and y (n + 1,), and into how many equal parts each gap is cut, (m,) and (n,)."""
+
+    x: Array
+    y: Array
+    across: Index
+    up: Index
 
 
 def structured(polygon: Polygon, h: float) -> Mesh:
-    """A mesh of squares of side 1 / ceil(1 / h), made by halving those of as coarse a mesh as leads to it.
+    """A mesh of rectangles with sides of at most h, made by halving as coarse a mesh as leads to it.
 
-    Raises InputError unless the polygon consists of unit squares between whole numbers.
+    On polygons that consist of unit squares, up to MANY in a row, these are squares of side 1 / ceil(1 / h).
+    Else every gap between neighbouring coordinates of vertices is cut into equal parts. Raises InputError
+    unless all sides are parallel to the axes.
     """
-    if not _consists_of_squares(polygon):
+    return _halved_from(polygon, _parts(polygon, h))
+
+
+def halved_cells(polygon: Polygon, H: float) -> Mesh:
+    """The mesh whose boundary edges 0 and 1, 2 and 3, .. are the halves of cells of the size H at most."""
+    grid = _parts(polygon, H)
+    return _halved_from(polygon, grid._replace(across=2 * grid.across, up=2 * grid.up))
+
+
+def _parts(polygon: Polygon, size: float) -> TensorGrid:
+    """The grid with the least number of equal parts, of the `size` at most, in each gap."""
+    ticks = _ticks(polygon)
+    if ticks is None:
         raise InputError(
-            f"polygon '{polygon.name}' has no structured mesh, for that its sides have to be parallel to the "
-            "axes, between whole numbers; use an unstructured one"
+            f"polygon '{polygon.name}' has no structured mesh, which needs sides parallel to the axes, and "
+            "coordinates that are equal or well apart; use an unstructured one"
         )
-    n, halvings = int(square().counts(h)[0]), 0
-    while n % 2 == 0 and n > FEWEST:
-        n, halvings = n // 2, halvings + 1
-    return refine(_squares(polygon, n), halvings)
+    counts = polygon.counts(size)  # which refuses sizes that are too small
+    if _consists_of_squares(polygon):
+        counts = square().counts(size)
+        return TensorGrid(*ticks, *(np.full(len(each) - 1, counts[0]) for each in ticks))
+    return TensorGrid(
+        *ticks, *(np.ceil(np.diff(each) / size * (1 - 1e-12)).astype(np.intp) for each in ticks)
+    )
 
 
-def _squares(polygon: Polygon, n: int) -> Mesh:
-    """The mesh with n squares in a unit of length."""
-    (left, right), (low, high) = ((int(x.min()), int(x.max())) for x in polygon.vertices.T)
-    middles = np.stack(np.meshgrid(np.arange(left, right) + 0.5, np.arange(low, high) + 0.5), axis=-1)
-    kept = polygon.contains(middles).repeat(n, axis=0).repeat(n, axis=1)
-    x, y = (np.arange(n * first, n * last + 1) / n for first, last in ((left, right), (low, high)))
-    return conforming(polygon, *_grid(x, y, kept))
+def _ticks(polygon: Polygon) -> tuple[Array, Array] | None:
+    """Increasing coordinates in x and in y, those of all vertices among them; None if a side is slanted.
+
+    So it is where two of them differ by little more than rounding.
+    """
+    if not np.all(np.any(polygon.edges == 0, axis=1)):
+        return None
+    x, y = (np.unique(each) for each in polygon.vertices.T)
+    if _consists_of_squares(polygon):
+        return np.arange(x[0], x[-1] + 1), np.arange(y[0], y[-1] + 1)
+    least = min(np.diff(x).min(), np.diff(y).min())
+    return (x, y) if least > NARROWEST * polygon.diameter else None
+
+
+def _halved_from(polygon: Polygon, grid: TensorGrid) -> Mesh:
+    """The mesh of the grid, refined from that of a coarser one."""
+    halvings = 0
+    while (parts := np.append(grid.across, grid.up)).max() > FEWEST and not np.any(parts % 2):
+        grid, halvings = grid._replace(across=grid.across // 2, up=grid.up // 2), halvings + 1
+    return refine(_rectangles(polygon, grid), halvings)
+
+
+def _rectangles(polygon: Polygon, grid: TensorGrid) -> Mesh:
+    x, y = grid.x, grid.y
+    middles = np.stack(np.meshgrid(0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1])), axis=-1)
+    kept = polygon.contains(middles).repeat(grid.up, axis=0).repeat(grid.across, axis=1)
+    return conforming(polygon, *_grid(_cut(x, grid.across), _cut(y, grid.up), kept))
+
+
+def _cut(ticks: Array, parts: Index) -> Array:
+    """(sum(parts) + 1,) the ticks (k + 1,) with every gap cut into so many equal parts (k,)."""
+    gap = np.repeat(np.arange(len(parts)), parts)
+    inside = np.arange(len(gap)) - (np.cumsum(parts) - parts)[gap]
+    return np.append((ticks[gap] * (parts[gap] - inside) + ticks[gap + 1] * inside) / parts[gap], ticks[-1])
 
 
 def natural_kind(polygon: Polygon) -> str:
-    """The kind of mesh that a polygon gets if nobody asks for another one."""
-    small = np.ptp(polygon.vertices, axis=0).max() <= MANY
-    return "structured" if small and _consists_of_squares(polygon) else "unstructured"
+    """The kind of mesh that a polygon gets if nobody asks for another one.
+
+    It is structured if the polygon consists of unit squares and, where gmsh is not installed, also if its
+    sides are parallel to the axes.
+    """
+    has_one = _consists_of_squares(polygon) or (lacking("gmsh") and _ticks(polygon))
+    return "structured" if has_one else "unstructured"
 
 
 def _consists_of_squares(polygon: Polygon) -> bool:
+    """Whether sides run between whole numbers, of which there are few."""
     whole = np.array_equal(polygon.vertices, np.round(polygon.vertices))
-    small = polygon.largest <= MOST_SQUARES
+    small = polygon.largest <= LARGEST and np.ptp(polygon.vertices, axis=0).max() <= MANY
     return bool(whole and small and np.all(np.any(polygon.edges == 0, axis=1)))
 
 

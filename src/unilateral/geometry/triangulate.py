@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
-import gmsh
 import numpy as np
 from scipy.spatial import cKDTree
 
 from unilateral.arrays import Array, Index
+from unilateral.errors import InputError
 from unilateral.geometry.partition import Partition
+
+LIBRARIES = "libgl1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libgomp1"
+"""What gmsh loads, as Debian names it."""
+
+try:
+    import gmsh
+except OSError as error:
+    raise InputError(
+        f"gmsh does not load ({error}); on Debian or Ubuntu type: sudo apt-get install {LIBRARIES}"
+    ) from None
 
 OPTIONS = {
     "General.Terminal": 0,

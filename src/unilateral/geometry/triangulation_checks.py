@@ -60,12 +60,12 @@ def anticlockwise(points: Array, triangles: Index) -> Index:
     return np.where(clockwise[:, None], triangles[:, ::-1], triangles)
 
 
-def check_distinct(polygon: Polygon, points: Array, where: str) -> None:
-    """Raises InputError if two nodes coincide."""
+def check_distinct(diameter: float, points: Array, where: str) -> None:
+    """Raises InputError if two nodes coincide, on a domain of that diameter."""
     from scipy.spatial import cKDTree  # which meshes that are made here do not need
 
     tree = cKDTree(points, balanced_tree=False, compact_nodes=False)
-    distance, nearest = tree.query(points, k=2, distance_upper_bound=SAME_POINT * polygon.diameter)
+    distance, nearest = tree.query(points, k=2, distance_upper_bound=SAME_POINT * diameter)
     twice = np.flatnonzero(np.isfinite(distance[:, 1]))
     if twice.size:
         first = int(twice[0])
@@ -165,7 +165,7 @@ def _beside(polygon: Polygon, points: Array, number: int, side: int, reach: Arra
     start, end = polygon.vertices[side], polygon.vertices[(side + 1) % polygon.n_sides]
     away = float(segment_distances(points[[number]], start[None], end[None])[0, 0])
     return InputError(
-        f"{where}: the boundary node {node(points, number)} lies {away:.2g} beside side {side} of polygon "
-        f"'{polygon.name}', where up to {reach[number]:.2g} would be mended; move it onto the side, or give "
+        f"{where}: the boundary node {node(points, number)} lies {away:.2g} off side {side} of polygon "
+        f"'{polygon.name}', and up to {reach[number]:.2g} would be corrected; move it onto the side, or give "
         "the polygon that the mesh has"
     )

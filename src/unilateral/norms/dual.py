@@ -25,12 +25,14 @@ import numpy as np
 import scipy.sparse as sp
 
 from unilateral.arrays import Array
+from unilateral.formulas.decimals import between
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import cell_means
 from unilateral.norms.functionals import Functionals, of_differences, of_indicators, of_p0
 from unilateral.norms.grading import EDGES_PER_CELL
 from unilateral.norms.ritz import h1_distance
+from unilateral.system.optional import require
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -170,6 +172,7 @@ def dual_norm(
     partition: Partition, cases: Iterable[Case] = (), edges_per_cell: int = EDGES_PER_CELL
 ) -> DualNorm:
     """The norm by reference spaces made for T_H, re-entrant vertices and the cases' singular points."""
+    require("errors in H^(-1/2) and the constant beta need", "gmsh")
     from unilateral.norms.reference import reference_spaces  # for true errors only
 
     polygon = partition.polygon
@@ -188,6 +191,16 @@ class Errors(NamedTuple):
     hm12_lower: float
     hm12_upper: float
     l2: float
+
+    def __repr__(self) -> str:
+        """Bounds are rounded so that they stay bounds.
+
+        >>> Errors(0.123456, 0.111111, 0.222222, 0.3)
+        Errors: ||u - u_h||_1 = 0.1235, ||lambda - lambda_H||_-1/2 in 0.1111 to 0.2223, in L2 0.3
+        """
+        dual = between(self.hm12_lower, self.hm12_upper, ".4g")
+        of_lambda = f"||lambda - lambda_H||_-1/2 in {dual}, in L2 {self.l2:.4g}"
+        return f"Errors: ||u - u_h||_1 = {self.h1:.4g}, {of_lambda}"
 
 
 def errors(

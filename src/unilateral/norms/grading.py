@@ -65,7 +65,7 @@ def _check_cells(partition: Partition, shortest: float) -> None:
     i = int(np.argmin(partition.lengths))
     if partition.lengths[i] < shortest:
         raise InputError(
-            f"partition: cell {i} has the length {partition.lengths[i]:.3g}; for bounds of the dual norm "
+            f"partition: cell {i} has the length {partition.lengths[i]:.3g}; for bounds on the dual norm "
             f"it has to be {shortest:.3g} or more, {SHORTEST:g} of the polygon's diameter"
         )
 

@@ -119,8 +119,8 @@ def ritz_projections(
 def _check_size(case: Case, size: float) -> None:
     if size != 0 and not SMALLEST <= size <= LARGEST:
         raise InputError(
-            f"case '{case.name}': u is as large as {size:.3g}, and squares of its errors leave double "
-            f"precision; scale the data to a size between {SMALLEST:g} and {LARGEST:g}"
+            f"case '{case.name}': u is as large as {size:.3g}, and squares of its errors leave the range of "
+            f"double precision; scale the data to a size between {SMALLEST:g} and {LARGEST:g}"
         )
 
 

@@ -33,6 +33,7 @@ from unilateral.problems.cantor_atom import Cantor
 from unilateral.problems.case_builder import Atom, Builder, constants_of
 from unilateral.problems.catalogue import folder, names
 from unilateral.problems.data import KnownSolution, on_sides, places
+from unilateral.problems.fields import as_html, listed
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_obstacle, no_flux
 from unilateral.problems.units import Units
 from unilateral.system import declarations
@@ -59,6 +60,16 @@ class Case(KnownSolution):
     @property
     def title(self) -> str:
         return str(self.declaration["title"])
+
+    def __repr__(self) -> str:
+        return f"Case '{self.name}' on '{self.polygon.name}': {self.title}"
+
+    def _repr_html_(self) -> str:
+        return as_html(repr(self), {"polygon": repr(self.polygon), "free sides": listed(self.free_sides)})
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies and pickles are made of the declaration."""
+        return declared_on, (self.declaration, self.name, self.polygon, self.side, self.free_sides)
 
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
         """u (k,) and grad u (k, 2) at the places points + offset (k, 2) of Omega.
@@ -210,7 +221,13 @@ def load(case: str | Path, polygon: Polygon, side: int = 0) -> Case:
 
     Raises InputError for an unknown name, a declaration against the schema, or a polygon it is not for.
     """
-    declaration, name = declared(case)
+    return declared_on(*declared(case), polygon, side)
+
+
+def declared_on(
+    declaration: Mapping[str, Any], name: str, polygon: Polygon, side: int, free_sides: tuple[int, ...] = ()
+) -> Case:
+    """The case with that declaration; raises InputError as `load`. On `free_sides` lambda has to be 0."""
     where = f"case '{name}'"
     if declaration["polygons"] != "any" and polygon.name not in declaration["polygons"]:
         raise InputError(f"{where} is for {', '.join(declaration['polygons'])}, not for '{polygon.name}'")
@@ -219,7 +236,7 @@ def load(case: str | Path, polygon: Polygon, side: int = 0) -> Case:
     constants = constants_of(declaration, polygon, where)
     build = Builder(where, polygon, side, constants)
     atoms = tuple(build.atom(entry, f"{where}, u[{i}]") for i, entry in enumerate(declaration["u"]))
-    return Case(name, declaration, polygon, atoms, build.gaps(declaration["gap"]), side=side)
+    return Case(name, declaration, polygon, atoms, build.gaps(declaration["gap"]), free_sides, side)
 
 
 def declared(case: str | Path) -> tuple[dict[str, Any], str]:

@@ -110,7 +110,7 @@ class Builder:
         """The exponent in the field `name`, a simple fraction."""
         exponent = number_of(entry[name], f"{where}, {name}")
         if not (exponent.is_Rational and exponent.q <= MAX_DENOMINATOR):
-            limit = f"a fraction, its denominator at most {MAX_DENOMINATOR}"
+            limit = f"a fraction, with a denominator of at most {MAX_DENOMINATOR}"
             raise InputError(f"{where}, {name}: {exponent} must be {limit}")
         return exponent
 

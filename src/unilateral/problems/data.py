@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING, Protocol, TypeGuard
 
 import numpy as np
 
-from unilateral.arrays import Index
+from unilateral.arrays import Array, Index
 from unilateral.formulas.expression import Atom, Expression
 from unilateral.formulas.taylor import Model, joined, number
 from unilateral.formulas.taylor_enclosures import Steps, evaluate
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
+from unilateral.problems.nodal import NodalTrace, NodalTraces
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle
 
 if TYPE_CHECKING:
@@ -21,6 +22,10 @@ if TYPE_CHECKING:
 
 class KnownSolution:
     """The base class of cases, to know them by: importing their module takes longer than a small problem."""
+
+    @property
+    def f_at_nodes(self) -> None:
+        return None
 
 
 def is_case(problem: object) -> TypeGuard[Case]:
@@ -42,6 +47,10 @@ class Data(Protocol):
 
     @property
     def free_sides(self) -> tuple[int, ...]: ...
+
+    @property
+    def f_at_nodes(self) -> Array | None:
+        """(n,) f at the nodes of the mesh, if it is given by them; it is then linear on the triangles."""
 
     @property
     def jumps(self) -> dict[Atom, Kink]:
@@ -69,12 +78,24 @@ def places(polygon: Polygon, side: Index, t: Model) -> tuple[Model, Model]:
     return x, y
 
 
-def on_sides(formulas: Sequence[Expression], side: Index, variables: Mapping[str, Model]) -> Model:
-    """One formula per side, on intervals of the sides (k,); equal ones are evaluated together."""
-    same: dict[Expression, list[int]] = {}
+def on_sides(
+    formulas: Sequence[Expression],
+    side: Index,
+    variables: Mapping[str, Model],
+    traces: NodalTraces | None = None,
+) -> Model:
+    """One formula per side, on intervals of the sides (k,); equal ones are evaluated together.
+
+    On some sides `traces` take their place, in the variable t.
+    """
+    same: dict[Expression | NodalTrace, list[int]] = {}
     for i in np.unique(side).tolist():
-        same.setdefault(formulas[i], []).append(i)
+        same.setdefault((traces or {}).get(i, formulas[i]), []).append(i)
     parts = [(formula, np.flatnonzero(np.isin(side, sides))) for formula, sides in same.items()]
     return joined(
-        [(evaluate(formula, {z: of.on(at) for z, of in variables.items()}), at) for formula, at in parts]
+        [(_on(formula, {z: of.on(at) for z, of in variables.items()}), at) for formula, at in parts]
     )
+
+
+def _on(of: Expression | NodalTrace, variables: Mapping[str, Model]) -> Model:
+    return of.model(variables["t"]) if isinstance(of, NodalTrace) else evaluate(of, variables)

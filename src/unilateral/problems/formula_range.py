@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from unilateral.arrays import Array, Mask, blocks
@@ -20,14 +22,17 @@ SAME = 1e-9
 """So is a bound that misses them by less than this part of the largest |value| met."""
 MOST_BOXES = 20_000
 MOST_LEVELS = 40
+KEPT = 16
+"""The last so many ranges are kept, for problems in which f stays."""
 FEW = 1 << 11
 """This many boxes are treated at once, so that models of a long formula fit into the processor's cache."""
 MOST_DISTANCES = 1 << 20
 """This many distances of boxes from sides are computed at once."""
 
 
+@lru_cache(maxsize=KEPT)
 def range_in(polygon: Polygon, formula: Expression) -> tuple[float, float]:
-    """A lower and an upper bound of the formula in x, y in the polygon, infinite where none is found."""
+    """A lower and an upper bound on the formula in x, y in the polygon, infinite where none is found."""
     v = polygon.vertices
     boxes = np.stack([v.min(axis=0), v.max(axis=0)], axis=1)[None]
     value = compile_numpy([formula], "xy")

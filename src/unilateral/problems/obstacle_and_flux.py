@@ -98,12 +98,15 @@ class Flux(Piecewise):
         return float(self.lower[self.given].min(initial=np.inf))
 
 
-def enclose_flux(polygon: Polygon, model: SideModel, on: Sequence[int]) -> Flux:
-    """q, given on the sides `on`, and 0 elsewhere."""
+def enclose_flux(
+    polygon: Polygon, model: SideModel, on: Sequence[int], cuts: Iterable[Singular] = ()
+) -> Flux:
+    """q, given on the sides `on`, and 0 elsewhere; `cuts` as in `enclose_obstacle`."""
     without = np.setdiff1d(np.arange(polygon.n_sides), on).tolist()
     unit = float(np.spacing(polygon.perimeter))
     shortest = np.maximum(SHORTEST, WIDE * unit / polygon.lengths)
-    pieces = in_pieces(polygon, model, without, cuts=[Singular(i, CUT, 1) for i in on], shortest=shortest)
+    first = [*(Singular(i, CUT, 1) for i in on), *cuts]
+    pieces = in_pieces(polygon, model, without, cuts=first, shortest=shortest)
     points = pieces.points(polygon)
     doubt = pieces.rad + pieces.rounding(points)
     side, _, _, c, _, lower, upper = pieces

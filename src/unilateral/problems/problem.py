@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
 
-from unilateral.arrays import Index
+from unilateral.arrays import Array, Index
 from unilateral.formulas.exact_numbers import magnitude, rounded, sign
 from unilateral.formulas.expression import ZERO, Atom, Expression, atoms_in
 from unilateral.formulas.formula import coefficients
@@ -16,9 +16,12 @@ from unilateral.formulas.taylor_enclosures import Steps, evaluate
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.data import on_sides, places
+from unilateral.problems.fields import as_html, as_text, fields_of, headed
 from unilateral.problems.formula_range import range_in
+from unilateral.problems.nodal import Nodal, NodalTraces, cuts
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_flux, enclose_obstacle
 from unilateral.problems.units import Units
+from unilateral.system.copies import Rebuilt
 
 FAR = 1e-100
 """Coefficients that differ by this factor make a line that is nowhere near, or a circle that is too large."""
@@ -28,12 +31,12 @@ WANTED = "must be linear, or c - (x - a)**2 - (y - b)**2 up to a factor"
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class Problem(Rebuilt):
     """(1.1)-(1.2) in the `units` of k and c, with k du/dn = q in place of (1.2) on `free_sides`.
 
     `f` is a formula in x, y. `g` has one per side, which is not used on free sides. `q` has one per side,
-    which is 0 on those that are not free; if `q` is empty, the flux is 0. The `title` is one line that says
-    what problem it is. What is enclosed is told by `Data`.
+    which is 0 on those that are not free; if `q` is empty, the flux is 0. Arrays that are `nodal` take their
+    place. The `title` is one line that says what problem it is. What is enclosed is told by `Data`.
     """
 
     name: str
@@ -43,7 +46,18 @@ class Problem:
     free_sides: tuple[int, ...]
     units: Units = field(default_factory=Units)
     q: tuple[Expression, ...] = ()
+    nodal: Nodal = field(default_factory=Nodal)
     title: str = ""
+
+    def __repr__(self) -> str:
+        return as_text(self)
+
+    def _repr_html_(self) -> str:
+        return as_html(headed(self), fields_of(self))
+
+    @property
+    def f_at_nodes(self) -> Array | None:
+        return self.nodal.f
 
     @cached_property
     def jumps(self) -> dict[Atom, Kink]:
@@ -51,10 +65,11 @@ class Problem:
         return {step: kink for step in steps for kink in curve(step.args[0])}
 
     def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
+        assert self.nodal.f is None  # in whose place the formula is 0
         return evaluate(self.f, {"x": x, "y": y}, steps)
 
     def obstacle_model(self, side: Index, t: Model) -> Model:
-        return self._on_sides(self.g, side, t)
+        return self._on_sides(self.g, self.nodal.g, side, t)
 
     @cached_property
     def enclosed_obstacle(self) -> Obstacle:
@@ -63,28 +78,34 @@ class Problem:
         It is less precise below a = inf f / c: as u >= a, see `idle_sides`, u is also the solution for any
         other obstacle that is at most a where g is.
         """
-        return enclose_obstacle(self.polygon, self.obstacle_model, self.free_sides, self.least)
+        at = cuts(self.nodal.g)
+        return enclose_obstacle(self.polygon, self.obstacle_model, self.free_sides, self.least, at)
 
     def flux_model(self, side: Index, t: Model) -> Model:
         """q as `obstacle_model` has g."""
-        return self._on_sides(self.q, side, t)
+        return self._on_sides(self.q, self.nodal.q, side, t)
 
-    def _on_sides(self, formulas: tuple[Expression, ...], side: Index, t: Model) -> Model:
+    def _on_sides(
+        self, formulas: tuple[Expression, ...], traces: NodalTraces, side: Index, t: Model
+    ) -> Model:
         x, y = places(self.polygon, side, t)
-        return on_sides(formulas, side, {"x": x, "y": y})
+        return on_sides(formulas, side, {"x": x, "y": y, "t": t}, traces)
 
     @property
     def flux_sides(self) -> tuple[int, ...]:
         """The sides on which q is not 0."""
-        return tuple(side for side, formula in enumerate(self.q) if formula.rational != 0)
+        formulas = (side for side, formula in enumerate(self.q) if formula.rational != 0)
+        return tuple(sorted({*formulas, *self.nodal.q}))
 
     @cached_property
     def enclosed_flux(self) -> Flux:
-        return enclose_flux(self.polygon, self.flux_model, self.flux_sides)
+        return enclose_flux(self.polygon, self.flux_model, self.flux_sides, cuts(self.nodal.q))
 
     @cached_property
     def range_of_f(self) -> tuple[float, float]:
         """Guaranteed bounds on f in Omega, infinite where none are found."""
+        if self.nodal.f is not None:
+            return float(self.nodal.f.min()), float(self.nodal.f.max())
         return range_in(self.polygon, self.f)
 
     @cached_property

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
 from importlib import resources
 from itertools import pairwise
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 from unilateral.errors import InputError, shown
 from unilateral.formulas.exact_numbers import rounded
 from unilateral.formulas.expression import ZERO, Expression, atoms_in, has_root, variable
+from unilateral.formulas.expression import number as exact
 from unilateral.formulas.formula import kinks, number, parse, substituted
 from unilateral.formulas.grammar import NO_LOG, NO_ROOT
 from unilateral.geometry.polygon import MAX_VERTICES, TOO_MANY, Polygon, named, names
@@ -77,35 +79,38 @@ def polygon_of(name: str) -> Polygon:
     declaration = declarations.read(file, name)
     if not isinstance(declaration, dict) or "polygon" not in declaration:
         raise InputError(f"{name}: the field polygon is missing; it lists the vertices, anticlockwise")
-    polygon = made({"polygon": declaration["polygon"], "f": 0, "g": 0}, name).polygon
-    return Polygon(polygon.vertices, file.name)
+    return made({"polygon": declaration["polygon"], "f": 0, "g": 0}, name, file.name).polygon
 
 
-def made(declaration: Any, name: str) -> Problem:
-    """The problem with the fields of a declaration, wherever they come from; errors begin with `name`."""
+def made(declaration: Any, where: str, name: str | None = None) -> Problem:
+    """The problem with the fields of a declaration; errors begin with `where` these come from.
+
+    Its name is by default that of the file `where`, without the ending.
+    """
     schema = resources.files("unilateral.problems") / "problem.schema.yaml"
-    declaration = declarations.validate(declaration, schema, name)
+    declaration = declarations.validate(declaration, schema, where)
+    name = Path(where).stem if name is None else name
     if len(declaration["polygon"]) > MAX_VERTICES:
-        raise InputError(f"{name}, field polygon: {TOO_MANY.format(len(declaration['polygon']))}")
-    exact = [
-        [number(x, f"{name}, field polygon[{i}]") for x in vertex]
+        raise InputError(f"{where}, field polygon: {TOO_MANY.format(len(declaration['polygon']))}")
+    corners = [
+        [number(x, f"{where}, field polygon[{i}]") for x in vertex]
         for i, vertex in enumerate(declaration["polygon"])
     ]
     try:
-        polygon = Polygon(np.array([[rounded(x) for x in vertex] for vertex in exact]), Path(name).stem)
+        polygon = Polygon(np.array([[rounded(x) for x in vertex] for vertex in corners]), name)
     except InputError as error:
-        raise InputError(f"{name}, field polygon: {error}") from None
-    units = Units(*(_coefficient(declaration.get(field, 1), f"{name}, field {field}") for field in "kc"))
-    free = _free_sides(declaration, polygon, name)
-    f = _formula(declaration["f"], f"{name}, field f")
-    g = _obstacles(declaration["g"], exact, free, f"{name}, field g")
-    q = _fluxes(declaration.get("q"), polygon.n_sides, free, f"{name}, field q")
-    problem = Problem(Path(name).stem, polygon, f, g, free, units, q, declaration.get("title", ""))
+        raise InputError(f"{where}, field polygon: {error}") from None
+    units = Units(*(_coefficient(declaration.get(field, 1), f"{where}, field {field}") for field in "kc"))
+    free = _free_sides(declaration, polygon, where)
+    f = formula(declaration["f"], f"{where}, field f")
+    g = _obstacles(declaration["g"], corners, free, f"{where}, field g")
+    q = _fluxes(declaration.get("q"), polygon.n_sides, free, f"{where}, field q")
+    problem = Problem(name, polygon, f, g, free, units, q, title=declaration.get("title", ""))
     try:
         scaled_polygon(problem)
     except InputError as error:
-        raise InputError(f"{name}, fields k and c: scaled by (c/k)^(1/2), {error}") from None
-    _check(problem, name)
+        raise InputError(f"{where}, fields k and c: scaled by (c/k)^(1/2), {error}") from None
+    check(problem, where)
     return problem
 
 
@@ -204,8 +209,18 @@ def _plain(text: object, where: str, instead: str) -> Expression:
     return formula
 
 
-def _formula(text: object, where: str) -> Expression:
-    """A formula in x, y whose kinks can be found."""
+def on_sides(
+    field: str, given: object, polygon: Polygon, free: tuple[int, ...], where: str
+) -> tuple[Expression, ...]:
+    """The field g or q on every side as a formula in x, y, 0 on sides without one; see `made`."""
+    if field == "q":
+        return _fluxes(given, polygon.n_sides, free, where)
+    vertices = [[exact(Fraction(repr(x))) for x in vertex] for vertex in polygon.vertices.tolist()]
+    return _obstacles(given, vertices, free, where)
+
+
+def formula(text: object, where: str) -> Expression:
+    """f as a formula in x, y whose kinks can be found; see `made`."""
     f = _plain(text, where, "write 0 where there is none")
     for power in atoms_in(f, "pos"):
         try:
@@ -215,7 +230,7 @@ def _formula(text: object, where: str) -> Expression:
     return f
 
 
-def _check(problem: Problem, name: str) -> None:
+def check(problem: Problem, name: str) -> None:
     """Raises InputError unless f, g and q are finite and g is the same on both sides of each vertex.
 
     A g that jumps at a vertex is the trace of no u in H^1. The sizes of f, g and q are looked at in the units
@@ -252,6 +267,6 @@ def _check_size(given: float, one: float, unit: float, where: str, place: str, l
     if size > largest or (given > ALMOST_ZERO and size < smallest and least):
         of_polygon = f" on a polygon with the area {unit**2:.3g}" if unit != 1 else ""
         raise InputError(
-            f"{where}: it is as large as {size:.3g} {place}, and squares of errors{of_polygon} leave double "
-            f"precision; scale the data to a size between {smallest:.3g} and {largest:.3g}"
+            f"{where}: it is as large as {size:.3g} {place}, and squares of errors{of_polygon} leave the "
+            f"range of double precision; scale the data to a size between {smallest:.3g} and {largest:.3g}"
         )

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.errors import InputError
+from unilateral.errors import InputError, shown
 from unilateral.geometry.polygon import Polygon
+from unilateral.problems.fields import as_html, as_text, fields_of, headed
+from unilateral.problems.nodal import Nodal, NodalTraces
 from unilateral.problems.units import Units
+from unilateral.system.copies import Rebuilt
 
 Function = Callable[[Array, Array], Array]
 JUMP = 2.0**-26
@@ -21,11 +25,11 @@ This allows for functions that keep half of the digits.
 
 
 @dataclass(frozen=True, eq=False)
-class Sampled:
+class Sampled(Rebuilt):
     """(1.1)-(1.2) in the `units` of k and c, with k du/dn = q in place of (1.2) on `free_sides`.
 
     `f` takes arrays x, y of one shape and returns that shape; so do the functions of `g` and `q`, one per
-    side. If `q` is empty, the flux is 0.
+    side. If `q` is empty, the flux is 0. Arrays that are `nodal` take their place.
     """
 
     name: str
@@ -35,6 +39,18 @@ class Sampled:
     free_sides: tuple[int, ...] = ()
     units: Units = field(default_factory=Units)
     q: tuple[Function, ...] = ()
+    nodal: Nodal = field(default_factory=Nodal)
+
+    @property
+    def title(self) -> str:
+        """No title is given with functions."""
+        return ""
+
+    def __repr__(self) -> str:
+        return as_text(self)
+
+    def _repr_html_(self) -> str:
+        return as_html(headed(self), fields_of(self))
 
     def source(self, points: Array) -> Array:
         """f (...) at points (..., 2); raises InputError where it is no finite number."""
@@ -43,24 +59,42 @@ class Sampled:
     def obstacle(self, side: Index, s: Array) -> Array:
         """g (k,) at arc lengths s (k,) of the sides (k,), 0 on free ones."""
         held = set(range(self.polygon.n_sides)) - {*self.free_sides}
-        return self._on_sides({i: self.g[i] for i in held}, "g", side, s)
+        return self._on_sides({i: self.g[i] for i in held}, self.nodal.g, "g", side, s)
 
     def flux(self, side: Index, s: Array) -> Array:
         """q (k,) at arc lengths s (k,) of the sides (k,), 0 on those that are not free."""
-        return self._on_sides({i: self.q[i] for i in self.free_sides if self.q}, "q", side, s)
+        functions = {i: self.q[i] for i in self.free_sides if self.q}
+        return self._on_sides(functions, self.nodal.q, "q", side, s)
 
-    def _on_sides(self, functions: Mapping[int, Function], name: str, side: Index, s: Array) -> Array:
+    def _on_sides(
+        self, functions: Mapping[int, Function], traces: NodalTraces, name: str, side: Index, s: Array
+    ) -> Array:
         points, numbers = self.polygon.at(side, s), np.zeros(len(s))
         for i in np.intersect1d(side, [*functions]).astype(int).tolist():
-            numbers[side == i] = values(functions[i], points[side == i], f"{self.name}, field {name}[{i}]")
+            here = side == i
+            if i in traces:
+                numbers[here] = traces[i].at(s[here] / self.polygon.lengths[i])
+            else:
+                numbers[here] = values(functions[i], points[here], f"{self.name}, field {name}[{i}]")
         return numbers
+
+    @property
+    def kinks(self) -> Array:
+        """(k,) the arc lengths of the nodes inside the sides where g is given by arrays."""
+        starts, lengths = self.polygon.starts, self.polygon.lengths
+        return np.concatenate([[], *(starts[i] + lengths[i] * of.cuts for i, of in self.nodal.g.items())])
 
 
 def check_vertices(of: Sampled) -> None:
     """Raises InputError where g jumps at a vertex: then no u in H^1 has that trace."""
-    n, v = of.polygon.n_sides, of.polygon.vertices
+    n, v, traces = of.polygon.n_sides, of.polygon.vertices, of.nodal.g
     held = [side for side in range(n) if side not in of.free_sides]
-    ends = {i: values(of.g[i], v[[i, (i + 1) % n]], f"{of.name}, field g[{i}]") for i in held}
+    ends = {
+        i: traces[i].values[[0, -1]]
+        if i in traces
+        else values(of.g[i], v[[i, (i + 1) % n]], f"{of.name}, field g[{i}]")
+        for i in held
+    }
     largest = max(float(np.abs(each).max()) for each in ends.values())
     for side, before in ((side, (side - 1) % n) for side in held if (side - 1) % n in ends):
         end, start = ends[before][1], ends[side][0]
@@ -76,23 +110,70 @@ def jump_of_g(name: str, before: int, end: float, side: int, start: float) -> In
     )
 
 
+def check_arguments(function: Function, where: str) -> None:
+    """Raises InputError for a function that cannot be called with x and y."""
+    try:
+        signature = inspect.signature(function)
+    except (TypeError, ValueError):  # of functions that are not written in Python
+        return
+    try:
+        signature.bind(0.0, 0.0)
+    except TypeError:
+        raise InputError(
+            f"{where}: the function takes the arguments {signature}; it has to take two, x and y, such as "
+            "lambda x, y: x - y; of a function u of points write lambda x, y: u((x, y))"
+        ) from None
+
+
 def values(function: Function, points: Array, where: str) -> Array:
     """Values (...) at points (..., 2); raises InputError where the function fails or is no finite number."""
-    x, y = np.moveaxis(points, -1, 0)
+    x, y = np.array(points[..., 0]), np.array(points[..., 1])  # which a function may overwrite
     try:
         with np.errstate(all="ignore"):
-            given = np.asarray(function(x, y))
-            if np.iscomplexobj(given):
-                raise InputError(f"{where}: the function returns complex numbers; it has to return real ones")
-            numbers = np.broadcast_to(np.asarray(given, dtype=float), x.shape)
+            given = function(x, y)
     except InputError:
         raise
     except Exception as error:  # whatever a function of one's own may raise
-        raise InputError(
-            f"{where}: the function failed ({type(error).__name__}: {error}); it has to take two arrays "
-            "x and y and return numbers of their shape, such as lambda x, y: np.where(x > 1/2, 1, 0)"
-        ) from error
+        raise InputError(f"{where}: {_failed(function, points.reshape(-1, 2)[0], error)}") from error
+    numbers = _numbers(given, points.shape[:-1], where)
     if not np.isfinite(numbers).all():
         at = np.unravel_index(np.argmin(np.isfinite(numbers)), numbers.shape)
-        raise InputError(f"{where}: the function is {numbers[at]} at ({x[at]:.6g}, {y[at]:.6g})")
+        x, y = points[at]
+        raise InputError(f"{where}: the function is {numbers[at]} at ({x:.6g}, {y:.6g})")
     return numbers
+
+
+def _failed(function: Function, point: Array, error: Exception) -> str:
+    """Why a function does not take arrays, and what to write; it may take one point at a time."""
+    try:
+        with np.errstate(all="ignore"):
+            float(function(*point.tolist()))
+    except Exception:  # as before
+        return (
+            f"the function failed ({type(error).__name__}: {error}); it has to take two arrays x and y and "
+            "return numbers of their shape, such as lambda x, y: np.where(x > 1/2, 1, 0)"
+        )
+    return (
+        f"the function takes one point at a time, and no arrays ({type(error).__name__}: {error}); write it "
+        "with NumPy's functions, such as np.sin and np.where, or give np.vectorize(function, otypes=[float])"
+    )
+
+
+def _numbers(given: object, shape: tuple[int, ...], where: str) -> Array:
+    """What a function returned as numbers of that shape; one number is that of all points."""
+    wanted = "it has to return a real number for each point"
+    try:
+        array = np.asarray(given)
+        if given is None or np.iscomplexobj(array) or np.ma.is_masked(given):
+            kind = "masked" if np.ma.is_masked(given) else "complex"
+            what = "nothing" if given is None else f"{kind} numbers"
+            raise InputError(f"{where}: the function returns {what}; {wanted}")
+        numbers = array.astype(float)
+    except (TypeError, ValueError):
+        raise InputError(f"{where}: the function returns {shown(repr(given))}; {wanted}") from None
+    if numbers.size != 1 and numbers.shape != shape:
+        raise InputError(
+            f"{where}: the function returns an array of the shape {numbers.shape} for x and y of the shape "
+            f"{shape}; {wanted}"
+        )
+    return np.broadcast_to(numbers, shape) if numbers.shape == shape else np.full(shape, numbers.item())

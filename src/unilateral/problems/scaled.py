@@ -15,16 +15,18 @@ from unilateral.formulas.taylor_enclosures import Steps
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.data import Data
+from unilateral.problems.nodal import cuts
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_flux, enclose_obstacle
 from unilateral.problems.problem import Problem
 from unilateral.problems.sampled import Function, Sampled, values
+from unilateral.system.copies import Rebuilt
 
 if TYPE_CHECKING:
     from unilateral.problems.case import Case
 
 
 @dataclass(frozen=True, eq=False)
-class Scaled:
+class Scaled(Rebuilt):
     """The problem for v as `Data`, made from the problem `of` u. Vertices are rounded once more."""
 
     of: Problem
@@ -44,6 +46,10 @@ class Scaled:
     @cached_property
     def polygon(self) -> Polygon:
         return scaled_polygon(self.of)
+
+    @cached_property
+    def f_at_nodes(self) -> Array | None:
+        return None if self.of.f_at_nodes is None else self.of.f_at_nodes / self.of.units.load
 
     @cached_property
     def jumps(self) -> dict[Atom, Kink]:
@@ -73,7 +79,9 @@ class Scaled:
         """See `Problem`."""
         least = self.of.least / self.of.units.value
         least -= 4 * EPS * abs(least)
-        return enclose_obstacle(self.polygon, self.obstacle_model, self.free_sides, least)
+        return enclose_obstacle(
+            self.polygon, self.obstacle_model, self.free_sides, least, cuts(self.of.nodal.g)
+        )
 
     def flux_model(self, side: Index, t: Model) -> Model:
         """c^{-1/2} q; t, in side lengths, stays."""
@@ -81,7 +89,7 @@ class Scaled:
 
     @cached_property
     def enclosed_flux(self) -> Flux:
-        return enclose_flux(self.polygon, self.flux_model, self.of.flux_sides)
+        return enclose_flux(self.polygon, self.flux_model, self.of.flux_sides, cuts(self.of.nodal.q))
 
 
 def scaled_polygon(of: Problem | Sampled) -> Polygon:
@@ -115,7 +123,8 @@ def _scaled_functions(of: Sampled) -> Sampled:
         tuple(_moved(of, each, f"{of.name}, field {name}[{i}]", unit) for i, each in enumerate(functions))
         for name, functions, unit in (("g", of.g, of.units.value), ("q", of.q, of.units.flux))
     )
-    return Sampled(of.name, scaled_polygon(of), f, g, of.free_sides, q=q)
+    nodal = of.nodal.scaled(of.units.load, of.units.value, of.units.flux)
+    return Sampled(of.name, scaled_polygon(of), f, g, of.free_sides, q=q, nodal=nodal)
 
 
 def _moved(of: Sampled, function: Function, where: str, unit: float) -> Function:

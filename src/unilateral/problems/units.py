@@ -28,6 +28,9 @@ class Units:
     k: Expression = ONE
     c: Expression = ONE
 
+    def __repr__(self) -> str:
+        return f"Units: k = {rounded(self.k):.6g}, c = {rounded(self.c):.6g}"
+
     @property
     def trivial(self) -> bool:
         return self.k == ONE and self.c == ONE

@@ -8,7 +8,8 @@ from dataclasses import asdict
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from unilateral.accuracy.level import Level
+from unilateral.accuracy.level import Summary
+from unilateral.formulas.decimals import percent, up
 from unilateral.formulas.exact_numbers import rounded
 from unilateral.norms.dual import Errors
 from unilateral.solution.contact import Contact
@@ -30,12 +31,29 @@ class Bounds(NamedTuple):
     """Guaranteed bounds: ||u - u_h||_1 <= u and ||lambda - lambda_H||_{-1/2} <= multiplier.
 
     With coefficients ||v||_1 is the energy norm (k |v|_1^2 + c ||v||_0^2)^{1/2}, and the other norm is its
-    dual. `unknown` is the part of both that comes from how well f, g and q could be enclosed.
+    dual. `unknown` is the part of both that comes from how well f, g and q could be enclosed. `relative_u` is
+    `u` over a guaranteed lower bound on ||u||_1, rounded up, and `relative_multiplier` is `multiplier` over
+    one on ||lambda||_{-1/2}. Both are NaN where that lower bound is 0: there the error may be as large as the
+    solution.
     """
 
     u: float
     multiplier: float
     unknown: float
+    relative_u: float = math.nan
+    relative_multiplier: float = math.nan
+
+    def __repr__(self) -> str:
+        """Every number is rounded up.
+
+        >>> Bounds(0.0123456, 0.25, 0.0, 0.045678)
+        Bounds: ||u - u_h||_1 <= 0.01235 (4.6 %), ||lambda - lambda_H||_-1/2 <= 0.25, guaranteed
+        """
+        of_u, of_lambda = (
+            up(bound, ".4g") + f" ({percent(part)})" * (part < math.inf)
+            for bound, part in ((self.u, self.relative_u), (self.multiplier, self.relative_multiplier))
+        )
+        return f"Bounds: ||u - u_h||_1 <= {of_u}, ||lambda - lambda_H||_-1/2 <= {of_lambda}, guaranteed"
 
 
 def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sharp: bool) -> dict[str, Any]:
@@ -47,8 +65,7 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
     discrete, result, goal = solved.discrete, solved.result, search.best.goal if search else None
     mesh, cells = discrete.mesh, discrete.partition
     length, norm = units.length, goal.norm if goal else "h1"
-    bound_u, bound_lambda, unknown = bounds or (math.nan,) * 3
-    size_u, size_lambda = (solved.size(of, sharp) if bounds else math.nan for of in ("h1", "hm12"))
+    known = bounds or Bounds(*(math.nan,) * 3)
     return {
         "problem": discrete.data.name if discrete.data else None,
         "goal": {name: asdict(goal)[name] for name in ("accuracy", "norm", "absolute")} if goal else None,
@@ -76,13 +93,13 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
         "hm12_error_upper": errors.hm12_upper if errors else math.nan,
         "l2_error": errors.l2 if errors else math.nan,
         "bounds": ("sharp" if sharp else "cheap") if bounds else None,
-        "h1_bound": bound_u,
-        "hm12_bound": bound_lambda,
-        "h1_relative_bound": relative(bound_u, size_u),
-        "hm12_relative_bound": relative(bound_lambda, size_lambda),
-        "enclosure": unknown,
-        "total_bound": bound_lambda if norm == "hm12" else bound_u,
-        "levels": [_level(level, length) for level in search.done] if search else [],
+        "h1_bound": known.u,
+        "hm12_bound": known.multiplier,
+        "h1_relative_bound": known.relative_u,
+        "hm12_relative_bound": known.relative_multiplier,
+        "enclosure": known.unknown,
+        "total_bound": known.multiplier if norm == "hm12" else known.u,
+        "levels": [_level(level, length) for level in search.summaries] if search else [],
         "contact": _contact(solution.contact),
         "versions": {"python": platform.python_version()}
         | {name: version(name) for name in ("unilateral", "numpy", "scipy")},
@@ -90,19 +107,12 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
 
 
 def relative(bound: float, size: float) -> float:
-    """A bound over a lower bound of the solution's norm, rounded up; NaN where that is 0 or unknown."""
+    """A bound over a lower bound on the solution's norm, rounded up; NaN where that is 0 or unknown."""
     return math.nextafter(bound / size, math.inf) if size > 0 else math.nan
 
 
-def _level(level: Level, length: float) -> dict[str, float]:
-    return {
-        "h": length * level.solved.discrete.mesh.h,
-        "H": length * level.partition.H,
-        "unknowns": level.unknowns,
-        "multipliers": len(level.solved.discrete.cells),
-        "iterations": level.solved.result.iterations,
-        "total_bound": level.total,
-    }
+def _level(level: Summary, length: float) -> dict[str, float]:
+    return level._asdict() | {"h": length * level.h, "H": length * level.H}
 
 
 def _contact(contact: Contact) -> dict[str, Any]:

@@ -32,6 +32,10 @@ class Contact:
     partition: Partition
     lambda_H: Array
 
+    def __repr__(self) -> str:
+        around, n = self.partition.polygon.perimeter, len(self.intervals)
+        return f"Contact: length {self.length:.4g} of {around:.4g}, {n} interval{'s' * (n != 1)}"
+
     @cached_property
     def intervals(self) -> list[Interval]:
         """The longest runs of cells with lambda_H > 0 on one side, in the order of the boundary."""

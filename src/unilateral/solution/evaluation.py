@@ -1,10 +1,15 @@
-"""u_h at any points: linear on triangles."""
+"""u_h, its gradient and its flux at any points: linear on triangles."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import NamedTuple
+
 import numpy as np
 
-from unilateral.arrays import Array
+from unilateral.arrays import Array, Index
+from unilateral.bounds.flux_residuals import misfit
+from unilateral.fem.p1 import gradients
 from unilateral.geometry.locate import containing
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
@@ -14,17 +19,62 @@ OUTSIDE = 1e-10
 """A point outside counts as one of the boundary up to this fraction of the polygon's diameter away."""
 
 
-def at_points(mesh: Mesh, u_h: Array, points: Array) -> Array:
-    """(k,) u_h (n,) at the points (k, 2), NaN outside the polygon; the boundary belongs to the polygon."""
-    at, triangle, weights = containing(mesh, points)
-    values = np.full(len(points), np.nan)
-    values[at] = np.sum(weights * u_h[mesh.triangles[triangle]], axis=1)
-    off = np.setdiff1d(np.arange(len(points)), at)
+class Located(NamedTuple):
+    """The triangle (k,) in which each of k points lies, -1 outside, and barycentric coordinates (k, 3)."""
+
+    triangle: Index
+    weights: Array
+
+    def values(self, of: Callable[[Index, Array], Array]) -> Array:
+        """(k, ...) what `of` gives for triangles (m,) and coordinates in these (m, 3); NaN outside."""
+        inside = self.triangle >= 0
+        found = of(self.triangle[inside], self.weights[inside])
+        values = np.full((len(inside), *found.shape[1:]), np.nan)
+        values[inside] = found
+        return values
+
+
+def located(mesh: Mesh, points: Array) -> Located:
+    """Where the points (k, 2) lie; the boundary belongs to the polygon.
+
+    On an edge or at a node that is the triangle with the least number.
+    """
+    triangle, weights = np.full(len(points), -1), np.full((len(points), 3), np.nan)
+    at, found, of_found = containing(mesh, points)
+    least = np.lexsort([found, at])
+    least = least[np.unique(at[least], return_index=True)[1]]
+    triangle[at[least]], weights[at[least]] = found[least], of_found[least]
+    off = np.flatnonzero(triangle < 0)
     s, distance = _nearest(mesh.polygon, points[off])
     near = distance <= OUTSIDE * mesh.polygon.diameter + round_off(mesh.polygon)
-    trace = np.append(u_h[mesh.boundary], u_h[mesh.boundary[0]])
-    values[off[near]] = np.interp(s[near], mesh.s, trace)
-    return values
+    edge, share = _on_edges(mesh, s[near])
+    triangle[off[near]] = mesh.boundary_triangles[edge]
+    nodes, start = mesh.triangles[mesh.boundary_triangles[edge]], mesh.boundary[edge, None]
+    after = np.roll(mesh.boundary, -1)[edge, None]
+    weights[off[near]] = (nodes == start) * (1 - share[:, None]) + (nodes == after) * share[:, None]
+    return Located(triangle, weights)
+
+
+def _on_edges(mesh: Mesh, s: Array) -> tuple[Index, Array]:
+    """The boundary edges (k,) of the arc lengths s (k,), and where on these they are, from 0 to 1."""
+    edge = np.minimum(np.searchsorted(mesh.s, s, side="right"), len(mesh.boundary)) - 1
+    return edge, (s - mesh.s[edge]) / np.diff(mesh.s)[edge]
+
+
+def value(mesh: Mesh, u_h: Array, triangles: Index, weights: Array) -> Array:
+    """(m,) u_h (n,) at a point of each of the triangles (m,), by its coordinates there (m, 3)."""
+    return np.einsum("mi,mi->m", weights, u_h[mesh.triangles[triangles]])
+
+
+def gradient(mesh: Mesh, u_h: Array, triangles: Index) -> Array:
+    """(m, 2) grad u_h on the triangles (m,)."""
+    return np.einsum("mid,mi->md", gradients(mesh.part(triangles)), u_h[mesh.triangles[triangles]])
+
+
+def flux(mesh: Mesh, u_h: Array, q: Array, triangles: Index, weights: Array) -> Array:
+    """(m, 2) the flux q, given on edges as by `equilibrated`, at the points of `value`."""
+    away = np.einsum("mi,mid->md", weights, misfit(mesh, u_h, q, triangles))
+    return gradient(mesh, u_h, triangles) - away
 
 
 def _nearest(polygon: Polygon, points: Array) -> tuple[Array, Array]:

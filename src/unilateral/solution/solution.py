@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import os
+import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
@@ -13,11 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from unilateral.accuracy.search import Search
-from unilateral.arrays import Array
+from unilateral.arrays import Array, Index
 from unilateral.bounds.forces import Force, forces
 from unilateral.discrete.base import DiscreteSolution
-from unilateral.errors import InputError
-from unilateral.formulas.decimals import up
+from unilateral.discrete.choice import bound_mb
+from unilateral.errors import InputError, SolutionWarning, shown
+from unilateral.formulas.decimals import plus_minus, up
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.files import write_mesh
@@ -25,14 +28,17 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.norms.dual import Errors, errors
+from unilateral.problems import arguments
 from unilateral.problems.data import is_case
 from unilateral.problems.units import Units
-from unilateral.solution import tables
-from unilateral.solution.certificate import Bounds, record
+from unilateral.solution import summary, tables
+from unilateral.solution.certificate import Bounds, record, relative
 from unilateral.solution.contact import Contact
-from unilateral.solution.evaluation import at_points
+from unilateral.solution.evaluation import flux, gradient, located, value
 from unilateral.system import as_json
-from unilateral.system.files import check_target, replacing, write_netcdf
+from unilateral.system.files import check_target, replacing
+from unilateral.system.memory import available_mb
+from unilateral.system.optional import require
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -40,6 +46,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from unilateral.problems.case import Case
+    from unilateral.problems.problem import Problem
+    from unilateral.problems.sampled import Sampled
+
+    AnyProblem = Case | Problem | Sampled
 
 ROUNDING = 4 * float(np.finfo(float).eps)
 """Rounding a number twice changes it by less than this, relative to the number."""
@@ -51,26 +62,49 @@ def in_units(force: Force, unit: float) -> Force:
     return Force(value, (1 - ROUNDING) * lower, (1 + ROUNDING) * upper)
 
 
+SHOWN = 12
+"""At most this many sides are printed."""
+
+
 class Forces(NamedTuple):
     """The forces over the whole boundary, and over each of its sides."""
 
     whole: Force
     sides: list[Force]
 
+    def __repr__(self) -> str:
+        shown = ", ".join(f"{i}: {plus_minus(*force)}" for i, force in enumerate(self.sides[:SHOWN]))
+        more = f" and {len(self.sides) - SHOWN} more" if len(self.sides) > SHOWN else ""
+        return f"Forces: {plus_minus(*self.whole)}; on sides {shown}{more}; guaranteed"
 
-ENDINGS = (".vtu", ".csv", ".nc", ".json", ".svg", ".png", ".pdf", ".html")
-"""The endings of the files that `Solution.save` writes."""
+
+ENDINGS = {
+    ".vtu": ["meshio"],
+    ".csv": [],
+    ".nc": ["netCDF4", "xarray"],
+    ".json": [],
+    ".svg": ["matplotlib"],
+    ".png": ["matplotlib"],
+    ".pdf": ["matplotlib"],
+    ".html": ["plotly"],
+}
+"""The endings of the files that `Solution.save` writes, and the optional packages that each needs."""
 
 
 def not_unique(mesh: Mesh, own: bool) -> str:
     """Says that lambda_H may not be unique, and how to mend that; a mesh of the user's `own` has no h."""
     shortest = float(mesh.polygon.lengths.min())
-    advice = "take h < H, such as H = 2h"
-    if own:
+    advice, alone = "take h < H, such as H = 2h", np.bincount(mesh.side) == 1
+    if own and alone.any():
+        advice = (
+            f"a side of the polygon needs two edges of the mesh or more, and side {alone.argmax()} is one; "
+            "take ul.mesh(mesh, halvings=1)"
+        )
+    elif own:
         advice = "take larger cells, or refine the mesh at the boundary"
     elif mesh.h >= shortest:  # whatever h and H were asked for
         advice = f"a side of the length {shortest:.4g} is one edge; take h <= {shortest / 2:.4g} and H = 2h"
-    return f"may not be unique, because beta is 0 to rounding; {advice}"
+    return f"may not be unique, because beta is 0 up to rounding; {advice}"
 
 
 def not_converged(bound: float) -> str:
@@ -78,18 +112,60 @@ def not_converged(bound: float) -> str:
     return f"the iteration did not converge: the algebraic error is at most {up(bound, '.4e')}"
 
 
+def floats(given: ArrayLike, name: str) -> Array:
+    """Real numbers as an array. Raises InputError for what is none."""
+    try:
+        if np.iscomplexobj(given):
+            raise TypeError
+        return np.asarray(given, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{name}: {shown(repr(given))} has to be an array of real numbers") from None
+
+
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """(u_h, lambda_H) of one problem; `search` holds the levels where an accuracy was asked for.
+    """(u_h, lambda_H) of the `problem`; `search` holds the levels where an accuracy was asked for.
 
-    What was `solved` is the problem on its scaled domain; all that is shown here is in the user's `units`, on
-    the user's `polygon`.
+    What was `solved` is the problem on its scaled domain; all that is shown here is in the user's units, on
+    the user's polygon. Solutions can be copied and pickled, and files of `save` opened again by
+    `unilateral.open`.
+
+    >>> import unilateral as ul
+    >>> ul.solve("natural", h=1 / 16, H=1 / 8)
+    Solution of 'natural': a natural square-root transition in the middle of a side
+      unknowns         289, and 32 multipliers
+      error of u       at most 0.204, 4.3 % of ||u||_1, guaranteed
+      error of lambda  at most 0.203, 1.3 % of ||lambda||_-1/2, guaranteed
+      force            16.00 ± 0.21, guaranteed
+      contact          length 3.5 of 4
     """
 
     solved: DiscreteSolution
-    polygon: Polygon
-    units: Units
+    problem: AnyProblem
     search: Search | None = None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copies and pickles keep what a file keeps, see `save`, and the bounds that are computed."""
+        solved = self.solved.kept(self.believed)
+        return type(self), (solved, self.problem, self.search.kept(solved) if self.search else None)
+
+    def __repr__(self) -> str:
+        """A few lines; what takes long is left out, see `summary`."""
+        return summary.text(self)
+
+    def _repr_html_(self) -> str:
+        """The same as a table, with the picture."""
+        return summary.html(self)
+
+    @property
+    def polygon(self) -> Polygon:
+        """The domain, as the user gave it."""
+        return self.problem.polygon
+
+    @property
+    def units(self) -> Units:
+        """What 1 in the scaled problem is in the user's units, for k and c."""
+        return self.problem.units
 
     @cached_property
     def mesh(self) -> Mesh:
@@ -122,18 +198,74 @@ class Solution:
         return Contact(self.partition, self.multiplier)
 
     def u_at(self, points: ArrayLike) -> Array:
-        """(k,) u_h at the points (k, 2), NaN outside the polygon. Raises InputError for another shape."""
-        places = np.asarray(points, dtype=float)
-        if places.ndim != 2 or places.shape[1] != 2:
-            raise InputError(f"points: their shape {places.shape} must be (k, 2), a row for each point")
-        return at_points(self.mesh, self.u, places)
+        """u_h at a point (2,) or at many (k, 2), as an array () or (k,); NaN outside the polygon.
+
+        Raises InputError for another shape.
+
+        >>> import unilateral as ul
+        >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
+        >>> bool(s.u_at(s.mesh.points[7]) == s.u[7]), s.u_at([(1 / 3, 0), (2, 2)]).shape
+        (True, (2,))
+        """
+        return self._at(points, partial(value, self.mesh, self.u))
+
+    def grad_at(self, points: ArrayLike) -> Array:
+        """grad u_h at a point (2,) or at many (k, 2), as an array (2,) or (k, 2); NaN outside the polygon.
+
+        It jumps at edges. There, and at nodes, it is that on the triangle with the least number.
+        Raises InputError for another shape.
+
+        >>> import unilateral as ul
+        >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
+        >>> s.grad_at((0.3, 0.2)).shape, s.grad_at([(0.3, 0.2), (1, 1)]).shape
+        ((2,), (2, 2))
+        """
+        return self._at(points, lambda of, _: gradient(self.mesh, self.u, of))
+
+    def flux_at(self, points: ArrayLike) -> Array:
+        """The equilibrated flux at a point (2,) or at many (k, 2), as an array (2,) or (k, 2); NaN outside.
+
+        It approximates k grad u, as `k * s.grad_at(points)` does, and more: its normal component has no jumps
+        and is lambda_H on the boundary, or its linear part on edges on which lambda_H is not constant, and
+        the q that is given on free sides, linear on edges. Its divergence has on every triangle the mean of
+        c u_h - f. It is the flux that the `bounds` rest on: k^(-1/2) times the L2 norm of its error is at
+        most `bounds.multiplier`. On each triangle it is linear. On edges it is taken as `grad_at`.
+
+        Raises InputError for another shape, and where f, g or q is a function.
+
+        >>> import unilateral as ul
+        >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
+        >>> float(s.flux_at((0.3, 0))[1]) == -float(s.lambda_at(0, 0.3))
+        True
+        """
+        q, of_v = self.solved.flux, self.solved.discrete.mesh
+        if q is None:
+            raise InputError(
+                "there is no equilibrated flux, for f, g or q is a function; take k * s.grad_at(points)"
+            )
+        return self.units.flux * self._at(points, partial(flux, of_v, self.solved.u_h, q))
+
+    def _at(self, points: ArrayLike, of: Callable[[Index, Array], Array]) -> Array:
+        places = floats(points, "points")
+        if places.ndim not in (1, 2) or places.shape[-1] != 2:
+            raise InputError(
+                f"points: their shape {places.shape} must be (2,), a point, or (k, 2), a row for each point"
+            )
+        found = located(self.mesh, places.reshape(-1, 2)).values(of)
+        return found.reshape((*places.shape[:-1], *found.shape[1:]))
 
     def lambda_at(self, side: int, t: ArrayLike) -> Array:
         """lambda_H at the arc lengths t from the start of a side, in the shape of t; NaN beyond the side.
 
         Where two cells meet it is that of the later one. Raises InputError for a side that is not there.
+
+        >>> import unilateral as ul
+        >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
+        >>> s.lambda_at(0, [0.3, 1.1]).tolist() == [s.multiplier[2], float("nan")]
+        False
         """
-        cells, polygon, s = self.partition, self.mesh.polygon, np.asarray(t, dtype=np.float64)
+        cells, polygon, s = self.partition, self.mesh.polygon, floats(t, "t")
+        side = arguments.side(side, "side")
         if not 0 <= side < polygon.n_sides:
             raise InputError(f"side {side}: the sides of '{polygon.name}' are 0 to {polygon.n_sides - 1}")
         of = np.flatnonzero(cells.side == side)
@@ -145,8 +277,8 @@ class Solution:
     @property
     def iterations(self) -> float:
         """Steps of the algorithm, on all levels; NaN if it counts none."""
-        levels = [level.solved for level in self.search.done] if self.search else [self.solved]
-        return sum(level.result.iterations for level in levels)
+        levels = self.search.summaries if self.search else [self.solved.result]
+        return sum(level.iterations for level in levels)
 
     @property
     def converged(self) -> bool:
@@ -160,6 +292,11 @@ class Solution:
         After a search it is, because a search takes two edges or more in every cell.
         """
         return bool(self.search) or self.solved.discrete.unique
+
+    @property
+    def believed(self) -> bool:
+        """Whether bounds are believed: only a fault of this program makes those of all levels contradict."""
+        return self.search is None or bool(self.search.believed)
 
     @property
     def certified(self) -> bool:
@@ -181,40 +318,80 @@ class Solution:
             return None
         return errors(case, self.mesh, self.u, self.partition, lambda_H, self.solved.discrete.unique, dual)
 
-    @cached_property
+    @property
     def bounds(self) -> Bounds | None:
-        """The guaranteed bounds on the errors, where f, g and q are formulas.
+        """The guaranteed bounds on the errors, where f, g and q are formulas, else None.
 
-        None, too, where the bounds of all levels contradict each other, which would be a fault of this
-        program.
+        None, too, with a SolutionWarning, where they take more memory than is free, and where the bounds of
+        all levels contradict each other, which would be a fault of this program.
+
+        >>> import unilateral as ul
+        >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
+        >>> s.errors.h1 <= s.bounds.u and 0 < s.bounds.relative_u < 0.1
+        True
         """
         return self._bounds(sharp=False)
 
-    @cached_property
+    @property
     def sharp_bounds(self) -> Bounds | None:
-        """Guaranteed bounds that are mostly tighter, above all the one on lambda; slow on large meshes."""
+        """Guaranteed bounds that are mostly tighter, above all the one on lambda; slow on large meshes.
+
+        >>> import unilateral as ul
+        >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
+        >>> s.sharp_bounds.multiplier < s.bounds.multiplier
+        True
+        """
         return self._bounds(sharp=True)
 
     def _bounds(self, sharp: bool) -> Bounds | None:
-        bound = self.solved.bound(sharp) if self.search is None or self.search.believed else None
-        return Bounds(bound.u, bound.lambda_, bound.unknown) if bound else None
+        refused = self.too_large(sharp)
+        if refused:
+            warnings.warn(refused, SolutionWarning, stacklevel=3)
+        bound = self.solved.bound(sharp) if self.believed and not refused else None
+        if bound is None:
+            return None
+        of_u, of_lambda = (self.solved.size(norm, sharp) for norm in ("h1", "hm12"))
+        parts = relative(bound.u, of_u), relative(bound.lambda_, of_lambda)
+        return Bounds(bound.u, bound.lambda_, bound.unknown, *parts)
+
+    def too_large(self, sharp: bool) -> str:
+        """Says that bounds that are not yet computed take more memory than is free; else empty."""
+        if self.solved.discrete.data is None or self.solved.known(sharp):
+            return ""
+        needed, free = bound_mb(self.solved.discrete.mesh, sharp), available_mb()
+        if needed <= free:
+            return ""
+        return f"no guaranteed bound, for it takes about {needed:.0f} MB, and {free:.0f} MB are free"
 
     def forces(self, sharp: bool = False) -> Forces:
         """The integrals of lambda_H over the boundary and over each side, with guaranteed bounds on lambda's.
 
         These rest on `bounds` or the `sharp_bounds`; without them no upper bound is finite.
         """
-        bounds, sides = self._bounds(sharp), range(self.mesh.polygon.n_sides)
+        sides = range(self.polygon.n_sides)
+        whole, *each = self._forces(sharp, [[*sides], *([side] for side in sides)])
+        return Forces(whole, each)
+
+    def force(self, sharp: bool = False) -> Force:
+        """The force over the whole boundary, as `forces` has it."""
+        return self._forces(sharp, [[*range(self.polygon.n_sides)]])[0]
+
+    def _forces(self, sharp: bool, parts: list[list[int]]) -> list[Force]:
+        bounds = self._bounds(sharp)
         error = bounds.multiplier if bounds else math.inf
-        parts = [[*sides], *([side] for side in sides)]
         free = self.solved.discrete.data.free_sides if self.solved.discrete.data else ()
         of = self.solved
         found = forces(of.discrete.mesh, of.discrete.partition, of.lambda_H, error, parts, free)
-        whole, *each = (in_units(force, self.units.force) for force in found)
-        return Forces(whole, each)
+        return [in_units(force, self.units.force) for force in found]
 
     def cells(self) -> pd.DataFrame:
         """A row per cell: its side, arc lengths and places of its ends, lambda_H, the mean of u_h - g."""
+        require("tables of cells need", "pandas")
+        import pandas as pd
+
+        return pd.DataFrame(self._columns())
+
+    def _columns(self) -> tables.Columns:
         return tables.of_cells(self.partition, multiplier=self.multiplier, gap=self.gap)
 
     def certificate(self) -> dict[str, Any]:
@@ -232,8 +409,10 @@ class Solution:
 
     def dataset(self) -> xr.Dataset:
         """u_h on its mesh, and the columns of `cells`, by the CF conventions."""
-        sizes = {"h": self.mesh.h, "H": self.partition.H, "algebraic_bound": self.solved.result.bound}
-        return tables.dataset(self.mesh, self.u, self.cells(), sizes)
+        told = {"h": self.mesh.h, "H": self.partition.H, "algebraic_bound": self.solved.result.bound}
+        bounds = self._bounds(sharp=False)
+        told |= {"h1_bound": bounds.u, "hm12_bound": bounds.multiplier} if bounds else {}
+        return tables.dataset(self.mesh, self.u, self._columns(), told)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes a file, by its ending: .vtu has u_h on its mesh, .csv the cells of the boundary, .nc both.
@@ -252,9 +431,11 @@ class Solution:
             return
         with replacing(path) as temporary:
             if temporary.suffix == ".csv":
-                self.cells().to_csv(temporary, index=False)
+                tables.write_csv(self._columns(), temporary)
             elif temporary.suffix == ".nc":
-                write_netcdf(self.dataset(), temporary)
+                from unilateral.solution.stored import write
+
+                write(self, temporary)
             elif temporary.suffix == ".html":
                 from unilateral.solution.interactive import page
 
@@ -276,6 +457,7 @@ class Solution:
         On the axes `ax` of a figure of your own only the first of these is drawn, and `ax` is returned.
         Raises InputError if they are no plane axes of matplotlib.
         """
+        require("pictures need", "matplotlib")
         from unilateral.solution.plot import figure, on_axes
         from unilateral.solution.shown import shown
 

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import csv
+from collections.abc import Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from unilateral.arrays import Array
+from unilateral.arrays import Array, Index
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
+from unilateral.system.optional import require
 
 if TYPE_CHECKING:
-    import pandas as pd
     import xarray as xr
 
+Columns = Mapping[str, Array | Index]
 LONG_NAMES = {
     "u": "u_h at the nodes",
     "x": "x of the nodes",
@@ -31,36 +35,71 @@ LONG_NAMES = {
 }
 
 
-def of_cells(partition: Partition, **values: Array) -> pd.DataFrame:
-    """A row per cell: its side, the arc lengths and places of its ends, and the `values` (m,) on it."""
-    import pandas as pd
+FURTHER = {
+    "first_triangles": "nodes of the triangles of the first mesh, from 0",
+    "first_boundary": "nodes along the boundary of the first mesh, anticlockwise",
+    "first_s": "arc lengths of these nodes, and the perimeter, on the scaled domain",
+    "s": "arc lengths of the nodes along the boundary, and the perimeter, on the scaled domain",
+    "halved": "ends of the edges that were halved; the other nodes are their middles, in this order",
+    "halved_in_step": "how many edges were halved in each step",
+    "f_at_nodes": "f at the nodes, where it was given so",
+    "g_means": "means of g on the cells, scaled; 0 on free sides",
+}
+"""The variables that make the solution again, beside those of LONG_NAMES on the scaled domain."""
 
+
+def of_cells(partition: Partition, **values: Array) -> Columns:
+    """Columns (m,) of the cells: side, the arc lengths and places of both ends, and the `values` on them."""
     s, (start, end) = partition.points, partition.ends
-    return pd.DataFrame(
-        {
-            "side": partition.side,
-            "start": s[:-1],
-            "end": s[1:],
-            "x_start": start[:, 0],
-            "y_start": start[:, 1],
-            "x_end": end[:, 0],
-            "y_end": end[:, 1],
-            **values,
-        }
-    )
+    return {
+        "side": partition.side,
+        "start": s[:-1],
+        "end": s[1:],
+        "x_start": start[:, 0],
+        "y_start": start[:, 1],
+        "x_end": end[:, 0],
+        "y_end": end[:, 1],
+        **values,
+    }
 
 
-def dataset(mesh: Mesh, u_h: Array, cells: pd.DataFrame, attributes: dict[str, float]) -> xr.Dataset:
-    """u_h (n,) on its mesh, and the columns of `of_cells`, by the CF conventions."""
+def write_csv(columns: Columns, path: Path) -> None:
+    """Writes columns (m,), each number with all its digits, and nothing for NaN."""
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    with path.open("w", encoding="utf-8", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows([["" if each != each else each for each in row] for row in rows])
+
+
+def group(arrays: dict[str, np.ndarray], attributes: dict[str, str]) -> xr.Dataset:
+    """The arrays that `stored` needs beside those of `dataset`."""
     import xarray as xr
 
-    columns = {str(name): ("cell", column.to_numpy()) for name, column in cells.items()}
+    found = xr.Dataset({name: (_dimensions(name, of), of) for name, of in arrays.items()}, attrs=attributes)
+    for name, variable in found.variables.items():
+        meaning = FURTHER.get(str(name)) or f"{LONG_NAMES[str(name)]}, scaled"
+        variable.attrs = {"long_name": meaning, "units": "1"}
+        variable.encoding["_FillValue"] = None
+    return found
+
+
+def _dimensions(name: str, of: np.ndarray) -> list[str]:
+    return [f"{name}_{kind}" for kind in ("row", "column")[: of.ndim]]
+
+
+def dataset(mesh: Mesh, u_h: Array, cells: Columns, attributes: dict[str, float]) -> xr.Dataset:
+    """u_h (n,) on its mesh, and the columns of `of_cells`, by the CF conventions."""
+    require("datasets need", "xarray")
+    import xarray as xr
+
+    columns = {name: ("cell", column) for name, column in cells.items()}
     found = xr.Dataset(
         {
             "u": ("node", u_h),
             "triangles": (("triangle", "corner"), mesh.triangles.astype(np.int32)),
             **columns,
-            "side": ("cell", cells["side"].to_numpy(dtype=np.int32)),
+            "side": ("cell", cells["side"].astype(np.int32)),
         },
         {"x": ("node", mesh.points[:, 0]), "y": ("node", mesh.points[:, 1])},
         attrs={"Conventions": "CF-1.8", "title": "Solution of a unilateral boundary problem", **attributes},

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from numbers import Real
+from numbers import Integral, Real
 
-from unilateral.errors import InputError, meant
+from unilateral.errors import InputError, meant, shown
 
 ALGORITHMS = ("auto", "uzawa", "nesterov", "barzilai_borwein", "newton", "active_set", "multigrid")
 
@@ -19,6 +20,11 @@ class Stop:
     the others. The `algorithm` "auto" is multigrid on large meshes, the active set where S is singular,
     Nesterov where no rho is given and more than `max_steps` plain steps are predicted, else plain Uzawa.
     Raises InputError for a number that is none, for an unknown algorithm, and for a rho that has no use.
+
+    >>> import unilateral as ul
+    >>> s = ul.solve("natural", h=1 / 16, H=1 / 8, stop=ul.Stop(algorithm="uzawa", tolerance=1e-6))
+    >>> s.solved.result.algorithm, s.solved.result.bound <= 1e-6
+    ('uzawa', True)
     """
 
     fraction: float = 0.01
@@ -30,13 +36,20 @@ class Stop:
     def __post_init__(self) -> None:
         for name in ("fraction", "tolerance", "max_steps", "rho"):
             given = getattr(self, name)
-            if given is not None and not isinstance(given, Real):
-                raise InputError(f"{name} is {given!r}; it has to be a number")
-        if self.algorithm not in ALGORITHMS:
+            if given is None and name in ("tolerance", "rho"):
+                continue
+            if not isinstance(given, Real) or isinstance(given, bool):
+                raise InputError(f"{name} is {shown(repr(given))}; it has to be a number")
+            may_be_0 = name in ("tolerance", "max_steps")
+            if not (0 < float(given) < math.inf or (may_be_0 and given == 0)):
+                raise InputError(f"{name} is {given}; it has to be a positive number")
+        if not isinstance(self.max_steps, Integral):
+            raise InputError(f"max_steps is {self.max_steps}; it has to be a whole number")
+        if not isinstance(self.algorithm, str) or self.algorithm not in ALGORITHMS:
             known = ", ".join(ALGORITHMS)
             raise InputError(
                 f"the algorithm '{self.algorithm}' is unknown; the known ones are {known}"
-                + meant(self.algorithm, ALGORITHMS)
+                + meant(str(self.algorithm), ALGORITHMS)
             )
         if self.algorithm in ("active_set", "multigrid") and self.rho is not None:
             raise InputError(

@@ -137,4 +137,5 @@ def _not_taken(entry: Fields) -> Iterator[tuple[Place, str]]:
     table = of_module["table"]
     taken = [*table.needed, *table.optional]
     if not set(table.needed) <= set(given) <= set(taken) or len(given) > len(set(given)):
-        yield (), f"`table` of {module} is given {', '.join(given)}; it takes {', '.join(taken)}"
+        names = " ".join(", ".join(given).split())  # one may hold a newline
+        yield (), f"`table` of {module} is given {names}; it takes {', '.join(taken)}"

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import os
 import platform
-import re
 from collections.abc import Iterable, Mapping
 from hashlib import sha256
 from importlib.metadata import requires, version
 from pathlib import Path
 from typing import Any
+
+from packaging.requirements import Requirement
 
 from unilateral import __version__
 from unilateral.study.table_origin import OF_THE_MACHINE
@@ -53,11 +54,14 @@ def digest(study: Mapping[str, Any]) -> str:
 
 def versions() -> dict[str, str]:
     """The versions of this package, Python, and the packages that pyproject.toml names for the study."""
-    named = [entry for entry in requires("unilateral") or [] if _is_for_the_study(entry)]
-    packages = sorted(re.split(r"[^\w.-]", entry)[0] for entry in named)
     own = {"unilateral": __version__, "Python": platform.python_version()}
-    return own | {name: version(name) for name in packages}
+    return own | {name: version(name) for name in sorted(_needed("study"))}
 
 
-def _is_for_the_study(entry: str) -> bool:
-    return "extra ==" not in entry or re.search(r"extra == ['\"]study['\"]", entry) is not None
+def _needed(extra: str) -> set[str]:
+    """The names of the packages that this one needs here with that extra, which may name others."""
+    found = set()
+    for each in map(Requirement, requires("unilateral") or []):
+        if each.marker is None or each.marker.evaluate({"extra": extra}):
+            found |= set().union(*map(_needed, each.extras)) if each.name == "unilateral" else {each.name}
+    return found

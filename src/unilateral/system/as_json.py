@@ -18,7 +18,7 @@ def text(record: dict[str, Any]) -> str:
 def write(record: dict[str, Any], path: str | os.PathLike[str]) -> None:
     """Writes a record as one JSON object to a file."""
     with replacing(path) as temporary:
-        temporary.write_text(text(record) + "\n", encoding="utf-8")
+        temporary.write_text(text(record) + "\n", encoding="utf-8", newline="\n")
 
 
 def _finite(value: Any) -> Any:

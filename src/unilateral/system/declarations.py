@@ -153,7 +153,7 @@ class _Loader(Composer, CParser, SafeConstructor, Resolver):
         if self.nodes > MAX_NODES:
             raise _RefusedError(f"it has more than {MAX_NODES} values")
         if self.depth > MAX_DEPTH:
-            raise _RefusedError(f"it has more than {MAX_DEPTH} lists or fields in each other")
+            raise _RefusedError(f"it has more than {MAX_DEPTH} nested lists or fields")
         line = _line(event)
         if event.anchor is not None:
             raise _RefusedError(

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from unilateral.errors import InputError, StorageError
+from unilateral.errors import InputError, StorageError, shown
+from unilateral.system.optional import require
 
 if TYPE_CHECKING:
     from xarray import Dataset
@@ -19,12 +20,24 @@ OVERHEAD = 2**20
 """netCDF takes fewer bytes than this beside the values."""
 
 
-def check_target(path: str | os.PathLike[str], endings: Collection[str]) -> None:
-    """Raises InputError for another ending, a folder that is not there, and a folder of that name."""
-    path = Path(path)
+def path_of(given: object, example: str) -> Path:
+    """The path that is given as a text or a path; raises InputError, with an example, for anything else."""
+    name = os.fspath(given) if isinstance(given, os.PathLike) else given
+    if not isinstance(name, str) or not name or "\0" in name:
+        raise InputError(f"{shown(repr(given))} is no name; give a text such as '{example}', or a Path")
+    return Path(name)
+
+
+def check_target(path: str | os.PathLike[str], endings: Mapping[str, Sequence[str]]) -> None:
+    """Raises InputError for another ending, a folder that is not there, and a folder of that name.
+
+    It is raised, too, where one of the optional packages is missing that stand beside the ending.
+    """
+    path = path_of(path, f"name{min(endings)}")
     if path.suffix not in endings:
         *others, last = endings
         raise InputError(f"{path}: the ending must be {', '.join(others)} or {last}")
+    require(f"files that end in {path.suffix} need", *endings[path.suffix])
     check_folder(path)
     if path.is_dir():
         raise InputError(f"{path} cannot be written: it is a folder")

@@ -7,9 +7,15 @@ import ctypes
 import math
 import os
 import re
-import resource
 import sys
 from pathlib import Path
+
+try:
+    import resource
+except ModuleNotFoundError:  # as on Windows
+    import psutil
+else:
+    psutil = None
 
 BYTES_PER_MB = 2**20
 UNITS_PER_MB = BYTES_PER_MB if sys.platform == "darwin" else 2**10
@@ -31,7 +37,7 @@ def keep_freed() -> None:
 
     The next arrays then need no new pages, which may take longer to get than to compute what is put there.
     """
-    with contextlib.suppress(OSError, AttributeError):
+    with contextlib.suppress(OSError, AttributeError, TypeError):  # Windows has no library of that name
         mallopt = ctypes.CDLL(None).mallopt
         mallopt(MMAP_THRESHOLD, 2**25)
         mallopt(TRIM_THRESHOLD, 2**31 - 1)
@@ -39,6 +45,8 @@ def keep_freed() -> None:
 
 def peak_mb() -> float:
     """The peak in MB, since it was last forgotten."""
+    if psutil:
+        return float(psutil.Process().memory_info().peak_wset) / BYTES_PER_MB
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / UNITS_PER_MB
 
 
@@ -63,7 +71,9 @@ def _container_mb() -> float:
 
 
 def _machine_mb() -> float:
-    """The free memory as Linux tells it (proc(5)); elsewhere all the memory of the machine."""
+    """The free memory as Linux tells it (proc(5)), or Windows; elsewhere all the memory of the machine."""
+    if psutil:
+        return float(psutil.virtual_memory().available) / BYTES_PER_MB
     with contextlib.suppress(OSError):
         for line in Path("/proc/meminfo").read_text(encoding="ascii").splitlines():
             if line.startswith("MemAvailable:"):

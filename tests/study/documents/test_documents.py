@@ -89,7 +89,7 @@ def test_a_claim_that_fails_stops_a_document_that_rests_on_it(tmp_path, claim, t
 
 
 def test_the_recommendation_rests_on_the_claim_of_its_exception():
-    assert "but `natural`,<!--/-->" in text("README.md").partition("<!--?5.K-->")[2]
+    assert "but `natural`,<!--/-->" in text("docs/results.md").partition("<!--?5.K-->")[2]
 
 
 def test_every_table_is_shown_and_every_number_of_an_experiment_is_named(told):

@@ -22,12 +22,12 @@ from unilateral.norms.dual import Bracket, Gram
 from unilateral.norms.resolution import RULE
 from unilateral.study import tables
 from unilateral.study.documents import marks, verdicts
-from unilateral.study.ledger import claims, controls, entries, records, reports
+from unilateral.study.ledger import claims, controls, entries, listing, records, reports
 from unilateral.study.ledger import results as of_study
 from unilateral.study.ledger.claims import Judgement
 from unilateral.study.ledger.evidence import Evidence
-from unilateral.study.ledger.reports import plain
 from unilateral.study.ledger.results import Results
+from unilateral.study.ledger.texts import plain
 
 ALL = {claim.id: claim for claim in claims.ledger()}
 LEDGER = {name: claim for name, claim in ALL.items() if not claim.unmeasured}
@@ -154,17 +154,24 @@ def test_a_claim_whose_check_has_nothing_to_rest_on_is_not_judged(name, table, v
 EDGES = {"tables": ["betaworst/infsup"], "variable": "edges_per_cell", "value": 1.0}
 
 
-@pytest.mark.usefixtures("measured_once")
-def test_what_is_not_judged_is_printed_with_its_reason_and_ends_with_1(capsys, monkeypatch):
-    """By a look at all claims, which takes ten seconds; the tests below have what it measured."""
+def stored_in(folder, *judgements):
+    """That folder, with the judgements as the study stores them."""
+    (folder / "claims.json").write_text(json.dumps([each.record() for each in judgements]))
+    return str(folder)
+
+
+def test_what_is_not_judged_is_printed_with_its_reason_and_ends_with_1(capsys, monkeypatch, tmp_path):
     monkeypatch.setattr(of_study, "Results", lambda *_, **__: controls.spoilt(results(), EDGES))
-    reason = "not judged: the smallest beta with 2 edges in every cell is not known of betaworst"
+    reason = "the smallest beta with 2 edges in every cell is not known of betaworst"
     assert cli.main(["claims", "S.edges"]) == 1
     text = capsys.readouterr().out
-    assert f"\nverdict: {reason}\n" in text
+    assert f"\nverdict: not judged: {reason.replace('beta w', 'β w')}\n" in text
     assert "observed" not in text
-    assert cli.main(["claims"]) == 1
-    assert re.search(rf"^S\.edges +none +none +none  {reason}$", capsys.readouterr().out, re.MULTILINE)
+    folder = stored_in(tmp_path, judged("S.edges", **EDGES), judged("T.ends"))
+    assert cli.main(["claims", "--results", folder]) == 1
+    text = capsys.readouterr().out
+    assert re.search(r"^S\.edges .* –  .* –  .*NOT JUDGED: the smallest β with", text, re.MULTILINE)
+    assert "\n2 claims: 1 hold; 1 do NOT hold: S.edges.\n" in text
 
 
 def test_a_document_does_not_rest_on_what_is_not_judged(tmp_path):
@@ -283,29 +290,67 @@ def test_margins_by_hand(observed, required, at_least, margin):
 @pytest.mark.parametrize(
     ("required", "observed", "shown"),
     [
-        (0.0, 0.2, "none"),
+        (0.0, 0.2, "–"),
         (1.0, 1.2, "20 %"),
-        (1.0, np.nan, "none"),
+        (1.0, np.nan, "–"),
         (1e3, 1.1e9, "> 1000 %"),
         (1.0, -1e9, "< -1000 %"),
     ],
 )
 def test_margins_are_printed_for_people_and_none_relative_to_0(required, observed, shown):
     found = made_up(observed, required, True)
-    assert f"margin {shown}" in reports.explanation(found)
-    assert f" {shown}  {found.verdict}" in reports.summary([found])
+    assert f"margin {shown}\n" in reports.explanation(found)
+    line = list(listing.table([found.record()]))[2]
+    assert re.search(rf"  {re.escape(shown)} +{found.verdict.replace('fails', 'FAILS')}$", line)
 
 
-@pytest.mark.usefixtures("measured_once")
-def test_the_table_and_one_claim_on_the_command_line(capsys, monkeypatch):
+def test_one_claim_on_the_command_line(capsys):
     assert cli.main(["claims", "4.12", "--results", str(RESULTS)]) == 0
     text = capsys.readouterr().out
     assert "Theorem 4.1, (4.12)" in text
     assert "irregular, borderline_0.05, hm12: " in text
-    monkeypatch.setattr(of_study, "finished", lambda folder: {str(RESULTS): results()}[folder])
+
+
+SECTIONS = list(dict.fromkeys(claim.section for claim in ALL.values()))
+
+
+def test_all_claims_stand_below_their_sections_with_their_titles(capsys):
+    """A pipe has one line for each, whatever the terminal's width is said to be."""
     assert cli.main(["claims", "--results", str(RESULTS)]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 1 + len(ALL)
+    head, *lines, told, _ = capsys.readouterr().out.splitlines()
+    assert head.split() == ["claim", "title", "observed", "margin", "verdict"]
+    assert [line[:-1] for line in lines if line.endswith(":")] == SECTIONS
+    shown = {line.split()[0]: line for line in lines if not line.endswith(":")}
+    assert list(shown) == list(ALL)
+    assert all(plain(ALL[name].title) in line for name, line in shown.items())
+    assert (
+        told
+        == f"{len(ALL)} claims: {len(LEDGER)} hold; in {len(ALL) - len(LEDGER)} there is nothing to measure."
+    )
+
+
+@pytest.mark.parametrize("width", [80, 100, 200])
+def test_all_claims_fit_a_terminal(width):
+    """No word is lost. Control: without a width some verdicts are longer."""
+    stored = listing.stored(RESULTS)
+    lines, unbroken = list(listing.table(stored, width)), list(listing.table(stored))
+    assert max(map(len, lines)) <= width < max(map(len, unbroken))
+    begin = lines[0].index("verdict")
+    verdicts = " ".join(line[begin:] for line in lines[:-3] if not line.endswith(":"))
+    assert "is an error of the source; its section 5 has the right 1/2" in verdicts
+    assert ("observed" in lines[0]) == (width > 80)
+
+
+def test_stored_claims_are_those_that_the_manifest_lists(tmp_path):
+    """Controls: without a manifest, and with the right digest, they are read."""
+    folder = stored_in(tmp_path, judged("4.14"))
+    assert [each["id"] for each in listing.stored(folder)] == ["4.14"]
+    right = hashlib.sha256((tmp_path / "claims.json").read_bytes()).hexdigest()
+    for digest, fits in ((right, True), ("0" * 64, False)):
+        listed = {"path": "results/claims.json", "sha256": digest}
+        (tmp_path / "manifest.json").write_text(json.dumps({"files": [listed]}))
+        with nullcontext() if fits else pytest.raises(StorageError, match="another version than the study"):
+            listing.stored(folder)
 
 
 def test_a_failing_claim_ends_with_1(capsys, monkeypatch):
@@ -318,9 +363,11 @@ def test_a_failing_claim_ends_with_1(capsys, monkeypatch):
 
 def test_unknown_claims_and_missing_tables_are_bad_input(capsys, tmp_path):
     assert cli.main(["claims", "9.9"]) == 2
-    assert "there is no claim '9.9'; the ledger has front, 1.5," in capsys.readouterr().err
+    assert "there is no claim '9.9'; did you mean 4.9?; 'unilateral claims' lists" in capsys.readouterr().err
     assert cli.main(["claims", "1.2", "--results", str(tmp_path)]) == 2
     assert "there is no table" in capsys.readouterr().err
+    assert cli.main(["claims", "--results", str(tmp_path)]) == 2
+    assert "there are no judged claims in" in capsys.readouterr().err
     with pytest.raises(InputError):
         Results(tmp_path)["square/errors"]
 

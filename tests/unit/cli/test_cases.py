@@ -163,5 +163,7 @@ def test_what_has_no_formulas_says_so(run):
     """A Cantor family; what is known without formulas is shown."""
     code, out, err = run("cases", "violates_jjj")
     assert (code, err) == (0, "")
-    assert out.count("there are no closed formulas, for u is a sum over the intervals of a Cantor set") == 3
+    assert (
+        out.count("there are no closed formulas, because u is a sum over the intervals of a Cantor set") == 3
+    )
     assert "contact on 85 intervals" in out  # 1 + 4 + 16 + 64 of four odd generations

@@ -16,7 +16,8 @@ SHELTER = str(ROOT / "examples/shelter.yaml")
 def test_what_init_writes_can_be_checked_and_solved(run, tmp_path):
     """The commands in its first lines are the ones to type; control: a field less, and it is refused."""
     file = tmp_path / "my_problem.yaml"
-    assert run("init", str(file))[0] == 0
+    code, out, _ = run("init", str(file))
+    assert (code, out.split(", ")[0]) == (0, f"written: {file}")
     text = file.read_text(encoding="utf-8")
     named = rf"unilateral (check|solve) ({re.escape(str(file))})( --accuracy [0-9.]+)?"
     commands = re.findall(named, text)
@@ -46,7 +47,7 @@ def test_init_overwrites_nothing(run, tmp_path):
     file = tmp_path / "own.yaml"
     file.write_text("mine")
     code, out, err = run("init", str(file))
-    assert (code, out, err) == (2, "", f"unilateral: {file} is there already; name another file\n")
+    assert (code, out, err) == (2, "", f"unilateral: {file} exists already; name another file\n")
     assert file.read_text() == "mine"
     assert run("init", str(tmp_path / "own.txt"))[0] == 2
     assert "there is no folder" in run("init", str(tmp_path / "no/own.yaml"))[2]
@@ -59,13 +60,13 @@ def test_check_shows_what_was_understood(run):
     assert out.splitlines() == [
         "shelter: -k lap u + c u = f with k = 1 and c = 1",
         "  polygon     5 sides, area 2.5, perimeter 6.23607",
-        "  f           3*x - 5, between -5.00000000001 and 1.00000000001, rounding counted",
+        "  f           3*x - 5, between -5.00000000001 and 1.00000000001, rounding included",
         "  side 0      (0, 0) to (2, 0), length 2: u >= sin(pi*x)/4, from -0.25 to 0.25",
         "  side 1      (2, 0) to (2, 1), length 1: u >= y*(1 - y)/2, from 0 to 0.125",
         "  side 2      (2, 1) to (1, 1.5), length 1.11803: free, du/dn = 0",
         "  side 3      (1, 1.5) to (0, 1), length 1.11803: free, du/dn = 0",
         "  side 4      (0, 1) to (0, 0), length 1: free, du/dn = 0",
-        "  guaranteed  u >= -5.00000000001, a lower bound of inf f / c, rounding counted",
+        "  guaranteed  u >= -5.00000000001, a lower bound on inf f / c, rounding included",
     ]
 
 
@@ -80,7 +81,7 @@ def test_check_shows_what_was_understood(run):
 def test_the_printed_range_of_f_is_outward(run, problem_file_of, f, least, largest):
     """The values of f at the square's corners lie in it; it is wider by 11 digits at most."""
     out = run("check", problem_file_of(f=f, g="-9"))[1]
-    ends = [Fraction(x) for x in re.search(r"between (\S+) and (\S+), rounding counted", out).groups()]
+    ends = [Fraction(x) for x in re.search(r"between (\S+) and (\S+), rounding included", out).groups()]
     bound = Fraction(re.search(r"guaranteed  u >= (\S+),", out)[1])
     assert ends[0] <= least <= largest <= ends[1]
     assert ends[1] - ends[0] <= largest - least + Fraction(3, 10**11)

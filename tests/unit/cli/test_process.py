@@ -226,7 +226,7 @@ def test_a_library_that_cannot_be_imported(tmp_path, fault, outcome):
 @pytest.mark.parametrize(
     ("error", "message"),
     [
-        (MemoryError(), "the memory does not suffice; take larger sizes --h and --H"),
+        (MemoryError(), "there is not enough memory; take larger sizes --h and --H"),
         (OSError(28, "No space left on device", "a.nc"), "failed: a.nc: No space left on device"),
         (RuntimeError("NetCDF: HDF error"), "RuntimeError: NetCDF: HDF error (test_process.py, line "),
     ],

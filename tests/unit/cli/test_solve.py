@@ -10,12 +10,13 @@ from typed import FINER, KEYS, OWN_CASE, PROBLEM, SIZES, solve_json
 
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.source import enclosed
+from unilateral.cli.streams import sized
 from unilateral.discrete import condensed
 from unilateral.formulas.decimals import between, up
 from unilateral.norms.dual import dual_norm
 
 NOT_UNIQUE = (
-    "unilateral: lambda_H may not be unique, because beta is 0 to rounding; take h < H, such as H = 2h\n"
+    "unilateral: lambda_H may not be unique, because beta is 0 up to rounding; take h < H, such as H = 2h\n"
 )
 pytestmark = pytest.mark.usefixtures("shared_cases")
 
@@ -73,10 +74,10 @@ def test_a_multiplier_outside_L2_has_a_lower_bound_and_no_other_number(run):
     """And beta is not what is to blame."""
     code, out, err = run("solve", "rough", *SIZES)
     assert (code, err) == (0, "")
-    dual, l2 = (line for line in out.splitlines() if "  ||lambda - lambda_H" in line)
+    dual, l2 = (line for line in out.splitlines() if line.startswith("  ||lambda - lambda_H"))
     assert ">= " in dual
     assert "<=" not in dual
-    assert l2.endswith("= none, for lambda is not in L2")
+    assert l2.endswith("= undefined, because lambda is not in L2")
     assert "beta" not in out
 
 
@@ -88,7 +89,7 @@ def test_where_beta_is_0_the_multiplier_is_not_judged(run):
     assert [key for key in KEYS if found[key] is None] == ["goal", "ended", "reach", "iterations", *of_lambda]
     assert found["h1_error"] == pytest.approx(condensed.solve(discrete("natural", 8, 8)).errors.h1, rel=1e-9)
     _, out, _ = run("solve", "natural", "--h", "1/8", "--H", "1/8")
-    assert out.count("not judged, for beta is 0 to rounding") == 2
+    assert out.count("not judged, because beta is 0 up to rounding") == 2
     assert "active_set converged" in out
     assert "steps" not in out
 
@@ -155,6 +156,19 @@ def test_given_sizes_of_a_problem(run):
     assert "lambda_H||_0" not in out
 
 
+def test_relative_bounds_are_printed_where_the_size_is_known(run):
+    """As in JSON, and the size times the relative bound is the bound. lambda of no_contact is 0."""
+    _, found, _ = solve_json(run, "natural", *FINER)
+    _, out, _ = run("solve", "natural", *FINER)
+    for error, of, norm in (("u - u_h||_1", "u", "h1"), ("lambda - lambda_H||_-1/2", "lambda", "hm12")):
+        error, of = map(re.escape, (f"||{error}", f"||{of}||_{'1' if norm == 'h1' else '-1/2'}"))
+        ((bound, share, size),) = re.findall(rf"{error} <= (\S+) <= (\S+) {of}, {of} >= (\S+)\n", out)
+        assert share == up(found[f"{norm}_relative_bound"], ".3g")
+        assert float(share) * float(size) == pytest.approx(float(bound), rel=0.01)
+    _, out, _ = run("solve", "no_contact", *FINER)
+    assert re.search(r"\|\|lambda - lambda_H\|\|_-1/2 <= \S+\n", out)
+
+
 KEPT = {"solution.vtu", "boundary.csv", "solution.nc", "certificate.json", "solution.svg"}
 
 
@@ -170,6 +184,25 @@ def test_a_solution_is_kept(run, tmp_path):
     assert (folder / "boundary.csv").read_bytes() == extra[0].read_bytes()
 
 
+def test_every_file_that_is_kept_is_told_with_its_size(run, tmp_path):
+    """Not with --json, where one object is printed and nothing else: see above."""
+    files = [tmp_path / name for name in ("a.csv", "a.vtu")]
+    code, out, err = run("solve", "natural", *SIZES, *(part for file in files for part in ("-o", file)))
+    assert (code, err) == (0, "")
+    lines = [f"  written                     {file}, {sized(file)}" for file in files]
+    assert out.splitlines()[-2:] == lines
+    assert "written" not in run("solve", "natural", *SIZES)[1]
+
+
+@pytest.mark.parametrize(
+    ("size", "shown"), [(0, "0 B"), (999, "999 B"), (1000, "1 kB"), (12345, "12.3 kB"), (999_600, "1 MB")]
+)
+def test_sizes_have_three_digits(tmp_path, size, shown):
+    (tmp_path / "one").write_bytes(bytes(size // 2))
+    (tmp_path / "two").write_bytes(bytes(size - size // 2))
+    assert sized(tmp_path / "one", tmp_path / "two") == shown
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -177,7 +210,7 @@ def test_a_solution_is_kept(run, tmp_path):
         (("-o", "none/x.vtu"), "none/x.vtu cannot be written: there is no folder none"),
         (("-o", "folder.vtu"), "folder.vtu cannot be written: it is a folder"),
         (("--out", "file/new"), "argument --out: file/new cannot be made: Not a directory"),
-        (("--dry-run", "--out", "new"), "a --dry-run has no solution that could be kept"),
+        (("--dry-run", "--out", "new"), "--dry-run computes no solution that could be written"),
     ],
 )
 def test_what_cannot_be_kept_is_told_before_the_solve(refused, tmp_path, monkeypatch, options, message):
@@ -245,9 +278,9 @@ def test_idle_sides_are_left_out_on_request(run, problem_file_of):
 
 def test_a_bound_that_does_not_fit_into_the_memory_is_left_out(run, monkeypatch):
     """1089 unknowns take 1 MB, and by the sharp bound 5; control: the cheap one."""
-    monkeypatch.setattr("unilateral.cli.solve.available_mb", lambda: 2.0)
+    monkeypatch.setattr("unilateral.solution.solution.available_mb", lambda: 2.0)
     sizes = "--h", "1/32", "--H", "1/16"
     code, out, err = run("solve", "no_contact", *sizes, "--sharp")
-    assert (code, err) == (0, "unilateral: no guaranteed bound, for it takes about 5 MB, and 2 MB are free\n")
+    assert (code, err) == (0, "unilateral: no guaranteed bound: it takes about 5 MB, and 2 MB are free\n")
     assert "guaranteed  " not in out
     assert "guaranteed  " in run("solve", "no_contact", *sizes)[1]

@@ -40,8 +40,9 @@ def test_an_accuracy_of_a_case(run):
     assert sum(int(level[5]) for level in levels) == found["iterations"]
     bound = re.escape(up(found["total_bound"], ".4e"))
     assert re.search(rf"  certified: .* <= {bound} <= 0.0\d+ \|\|u\|\|_1, \|\|u\|\|_1 >= ", out)
-    (line,) = re.findall(r"  the guarantee rests on +(.*)", out)
-    assert re.fullmatch(r"f, g and q enclosed, which adds [0-9.e-]+; exact .*; nothing sampled", line)
+    (line,) = re.findall(r"  these bounds include +(.*)", out)
+    enclosed = r"all rounding errors, and at most (\S+) for how closely f, g and q are enclosed"
+    assert float(re.fullmatch(enclosed, line)[1]) == pytest.approx(found["enclosure"], rel=0.1)
 
 
 def test_an_absolute_accuracy(run):
@@ -68,7 +69,7 @@ def test_what_cannot_be_enclosed_is_not_guaranteed(run, problem_file_of):
     file = problem_file_of(f="1 + cos(3200*pi*x)", g=0)
     code, out, _ = run("solve", file, "--accuracy", "1e-2")
     assert code == 3
-    assert re.search(r"NOT guaranteed, for f or g varies too fast .*the rest, is an estimate", out)
+    assert re.search(r"NOT guaranteed, because f or g varies too fast .* is only an estimate", out)
 
 
 @pytest.mark.parametrize(
@@ -91,11 +92,11 @@ def test_bounds_that_contradict_each_other_are_withdrawn(run, monkeypatch, of_u,
     monkeypatch.setattr(base, "local_bound", spoilt)
     code, out, err = run("solve", "natural", "--accuracy", *options)
     assert code == 3
-    withdrawn = r"unilateral: \d bounds withdrawn, for they contradict each other; please report it\n"
+    withdrawn = r"unilateral: \d bounds withdrawn, because they contradict each other; please report it\n"
     assert re.fullmatch(withdrawn, err)
     assert "  certified: " not in out
     assert said in out
-    assert ("the guarantee rests on" in out) == ("25 and" in said)
+    assert ("these bounds include" in out) == ("25 and" in said)
 
 
 def test_an_accuracy_of_a_problem_in_the_dual_norm(run):
@@ -151,7 +152,10 @@ def test_nothing_is_relative_to_a_multiplier_that_is_0(run):
     """The search ends on a mesh that is not coarse, long before its limits."""
     code, out, _ = run("solve", "no_contact", "--accuracy", "0.5", "--norm", "hm12")
     assert code == 3
-    assert "NOT certified, lambda_H is 0, and no error is a part of that; ask for an absolute accuracy" in out
+    assert (
+        "NOT certified, lambda_H is 0, so a relative error has no meaning; ask for an absolute accuracy"
+        in out
+    )
 
 
 @pytest.mark.parametrize("done", [0, 1])
@@ -183,7 +187,7 @@ def test_a_dry_run_says_what_is_needed(run):
     assert (code, err) == (0, "")
     (needed,) = re.findall(r"  plan: about (\S+) unknowns, \S+ s and \S+ MB, within the limits\n", out)
     assert float(needed) == json.loads(run(*dry, "--json")[1])["unknowns"] > 9999
-    assert "\n  adapted meshes, for few triangles have most of the bound\n" in out
+    assert "\n  adapted meshes, because a few triangles contribute most of the bound\n" in out
     assert "H = 2h" in out
     *before, last = (int(level[3]) for level in level_rows(out))
     assert max(before) < 400 <= last < 2000
@@ -206,7 +210,7 @@ def test_a_dry_run_as_json_and_where_nothing_is_known(run):
     as_text = [each for each in options if each != "--json"]
     code, out, _ = run("solve", "no_contact", *as_text, "0.5", "--norm", "hm12")
     assert code == 0
-    assert "  plan: unknown, for nothing is known yet of the size of the solution" in out
+    assert "  plan: unknown, because too little is known yet about the size of the solution" in out
 
 
 def test_a_dry_run_that_cannot_go_on_says_why(run, problem_file_of):
@@ -236,7 +240,7 @@ def test_a_limit_before_the_first_level_is_told(run):
     """Nothing is solved in 1e-9 seconds, nor in the MB that are held before: code 3, one line."""
     for option in (("--max-seconds", "1e-09"), ("--max-memory", "1")):
         code, out, err = run("solve", "natural", "--accuracy", "0.1", *option)
-        said = f"unilateral: {' '.join(option)} does not suffice to enclose the formulas of 'natural'\n"
+        said = f"unilateral: {' '.join(option)} is not enough to enclose the formulas of 'natural'\n"
         assert (code, out, err) == (3, "", said)
 
 

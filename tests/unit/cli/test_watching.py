@@ -82,7 +82,7 @@ def test_formulas_that_take_longer_than_the_limit_are_told(capsys, problem_file_
     load = problem_file.load
     monkeypatch.setattr(problem_file, "load", slow)
     assert main(["solve", file, "--accuracy", "0.5", "--max-seconds", "0.1"]) == 3
-    said = f"unilateral: --max-seconds 0.1 does not suffice to enclose the formulas of '{file}'\n"
+    said = f"unilateral: --max-seconds 0.1 is not enough to enclose the formulas of '{file}'\n"
     assert capsys.readouterr() == ("", said)
     assert ended == []
     assert main(["solve", file, "--h", "1/4", "--H", "1/2"]) == 0

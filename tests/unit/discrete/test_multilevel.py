@@ -3,6 +3,8 @@
 Which of them is chosen, in what memory; and solutions that follow one another on ever finer meshes.
 """
 
+from functools import partial
+
 import numpy as np
 import pytest
 from conftest import DATA, interior_point
@@ -20,7 +22,7 @@ from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.problems import problem_file
-from unilateral.solution.evaluation import at_points
+from unilateral.solution.evaluation import located, value
 from unilateral.solvers import multigrid_bounds
 from unilateral.solvers.multigrid_bounds import algebraic_bound
 from unilateral.solvers.stop import Stop
@@ -245,9 +247,12 @@ def test_without_a_tolerance_no_less_than_rounding_is_wanted():
     assert s.converged
 
 
+def cheapest(problem, mesh, cells, stop):
+    return choice.discretised(problem, choice.cheapest(mesh, cells, problem.free_sides, stop))
+
+
 def chosen(mesh, H, **stop):
-    found = choice.cheapest(ul.case("natural"), mesh, uniform(mesh.polygon, H), Stop(**stop))
-    return type(found)
+    return type(cheapest(ul.case("natural"), mesh, uniform(mesh.polygon, H), Stop(**stop)))
 
 
 def test_large_refined_meshes_are_for_multigrid(monkeypatch):
@@ -355,8 +360,9 @@ def test_what_is_known_of_a_coarser_mesh_is_taken_over(steps):
     assert "grids" not in vars(last.discrete)
     assert levels.coarsest is known.coarsest
     assert all(level is old for level, old in zip(levels.levels, known.levels[:-1], strict=False))
+    places = located(last.discrete.mesh, of.mesh.points)
     np.testing.assert_allclose(
-        found.guess, at_points(last.discrete.mesh, last.u_h, of.mesh.points), rtol=0, atol=1e-12
+        found.guess, places.values(partial(value, last.discrete.mesh, last.u_h)), rtol=0, atol=1e-12
     )
     start = last.discrete.partition.means(last.lambda_H, found.partition.points)[found.cells]
     solved = found.iterated(1e-10, Stop(), start)
@@ -403,7 +409,7 @@ def test_a_mesh_of_one_s_own_goes_the_condensed_way(monkeypatch):
     assert not own.adapted
     assert multilevel(problem, own, of.partition) is None
     assert multilevel(problem, alone(of.mesh), of.partition) is None
-    found = [choice.cheapest(problem, mesh, of.partition, EXACTLY) for mesh in (own, of.mesh)]
+    found = [cheapest(problem, mesh, of.partition, EXACTLY) for mesh in (own, of.mesh)]
     assert [type(each) for each in found] == [CondensedProblem, MultilevelProblem]
     one = found[0].solved(Stop(tolerance=1e-11, algorithm="active_set"))
     other = found[1].solved(EXACTLY)

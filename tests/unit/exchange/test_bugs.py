@@ -59,8 +59,8 @@ NAMED = {
     "reactions lumped to cells": "the multiplier is nodal reactions",
     "wrong corner of g": "the cells' arc length begins at vertex 1 and runs anticlockwise",
     "wrong corner of all": "the cells' arc length begins at vertex 1 and runs anticlockwise",
-    "g zero": "g is taken for 0",
-    "conditions turned around": "the conditions are turned around",
+    "g zero": "g is taken as 0",
+    "conditions turned around": "the conditions are reversed",
 }
 CASES = ("natural", "thirds", "full_contact", "smooth", "own")
 CELLS = """

@@ -309,7 +309,7 @@ def test_sentences_of_a_fault_have_one_colon():
     assert "explains it (perhaps the linear solve stopped too early" in faults[0]
     assert "explains it (perhaps the iteration stopped too early" in faults[1]
     assert "the conditions hold as equations (u = g everywhere)" in faults[4]
-    assert "the conditions are turned around (u <= g and lambda <= 0)" in faults[5]
+    assert "the conditions are reversed (u <= g and lambda <= 0)" in faults[5]
 
 
 def test_a_wrong_sign_is_named_where_u_is_wrong_too():

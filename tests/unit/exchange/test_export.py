@@ -1,6 +1,8 @@
 """A case as files: what they say is what the case is, and bad input leaves nothing behind."""
 
 import json
+import re
+from pathlib import Path
 
 import meshio
 import numpy as np
@@ -30,6 +32,17 @@ def folder(tmp_path_factory):
     arguments = ["--h", "1/8", "--H", "1/4", "--levels", "2", "--out", str(made)]
     assert main(["export", "natural", *arguments]) == 0
     return made
+
+
+def test_what_is_written_is_told_a_line_for_each_folder(run, tmp_path):
+    code, out, err = run("export", "natural", "--h", "1/8", "--H", "1/4", "--out", tmp_path / "new")
+    assert (code, err) == (0, "")
+    first, *lines = out.splitlines()
+    assert first == f"natural: 1 level in {tmp_path / 'new'}"
+    told = [re.fullmatch(r"  (.*): (.*); \S+ kB", line).groups() for line in lines]
+    assert {Path(of) / name for of, names in told for name in names.split(", ")} == {
+        file for file in (tmp_path / "new").rglob("*") if file.is_file()
+    }
 
 
 def test_a_case_without_closed_formulas_says_so():
@@ -89,7 +102,7 @@ def test_a_mesh_without_triangles_is_refused_in_words(tmp_path, refused):
     lines = [("line", np.array([[0, 1], [1, 2], [2, 0]]))]
     meshio.write(tmp_path / "lines.vtu", meshio.Mesh(corners, lines))
     meshio.write(tmp_path / "empty.vtk", meshio.Mesh(np.zeros((0, 3)), []))
-    words = {"lines.vtu": "the file has no triangles", "empty.vtk": "not what its ending says"}
+    words = {"lines.vtu": "there are no triangles", "empty.vtk": "not what its ending says"}
     for name, said in words.items():
         options = ("--mesh", tmp_path / name, "--H", "1/2", "--out", tmp_path / "out")
         error = refused("export", "natural", *options)
@@ -157,7 +170,7 @@ def test_a_side_is_where_the_case_is(tmp_path):
 def test_a_folder_that_is_there_is_not_touched(folder, refused):
     before = sorted(folder.iterdir())
     said = refused("export", "natural", "--h", "1/4", "--H", "1/2", "--out", folder)
-    assert "is there already" in said
+    assert "exists already" in said
     assert sorted(folder.iterdir()) == before
 
 
@@ -180,7 +193,7 @@ def test_of_two_exports_into_one_folder_the_slower_one_is_refused(tmp_path, refu
 
     monkeypatch.setattr(exporting, "_write", overtaken)
     said = refused("export", "natural", "--h", "1/4", "--H", "1/2", "--out", out)
-    assert said == f"unilateral: {out} is there already; name a folder that is not\n"
+    assert said == f"unilateral: {out} exists already; name a new folder\n"
     assert [file.name for file in (*tmp_path.iterdir(), *out.iterdir())] == ["out", "problem.json"]
 
 

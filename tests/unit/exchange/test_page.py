@@ -115,7 +115,9 @@ def test_the_command_writes_the_page_whole_or_not_at_all(tmp_path, run, refused)
     assert ".html" in refused("score", folder, solution, "--html", tmp_path / "page.pdf")
     refused("score", folder, tmp_path / "none.vtu", "--html", file)
     assert not file.exists()
-    assert run("score", folder, solution, "--html", file)[0] == 0
+    code, out, _ = run("score", folder, solution, "--html", file)
+    assert code == 0
+    assert re.search(rf"^  written: {re.escape(str(file))}, \S+ kB$", out, re.MULTILINE)
     assert "no fault was found" in file.read_text()
 
 

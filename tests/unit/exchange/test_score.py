@@ -26,7 +26,6 @@ from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.norms.dual import Errors
-from unilateral.problems.units import Units
 from unilateral.solution import Solution
 
 LEVELS = {"level_0": (4, 2), "level_1": (8, 4), "level_2": (16, 8)}
@@ -43,7 +42,7 @@ def folder(tmp_path_factory):
 
 def kept(of):
     """The solution of a discrete problem, in the units of the paper's equation."""
-    return Solution(solve(of), of.mesh.polygon, Units())
+    return Solution(solve(of), of.data)
 
 
 @cache
@@ -273,7 +272,7 @@ def test_files_that_do_not_fit_together_are_one_error(folder, tmp_path, refused)
     said = refused("score", folder, tmp_path / "u.vtu", "--multiplier", folder / "level_2/partition.csv")
     assert "the columns start, end and multiplier are needed" in said
     said = refused("score", folder, "a.vtu", "b.vtu", "--multiplier", "cells.csv")
-    assert "--multiplier names 1 files for 2 solutions; repeat it" in said
+    assert "--multiplier is given 1 time for 2 solutions; repeat it" in said
     assert "no folder that 'unilateral export' wrote" in refused("score", tmp_path, "u.csv")
 
 

@@ -2,12 +2,14 @@
 
 import math
 from decimal import Decimal
+from fractions import Fraction
 
+import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from unilateral.formulas.decimals import between, down, up
+from unilateral.formulas.decimals import between, down, percent, plus_minus, up
 
 SPECS = (".4e", ".0e", ".1e", ".2f", ".0f", ".6g", ".3g", ".1g")
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
@@ -52,3 +54,31 @@ def test_two_bounds():
 def test_other_formats_are_refused(spec):
     with pytest.raises(ValueError, match="is not a format such as"):
         up(1.0, spec)
+
+
+def test_a_number_with_its_distance_has_both_bounds_between():
+    """In fractions, at all scales; the distance is at most 1.2 times the larger one to the bounds."""
+    rng = np.random.default_rng(5)
+    for _ in range(2000):
+        value = float(rng.normal() * 10.0 ** rng.uniform(-300, 300))
+        below, above = (float(10.0 ** rng.uniform(-12, 3) * abs(value)) for _ in range(2))
+        lower, upper = value - below, value + above
+        text = plus_minus(value, lower, upper)
+        shown, _, wide = text.partition(" ± ")
+        power = Fraction(10) ** int(text.partition("e")[2] or 0)
+        shown, wide = (Fraction(each.strip("()").partition(")")[0]) * power for each in (shown, wide))
+        assert shown - wide <= Fraction(lower) <= Fraction(upper) <= shown + wide
+        of, low, high = map(Fraction, (value, lower, upper))
+        assert wide <= Fraction(12, 10) * max(high - of, of - low)
+
+
+def test_a_number_without_a_distance_or_bound():
+    assert plus_minus(0.0, 0.0, 0.0) == "0 ± 0"
+    assert plus_minus(2.0, 1.23456, math.inf) == "2, at least 1.234"
+
+
+@given(st.floats(1e-300, 1e300))
+@settings(max_examples=200, derandomize=True, deadline=None)
+def test_a_percentage_is_not_below_the_part(part):
+    found = Fraction(percent(part).removesuffix(" %"))
+    assert 100 * Fraction(part) <= found <= 111 * Fraction(part)

@@ -1,19 +1,22 @@
 """Triangulations: what theory says of any of them, and a negative control for every check."""
 
+import re
+import sys
 import threading
 
 import gmsh
 import numpy as np
 import pytest
+from conftest import ROOT
 from nested import SLANTED
 from numpy.testing import assert_allclose, assert_array_equal
 
 from unilateral.errors import InputError
 from unilateral.geometry import partition
-from unilateral.geometry.files import outline
+from unilateral.geometry.foreign import outline
 from unilateral.geometry.mesh import from_arrays, refine, unstructured
 from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import natural_kind, structured
+from unilateral.geometry.structured import halved_cells, natural_kind, structured
 
 WEDGE = Polygon(np.array([[0, 0], [1, 0], [np.cos(np.pi / 9), np.sin(np.pi / 9)]]), "wedge")
 
@@ -178,7 +181,7 @@ FAN = [[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]]
         (square_with(triangles=FAN[:3]), r"edge from node 4 \(0.5, 0.5\) to .* does not run anti"),
         (
             square_with([[0.5, -1e-6]], [[0, 5, 4], [5, 1, 4], *FAN[1:]]),
-            r"node 5 \(0.5, -1e-06\) lies 1e-06 beside side 0",
+            r"node 5 \(0.5, -1e-06\) lies 1e-06 off side 0",
         ),
         (square_with([[0.5, -0.6]], [[0, 5, 4], [5, 1, 4], *FAN[1:]]), "edge from node . .* does not run"),
         (([[0, 0], [1, 0], [1, 1]], [[0, 1, 2]]), r"no node lies at vertex 3 of .*'square', \(0.0, 1.0\)"),
@@ -236,9 +239,7 @@ def test_nodes_near_their_sides_are_moved_onto_them(vertices, size, place):
     assert_array_equal(from_arrays(polygon, own.points, own.triangles).points, own.points)
     k = int(np.flatnonzero(~np.isin(mesh.s[:-1], polygon.starts))[0])
     points[mesh.boundary[k]] += 1.1 * off[k] * polygon.normals[mesh.side[k]]
-    with pytest.raises(
-        InputError, match=f"boundary node {mesh.boundary[k]} .* beside side {mesh.side[k]} of"
-    ):
+    with pytest.raises(InputError, match=f"boundary node {mesh.boundary[k]} .* off side {mesh.side[k]} of"):
         from_arrays(polygon, points, mesh.triangles)
 
 
@@ -258,9 +259,7 @@ def test_what_a_node_may_lie_beside_its_side_is_of_the_local_width():
         top = 1e-3 * (1 + wave * np.sin(0.4 * np.pi * x) * (x > 0) * (x < 1e7))
         points = np.concatenate([np.stack([x, 0 * x], axis=1), np.stack([x, top], axis=1)])
         if refused:
-            with pytest.raises(
-                InputError, match=r"the boundary node \d+ .* beside side 2 of polygon 'strip'"
-            ):
+            with pytest.raises(InputError, match=r"the boundary node \d+ .* off side 2 of polygon 'strip'"):
                 from_arrays(polygon, points, triangles)
         else:  # by round-off at 1e7
             assert from_arrays(polygon, points, triangles).n_nodes == 2 * n
@@ -280,13 +279,60 @@ def test_clockwise_triangles_are_turned(every):
     assert_allclose(outline(mesh.points, turned, "turned").area, SLANTED.area, rtol=1e-13)
 
 
-def test_any_polygon_of_unit_squares_has_structured_meshes():
-    """A U of five squares: its area, its sizes, and a refusal of half squares."""
-    u = Polygon(np.array([[0, 0], [3, 0], [3, 2], [2, 2], [2, 1], [1, 1], [1, 2], [0, 2]]), "U")
-    mesh = structured(u, 1 / 2)
-    assert (len(mesh.triangles), mesh.h) == (40, 0.5)
-    assert mesh.areas.sum() == pytest.approx(5)
-    half = Polygon(0.5 * u.vertices, "half")
-    assert (natural_kind(u), natural_kind(half)) == ("structured", "unstructured")
-    with pytest.raises(InputError, match=r"'half' has no structured mesh.*unstructured"):
-        structured(half, 1 / 2)
+U = np.array([[0, 0], [3, 0], [3, 2], [2, 2], [2, 1], [1, 1], [1, 2], [0, 2]])
+"""Five unit squares."""
+
+
+@pytest.mark.parametrize("scale", [1, 0.5, 1e-3, 0.3, 7])
+def test_any_polygon_along_the_axes_has_structured_meshes(scale):
+    """A U of five squares, larger or smaller: four small squares in each, 40 triangles.
+
+    24 nodes lie on the boundary and so, by Euler's formula, 9 inside. Unit squares would be many in a U that
+    is 21 wide; the gaps between its vertices are cut.
+    """
+    mesh = structured(Polygon(scale * U, "U"), scale / 2)
+    assert (len(mesh.triangles), mesh.n_nodes) == (40, 24 + 9)
+    assert mesh.h == pytest.approx(scale / 2)
+    assert mesh.areas.sum() == pytest.approx(5 * scale**2)
+
+
+def test_gaps_between_vertices_are_cut_into_parts_of_their_own():
+    """By hand, in parts of 1/3 at most: 2 from 0 to 1/2 and 1 to 3/4 along x, 1 to 0.2 and 3 to 1 along y."""
+    step = Polygon(np.array([[0, 0], [0.75, 0], [0.75, 0.2], [0.5, 0.2], [0.5, 1], [0, 1]]), "step")
+    mesh = structured(step, 1 / 3)
+    assert len(mesh.triangles) == 2 * (3 * 1 + 2 * 3)
+    assert set(mesh.points[:, 0]) == {0, 0.25, 0.5, 0.75}
+    halved = halved_cells(step, 1 / 3)
+    edges = np.diff(halved.s)
+    assert_allclose(edges[0::2], edges[1::2])
+    assert edges.max() <= 1 / 6
+    assert halved.n_nodes > mesh.n_nodes
+
+
+def test_a_gmsh_that_does_not_load_is_told_with_the_line_to_type(tmp_path, monkeypatch):
+    """As in a container without its system libraries, which set-up names, too."""
+    (tmp_path / "gmsh.py").write_text("raise OSError('libGLU.so.1: cannot open shared object file')")
+    monkeypatch.syspath_prepend(tmp_path)
+    for module in ("gmsh", "unilateral.geometry.triangulate"):
+        monkeypatch.delitem(sys.modules, module)
+    with pytest.raises(
+        InputError, match=r"gmsh does not load \(libGLU.*; on Debian or Ubuntu type: "
+    ) as told:
+        unstructured(SLANTED, 1 / 2)
+    (libraries,) = re.findall(r'^libraries="(.*)"$', (ROOT / "setup.sh").read_text(), re.MULTILINE)
+    assert str(told.value).endswith(f"apt-get install {libraries}")
+
+
+def test_without_gmsh_what_has_a_structured_mesh_gets_it(monkeypatch):
+    """Unit squares get it anyway; slanted sides, and lines as near as rounding, do not."""
+    u, half = Polygon(U, "U"), Polygon(0.5 * U, "half")
+    narrow = Polygon(np.array([[0, 0], [1, 0], [1, 1], [0.5, 1], [0.5, 1 + 1e-12], [0, 1 + 1e-12]]), "narrow")
+    polygons = u, half, SLANTED, narrow
+    assert [natural_kind(each) for each in polygons] == ["structured", *3 * ["unstructured"]]
+    monkeypatch.setitem(sys.modules, "gmsh", None)
+    assert [natural_kind(each) for each in polygons] == 2 * ["structured"] + 2 * ["unstructured"]
+    for each in (SLANTED, narrow):
+        with pytest.raises(InputError, match=r"no structured mesh.*parallel to the axes"):
+            structured(each, 1 / 2)
+        with pytest.raises(InputError, match=r"needs gmsh; type: pip install 'unilateral\[mesh\]'"):
+            unstructured(each, 1 / 2)

@@ -10,7 +10,8 @@ from nested import SLANTED
 from numpy.testing import assert_array_equal
 
 from unilateral.errors import InputError
-from unilateral.geometry.files import outline, read_mesh, write_mesh
+from unilateral.geometry.files import read_mesh, write_mesh
+from unilateral.geometry.foreign import outline
 from unilateral.geometry.mesh import refine, unstructured
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
@@ -82,9 +83,13 @@ CORNERS, LIFTED = ([[0, 0, z], [1, 0, 0], [1, 1, 0], [0, 1, 0]] for z in (0, 0.1
 @pytest.mark.parametrize(
     ("points", "cells", "message"),
     [
-        (LIFTED, ("triangle", [[0, 1, 2], [0, 2, 3]]), r"points have the shape \(4, 3\)"),
+        (
+            LIFTED,
+            ("triangle", [[0, 1, 2], [0, 2, 3]]),
+            "node 0 has the third coordinate 0.1; the mesh has to lie in the plane",
+        ),
         (CORNERS, ("quad", [[0, 1, 2, 3]]), "cells of type quad"),
-        (CORNERS, ("line", [[0, 1]]), "the file has no triangles"),
+        (CORNERS, ("line", [[0, 1]]), "there are no triangles"),
     ],
 )
 def test_files_of_something_else_are_refused(points, cells, message, tmp_path):
@@ -101,11 +106,11 @@ NONE_2_2 = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n0\n$EndNodes\n"
     [
         ("missing.vtu", None, "no mesh can be read"),
         *((name, "this is no mesh", "no mesh can be read") for name in ("g.vtu", "g.msh", "mesh.nothing")),
-        ("header.msh", "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n", "the file has no nodes"),
-        ("empty.inp", "", "the file has no nodes"),
-        ("title.inp", "*HEADING\nsquare\n*NODE\n", "the file has no nodes"),
-        ("nodes.inp", "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n", "the file has no triangles"),
-        ("cut.inp", "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n*ELEMENT, TYPE=S3\n", "the file has no triangles"),
+        ("header.msh", "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n", "there are no nodes"),
+        ("empty.inp", "", "there are no nodes"),
+        ("title.inp", "*HEADING\nsquare\n*NODE\n", "there are no nodes"),
+        ("nodes.inp", "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n", "there are no triangles"),
+        ("cut.inp", "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n*ELEMENT, TYPE=S3\n", "there are no triangles"),
         ("none.msh", NONE_2_2, ""),
         ("empty.msh", "", ""),
         ("cut.vtk", "# vtk", ""),

@@ -233,9 +233,15 @@ def test_reference_edges_are_longest_ones_in_the_beginning(name):
 
 @pytest.mark.parametrize(("n", "coarsest"), [(1, 1), (6, 3), (7, 7), (8, 4), (20, 5), (24, 3)])
 def test_halved_squares_are_finer_squares(n, coarsest):
-    halved, at_once = structured(named("lshape"), 1 / n), squares._squares(named("lshape"), n)
+    halved, at_once = structured(named("lshape"), 1 / n), at_once_of(1 / n)
     assert len((halved.coarse or halved).triangles) == 6 * coarsest**2
     np.testing.assert_allclose(*(sorted_corners(mesh) for mesh in (halved, at_once)), rtol=0, atol=1e-15)
+
+
+def at_once_of(h):
+    """The mesh that is not made by halving."""
+    lshape = named("lshape")
+    return squares._rectangles(lshape, squares._parts(lshape, h))
 
 
 def sorted_corners(mesh):

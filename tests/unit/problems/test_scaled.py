@@ -113,7 +113,7 @@ def test_a_step_is_at_the_same_curve_in_scaled_coordinates(step, places, k, c, l
 
 def test_the_least_value_that_counts_is_rounded_down(monkeypatch):
     """k^{1/2} times that of u, with 40 digits. Control: the nearest number is above it for some k."""
-    monkeypatch.setattr(scaled_module, "enclose_obstacle", lambda polygon, model, free, least: least)
+    monkeypatch.setattr(scaled_module, "enclose_obstacle", lambda polygon, model, free, least, cuts: least)
     above = 0
     for k in range(2, 40):
         problem = ul.Problem(UNIT, f="x - 1/3", g=-1, k=k)
@@ -183,13 +183,14 @@ def test_an_accuracy_is_relative_to_the_energy_norm():
         ul.solve(ul.Problem([(1e-9 * x, 1e-9 * y) for x, y in UNIT], f=1, g=0), h=1e-10, H=2e-10)
 
 
-def test_structured_meshes_are_for_given_sizes():
-    """On the user's own whole coordinates; the scaled square has none, so no accuracy finds such a mesh."""
+def test_structured_meshes_are_there_on_scaled_domains_too():
+    """With h the square of 8² small ones; with an accuracy one halved uniformly: (2^k + 1)² unknowns."""
     problem = ul.Problem(UNIT, f="x - 1", g=0, k=4)
     found = ul.solve(problem, h=1 / 8, H=1 / 4, mesh="structured")
     assert found.mesh.n_nodes == 9**2
-    with pytest.raises(ul.InputError, match="not with an accuracy if k and c differ; leave it out"):
-        ul.solve(problem, accuracy=0.1, mesh="structured")
+    found = ul.solve(problem, accuracy=0.1, mesh="structured")
+    assert found.certified
+    assert found.mesh.n_nodes in {(2**k + 1) ** 2 for k in range(1, 8)}
 
 
 def test_multigrid_has_the_levels_of_the_user_s_mesh():

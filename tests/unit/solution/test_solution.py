@@ -7,6 +7,7 @@ import meshio
 import numpy as np
 import pandas as pd
 import pytest
+import skfem
 import xarray as xr
 from conftest import ROOT
 
@@ -95,8 +96,19 @@ def test_lambda_along_a_side(shelter):
 
 
 def test_what_cannot_be_evaluated_is_refused(shelter):
-    with pytest.raises(ul.InputError, match=r"points: their shape \(2,\) must be \(k, 2\)"):
-        shelter.u_at((0, 0))
+    for of, shape in ((0, r"\(\)"), ((0, 0, 0), r"\(3,\)"), (np.ones((2, 5)), r"\(2, 5\)")):
+        with pytest.raises(ul.InputError, match=rf"points: their shape {shape} must be \(2,\), a point"):
+            shelter.u_at(of)
+    for of in ("a", [("a", "b")], [(1j, 0)], [(0, 0), (1,)], {}):
+        for at in (shelter.u_at, shelter.grad_at, shelter.flux_at):
+            with pytest.raises(ul.InputError, match=r"points: .* has to be an array of real numbers"):
+                at(of)
+    for side in ("a", None, 1.5, True, [0, 1]):
+        with pytest.raises(ul.InputError, match=r"side: .* is no side; sides are whole numbers, from 0 on"):
+            shelter.lambda_at(side, 0)
+    for t in ("a", 1j, [[0], [0, 1]]):
+        with pytest.raises(ul.InputError, match=r"t: .* has to be an array of real numbers"):
+            shelter.lambda_at(0, t)
     with pytest.raises(ul.InputError, match="side 5: the sides of 'shelter' are 0 to 4"):
         shelter.lambda_at(5, 0)
 
@@ -143,7 +155,8 @@ def test_the_certificate_is_a_file(tmp_path):
     assert found["goal"] == {"accuracy": 0.3, "norm": "h1", "absolute": False}
     assert found["certified"]
     assert found["h1_relative_bound"] <= 0.3
-    assert [found["h1_bound"], found["hm12_bound"], found["enclosure"]] == [*s.bounds]
+    fields = "h1_bound", "hm12_bound", "enclosure", "h1_relative_bound", "hm12_relative_bound"
+    assert [found[field] for field in fields] == [*s.bounds]
     assert found["h1_error"] is None
     assert [level["unknowns"] for level in found["levels"]] == [level.unknowns for level in s.search.done]
     assert found["contact"]["length"] == s.contact.length
@@ -151,3 +164,97 @@ def test_the_certificate_is_a_file(tmp_path):
     given = alone.certificate()
     assert (given["goal"], given["certified"], given["levels"]) == (None, False, [])
     assert [each[key] for each in (found, given) for key in ("ended", "reach")] == [None] * 4
+
+
+def test_values_and_gradients_are_those_of_scikit_fem(shelter):
+    """Its interpolation on the same triangles, at points inside of them."""
+    mesh, rng = shelter.mesh, np.random.default_rng(2)
+    weights = rng.dirichlet(np.ones(3), len(mesh.triangles))
+    points = np.einsum("mi,mid->md", weights, mesh.points[mesh.triangles])
+    theirs = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
+    basis = skfem.CellBasis(theirs, skfem.ElementTriP1())
+    np.testing.assert_allclose(shelter.u_at(points), basis.probes(points.T) @ shelter.u, rtol=0, atol=1e-13)
+    slopes = basis.interpolate(shelter.u).grad.mean(axis=2).T
+    np.testing.assert_allclose(shelter.grad_at(points), slopes, rtol=0, atol=1e-11)
+
+
+def test_one_point_is_a_row_of_many(shelter):
+    """Arrays without the first dimension; outside they are NaN."""
+    points = [(0.3, 0.4), (0.5, 0.2), (9, 9)]
+    for at, shape in ((shelter.u_at, ()), (shelter.grad_at, (2,)), (shelter.flux_at, (2,))):
+        many = at(points)
+        assert many.shape == (3, *shape)
+        assert np.isfinite(many[:2]).all()
+        assert np.isnan(many[2]).all()
+        for point, row in zip(points, many, strict=True):
+            assert at(point).shape == shape
+            np.testing.assert_array_equal(at(point), row)
+
+
+def test_a_gradient_on_an_edge_is_that_of_the_triangle_with_the_least_number(shelter):
+    """At the middles of edges and at nodes; on sides too, where points may be a little outside."""
+    mesh = shelter.mesh
+    of = mesh.triangulation
+    slopes = shelter.grad_at(mesh.points[mesh.triangles].mean(axis=1))
+    middles = mesh.points[of.ends].mean(axis=1)
+    least = np.where(of.sides[:, 1] < 0, of.sides[:, 0], of.sides.min(axis=1))
+    least = np.where(of.sides[:, 0] < 0, of.sides[:, 1], least)
+    np.testing.assert_array_equal(shelter.grad_at(middles), slopes[least])
+    first = np.array(
+        [np.flatnonzero((mesh.triangles == node).any(axis=1))[0] for node in range(mesh.n_nodes)]
+    )
+    np.testing.assert_array_equal(shelter.grad_at(mesh.points), slopes[first])
+
+
+@pytest.mark.parametrize("name", ["natural", "thirds"])
+def test_the_flux_is_within_the_bound_on_lambda(name):
+    """Its error in L2, by a rule of degree 2; here it is below that of grad u_h."""
+    s = ul.solve(name, **SIZES)
+    mesh, at = s.mesh, np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6
+    points = np.einsum("qi,mid->mqd", at, mesh.points[mesh.triangles]).reshape(-1, 2)
+    exact, weights = s.problem.value_and_gradient(points)[1], np.repeat(mesh.areas / 3, 3)
+    found = s.flux_at(points), s.grad_at(points)
+    of_flux, of_gradient = (np.sqrt(weights @ np.sum((each - exact) ** 2, axis=1)) for each in found)
+    assert of_flux < of_gradient < s.bounds.u
+    assert of_flux < s.bounds.multiplier
+
+
+@pytest.mark.parametrize("k", [1, 4])
+def test_the_flux_is_balanced(k):
+    """q.n has no jumps, and is lambda_H on the boundary and q on free sides; div q is c u_h - f in the mean.
+
+    Here H = 2h, so lambda_H is constant on edges, and q is linear.
+    """
+    given = {"f": "1 - 3*x", "g": ["-x*y/2", 0, None, 0], "free_sides": [2], "q": "x - 2", "k": k, "c": "1/4"}
+    s = ul.solve(ul.Problem(SQUARE, **given), **SIZES)
+    mesh, of = s.mesh, s.mesh.triangulation
+    ends = mesh.points[of.ends]
+    along = ends[:, 1] - ends[:, 0]
+    normals = np.column_stack([along[:, 1], -along[:, 0]]) / np.hypot(*along.T)[:, None]
+    inside = (of.sides >= 0).all(axis=1)
+    near = 1e-7 * normals[inside]
+    for share in (0.25, 0.5):
+        at = ends[inside, 0] + share * along[inside]
+        left, right = (np.sum(s.flux_at(at + by) * normals[inside], axis=1) for by in (-near, near))
+        np.testing.assert_allclose(left, right, rtol=0, atol=1e-5)
+    for side in range(4):
+        t = (np.arange(16) + 0.5) / 16
+        outward = s.flux_at(mesh.polygon.at(np.full(16, side), t)) @ mesh.polygon.normals[side]
+        expected = (1 - t) - 2 if side == 2 else s.lambda_at(side, t)
+        np.testing.assert_allclose(outward, expected, rtol=0, atol=1e-10)
+    corners = mesh.points[mesh.triangles]
+    flow = 0.0
+    for i in range(3):
+        a, b = corners[:, i], corners[:, (i + 1) % 3]
+        inner = corners.mean(axis=1)
+        middle = 0.5 * (a + b) + 1e-9 * (inner - 0.5 * (a + b))
+        flow += np.sum(s.flux_at(middle) * np.column_stack([(b - a)[:, 1], (a - b)[:, 0]]), axis=1)
+    mean_f = 1 - 3 * corners.mean(axis=1)[:, 0]
+    expected = s.u[mesh.triangles].mean(axis=1) / 4 - mean_f
+    np.testing.assert_allclose(flow / mesh.areas, expected, rtol=0, atol=2e-5)
+
+
+def test_functions_have_no_equilibrated_flux():
+    s = ul.solve(ul.Problem(SQUARE, f=lambda x, y: -1, g=0), **SIZES)
+    with pytest.raises(ul.InputError, match=r"for f, g or q is a function; take k \* s\.grad_at\(points\)"):
+        s.flux_at((0.5, 0.5))

@@ -62,7 +62,7 @@ REFUSED = {
     **{tag: (f"a: 1\nb: !!{tag} wrong", f"'tag:yaml.org,2002:{tag}' in line 2 is a tag;") for tag in TAGS},
     "own tag": ("a: !x 1", "'!x' in line 1 is a tag"),
     "map as a list's tag": ("a: !!map [1]", "is a tag"),
-    "depth": ("a: " + "[" * 11, "it has more than 10 lists or fields in each other"),
+    "depth": ("a: " + "[" * 11, "it has more than 10 nested lists or fields"),
     "nodes": ("a: [" + "1," * 10_001 + "]", "it has more than 10000 values"),
     "fields": ("".join(f"k{i}: 1\n" for i in range(12_000)), "it has more than 10000 values"),
     "bytes": ("#" * 200_001, "own.yaml has more than 200000 bytes"),

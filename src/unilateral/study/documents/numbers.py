@@ -25,7 +25,11 @@ from unilateral.study.ledger import records
 from unilateral.study.ledger.records import ORIGINS, origin
 from unilateral.system.files import replacing
 
-READS = {"claims": "results/claims.json", "whole": "benchmarks/whole.json"}
+READS = {
+    "claims": "results/claims.json",
+    "installations": "benchmarks/installations.json",
+    "whole": "benchmarks/whole.json",
+}
 """The files that belong to no experiment, by name."""
 LINE = 150
 """The columns of a table are aligned only if its lines have at most so many letters."""
@@ -91,7 +95,8 @@ def _of_the_study(
     told = {name: study[name] for name in ("adaptive", "cost", "extremes")}
     told |= {name: study["rates"][name] for name in ("judged_ratio", "norms")}
     observed = {each["id"]: {"observed": each["observed"]} for each in of["claims"]}
-    whole = {name: taken(of["whole"][name]) for name in ("solver", "study", "tests")}
+    measured = of["whole"] | of["installations"]
+    whole = {name: taken(each) for name, each in measured.items() if isinstance(each, Mapping)}
     numbers = {
         "study": told | {"infsup": {"rule": RULE._asdict()}},
         "claims": observed | ledger(of["claims"]),
@@ -108,9 +113,10 @@ def ledger(claims: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def taken(measured: Mapping[str, float]) -> dict[str, Any]:
-    """Minutes, and GB of memory and of the disk, from seconds and MB."""
+    """Minutes, GB of memory and of the disk, and packages, from seconds, MB and packages."""
     sizes = {name: measured[name] / 1024 for name in ("memory", "disk") if name in measured}
-    return {"minutes": measured["seconds"] / 60, **sizes}
+    packages = {"packages": measured["packages"]} if "packages" in measured else {}
+    return {"minutes": measured["seconds"] / 60, **sizes, **packages}
 
 
 def flat(groups: Mapping[str, Any], above: str = "") -> dict[str, Value]:

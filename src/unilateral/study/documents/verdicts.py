@@ -8,25 +8,11 @@ from typing import Any
 
 import pandas as pd
 
-from unilateral.study.ledger.records import PLENTY, holds, percent
+from unilateral.study.ledger import texts
+from unilateral.study.ledger.records import holds
 
-ROUND_OFF = 1e-12
-NONE = "–"
-LETTERS = {
-    "alpha": "α",
-    "beta": "β",
-    "gamma": "γ",
-    "epsilon": "ε",
-    "lambda": "λ",
-    "mu": "μ",
-    "nu": "ν",
-    "rho": "ρ",
-    "sigma": "σ",
-    "omega": "ω",
-    "tau": "τ",
-    "pi": "π",
-    "Pi": "Π",
-}
+NUMBER = re.compile(r"(-?)([0-9.]+)e([+-][0-9]+)")
+SIGNS = {"≥": r"\ge", "≤": r"\le", "much more": r"\text{much more}"}
 
 
 def holding(records: Sequence[Mapping[str, Any]]) -> dict[str, bool]:
@@ -40,46 +26,34 @@ def claims_tables(records: Sequence[Mapping[str, Any]]) -> dict[str, pd.DataFram
     for each in records:
         row = {
             "claim": each["id"],
-            "statement": f"{each['statement']} [{_letters(each['where'])}]",
-            **_numbers(each),
-            "sees": _sees(each["sees"]),
-            "verdict": _letters(each["verdict"]),
+            "statement": f"{each['statement']} [{each['where']}]",
+            "measured": _measured(each),
+            "verdict": each["verdict"],
         }
         rows.setdefault(f"claims-{each['section']}", []).append(row)
     return {name: pd.DataFrame(of) for name, of in rows.items()}
 
 
-def _numbers(record: Mapping[str, Any]) -> dict[str, str]:
-    """What is shown of the evidence; dashes for a claim that is not judged, or has nothing to measure."""
-    if record["observed"] is None:
-        return dict.fromkeys(("what counts", "observed", "margin"), NONE)
-    return {
-        "what counts": _letters(record["quantity"]),
-        "observed": f"{_observed(record)} {record['expected']}".replace(">=", "≥").replace("<=", "≤"),
-        "margin": NONE if _requires_0(record) else percent(record["margin"]),
-    }
+def _measured(record: Mapping[str, Any]) -> str:
+    """What counts and its value, the margin, and what the check sees; a dash if nothing was measured."""
+    if record["quantity"] is None:
+        return texts.NONE
+    margin, sees = texts.margin(record), record["sees"]
+    parts = [f"{record['quantity']}: {_formula(texts.observed(record))}"]
+    parts += [f"margin {margin}"] if margin != texts.NONE else []
+    parts += [f"sees {sees.removesuffix(' of the control')}"] if sees else []
+    return "; ".join(parts).replace(" %", "\u00a0%").replace("× ", "×\u00a0")
 
 
-def _sees(part: str | None) -> str:
-    """The text of `sees`, shortened for a narrow column: a factor, or a part of the control."""
-    return part.replace("below", "<").removesuffix(" of the control") if part else NONE
+def _formula(text: str) -> str:
+    """A comparison of numbers in TeX, with powers of ten."""
+    text = NUMBER.sub(_power, text)
+    for sign, tex in SIGNS.items():
+        text = text.replace(sign, tex)
+    return f"${text}$"
 
 
-def _letters(text: str) -> str:
-    """The text with the names of Greek letters as letters, and comparisons as signs."""
-    for name, letter in LETTERS.items():
-        text = re.sub(rf"(?<![a-zA-Z]){name}(?![a-zA-Z])", letter, text)
-    return text.replace(">=", "≥").replace("<=", "≤").replace("->", "→").replace("|", r"\|")
-
-
-def _observed(record: Mapping[str, Any]) -> str:
-    """Three digits, but none of what is round-off, or eleven times what is required."""
-    value = record["observed"]
-    if abs(value) <= ROUND_OFF:
-        return "0"
-    return f"{value:.3g}" if abs(record["margin"]) < PLENTY else "much more"
-
-
-def _requires_0(record: Mapping[str, Any]) -> bool:
-    """Whether the requirement is 0, to which no margin can be relative."""
-    return float(record["expected"].split()[1]) == 0
+def _power(number: re.Match[str]) -> str:
+    minus, mantissa, power = number[1], number[2], int(number[3])
+    factor = "" if mantissa == "1" else rf"{mantissa}\cdot "
+    return f"{minus}{factor}10^{{{power}}}"

@@ -18,12 +18,12 @@ from functools import cache, cached_property
 from importlib import import_module
 from typing import Any
 
-from unilateral.errors import InputError
+from unilateral.errors import InputError, meant
 from unilateral.study import registry
 from unilateral.study.ledger.controls import smallest_share, spoilt, told
 from unilateral.study.ledger.entries import entries
 from unilateral.study.ledger.evidence import Evidence, Tables, Unjudged
-from unilateral.study.ledger.records import FAILS, ORIGINS, UNJUDGED, UNMEASURED
+from unilateral.study.ledger.records import FAILS, ORIGINS, UNJUDGED, UNMEASURED, counts_against
 from unilateral.study.ledger.results import Results
 
 
@@ -72,7 +72,7 @@ class Judgement:
     @property
     def counts_against(self) -> bool:
         """Whether there is something to measure and it does not hold."""
-        return self.evidence is not None and not self.holds
+        return counts_against(self.verdict)
 
     @property
     def verdict(self) -> str:
@@ -188,9 +188,10 @@ def judgement(results: Results, claim: Claim) -> Judgement:
 
 
 def find(wanted: str) -> Claim:
-    """The claim with that id. Raises InputError, which lists the known ids, if there is none."""
-    for claim in ledger():
-        if claim.id == wanted:
-            return claim
-    known = ", ".join(claim.id for claim in ledger())
-    raise InputError(f"there is no claim '{wanted}'; the ledger has {known}")
+    """The claim with that id. Raises InputError if there is none."""
+    known = {claim.id: claim for claim in ledger()}
+    if wanted not in known:
+        raise InputError(
+            f"there is no claim '{wanted}'{meant(wanted, known)}; 'unilateral claims' lists them all"
+        )
+    return known[wanted]

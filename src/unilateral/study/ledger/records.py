@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Mapping
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 from unilateral.errors import StorageError
 
+MANIFEST = "manifest.json"
 FAILS, UNJUDGED, UNMEASURED = "fails", "not judged", "nothing to measure"
 """No document may rest on these verdicts; in the last two a reason follows."""
 ORIGINS = {
@@ -39,6 +42,11 @@ def holds(verdict: str) -> bool:
     return not verdict.startswith((FAILS, UNJUDGED, UNMEASURED))
 
 
+def counts_against(verdict: str) -> bool:
+    """Whether there is something to measure and it does not hold."""
+    return verdict.startswith((FAILS, UNJUDGED))
+
+
 def read(path: str | os.PathLike[str]) -> Any:
     """What is stored as JSON, such as the records of `results/claims.json`.
 
@@ -53,3 +61,31 @@ def read(path: str | os.PathLike[str]) -> Any:
 def origin(source: str) -> str:
     """The short name of where the number comes from. Raises KeyError if it is unknown."""
     return {text: name for name, text in ORIGINS.items()}[source.partition(":")[0]]
+
+
+def listed(folder: str | os.PathLike[str]) -> dict[str, str]:
+    """The SHA-256 of the files in a folder of results, by their paths in it; empty without a manifest.
+
+    Raises StorageError for a manifest that is none.
+    """
+    manifest = Path(folder, MANIFEST)
+    if not manifest.is_file():
+        return {}
+    found = read(manifest)
+    try:
+        return {of["path"].partition("/")[2]: of["sha256"] for of in found["files"]}
+    except (KeyError, TypeError, AttributeError) as error:
+        raise StorageError(
+            f"{manifest} is not the manifest of a study; 'snakemake -j2 -f {manifest}' makes it anew"
+        ) from error
+
+
+def check_listed(folder: str | os.PathLike[str], name: str, by: Mapping[str, str]) -> None:
+    """Raises StorageError for a file in the folder of which another SHA-256 is listed."""
+    path = Path(folder, name)
+    found = sha256(path.read_bytes()).hexdigest()
+    if (wanted := by.get(name, found)) != found:
+        raise StorageError(
+            f"{path} is another version than the study ended with: its SHA-256 is {found[:16]}..., and "
+            f"{Path(folder, MANIFEST)} has {wanted[:16]}...; 'snakemake -j2 -f {path}' makes it anew"
+        )

@@ -504,7 +504,9 @@ def test_a_small_negative_multiplier_is_noticed(case_like):
 def test_cases_whose_errors_have_no_square_are_refused(factor, scaled_case):
     """Their errors were printed as 0, or the tolerance was infinite."""
     case = scaled_case("full_contact", factor)
-    with pytest.raises(InputError, match="squares of its errors leave double precision; scale the data"):
+    with pytest.raises(
+        InputError, match="squares of its errors leave the range of double precision; scale the data"
+    ):
         ritz_projection(case, problem().spaces.condensed)
 
 

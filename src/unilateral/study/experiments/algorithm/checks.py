@@ -15,4 +15,4 @@ def step_growth(tables: Tables, scene: str, case: str, H_over_h: float, most: fl
     fine = scaled.values[2:]
     rows = {"steps times H over the logarithm of the tolerance": float(fine.max() / fine.min())}
     lines = [f"  {name}: {value:.4g}" for name, value in in_rows(scaled, "H = {H:g}").items()]
-    return worst(rows, "largest over smallest, H <= 1/16", most, False)._replace(lines=lines)
+    return worst(rows, r"largest over smallest, $H \le 1/16$", most, False)._replace(lines=lines)

@@ -22,7 +22,7 @@ def exponents(
 ) -> Evidence:
     """The smallest or the largest exponent of a variable over H, of the cases."""
     data = tables[table].sel(case=list(cases))
-    quantity = f"the {'smallest' if at_least else 'largest'} exponent of H"
+    quantity = f"the {'smallest' if at_least else 'largest'} exponent of $H$"
     found = in_rows(exponent(data, variable), "{case}")
     return provided(worst(found, quantity, required, at_least), _faults(data))
 
@@ -31,7 +31,9 @@ def consistency(tables: Tables, table: str, most: float) -> Evidence:
     """How far the exponent of <Pi_H lambda, u-g> is from sigma + tau, of all cases."""
     data = tables[table]
     distance = abs(exponent(data, "consistency") - (data["flux_order"] + data["gap_order"]))
-    return worst(in_rows(distance, "{case}"), "the distance of its exponent from sigma + tau", most, False)
+    return worst(
+        in_rows(distance, "{case}"), r"the distance of its exponent from $\sigma + \tau$", most, False
+    )
 
 
 def sharp(tables: Tables, table: str, cases: Sequence[str], most: float) -> Evidence:
@@ -39,7 +41,7 @@ def sharp(tables: Tables, table: str, cases: Sequence[str], most: float) -> Evid
     data = tables[table].sel(case=list(cases))
     sigma, tau = data["flux_order"], data["gap_order"]
     distance = abs(exponent(data, "discrete_error") - np.minimum(sigma + 0.5, (sigma + tau) / 2))
-    quantity = "the distance of the exponent of D from that of Theorem 1"
+    quantity = "the distance of the exponent of $D$ from that of Theorem 1"
     return provided(worst(in_rows(distance, "{case}"), quantity, most, False), _faults(data))
 
 
@@ -47,7 +49,7 @@ def attained(tables: Tables, table: str, gamma: float, most: float) -> Evidence:
     """How far rates of D are from (sigma + tau)/2 = (alpha + gamma)/2; each cell has contact and a gap."""
     data = tables[table].sel(gamma=gamma)
     found = in_rows(abs(rates(data) - (float(data["alpha"]) + gamma) / 2), "from H = {H:g}")
-    quantity = "the distance of a rate of D from (sigma + tau)/2"
+    quantity = r"the distance of a rate of $D$ from $(\sigma + \tau)/2$"
     return provided(worst(found, quantity, most, False), _faults(data))
 
 
@@ -56,7 +58,7 @@ def beyond_theorem(tables: Tables, table: str, cases: Sequence[str], least: floa
     data = tables[table].sel(case=list(cases))
     proved, best = (data["flux_order"] + data["gap_order"]) / 2, data["flux_order"] + 0.5
     found = in_rows((exponent(data, "discrete_error") - proved) / (best - proved), "{case}")
-    quantity = "the exponent of D, on the way from (sigma + tau)/2 to sigma + 1/2"
+    quantity = r"the exponent of $D$, on the way from $(\sigma + \tau)/2$ to $\sigma + 1/2$"
     return provided(worst(found, quantity, least, True), _faults(data))
 
 

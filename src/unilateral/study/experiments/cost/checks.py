@@ -66,7 +66,7 @@ def pays(tables: Tables, many: str, few: str, H_over_h: float, stop: float) -> E
         for name in (many, few)
     }
     rows = {many: share[many], few: 1 / share[few]}
-    return worst(rows, "work by A over that by S with many steps, its inverse with few", 1.0, True)
+    return worst(rows, "work by $A$ over that by $S$ with many steps, its inverse with few", 1.0, True)
 
 
 def economy(tables: Tables, least: float) -> Evidence:
@@ -81,7 +81,9 @@ def economy(tables: Tables, least: float) -> Evidence:
         f"h = {h:g}": float(growth)
         for h, growth in zip(algebra["h"].sel(algebra="S")[1:], over_log[1:] / over_log[:-1], strict=True)
     }
-    quantity = "growth of the operations with A over those with S, over that of log n, for half of h"
+    quantity = (
+        r"growth of the operations with $A$ over those with $S$, over that of $\log n$, for half of $h$"
+    )
     with_A, with_S = (algebra["steps"].sel(algebra=name) for name in ("A", "S"))
     ran = np.isfinite(with_A)
     same = bool(ran.any()) and bool((with_A == with_S).where(ran, True).all())

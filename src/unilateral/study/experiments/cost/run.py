@@ -80,11 +80,11 @@ class Measured:
 
     @cached_property
     def norms(self) -> Errors:
-        """||u||_1, the bounds of ||lambda||_{-1/2} and ||lambda||_0."""
+        """||u||_1, the bounds on ||lambda||_{-1/2} and ||lambda||_0."""
         return (self.exact.ritz.u_norm, *self.errors(np.zeros(self.spaces.partition.n_cells))[1:])
 
     def errors(self, mu: Array) -> Errors:
-        """||u - u(mu)||_1, the bounds of ||lambda - mu||_{-1/2} and ||lambda - mu||_0, for mu (m,)."""
+        """||u - u(mu)||_1, the bounds on ||lambda - mu||_{-1/2} and ||lambda - mu||_0, for mu (m,)."""
         errors = self.exact.errors(self.spaces, mu)
         lower, upper = self.form.error(self.c, (self.exact.means.lambda_means - mu)[None])
         return errors.h1, max(float(lower[0]), errors.hm12_discrete), float(upper[0]), errors.l2

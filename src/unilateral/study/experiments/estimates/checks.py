@@ -38,7 +38,7 @@ def projection(
             errors = np.sqrt(np.mean(np.square(bounds), axis=1)).ravel()
             rates_ = np.log(errors[:-2] / errors[2:]) / np.log(4)
             found[f"{scene}, {case}"] = float(rates_.min()) - expected[case]
-    quantity = f"the rate over a factor of 4, from H = {coarsest:g} on, less the expected one"
+    quantity = f"the rate over a factor of 4, from $H = {coarsest:g}$ on, less the expected one"
     return worst(found, quantity, -tolerance, True)
 
 
@@ -164,4 +164,5 @@ def inverse_estimate(tables: Tables, scenes: Sequence[str], H_over_h: float) -> 
                 C, name = inverse_constant(cells, gram.p0.lower), f"{scene}, H = {cells.H:g}"
                 found[name] = C * float(errors["beta_0"].values[at, k].max())
                 constants.append(f"  {name}: C = {C:.4g}")
-    return worst(found, f"the largest C beta_0 at H = {H_over_h:g}h", 1.0, False)._replace(lines=constants)
+    quantity = rf"the largest $C\beta_0$ at $H = {H_over_h:g}h$"
+    return worst(found, quantity, 1.0, False)._replace(lines=constants)

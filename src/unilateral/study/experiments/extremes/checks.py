@@ -56,7 +56,7 @@ def step_limit(tables: Tables, table: str, nearest: Mapping[str, float]) -> Evid
             for near in (1 - distance, 1 + distance)
             if not np.isclose(share, near, rtol=1e-9).any()
         ]
-    evidence = worst(rows, "values of rho that fail below the limit or converge above it", 0.0, False)
+    evidence = worst(rows, r"values of $\rho$ that fail below the limit or converge above it", 0.0, False)
     return provided(evidence, untried)
 
 

@@ -115,5 +115,5 @@ def regularity(
         name: smallest_rate(row) - orders[row["case"].item()] + tolerances[row["norm"].item()]
         for name, row in rows.items()
     }
-    quantity = "the smallest rate less s, with its tolerance"
+    quantity = "the smallest rate less $s$, with its tolerance"
     return provided(worst(excess, quantity, 0.0, True), _faults(rows))

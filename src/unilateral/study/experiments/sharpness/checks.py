@@ -40,7 +40,7 @@ def lemma_1(tables: Tables, scenes: Sequence[str]) -> Evidence:
             for case, share in zip(names, shares, strict=True):
                 if np.isfinite(share).any():
                     found[f"{scene}, {case}, H = {cells.H:g}"] = float(np.nanmax(share))
-    return worst(found, "D over the bound of Lemma 1", 1.0, False)
+    return worst(found, "$D$ over its bound in Lemma 1", 1.0, False)
 
 
 def _over_lemma_1(runs: xr.Dataset, m: xr.DataArray) -> Array:
@@ -90,7 +90,7 @@ def released(tables: Tables, table: str, norms: Sequence[str], most: float) -> E
         rows |= _by_alpha(share.max(["level", "gamma", "position"], skipna=False), f"{norm}, ")
     held = _by_alpha(freest["held"].max(["level", "position"], skipna=False))
     return all_of(
-        worst(rows, "an error over that for the smallest gamma", most, False),
+        worst(rows, r"an error over that for the smallest $\gamma$", most, False),
         worst(held, "positions whose cell has a multiplier at the smallest gamma", 0.0, False),
     )
 
@@ -105,7 +105,7 @@ def superclose(tables: Tables, table: str, tolerance: float) -> Evidence:
     taken = xr.DataArray(surfaces.taken_by_logarithm(data["H"].values), dims="pair") * power
     expected = data["predicted"].sel(norm="discrete")
     excess = (data["t_rate"] + taken - expected).isel(pair=[-2, -1]).min("pair", skipna=False)
-    quantity = "the smallest rate of t with its logarithm, less min(3/2, 1 + alpha)"
+    quantity = r"the smallest rate of $t$ with its logarithm, less $\min(3/2, 1 + \alpha)$"
     return worst(_by_alpha(excess), quantity, -tolerance, True)
 
 
@@ -122,7 +122,7 @@ def proposition_3(
         nu, rate = exponents[str(run["case"].values)], np.log(error[0] / error[1]) / np.log(h[0] / h[1])
         taken = float(logarithm(nu)) * surfaces.taken_by_logarithm(h)[0]
         found[name] = float(rate + taken - min(2.0, 1.5 + nu))
-    quantity = "the rate over the last factor of 4 with its logarithm, less min(2, 3/2 + nu)"
+    quantity = r"the rate over the last factor of 4 with its logarithm, less $\min(2, 3/2 + \nu)$"
     return worst(found, quantity, -tolerance, True)
 
 

@@ -19,7 +19,7 @@ def local_rule(tables: Tables, scenes: Sequence[str], least: float) -> Evidence:
         kept = fine(data["cell_over_edge"].values) & steep(data["smallest_angle"].values)
         if kept.any():
             found[scene] = float(data["beta_lower"].values[kept].min())
-    return worst(found, "the smallest beta", least, True)
+    return worst(found, r"the smallest $\beta$", least, True)
 
 
 def pairing(tables: Tables, scenes: Sequence[str]) -> Evidence:
@@ -46,4 +46,4 @@ def near_ends(tables: Tables, scene: str, tolerance: float) -> Evidence:
         beta = data["beta_lower"].values[mesh, np.arange(len(H))]
         orders = np.diff(np.log(beta)) / np.diff(np.log(H))
         found |= {f"{name}, H = {size:g}": abs(p - 1) for size, p in zip(H[1:], orders, strict=True)}
-    return worst(found, "how far an order of beta is from 1", tolerance, False)
+    return worst(found, r"how far an order of $\beta$ is from 1", tolerance, False)

@@ -172,7 +172,7 @@ def _note(data: pd.DataFrame) -> str:
     sizes = data.loc[data["kind"] == "uniform", "H"]
     ends = dict.fromkeys(f"${style.as_fraction(size)}$" for size in (sizes.min(), sizes.max()))
     note = f"Uniform meshes: $H$ = {' to '.join(ends)}."
-    note += r" Markers: guaranteed lower bounds of $\beta$; bars reach up to the upper bounds"
+    note += r" Markers: guaranteed lower bounds on $\beta$; bars reach up to the upper bounds"
     if "widest" in data:
         note += f", at most {up(100 * data['widest'].max(), '.2g')} % higher"
     return note + "."

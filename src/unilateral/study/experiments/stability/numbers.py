@@ -37,7 +37,7 @@ def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.Data
 
 
 def least(pairs: pd.DataFrame, ratios: Sequence[float]) -> pd.DataFrame:
-    """Lower bounds of beta on uniform meshes, per family of meshes and H/h."""
+    """Lower bounds on beta on uniform meshes, per family of meshes and H/h."""
     rows = []
     for label, of in pairs[pairs["kind"] == "uniform"].groupby("label", sort=False):
         at = {ratio: np.isclose(of["h_over_H"] * ratio, 1, rtol=ROUNDED) for ratio in ratios}

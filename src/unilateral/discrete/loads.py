@@ -1,0 +1,59 @@
+"""What a problem gives to the discrete one: the loads of f and q, and the means of g."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import numpy as np
+
+from unilateral.arrays import Array
+from unilateral.bounds.boundary_flux import given
+from unilateral.bounds.source import Source, source_of
+from unilateral.fem.p1 import by_parts, case_moments, edge_load, sampled_edge_load, sampled_moments
+from unilateral.fem.quadrature import boundary_rule
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.norms.exact_errors import cell_means
+from unilateral.problems.data import Data, is_case
+from unilateral.problems.sampled import Sampled
+
+
+class Load(NamedTuple):
+    """(n,) the values (f, phi_i), and the enclosure of f if they are made of that."""
+
+    values: Array
+    source: Source | None
+
+
+def load_of(problem: Data | Sampled, mesh: Mesh) -> Load:
+    """The load of f: that of its enclosure's polynomials, or by quadrature.
+
+    Where f is known at points only nobody knows the error of the quadrature.
+    """
+    if is_case(problem):
+        return Load(by_parts(mesh, partial(case_moments, problem)), None)
+    if isinstance(problem, Sampled):
+        return Load(by_parts(mesh, partial(sampled_moments, problem)), None)
+    source = source_of(mesh, problem)
+    return Load(source.load, source)
+
+
+def flux_load(problem: Data | Sampled, mesh: Mesh) -> Array:
+    """(n,) the load of the given flux: exact for the polynomials of its enclosure, or by Gauss rules."""
+    if isinstance(problem, Sampled):
+        return sampled_edge_load(problem, mesh)
+    return edge_load(mesh, given(problem.enclosed_flux, mesh).ends)
+
+
+def obstacle_means(problem: Data | Sampled, cells: Partition) -> Array:
+    """(cells,) the means of g: of a case exact up to rounding, else of the enclosure, or by Gauss rules."""
+    if is_case(problem):
+        return cell_means(problem, cells).g_means
+    if not isinstance(problem, Sampled):
+        return problem.enclosed_obstacle.means(cells.points)
+    cuts = np.union1d(cells.points, problem.kinks)
+    rule = boundary_rule(problem.polygon, cuts)
+    integrals = rule.integrate(problem.obstacle(rule.side, rule.s), len(cuts) - 1)
+    cell = np.searchsorted(cells.points, cuts[:-1], side="right") - 1
+    return np.bincount(cell, integrals, cells.n_cells) / cells.lengths

@@ -1,0 +1,81 @@
+"""What Python users give in place of the fields of a problem file, as these fields; refused if it is none."""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Iterable
+from decimal import Decimal
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from unilateral.arrays import Array
+from unilateral.errors import InputError, shown
+from unilateral.geometry.polygon import Polygon
+
+PAIRS = "it has to be a list of pairs (x, y), anticlockwise, such as [(0, 0), (1, 0), (0, 1)]"
+
+
+def vertices(polygon: object, where: str) -> Array:
+    """(n, 2) the vertices of a polygon, or those that are given."""
+    if isinstance(polygon, Polygon):
+        return polygon.vertices
+    try:
+        given: Any = polygon if hasattr(polygon, "__array__") else np.array(polygon, dtype=object)
+        if np.iscomplexobj(np.asarray(given)):
+            raise TypeError
+        found = np.asarray(given, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{where}: it is {shown(repr(polygon))}; {PAIRS}") from None
+    if found.ndim != 2 or found.shape[1] != 2:
+        turned = "; transpose it" if found.ndim == 2 and len(found) == 2 else ""
+        what = f"has the shape {found.shape}" if found.ndim else f"is {shown(repr(polygon))}"
+        raise InputError(f"{where}: it {what}; {PAIRS}{turned}")
+    if len(found) < 3:
+        raise InputError(f"{where}: it has {len(found)} vertices; a polygon has at least three")
+    wrong = np.flatnonzero(~np.isfinite(found).all(axis=1))
+    if wrong.size:
+        raise InputError(f"{where}[{wrong[0]}]: it is {tuple(found[wrong[0]].tolist())}; it has to be finite")
+    return found
+
+
+def number(given: Any, where: str) -> Any:
+    """A number of any library as one of a file, exactly; anything else as it is."""
+    if isinstance(given, Fraction | Decimal):
+        return str(given)
+    if not callable(given) and hasattr(given, "__array__"):
+        array = np.asarray(given)
+        given = array.item() if array.ndim == 0 and array.dtype.kind in "iuf" else given
+    if isinstance(given, complex) or (isinstance(given, float) and not math.isfinite(given)):
+        raise InputError(f"{where}: it is {given}; it has to be a finite number, or a formula")
+    if hasattr(given, "free_symbols"):
+        raise InputError(f"{where}: it is {shown(repr(given))}; write it as a text, as str({given}) does")
+    return given
+
+
+def sides(given: object, where: str) -> list[int]:
+    """The numbers of sides; None is none."""
+    try:
+        if given is None:
+            return []
+        if not isinstance(given, Iterable) or isinstance(given, str):
+            raise TypeError
+        return [side(each, where) for each in given]
+    except TypeError:
+        raise InputError(
+            f"{where}: it is {shown(repr(given))}; it has to be a list of sides, such as [0, 2]"
+        ) from None
+
+
+def side(given: Any, where: str) -> int:
+    """The number of a side."""
+    try:
+        if isinstance(given, bool):
+            raise TypeError
+        return operator.index(given)
+    except TypeError:
+        raise InputError(
+            f"{where}: {shown(repr(given))} is no side; sides are whole numbers, from 0 on"
+        ) from None

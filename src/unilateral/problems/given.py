@@ -1,0 +1,256 @@
+"""Problems as programs give them: by name, or with f, g and q as formulas, functions or arrays at nodes."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from numbers import Number
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from unilateral.arrays import Array
+from unilateral.errors import InputError, shown
+from unilateral.formulas.expression import ZERO, Expression
+from unilateral.formulas.formula import compile_numpy
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.polygon import Polygon
+from unilateral.problems import arguments, nodal, problem_file
+from unilateral.problems.data import is_case
+from unilateral.problems.nodal import Nodal, NodalTrace
+from unilateral.problems.problem import Problem
+from unilateral.problems.sampled import Function, Sampled, check_arguments, check_vertices
+from unilateral.system.copies import Rebuilt
+from unilateral.system.files import path_of
+from unilateral.system.optional import require
+
+if TYPE_CHECKING:
+    from unilateral.problems.case import Case
+
+    AnyProblem = Case | Problem | Sampled
+
+Coefficient = str | float
+"""A number, or one that is written exactly, such as "1/3"."""
+Given = str | float | Function | Array | None
+"""f, g or q, everywhere or on a side: a formula, a function, an array at nodes, or nothing."""
+Read = Expression | Function | NodalTrace
+
+
+@dataclass(frozen=True)
+class FormulaFunction(Rebuilt):
+    """A formula as a function of arrays, in a problem that has functions, too."""
+
+    formula: Expression
+
+    def __call__(self, x: Array, y: Array) -> Array:
+        return self._compiled(x, y)
+
+    @cached_property
+    def _compiled(self) -> Function:
+        compiled = compile_numpy([self.formula], "xy")
+        return lambda x, y: compiled(x, y)[0]
+
+
+def case(
+    name: str | os.PathLike[str],
+    polygon: str | Polygon | None = None,
+    side: int = 0,
+    free_sides: Sequence[int] | None = (),
+) -> Case:
+    """A case of the catalogue by its name, or of a YAML file: a problem whose solution is known.
+
+    It is put on that side of the polygon, which is by default the first of those that it is for. A polygon is
+    given by its name, or by a YAML file that has it in the field `polygon`. On `free_sides`, which must carry
+    no contact, there are no multipliers. Raises InputError, among others for a case that is not certified.
+
+    >>> import unilateral as ul
+    >>> ul.case("natural").polygon.name
+    'square'
+    """
+    require("cases with known solutions need", "sympy")
+    from unilateral.problems import (
+        case as cases,  # sympy, on which they rest, takes longer than a small problem
+    )
+    from unilateral.problems.case_certificate import certify, with_free_sides
+
+    given = str(path_of(name, "natural"))
+    if polygon is None:
+        polygons = cases.declared(given)[0]["polygons"]
+        polygon = "square" if polygons == "any" else polygons[0]
+    on = polygon if isinstance(polygon, Polygon) else str(path_of(polygon, "square"))
+    domain = problem_file.polygon_of(on) if isinstance(on, str) else on
+    found = cases.load(given, domain, arguments.side(side, "side"))
+    certify(found)
+    free = arguments.sides(free_sides, "free_sides")
+    return with_free_sides(found, free) if free else found
+
+
+def load(path: str | os.PathLike[str]) -> Case | Problem:
+    """What a YAML file declares: a problem, or a case. Raises InputError with the file and the field.
+
+    >>> import pathlib, tempfile
+    >>> import unilateral as ul
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     file = pathlib.Path(folder, "own.yaml")
+    ...     _ = file.write_text("{polygon: [[0, 0], [1, 0], [0, 1]], f: x - 1, g: 0}")
+    ...     ul.load(file)
+    Problem 'own'; polygon = 3 sides, area 0.5, f = x - 1, g = 0
+    """
+    name = str(path_of(path, "problem.yaml"))
+    return problem_file.load(name) if problem_file.is_declared_in(name) else case(name)
+
+
+def problem_of(given: object) -> AnyProblem | None:
+    """The problem that is given, or that of a name; None for what is neither."""
+    if isinstance(given, str | os.PathLike):
+        return load(given)
+    return given if isinstance(given, Problem | Sampled) or is_case(given) else None
+
+
+def mesh_of(problem: AnyProblem) -> Mesh | None:
+    """The mesh that a problem was made of."""
+    return problem.nodal.mesh if isinstance(problem, Problem | Sampled) else None
+
+
+def bare(
+    domain: Mesh | Polygon | ArrayLike, free_sides: Sequence[int] | None, k: object, c: object, name: str
+) -> Problem:
+    """The problem with f = g = q = 0 on a polygon, or on that of a mesh, which is then part of it.
+
+    Raises InputError as for a problem file.
+    """
+    if not isinstance(name, str) or not name:
+        raise InputError(f"name is {shown(repr(name))}; it has to be a text")
+    mesh = domain if isinstance(domain, Mesh) else None
+    polygon = domain.polygon if isinstance(domain, Mesh) else domain
+    vertices = arguments.vertices(polygon, f"{name}, field polygon")
+    fields = {
+        "polygon": vertices.tolist(),
+        "free_sides": arguments.sides(free_sides, f"{name}, field free_sides"),
+        "k": arguments.number(k, f"{name}, field k"),
+        "c": arguments.number(c, f"{name}, field c"),
+    }
+    found = problem_file.made(fields | {"f": 0, "g": 0}, name, name)
+    return replace(found, polygon=mesh.polygon, nodal=Nodal(mesh)) if mesh else found
+
+
+def to_be_given(of: AnyProblem) -> Problem | Sampled:
+    """The problem or, for a case, the one with f = g = 0 on its polygon, with its free sides."""
+    if isinstance(of, Problem | Sampled):
+        return of
+    return Problem(of.name, of.polygon, ZERO, (ZERO,) * of.polygon.n_sides, of.free_sides)
+
+
+def with_data(
+    of: Problem | Sampled,
+    f: Given = None,
+    g: Given | Sequence[Given] = None,
+    q: Given | Sequence[Given] = None,
+    mesh: Mesh | None = None,
+) -> Problem | Sampled:
+    """The problem with another f, g or q, as they are given; what is None stays.
+
+    Arrays (n,) belong to the nodes of the `mesh`, by default that of the problem. Raises InputError as for a
+    problem file, and for an array that does not fit the mesh.
+    """
+    mesh, name = mesh or of.nodal.mesh, of.name
+    before = of.nodal.f if of.nodal.f is not None else _read(of.f)
+    of_f = before if f is None else _read_f(f, mesh, f"{name}, field f")
+    of_g = [*map(_read, of.g)] if g is None else _read_sides(of, g, mesh, "g")
+    of_q = [*map(_read, of.q)] if q is None else _read_sides(of, q, mesh, "q")
+    arrays = Nodal(
+        mesh,
+        of_f if isinstance(of_f, np.ndarray) else None,
+        of.nodal.g if g is None else _traces(of_g),
+        of.nodal.q if q is None else _traces(of_q),
+    )
+    common: dict[str, Any] = {
+        "name": name,
+        "polygon": of.polygon,
+        "free_sides": of.free_sides,
+        "units": of.units,
+        "nodal": arrays,
+    }
+    if any(callable(each) for each in (of_f, *of_g, *of_q)):
+        f_, g_, q_ = _function(of_f), tuple(map(_function, of_g)), tuple(map(_function, of_q))
+        sampled = Sampled(f=f_, g=g_, q=q_, **common)
+        check_vertices(sampled)
+        return sampled
+    formulas = _formula(of_f), tuple(map(_formula, of_g)), tuple(map(_formula, of_q))
+    title = of.title if isinstance(of, Problem) else ""
+    found = Problem(f=formulas[0], g=formulas[1], q=formulas[2], title=title, **common)
+    if isinstance(of, Problem) and q is None:
+        vars(found)["enclosed_flux"] = of.enclosed_flux
+    problem_file.check(found, name)
+    return found
+
+
+def _read_f(given: Given, mesh: Mesh | None, where: str) -> Read | Array:
+    given = _checked(given, where)
+    if nodal.is_array(given):
+        return nodal.at_nodes(mesh, given, where)
+    return given if callable(given) else problem_file.formula(given, where)
+
+
+def _read_sides(
+    of: Problem | Sampled, given: Given | Sequence[Given], mesh: Mesh | None, field: str
+) -> list[Read]:
+    """(n sides,) g or q on each side, 0 on those that have none; one is for all sides."""
+    where, n, free = f"{of.name}, field {field}", of.polygon.n_sides, of.free_sides
+    listed = None
+    if isinstance(given, Sequence) and not isinstance(given, str | bytes):
+        listed = [_checked(each, f"{where}[{side}]") for side, each in enumerate(given)]
+    else:
+        given = _checked(given, where)
+    # The same checks of sides as for formulas, with a number in place of the others.
+    numbers = [_placeholder(each) for each in ([given] if listed is None else listed)]
+    formulas = problem_file.on_sides(
+        field, numbers[0] if listed is None else numbers, of.polygon, free, where
+    )
+    found: list[Read] = [*formulas]
+    for side in (side for side in range(n) if (side in free) == (field == "q")):
+        each, place = (given, where) if listed is None else (listed[side], f"{where}[{side}]")
+        if nodal.is_array(each):
+            found[side] = nodal.trace(mesh, each, side, place)
+        elif callable(each):
+            found[side] = each
+    return found
+
+
+def _checked(given: Any, where: str) -> Given:
+    """What is given, numbers as in a file. Raises InputError for what is no formula, function or array."""
+    if callable(given):
+        check_arguments(given, where)
+        return given  # type: ignore[no-any-return]
+    given = arguments.number(given, where)
+    if given is None or isinstance(given, str | Number) or nodal.is_array(given):
+        return given  # type: ignore[return-value]
+    raise InputError(
+        f"{where}: it is {shown(repr(given))}; it has to be a formula, a function or an array of values "
+        "at nodes"
+    )
+
+
+def _placeholder(given: Given | Sequence[Given]) -> object:
+    return 1 if callable(given) or nodal.is_array(given) else given
+
+
+def _traces(of: Sequence[Read]) -> dict[int, NodalTrace]:
+    return {side: each for side, each in enumerate(of) if isinstance(each, NodalTrace)}
+
+
+def _read(of: Expression | Function) -> Read:
+    """What a problem holds as it was given."""
+    return of.formula if isinstance(of, FormulaFunction) else of
+
+
+def _formula(of: Read | Array) -> Expression:
+    """The formula, or 0 for an array."""
+    return of if isinstance(of, Expression) else ZERO
+
+
+def _function(of: Read | Array) -> Function:
+    return of if callable(of) else FormulaFunction(_formula(of))

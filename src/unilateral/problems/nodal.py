@@ -1,0 +1,123 @@
+"""f, g and q as arrays at the nodes of a mesh: linear on its triangles and on its boundary edges."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import TypeGuard
+
+import numpy as np
+
+from unilateral.arrays import Array, Index
+from unilateral.errors import InputError
+from unilateral.formulas.taylor import EPS, Model, constant, number
+from unilateral.geometry.curves import Singular
+from unilateral.geometry.mesh import Mesh
+
+SLOPE = 16 * EPS
+"""A slope, and what is made of it on an edge, is rounded by at most this part of the values at its ends."""
+
+
+@dataclass(frozen=True, eq=False)
+class NodalTrace:
+    """A function on a side: its `values` (k,) at the places t (k,), from 0 to 1 in side lengths."""
+
+    t: Array
+    values: Array
+
+    def at(self, t: Array) -> Array:
+        """(n,) values at the places t (n,)."""
+        return np.interp(t, self.t, self.values)
+
+    def model(self, t: Model) -> Model:
+        """The function on intervals of the side, each of which lies on one edge but for rounding."""
+        middle = 0.5 * (t.range[0] + t.range[1])
+        edge = np.clip(np.searchsorted(self.t, middle, side="right") - 1, 0, len(self.t) - 2)
+        start, end = self.values[edge], self.values[edge + 1]
+        slope = (end - start) / (self.t[edge + 1] - self.t[edge])
+        doubt = SLOPE * (np.abs(start) + np.abs(end))
+        linear = number(t, start) + number(t, slope) * (t + number(t, -self.t[edge]))
+        return linear + constant(t.basis, (-doubt, doubt))
+
+    @property
+    def cuts(self) -> Array:
+        """The places inside the side at which it is not smooth."""
+        return self.t[1:-1]
+
+
+NodalTraces = Mapping[int, NodalTrace]
+"""Those of some sides."""
+
+
+@dataclass(frozen=True, eq=False)
+class Nodal:
+    """What is given at the nodes of the `mesh`: f (n,), and g and q on sides.
+
+    It takes the place of formulas and functions.
+    """
+
+    mesh: Mesh | None = None
+    f: Array | None = None
+    g: NodalTraces = field(default_factory=dict)
+    q: NodalTraces = field(default_factory=dict)
+
+    def scaled(self, load: float, value: float, flux: float) -> Nodal:
+        """The same in other units of f, g and q; places t stay."""
+        g, q = (
+            {side: replace(of, values=of.values / unit) for side, of in traces.items()}
+            for traces, unit in ((self.g, value), (self.q, flux))
+        )
+        return replace(self, f=None if self.f is None else self.f / load, g=g, q=q)
+
+
+def cuts(of: NodalTraces) -> Iterable[Singular]:
+    """The nodes inside the sides of traces."""
+    return [Singular(side, t, 1) for side, each in of.items() for t in each.cuts.tolist()]
+
+
+def is_array(given: object) -> TypeGuard[Array]:
+    """Whether values at nodes are given: an array that is no single number."""
+    return hasattr(given, "__array__") and np.ndim(given) > 0  # type: ignore[arg-type]
+
+
+def at_nodes(mesh: Mesh | None, given: Array, where: str, read: Index | None = None) -> Array:
+    """(n,) the values that are given at the nodes of a mesh; `read` are the nodes that count, by default all.
+
+    Raises InputError, beginning with `where`, for another shape, and for what is no finite real number.
+    """
+    if mesh is None:
+        raise InputError(
+            f"{where}: an array has a value for each node of a mesh; give the mesh in place of the polygon, "
+            "as in ul.Problem(mesh, f, g)"
+        )
+    values = np.asarray(given)
+    if values.shape != (mesh.n_nodes,):
+        raise InputError(
+            f"{where}: the array has the shape {values.shape}; it has to be ({mesh.n_nodes},), a value for "
+            "each of mesh.points"
+        )
+    if values.dtype.kind not in "biuf":
+        raise InputError(
+            f"{where}: the array holds values of the type {values.dtype}; it has to hold real numbers"
+        )
+    values = values.astype(float)
+    wrong = np.flatnonzero(~np.isfinite(values if read is None else values[read]))
+    if wrong.size:
+        node = int(wrong[0] if read is None else read[wrong[0]])
+        x, y = mesh.points[node]
+        raise InputError(
+            f"{where}: the array is {values[node]} at node {node} ({x:.6g}, {y:.6g}); it has to be finite"
+        )
+    return values
+
+
+def trace(mesh: Mesh | None, given: Array, side: int, where: str) -> NodalTrace:
+    """The values on a side; those at other nodes are not read. Raises InputError as `at_nodes`."""
+    if mesh is None:
+        at_nodes(None, given, where)
+    assert mesh is not None
+    edges = np.flatnonzero(mesh.side == side)
+    nodes = np.append(mesh.boundary[edges], mesh.boundary[(edges[-1] + 1) % len(mesh.boundary)])
+    polygon = mesh.polygon
+    t = np.append((mesh.s[edges] - polygon.starts[side]) / polygon.lengths[side], 1.0)
+    return NodalTrace(t, at_nodes(mesh, given, where, nodes)[nodes])

@@ -1,0 +1,99 @@
+"""Problems as records for files, and back. A file holds formulas and arrays, and no functions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from unilateral.arrays import Array
+from unilateral.errors import InputError
+from unilateral.formulas.expression import Expression
+from unilateral.formulas.trees import of_tree, tree
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.polygon import Polygon
+from unilateral.problems.given import FormulaFunction
+from unilateral.problems.nodal import Nodal, NodalTrace, NodalTraces
+from unilateral.problems.problem import Problem
+from unilateral.problems.sampled import Function, Sampled
+from unilateral.problems.units import Units
+
+if TYPE_CHECKING:
+    from unilateral.problems.case import Case
+
+
+def record(of: Case | Problem | Sampled) -> dict[str, Any]:
+    """What makes the problem again, but for functions and an array f at nodes, as JSON can have it."""
+    found = {
+        "name": of.name,
+        "polygon": of.polygon.name,
+        "vertices": of.polygon.vertices.tolist(),
+        "free_sides": [*of.free_sides],
+    }
+    if not isinstance(of, Problem | Sampled):
+        return found | {"kind": "case", "declaration": of.declaration, "side": of.side}
+    return found | {
+        "kind": "functions" if isinstance(of, Sampled) else "formulas",
+        "title": of.title,
+        "k": tree(of.units.k),
+        "c": tree(of.units.c),
+        "f": _formula(of.f),
+        "g": [*map(_formula, of.g)],
+        "q": [*map(_formula, of.q)],
+        "on_mesh": of.nodal.mesh is not None,
+        "g_at_nodes": _traces(of.nodal.g),
+        "q_at_nodes": _traces(of.nodal.q),
+    }
+
+
+def of_record(of: dict[str, Any], f_at_nodes: Array | None = None) -> Case | Problem | Sampled:
+    """The problem of a record, without its mesh; in place of functions are such that raise InputError."""
+    name, free = of["name"], tuple(of["free_sides"])
+    polygon = Polygon(np.array(of["vertices"]), of["polygon"])
+    if of["kind"] == "case":
+        from unilateral.problems.case import declared_on  # with sympy, which takes long to import
+
+        return declared_on(of["declaration"], name, polygon, of["side"], free)
+    units = Units(of_tree(of["k"]), of_tree(of["c"]))
+    at_nodes = (_of_traces(of[f"{field}_at_nodes"]) for field in "gq")
+    nodal = Nodal(None, f_at_nodes, *at_nodes)
+    if of["kind"] == "formulas":
+        formulas = (tuple(map(of_tree, of[field])) for field in "gq")
+        return Problem(
+            name, polygon, of_tree(of["f"]), next(formulas), free, units, next(formulas), nodal, of["title"]
+        )
+    g, q = (tuple(map(_function, of[field])) for field in "gq")
+    return Sampled(name, polygon, _function(of["f"]), g, free, units, q, nodal)
+
+
+def on_mesh(problem: Case | Problem | Sampled, mesh: Mesh) -> Case | Problem | Sampled:
+    """The problem as one that was made of the mesh."""
+    if not isinstance(problem, Problem | Sampled):
+        return problem
+    return replace(problem, nodal=replace(problem.nodal, mesh=mesh))
+
+
+def _formula(of: Expression | Function) -> list[Any] | None:
+    """A formula as nested lists, None for a function."""
+    if isinstance(of, FormulaFunction):
+        of = of.formula
+    return tree(of) if isinstance(of, Expression) else None
+
+
+def _function(of: list[Any] | None) -> Function:
+    return lost if of is None else FormulaFunction(of_tree(of))
+
+
+def lost(x: Array, y: Array) -> Array:
+    """In place of a function that a file cannot hold."""
+    raise InputError("a file of a solution holds no functions; give f, g and q again with ul.Problem(...)")
+
+
+def _traces(of: NodalTraces) -> Sequence[Any]:
+    return [[side, each.t.tolist(), each.values.tolist()] for side, each in of.items()]
+
+
+def _of_traces(of: Sequence[Any]) -> NodalTraces:
+    return {side: NodalTrace(np.array(t), np.array(values)) for side, t, values in of}

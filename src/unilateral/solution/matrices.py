@@ -1,0 +1,92 @@
+"""The matrices of the discrete problem (P_h*), as a solver of one's own needs them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse as sp
+
+from unilateral.arrays import Array, Index
+from unilateral.discrete.base import DiscreteProblem
+from unilateral.fem.p1 import coupling, stiffness_and_mass
+from unilateral.fem.spaces import DualOperator
+from unilateral.formulas.exact_numbers import rounded
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.problems.units import Units
+
+
+@dataclass(frozen=True, eq=False)
+class Matrices:
+    """A u - B^T lambda = F, lambda >= 0, B u >= H g, and lambda . (B u - H g) = 0, for u (n,), lambda (m,).
+
+    `A` (n, n) is k times the stiffness plus c times the mass matrix. B[i, j] of `B` (m, n) is the integral of
+    node j's hat over cell i. `F` (n,) is the load of f and of the flux q, and `g` (m,) has the means of g on
+    the cells, whose lengths are `H` (m,). The m `cells` (m,) are those of the partition that lie on no free
+    side. All are in the units of the problem.
+
+    >>> import numpy as np
+    >>> import unilateral as ul
+    >>> solver = ul.Solver("natural", h=1 / 16, H=1 / 8, stop=ul.Stop(algorithm="active_set"))
+    >>> s, of = solver(), solver.matrices()
+    >>> lambda_H, gap = s.multiplier[of.cells], of.B @ s.u - of.H * of.g
+    >>> residual = of.A @ s.u - of.B.T @ lambda_H - of.F
+    >>> bool(np.abs(residual).max() < 1e-12), bool(lambda_H.min() >= 0), bool(gap.min() > -1e-12)
+    (True, True, True)
+    >>> bool(np.abs(lambda_H * gap).max() < 1e-12)
+    True
+    >>> bool(np.allclose(of.D @ lambda_H + of.B @ np.linalg.solve(of.A.toarray(), of.F), of.B @ s.u))
+    True
+    """
+
+    A: sp.csr_array
+    B: sp.csr_array
+    F: Array
+    g: Array
+    H: Array
+    cells: Index
+    _operator: Callable[[], DualOperator]
+    _c: float
+
+    @cached_property
+    def D(self) -> Array:
+        """(m, m) B A^{-1} B^T, dense. Raises InputError where that takes more memory than is free."""
+        return self._operator().D / self._c
+
+    @cached_property
+    def S(self) -> Array:
+        """(m, m) D with rows and columns divided by H^{1/2}, for H^{1/2} lambda as unknowns."""
+        root = np.sqrt(self.H)
+        return self.D / root[:, None] / root
+
+
+def matrices(
+    units: Units,
+    mesh: Mesh,
+    partition: Partition,
+    discrete: DiscreteProblem,
+    operator: Callable[[], DualOperator],
+) -> Matrices:
+    """Those of a discrete problem, for the same mesh and partition in the user's units.
+
+    `operator` makes the dual operator of the discrete problem, which is in the units of (1.1)-(1.2).
+    """
+    k, c = rounded(units.k), rounded(units.c)
+    stiffness, mass = stiffness_and_mass(mesh)
+    cells, nodes = discrete.cells, mesh.boundary
+    on_boundary = coupling(mesh, partition)[cells].tocoo()
+    shape = (len(cells), mesh.n_nodes)
+    B = sp.coo_array((on_boundary.data, (on_boundary.row, nodes[on_boundary.col])), shape=shape).tocsr()
+    return Matrices(
+        A=(k * stiffness + c * mass).tocsr(),
+        B=B,
+        F=units.force * discrete.load,
+        g=units.value * discrete.g_means[cells],
+        H=partition.lengths[cells],
+        cells=cells,
+        _operator=operator,
+        _c=c,
+    )

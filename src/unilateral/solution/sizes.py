@@ -1,0 +1,77 @@
+"""The mesh and the partition that go with sizes h and H as users give them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from unilateral.discrete.choice import check_size, levels_for
+from unilateral.errors import InputError, shown
+from unilateral.formulas.formula import real
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition, uniform
+from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.structured import natural_kind, structured
+from unilateral.solvers.stop import Stop
+
+Size = float | str
+"""A number, or one that is written as a fraction, such as "1/64"."""
+KINDS = {"structured": structured, "unstructured": meshes.unstructured}
+"""The kinds of meshes that are made for a polygon and a size h."""
+
+
+def number(name: str, given: Size | None) -> float | None:
+    """A number that may be a text, such as "1/64"."""
+    if isinstance(given, str):
+        return real(given, name)
+    try:
+        if isinstance(given, bool):
+            raise TypeError
+        return given if given is None else float(given)
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(
+            f"{name} is {shown(repr(given))}; it has to be a number, or a text such as '1/64'"
+        ) from None
+
+
+def check_kind(mesh: Mesh | str) -> None:
+    """Raises InputError for what is neither a mesh nor one of KINDS."""
+    if not isinstance(mesh, Mesh) and not (isinstance(mesh, str) and mesh in ("", *KINDS)):
+        raise InputError(
+            f"the mesh is {shown(repr(mesh))}; it has to be {' or '.join(KINDS)}, or a mesh such as "
+            "ul.mesh(path)"
+        )
+
+
+def sized(
+    polygon: Polygon, h: float | None, H: float | None, given: Mesh | str, stop: Stop
+) -> tuple[Mesh, Partition]:
+    """The mesh and the partition of sizes h and H at most. Raises InputError where one of them is missing."""
+    wanted_H = _checked("H", H)
+    if isinstance(given, Mesh):
+        if h is not None:
+            raise InputError("the mesh is given; leave h out")
+        same = np.array_equal(given.polygon.vertices, polygon.vertices)
+        mesh = given if same else meshes.from_arrays(polygon, given.points, given.triangles)
+        return mesh, uniform(polygon, wanted_H)
+    wanted_h = _checked("h", h)
+    check_size(polygon, wanted_h)
+    kind = given or natural_kind(polygon)
+    edges = math.ceil(wanted_H / wanted_h * (1 - 1e-12))
+    halvings = levels_for(polygon, wanted_H, edges, stop) if kind == "unstructured" and edges > 1 else 0
+    if halvings:
+        return meshes.following(uniform(polygon, 2**halvings * wanted_H), edges, halvings)
+    return KINDS[kind](polygon, wanted_h), uniform(polygon, wanted_H)
+
+
+def _checked(name: str, size: float | None) -> float:
+    """A size that is given and positive."""
+    if size is None:
+        raise InputError(
+            f"h and H are needed, and {name} is missing; ul.solve takes an accuracy in their place"
+        )
+    if not 0 < size < math.inf:
+        raise InputError(f"{name} = {size:g} must be a positive number")
+    return size

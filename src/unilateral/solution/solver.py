@@ -1,0 +1,230 @@
+"""A solver that is used again: what belongs to the mesh and the cells is made once, for all loads."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Sequence
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from numpy.typing import ArrayLike
+
+from unilateral.accuracy.search import WITHDRAWN, Search
+from unilateral.discrete.base import DiscreteProblem
+from unilateral.discrete.choice import cheapest, condensed_spaces, discretised
+from unilateral.discrete.loads import Load, load_of
+from unilateral.errors import InputError, IterationWarning, SolutionWarning, shown
+from unilateral.fem.spaces import DualOperator, MixedSpaces
+from unilateral.formulas.decimals import up
+from unilateral.formulas.expression import Expression
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.polygon import Polygon
+from unilateral.problems.data import Data, is_case
+from unilateral.problems.given import Coefficient, Given, bare, mesh_of, problem_of, to_be_given, with_data
+from unilateral.problems.problem import Problem
+from unilateral.problems.sampled import Sampled
+from unilateral.problems.scaled import scaled
+from unilateral.solution.certificate import SIZE, relative
+from unilateral.solution.matrices import Matrices, matrices
+from unilateral.solution.sizes import Size, check_kind, number, sized
+from unilateral.solution.solution import Solution, not_converged, not_unique
+from unilateral.solvers.stop import Stop
+
+if TYPE_CHECKING:
+    from unilateral.problems.given import AnyProblem
+
+
+class Solver:
+    """A problem on given sizes, to be solved for many f, g and q.
+
+    `problem` is one of `Problem`, `case` and `load`, or the name of a case or of a YAML file. It may also be
+    a polygon, by its vertices (n, 2), or a mesh. Then `free_sides`, k, c and q are those of `Problem`, and
+    each call gives f and g. h, H, `mesh` and `stop` are as in `solve`; a problem that was made of a mesh is
+    solved on it. Raises InputError as `solve`.
+
+    The mesh, its levels or the factors of its matrix, the partition and the coupling of both are made once.
+    A call makes the loads of what it is given, and iterates. It never begins at an earlier solution, so that
+    the same arguments give the same solution bit for bit, in whatever order. `mesh` and `partition` are those
+    of all solutions.
+
+    >>> import unilateral as ul
+    >>> solver = ul.Solver([(0, 0), (1, 0), (1, 1), (0, 1)], h=1 / 16, H=1 / 8)
+    >>> [round(solver(f=-1, g=-depth).forces().whole.value, 3) for depth in (0, 0.5, 1)]
+    [0.967, 0.483, 0.0]
+    """
+
+    def __init__(
+        self,
+        problem: AnyProblem | str | os.PathLike[str] | Polygon | Mesh | ArrayLike,
+        h: Size | None = None,
+        H: Size | None = None,
+        *,
+        mesh: Mesh | str = "",
+        stop: Stop | None = None,
+        free_sides: Sequence[int] = (),
+        k: Coefficient = 1,
+        c: Coefficient = 1,
+        q: Given | Sequence[Given] = None,
+    ) -> None:
+        check_kind(mesh)
+        check_stop(stop)
+        self.stop = stop or Stop()
+        known = problem_of(problem)
+        if known is None:
+            self.problem: AnyProblem = with_data(bare(problem, free_sides, k, c, "problem"), q=q)  # type: ignore[arg-type]
+        elif free_sides or k != 1 or c != 1 or q is not None:
+            raise InputError("free_sides, k, c and q belong to a polygon; a problem has its own")
+        else:
+            self.problem = known
+        self.has_data = known is not None
+        own = mesh_of(self.problem)
+        if own is not None and mesh not in ("", own):
+            raise InputError(f"'{self.problem.name}' was made of a mesh and is solved on it; leave mesh out")
+        given = mesh if own is None else own
+        self.own_mesh = isinstance(given, Mesh)
+        sizes = number("h", h), number("H", H)
+        self.mesh, self.partition = sized(self.problem.polygon, *sizes, given, self.stop)
+        self._data = scaled(self.problem)
+        self._last: tuple[Expression, Load] | None = None
+        on = self._data.polygon
+        self._spaces = cheapest(
+            meshes.similar(self.mesh, on),
+            partitions.similar(self.partition, on),
+            self.problem.free_sides,
+            self.stop,
+        )
+
+    def __call__(
+        self,
+        f: Given = None,
+        g: Given | Sequence[Given] = None,
+        q: Given | Sequence[Given] = None,
+    ) -> Solution:
+        """The solution for another f, g or q; what is not given is that of the problem.
+
+        They are given as in `Problem`; arrays (n,) have a value for each of `mesh.points`. Raises InputError
+        as `Problem`. Warns as `solve`.
+        """
+        found = self.found(f, g, q)
+        tell_faults(found, self.own_mesh)
+        return found
+
+    def found(
+        self,
+        f: Given = None,
+        g: Given | Sequence[Given] = None,
+        q: Given | Sequence[Given] = None,
+    ) -> Solution:
+        """The same without warnings."""
+        problem, discrete = self._discrete(f, g, q)
+        with warnings.catch_warnings(action="ignore", category=IterationWarning):  # `tell_faults` tells it
+            solved = discrete.solved(self.stop)
+        solved.forget()
+        return Solution(solved, problem)
+
+    def matrices(
+        self,
+        f: Given = None,
+        g: Given | Sequence[Given] = None,
+        q: Given | Sequence[Given] = None,
+    ) -> Matrices:
+        """The discrete problem's matrices, load and means of g, in the units of the problem."""
+        problem, discrete = self._discrete(f, g, q)
+        return matrices(problem.units, self.mesh, self.partition, discrete, lambda: self._operator)
+
+    def __repr__(self) -> str:
+        return (
+            f"Solver of '{self.problem.name}': {self.mesh.n_nodes} nodes, {self.partition.n_cells} cells, "
+            f"h = {self.mesh.h:.4g}, H = {self.partition.H:.4g}"
+        )
+
+    def _discrete(
+        self, f: Given, g: Given | Sequence[Given], q: Given | Sequence[Given]
+    ) -> tuple[AnyProblem, DiscreteProblem]:
+        """The problem with that f, g and q, and the discrete one."""
+        problem = self._with(f, g, q)
+        data = self._data if problem is self.problem else scaled(problem)
+        if is_case(data):
+            return problem, discretised(data, self._spaces)  # with its exact solution
+        load = self._load if f is None else self._load_of(problem, data)
+        return problem, discretised(data, self._spaces, load)
+
+    def _load_of(self, problem: AnyProblem, data: Data | Sampled) -> Load:
+        """The load of an f that is given. That of a formula is kept for calls with the same one."""
+        formula = problem.f if isinstance(problem, Problem) and problem.nodal.f is None else None
+        if formula is None:
+            return load_of(data, self._spaces.mesh)
+        if self._last is None or self._last[0] != formula:
+            self._last = formula, load_of(data, self._spaces.mesh)
+        return self._last[1]
+
+    def _with(self, f: Given, g: Given | Sequence[Given], q: Given | Sequence[Given]) -> AnyProblem:
+        of = self.problem
+        missing = [name for name, given in (("f", f), ("g", g)) if given is None]
+        if missing and not self.has_data:
+            raise InputError(
+                f"{missing[0]} is missing; a solver that was made of a polygon or a mesh needs f and g in "
+                "each call"
+            )
+        if len(missing) == 2 and q is None:
+            return of
+        if is_case(of) and missing:
+            raise InputError(
+                f"'{of.name}' is a case, whose f and g belong to its solution; give both f and g"
+            )
+        return with_data(to_be_given(of), f, g, q, self.mesh)
+
+    @cached_property
+    def _load(self) -> Load:
+        """The load of the problem's own f."""
+        return load_of(self._data, self._spaces.mesh)
+
+    @cached_property
+    def _operator(self) -> DualOperator:
+        """The dual operator of the condensed problem. Raises InputError where memory does not suffice."""
+        of = self._spaces
+        if not isinstance(of, MixedSpaces):
+            of = condensed_spaces(of.mesh, of.partition, of.free)
+        return of.operator
+
+
+def check_stop(stop: Stop | None) -> None:
+    """Raises InputError for what is no `Stop`."""
+    if not isinstance(stop, Stop | None):
+        raise InputError(f"stop is {shown(repr(stop))}; it has to be one such as ul.Stop(tolerance=1e-8)")
+
+
+def tell_faults(found: Solution, own_mesh: bool = False) -> None:
+    """Warns, two calls above, of what is less than what was wanted, or may be."""
+    search = found.search
+    if search and len(search.believed) < len(search.done):
+        withdrawn = f"{len(search.done) - len(search.believed)} bounds {WITHDRAWN}"
+        warnings.warn(withdrawn, SolutionWarning, stacklevel=3)
+    if search and not search.certified:
+        warnings.warn(not_certified(search), SolutionWarning, stacklevel=3)
+        return
+    if not found.converged:
+        warnings.warn(not_converged(found.solved.result.bound), SolutionWarning, stacklevel=3)
+    if not found.unique:
+        warnings.warn(f"lambda_H {not_unique(found.mesh, own_mesh)}", SolutionWarning, stacklevel=3)
+
+
+def not_certified(search: Search) -> str:
+    """Why the accuracy is not certified, and what is reached: in the same terms, and as an error."""
+    best = search.best
+    parts = [f"the accuracy {best.goal.accuracy:g} is not certified: {search.ended}"]
+    if not search.believed:
+        parts.append("no bound is left")
+    elif best.goal.absolute or not best.size > 0:
+        parts.append(f"reached is {up(best.total, '.4e')}")
+    else:
+        share = up(relative(best.total, best.size), ".3g")
+        parts.append(f"reached is {share} of {SIZE[best.goal.norm]}, or {up(best.total, '.4e')}")
+    if search.refusal:
+        parts.append(str(search.refusal))
+    if search.reach:
+        parts.append(f"an accuracy of {search.reach:g} is within reach")
+    return "; ".join(parts)

@@ -1,0 +1,86 @@
+"""What a solution shows of itself where Python or a notebook prints it: a few lines, and a picture.
+
+Nothing is begun that takes long. On meshes of more than QUICK nodes a bound is shown only if it is known
+already, and there is no picture.
+"""
+
+from __future__ import annotations
+
+import base64
+from html import escape
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+from unilateral.formulas.decimals import percent, plus_minus, up
+from unilateral.problems.sampled import Sampled
+from unilateral.solution.certificate import SIZE
+
+if TYPE_CHECKING:
+    from unilateral.solution.certificate import Bounds
+    from unilateral.solution.solution import Solution
+
+QUICK = 100_000
+"""Up to this many nodes a cheap bound takes less than a second, and a picture about two."""
+
+
+def text(of: Solution) -> str:
+    """The title, and a line for each of the `rows`."""
+    return "\n".join([_title(of), *(f"  {name:16} {value}" for name, value in rows(of).items())])
+
+
+def html(of: Solution) -> str:
+    """The title, the `rows` as a table, and the picture if matplotlib is there."""
+    lines = "".join(f"<tr><th>{escape(a)}</th><td>{escape(b)}</td></tr>" for a, b in rows(of).items())
+    picture = "<p>The picture is drawn by plot().</p>"
+    if of.mesh.n_nodes <= QUICK and find_spec("matplotlib"):
+        picture = _picture(of)
+    return f"<div><p><strong>{escape(_title(of))}</strong></p><table>{lines}</table>{picture}</div>"
+
+
+def rows(of: Solution) -> dict[str, str]:
+    """What is known of the solution, by names."""
+    sharp = of.search is not None and of.search.best.goal.sharp
+    cells, solved = of.solved.discrete.cells, of.solved
+    found = {"unknowns": f"{of.mesh.n_nodes}, and {len(cells)} multipliers"}
+    if not solved.known(sharp) and (of.mesh.n_nodes > QUICK or of.too_large(sharp)):
+        found["error of u"] = "not bounded yet: see bounds"
+    else:
+        found |= _bounded(of, of.sharp_bounds if sharp else of.bounds, sharp)
+    held, around = of.contact, f"of {of.polygon.perimeter:.4g}"
+    found["contact"] = "the whole boundary, " * held.full + f"length {held.length:.4g} {around}"
+    if not of.converged:
+        found["not converged"] = f"the algebraic error is at most {up(solved.result.bound, '.2g')}"
+    if not of.unique:
+        found["lambda_H"] = "may not be unique"
+    return found
+
+
+def _bounded(of: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, str]:
+    """The rows of guaranteed errors and of the force."""
+    if bounds is None:
+        why = "f, g or q is a function" if isinstance(of.problem, Sampled) else "there is no bound"
+        return {"error of u": f"unknown, for {why}", "force": f"{of.solved.force * of.units.force:.4g}"}
+    parts = {
+        "error of u": (bounds.u, bounds.relative_u, SIZE["h1"]),
+        "error of lambda": (bounds.multiplier, bounds.relative_multiplier, SIZE["hm12"]),
+    }
+    rows = {
+        name: f"at most {up(bound, '.3g')}"
+        + (f", {percent(part)} of {norm}" if part < 1 else "")
+        + ", guaranteed"
+        for name, (bound, part, norm) in parts.items()
+    }
+    return rows | {"force": f"{plus_minus(*of.force(sharp))}, guaranteed"}
+
+
+def _title(of: Solution) -> str:
+    title = of.problem.title
+    return f"Solution of '{of.problem.name}'" + (f": {title}" if title else "")
+
+
+def _picture(of: Solution) -> str:
+    from unilateral.solution.plot import svg
+
+    drawn = base64.b64encode(svg(of.plot()).encode()).decode("ascii")
+    shows = f"u_h, the contact set, lambda_H and the gap of '{of.problem.name}'"
+    return f'<img alt="{escape(shows)}" style="max-width: 100%" src="data:image/svg+xml;base64,{drawn}">'

@@ -1,0 +1,77 @@
+"""README is short, what it says is printed is printed, and its first solution needs the solver only."""
+
+import re
+import subprocess
+import sys
+
+import pytest
+from conftest import ROOT
+from documents import PAGES, blocks
+from pictures import NUMBER, PRINTED
+
+from unilateral.study.documents.marks import without_marks
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+FIRST = "unilateral solve examples/arch.yaml --accuracy 0.05"
+MOST = 900
+NOT_FIRST = ("gmsh", "matplotlib", "netCDF4", "pandas", "plotly", "xarray")
+"""What the solver is installed without, and a mesh of any polygon, pictures and files need."""
+
+
+def words(text):
+    """The words that a reader sees, in tables and code, too: what has a letter or a digit between spaces."""
+    read = re.sub(r"<!--.*?-->", "", without_marks(text), flags=re.DOTALL)
+    read = re.sub(r"!\[[^\]]*\]\([^)]*\)", "", read)  # pictures
+    read = re.sub(r"\]\([^)]*\)", "]", read)  # where links lead
+    return [word for word in read.split() if re.search(r"\w", word)]
+
+
+def test_it_is_short():
+    assert len(words(README)) <= MOST
+
+
+def test_words_are_those_that_a_reader_sees():
+    """Control: eight words."""
+    text = "# A title\n\n![no](a.svg) [a link](x y.md) is <!--=a.b:.2f-->0.19<!--/-->.\n\n| a b |\n|---|\n"
+    assert len(words(text)) == 8
+
+
+def test_the_first_problem_is_the_one_that_is_quoted():
+    (quoted,) = (block.text for block in blocks("README.md") if block.kind == "yaml")
+    assert quoted == (ROOT / "examples/arch.yaml").read_text(encoding="utf-8")
+
+
+def test_the_first_command_prints_what_is_quoted(run):
+    """The same words, and numbers nearly the same."""
+    (quoted,) = (block.text for block in blocks("README.md") if block.kind == "text")
+    assert f"```\n{FIRST}\n```" in README
+    code, printed, _ = run(*FIRST.replace("examples", str(ROOT / "examples")).split()[1:])
+    assert code == 0
+    for line in (line for line in quoted.splitlines() if line != "..."):
+        (same,) = [each for each in printed.splitlines() if NUMBER.sub("#", each) == NUMBER.sub("#", line)]
+        numbers = [[float(number) for number in NUMBER.findall(each)] for each in (line, same)]
+        assert numbers[0] == pytest.approx(numbers[1], rel=PRINTED)
+
+
+def test_the_first_solution_imports_the_solver_only(tmp_path):
+    """Control: of these packages, those for pictures are imported by the command that draws one."""
+
+    def imported(*more):
+        program = (
+            "import sys; from unilateral.cli import main; assert main(sys.argv[1:]) == 0; print(*sys.modules)"
+        )
+        run = subprocess.run(
+            [sys.executable, "-c", program, *FIRST.split()[1:], *more],
+            cwd=ROOT, capture_output=True, text=True, check=True,
+        )  # fmt: skip
+        return {*NOT_FIRST} & {*run.stdout.split()}
+
+    assert imported() == set()
+    assert "matplotlib" in imported("-o", str(tmp_path / "arch.svg"))
+
+
+def test_every_example_is_on_a_page():
+    pages = "".join((ROOT / page).read_text(encoding="utf-8") for page in PAGES)
+    problems = sorted((ROOT / "examples").glob("*.yaml"))
+    assert len(problems) > 3
+    assert [path.name for path in problems if f"examples/{path.name}" not in pages] == []

@@ -1,0 +1,94 @@
+"""The pictures of docs/pictures, which pages show: each is drawn by what one of the pages types.
+
+`make pictures` draws all of them anew, `python tests/pictures.py arch.svg` that one. Where a page types a
+command that writes arch.html, arch.svg is the first plot in it.
+"""
+
+from __future__ import annotations
+
+import base64
+import io
+import os
+import re
+import shutil
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import matplotlib as mpl
+import numpy as np
+from conftest import ROOT
+from documents import PAGES, blocks
+from matplotlib.image import imread
+from reader import follow
+
+FOLDER = ROOT / "docs/pictures"
+SHOWN = re.compile(r"!\[[^\]]+\]\((?:docs/)?(?:\.\./)*pictures/([\w-]+\.svg)\)")
+LABEL = re.compile(r"<!-- (.+?) -->")
+IMAGE = re.compile(r"data:image/png;base64,\s*([^\"]+)")
+NUMBER = re.compile(r"\d+\.?\d*(?:e[+-]\d+)?")
+GRID = 100
+"""Places along each axis at which images are compared."""
+PRINTED = 1e-2
+"""Relative: on another processor a mesh may differ by a few triangles."""
+SEEN = 2 / 256
+"""A mean difference of two of the 256 steps of a colour is not seen."""
+
+
+def shown(page: str) -> list[str]:
+    return SHOWN.findall((ROOT / page).read_text(encoding="utf-8"))
+
+
+def typed_on(name: str) -> list[str]:
+    """The pages whose blocks say that they write the picture, or the page of HTML that holds it."""
+    written = re.compile(rf"(?<![\w.-]){Path(name).stem}\.(?:svg|html)\b")
+    run = {page: "".join(each.text for each in blocks(page) if each.reason is None) for page in PAGES}
+    return [page for page, text in run.items() if written.search(text)]
+
+
+def drawn(folder: Path, name: str) -> Path:
+    """The picture in the folder in which a reader has followed its page."""
+    picture, page = folder / name, (folder / name).with_suffix(".html")
+    if not picture.exists():
+        _start, svg, rest = page.read_text(encoding="utf-8").partition("<svg")
+        picture.write_text(svg + rest.partition("</svg>")[0] + "</svg>\n", encoding="utf-8")
+    return picture
+
+
+def alike(committed: Path, now: Path) -> bool:
+    """Whether two pictures have the same labels, with nearly the same numbers, and nearly the same images."""
+    texts = [path.read_text(encoding="utf-8") for path in (committed, now)]
+    labels = [LABEL.findall(text) for text in texts]
+    words = [[NUMBER.sub("#", label) for label in each] for each in labels]
+    numbers = [np.array(NUMBER.findall(" ".join(each)), dtype=float) for each in labels]
+    images = [[field(image) for image in IMAGE.findall(text)] for text in texts]
+    return (
+        words[0] == words[1]
+        and np.allclose(*numbers, rtol=PRINTED, atol=0)
+        and len(images[0]) == len(images[1])
+        and all(np.abs(a - b).mean() <= SEEN for a, b in zip(*images, strict=True))
+    )
+
+
+def field(image: str) -> np.ndarray:
+    """The colours at `GRID`² places of an image in an SVG; its size depends on labels."""
+    pixels = imread(io.BytesIO(base64.b64decode(image)))
+    rows, columns = (np.linspace(0, n - 1, GRID).round().astype(int) for n in pixels.shape[:2])
+    return pixels[np.ix_(rows, columns)]
+
+
+def draw(names: Iterable[str]) -> None:
+    """Writes these pictures into docs/pictures."""
+    makers = {name: typed_on(name)[0] for name in names}
+    for page in sorted(set(makers.values())):
+        with TemporaryDirectory() as folder, mpl.rc_context({"svg.hashsalt": "unilateral"}):
+            follow(blocks(page), Path(folder))
+            for name in (name for name, maker in makers.items() if maker == page):
+                shutil.copy(drawn(Path(folder), name), FOLDER / name)
+                print(f"docs/pictures/{name}, by {page}")
+
+
+if __name__ == "__main__":
+    os.environ["SOURCE_DATE_EPOCH"] = "0"  # matplotlib then writes the same bytes each time
+    draw(sys.argv[1:] or sorted({name for page in PAGES for name in shown(page)}))

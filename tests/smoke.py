@@ -1,0 +1,136 @@
+"""What an installation with each set of extras has to do, and to say where it cannot.
+
+`python tests/smoke.py plot` tries it with the packages of the core and of the extra `plot`, in an environment
+that has these. Further names are modules that are taken to be missing. It needs this project and its examples
+only, and works in the current folder, which should be empty.
+"""
+
+import contextlib
+import io
+import re
+import sys
+
+HAS = {
+    "core": set(),
+    "plot": {"plot"},
+    "files": {"files"},
+    "mesh": {"mesh"},
+    "cases": {"cases", "mesh"},
+    "all": {"cases", "files", "mesh", "plot"},
+}
+"""The extras that each set has."""
+SIZES = ("--h", "1/8", "--H", "1/4")
+TASKS = [
+    ("solve corner.yaml --accuracy 0.05 -o corner.csv -o corner.json", set()),
+    ("solve plate.yaml --accuracy 0.05", set()),
+    ("init own.yaml", set()),
+    ("check own.yaml", set()),
+    ("check corner.yaml --out check.svg", {"plot"}),
+    ("solve corner.yaml --h 1/8 --H 1/4 -o corner.svg", {"plot"}),
+    ("solve corner.yaml --h 1/8 --H 1/4 -o corner.vtu", {"files"}),
+    ("solve corner.yaml --H 1/4 --mesh corner.vtu", {"files"}),
+    ("solve corner.yaml --h 1/8 --H 1/4 -o corner.nc", {"files"}),
+    ("solve corner.yaml --h 1/8 --H 1/4 --out kept", {"files", "plot"}),
+    ("solve triangle.yaml --accuracy 0.1", {"mesh"}),
+    ("infsup --polygon square --h 1/8 --H 1/4", {"mesh"}),
+    ("cases natural", {"cases"}),
+    ("solve natural --h 1/8 --H 1/4", {"cases"}),
+    ("export natural --h 1/8 --H 1/4 --out natural", {"cases", "files"}),
+    ("solve natural --h 1/8 --H 1/4 -o natural.vtu", {"cases", "files"}),
+    ("score natural natural.vtu", {"cases", "files"}),
+    ("score natural natural.vtu --html natural.html", {"cases", "files", "plot"}),
+    ("claims 4.12", {"cases", "files"}),
+]
+"""Commands, one after the other, and the extras that each needs."""
+PROBLEMS = {
+    "corner": "{polygon: [[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]], f: -1, g: -x*y/4}",
+    "plate": "{polygon: [[0, 0], [0.3, 0], [0.3, 0.2], [0, 0.2]], f: -10, g: x*y}",
+    "triangle": "{polygon: [[0, 0], [1, 0], [0, 1]], f: x - 1, g: sin(pi*x)/9}",
+}
+LINE = re.compile(r"unilateral: .* needs? .*; type: pip install 'unilateral\[([\w,]+)\]'\n")
+
+
+def typed(line):
+    """The exit code of a command, and what it prints on standard output and on standard error."""
+    from unilateral.cli import main
+
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        code = main(line.split())
+    return code, out.getvalue(), err.getvalue()
+
+
+def commands(has):
+    """Each task is done, or refused by one sentence that names missing extras which it needs."""
+    for line, needs in TASKS:
+        code, out, err = typed(line)
+        refused = LINE.fullmatch(err)
+        if needs <= has and line.startswith("claims"):  # there are no results
+            assert "results" in err, err
+        elif needs <= has:
+            assert (code, err) == (0, ""), (line, code, err)
+        else:
+            assert refused, (line, code, out, err)
+            assert (code, out) == (2, ""), (line, code, out)
+            assert set(refused[1].split(",")) <= needs - has, (line, err)
+
+
+def helps(has):
+    """All help is there, and the list of commands names what is missing."""
+    from unilateral.cli.application import COMMANDS
+
+    code, out, err = typed("--help")
+    assert (code, err) == (0, "")
+    assert ("needs unilateral[" in " ".join(out.split())) == (not {"cases", "files", "mesh"} <= has), out
+    for name in COMMANDS:
+        code, out, err = typed(f"{name} --help")
+        assert (code, err) == (0, ""), (name, err)
+
+
+def python(has):
+    """The same in Python, and what has no command: meshes in arrays, tables."""
+    import unilateral as ul
+
+    points = [(0, 0), (1, 0), (0, 1), (1 / 3, 1 / 3)]
+    mesh = ul.mesh(points, [[0, 1, 3], [1, 2, 3], [2, 0, 3]])
+    s = ul.solve(ul.Problem(mesh.polygon, f=-1, g="-x - y"), mesh=mesh, H=2)
+    assert s.bounds.u > 0
+    assert s.forces().whole.lower <= s.forces().whole.value <= s.forces().whole.upper
+    for needs, call in (
+        ({"files"}, s.cells),
+        ({"files"}, s.dataset),
+        ({"files"}, lambda: ul.mesh("corner.vtu")),
+        ({"plot"}, s.plot),
+        ({"cases"}, lambda: ul.case("natural")),
+    ):
+        refused = LINE.fullmatch(f"unilateral: {refusal(call)}\n")
+        assert bool(refused) == (not needs <= has), (needs, refused)
+        assert refused is None or refused[1] in needs
+
+
+def refusal(call):
+    """What an InputError says, "" without one."""
+    from unilateral.errors import InputError
+
+    try:
+        call()
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def main():
+    name, *missing = sys.argv[1:]
+    sys.modules.update(dict.fromkeys(missing))
+    for problem, text in PROBLEMS.items():
+        with open(f"{problem}.yaml", "w", encoding="utf-8") as file:
+            file.write(text)
+    open("corner.vtu", "wb").close()  # which is asked for, too, where none can be written
+    helps(HAS[name])
+    commands(HAS[name])
+    python(HAS[name])
+    print(f"{name}: {len(TASKS)} commands and Python do what they should")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,149 @@
+"""Meshes of other programs and of arrays: read alike, and refused in one sentence each."""
+
+import re
+
+import gmsh
+import matplotlib.tri
+import meshio
+import numpy as np
+import pytest
+import skfem
+
+import unilateral as ul
+from unilateral.geometry import foreign
+
+MESH = skfem.MeshTri().refined(3)
+POINTS, TRIANGLES = MESH.p.T, MESH.t.T
+CENTRES = POINTS[TRIANGLES].mean(axis=1) - 0.5
+
+
+def disc(folder, size):
+    """A disc of radius 1, as gmsh writes it."""
+    path = str(folder / "disc.msh")
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.model.occ.addDisk(0, 0, 0, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.option.setNumber("Mesh.MeshSizeMin", size)
+        gmsh.option.setNumber("Mesh.MeshSizeMax", size)
+        gmsh.model.mesh.generate(2)
+        gmsh.write(path)
+    finally:
+        gmsh.finalize()
+    return path
+
+
+def some(kept):
+    """The triangles that are kept, with the nodes they need."""
+    used, triangles = np.unique(TRIANGLES[kept], return_inverse=True)
+    return POINTS[used], triangles.reshape(-1, 3)
+
+
+def in_space():
+    return np.column_stack([POINTS, np.zeros(len(POINTS))])
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        (POINTS, TRIANGLES),
+        (POINTS.tolist(), TRIANGLES.tolist()),
+        (POINTS, TRIANGLES[:, ::-1]),
+        (in_space(), TRIANGLES.astype(float)),
+        (MESH,),
+        (meshio.Mesh(in_space(), [("triangle", TRIANGLES)]),),
+        (matplotlib.tri.Triangulation(*POINTS.T, TRIANGLES),),
+    ],
+    ids=["arrays", "lists", "clockwise", "in space", "scikit-fem", "meshio", "matplotlib"],
+)
+def test_the_same_mesh_is_read_from_each(given):
+    """Nodes keep their numbers, which arrays at nodes rest on; the square has four sides."""
+    mesh = ul.mesh(*given)
+    np.testing.assert_array_equal(mesh.points, POINTS)
+    assert {frozenset(of) for of in mesh.triangles.tolist()} == {frozenset(of) for of in TRIANGLES.tolist()}
+    assert mesh.areas.min() > 0
+    assert mesh.polygon.n_sides == 4
+
+
+def test_masked_triangles_are_left_out():
+    mask = CENTRES[:, 0] > 0
+    points, triangles = some(~mask)
+    of = matplotlib.tri.Triangulation(*POINTS.T, TRIANGLES, mask=mask)
+    with pytest.raises(ul.InputError, match="belongs to no triangle; leave it out"):
+        ul.mesh(of)
+    assert ul.mesh(points, triangles).polygon.area == pytest.approx(0.5)
+
+
+def test_halving_keeps_the_polygon_and_the_numbers_of_nodes():
+    mesh = ul.mesh(MESH)
+    finer = ul.mesh(mesh, halvings=2)
+    assert finer.polygon is mesh.polygon
+    np.testing.assert_array_equal(finer.points[: mesh.n_nodes], mesh.points)
+    assert len(finer.triangles) == 16 * len(mesh.triangles)
+    assert ul.mesh(mesh) is mesh
+
+
+BOTH = np.r_[TRIANGLES, TRIANGLES + len(POINTS)]
+REFUSED = {
+    "unused": ((np.r_[POINTS, [[2, 2]]], TRIANGLES), "node 81 (2, 2) belongs to no triangle; leave it out"),
+    "quads": ((POINTS, [[0, 1, 2, 3]]), "there are cells of 4 nodes; only plain triangles will do"),
+    "quads of scikit-fem": ((skfem.MeshQuad(),), "there are cells of 4 nodes; only plain triangles will do"),
+    "from 1": ((POINTS, TRIANGLES + 1), "but the nodes' numbers run from 0 to 80"),
+    "fractions": ((POINTS, TRIANGLES / 2), "the triangles have to be whole numbers"),
+    "words": ((POINTS, "triangles"), "the triangles have to be whole numbers"),
+    "in space": ((np.c_[POINTS, POINTS[:, 0]], TRIANGLES), "node 1 has the third coordinate 1; the mesh has"),
+    "flat": ((POINTS[:, :1], TRIANGLES), "the points have the shape (81, 1) instead of (n, 2)"),
+    "ragged": (([(0, 0), (1,), (1, 1)], [[0, 1, 2]]), "the points have to be numbers"),
+    "NaN": ((np.where(POINTS == 0.5, np.nan, POINTS), TRIANGLES), "has a coordinate that is not a finite"),
+    "twice": ((np.r_[POINTS, POINTS], BOTH), "repeats node"),
+    "a hole": (some(np.hypot(*CENTRES.T) > 0.2), "one closed line; it has 2 such lines, and there may be no"),
+    "two parts": (
+        (np.r_[POINTS, POINTS + 2], BOTH),
+        "one closed line; they are 2 separate parts, of which one may be given",
+    ),
+    "a chain": (some(CENTRES[:, 0] * CENTRES[:, 1] > 0), "is not simple"),
+    "no triangles": ((POINTS, TRIANGLES[:0]), "the triangles have the shape (0, 3)"),
+    "points alone": ((POINTS,), "is no mesh; give a file, points and triangles, or a mesh of meshio"),
+    "a number": ((3,), "3 is no mesh; give a file"),
+}
+
+
+@pytest.mark.parametrize(("given", "message"), REFUSED.values(), ids=REFUSED)
+def test_what_is_no_mesh_is_refused_in_one_sentence(given, message):
+    with pytest.raises(ul.InputError, match=re.escape(message)) as refused:
+        ul.mesh(*given)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("halvings", [-1, 1.5, "1", 99])
+def test_halvings_that_are_no_number_of_times_are_refused(halvings):
+    with pytest.raises(ul.InputError, match="it has to be a whole number from 0 to 12"):
+        ul.mesh(MESH, halvings=halvings)
+
+
+def test_a_mesh_that_gets_too_large_is_refused(monkeypatch):
+    monkeypatch.setattr(foreign, "available_mb", lambda: 1.0)
+    with pytest.raises(ul.InputError, match=r"halvings = 3 makes a mesh of about 5\.2e\+03 nodes"):
+        ul.mesh(MESH, halvings=3)
+    assert ul.mesh(MESH, halvings=1).n_nodes == 289
+
+
+def test_a_boundary_with_too_many_corners_is_refused(monkeypatch, tmp_path):
+    monkeypatch.setattr(foreign, "MAX_VERTICES", 10)
+    with pytest.raises(ul.InputError, match="a polygon has at most 10 vertices; take a coarser mesh"):
+        ul.mesh(disc(tmp_path, 0.5))
+
+
+def test_a_disc_is_certified_on_a_mesh_that_was_halved(tmp_path):
+    """Control: not halved, each boundary edge is a side, and lambda_H may not be unique."""
+    path = disc(tmp_path, 0.15)
+    coarse = ul.mesh(path)
+    assert coarse.polygon.n_sides == len(coarse.boundary) > 40
+    with pytest.warns(ul.SolutionWarning, match=r"take ul\.mesh\(mesh, halvings=1\)"):
+        assert not ul.solve(ul.Problem(coarse, f="3*x - 1", g=0), H=0.2).unique
+    s = ul.solve(ul.Problem(ul.mesh(path, halvings=2), f="3*x - 1", g=0), H=0.2)
+    assert s.unique
+    assert s.bounds.u < 0.05 * np.sqrt(s.u @ s.solved.discrete.spaces.condensed.A @ s.u)
+    force = s.forces().whole
+    assert force.lower < force.value < force.upper

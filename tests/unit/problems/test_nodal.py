@@ -1,0 +1,184 @@
+"""f, g and q as arrays at nodes: alone and mixed with formulas and functions, their bounds, and refusals."""
+
+import re
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from nested import alone
+
+import unilateral as ul
+from unilateral.bounds.source import linear
+from unilateral.fem.p1 import h1_norm
+from unilateral.formulas.taylor import affine, basis
+from unilateral.problems.nodal import NodalTrace
+from unilateral.problems.scaled import scaled
+
+KITE = [(0, 0), (1.1, -0.3), (1.4, 1.2), (0.2, 0.8)]
+TWO = [(0, 1, 2), (0, 2, 3)]
+COEFFICIENTS = [{}, {"k": 3, "c": "1/7"}]
+EXACTLY = ul.Stop(tolerance=1e-10)
+MESH = ul.mesh(KITE, TWO, halvings=3)
+X, Y = MESH.points.T
+
+
+def solved(f, g, mesh=MESH, **given):
+    return ul.solve(ul.Problem(mesh, f, g, **given), H=0.3, stop=EXACTLY)
+
+
+@pytest.mark.parametrize("given", COEFFICIENTS)
+def test_arrays_give_the_solution_of_their_formulas(given):
+    """Of linear ones, which the arrays hold exactly. Each in place of each, everywhere or on sides."""
+    free = {"free_sides": [2], **given}
+    expected = solved("3*x - 2", "-y/4", q="x", **free)
+    ways = [
+        (3 * X - 2, -Y / 4, X),
+        (3 * X - 2, "-y/4", "x"),
+        ("3*x - 2", -Y / 4, "x"),
+        ("3*x - 2", ["-y/4", -Y / 4, None, "-y/4"], [None, None, X, None]),
+        (lambda x, y: 3 * x - 2, -Y / 4, X),
+        (3 * X - 2, lambda x, y: -y / 4, X),
+        (3 * X - 2, [-Y / 4, "-y/4", None, lambda x, y: -y / 4], lambda x, y: x),
+    ]
+    for f, g, q in ways:
+        s = solved(f, g, q=q, **free)
+        np.testing.assert_allclose(s.u, expected.u, rtol=0, atol=1e-11)
+        functions = any(callable(each) for each in (f, q, *(g if isinstance(g, list) else [g])))
+        assert (s.bounds is None) == functions
+        if not functions:
+            np.testing.assert_allclose(s.bounds[:2], expected.bounds[:2], rtol=1e-8)
+            assert s.bounds.unknown < 1e-10
+
+
+def kinked(seed, n=MESH.n_nodes):
+    """Values that jump from node to node, f of both signs."""
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-20, 10, n), rng.uniform(-0.6, 0, n), rng.uniform(-1, 2, n)
+
+
+def prolonged(mesh, values, finer):
+    """The same functions at the nodes of a mesh that was refined, each of them the middle of an edge."""
+    found = np.zeros(finer.n_nodes)
+    found[: mesh.n_nodes] = values
+    for step in finer.steps[len(mesh.steps) :]:
+        found[step.n : step.n + len(step.ends)] = found[step.ends].mean(axis=1)
+    return found
+
+
+@pytest.mark.parametrize("given", COEFFICIENTS)
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("way", ["arrays", "a formula of g"])
+def test_the_bounds_hold_for_the_functions_that_arrays_stand_for(given, seed, way):
+    """These are the same on a mesh three times halved, where the bound is far smaller.
+
+    So the distance of both solutions is at most the sum of the bounds. The sharp ones exceed the errors by
+    less than half elsewhere, so twice the distance and the smaller bound are a control.
+    """
+    mesh = ul.mesh([(0, 0), (1, 0), (1, 1), (0, 1)], TWO, halvings=3)
+    finer = ul.mesh(mesh, halvings=3)
+    f, g, q = kinked(seed)
+    given = {"free_sides": [2], **given}
+    of_g = ("-x/4 - y/9",) * 2 if way == "a formula of g" else (g, prolonged(mesh, g, finer))
+    coarse, fine = (
+        ul.solve(ul.Problem(on, prolonged(mesh, f, on), of, q=prolonged(mesh, q, on), **given), H=H)
+        for on, of, H in zip((mesh, finer), of_g, (1 / 4, 1 / 32), strict=True)
+    )
+    of = fine.solved.discrete.mesh
+    distance = h1_norm(of, fine.solved.u_h - prolonged(mesh, coarse.solved.u_h, finer))
+    assert fine.sharp_bounds.u < 0.3 * coarse.sharp_bounds.u
+    for bound in (coarse.bounds, coarse.sharp_bounds):
+        assert distance <= bound.u + fine.sharp_bounds.u
+    assert coarse.sharp_bounds.u <= 2 * distance + fine.sharp_bounds.u
+    one, other = coarse.forces(sharp=True).whole, fine.forces(sharp=True).whole
+    assert max(one.lower, other.lower) <= min(one.upper, other.upper)
+
+
+def test_the_means_and_the_load_of_functions_beside_arrays_see_every_node():
+    """g is a hat that is inside of a cell; control: the rule of a cell alone would not be exact."""
+    g = np.zeros(MESH.n_nodes)
+    node = MESH.boundary[np.argmin(np.abs(MESH.s - 0.55))]
+    g[node] = 1.0
+    of = ul.Solver(MESH, H=0.6, stop=EXACTLY)
+    functions, arrays = (of.matrices(f, g) for f in (lambda x, y: x, X))
+    np.testing.assert_allclose(functions.g, arrays.g, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(functions.F, arrays.F, rtol=0, atol=1e-15)
+    assert functions.H @ functions.g == pytest.approx(float((of.matrices(0, 0).B @ g).sum()), rel=1e-13)
+    assert functions.g.max() > 0.1
+
+
+def test_values_that_are_not_needed_are_not_read():
+    """g inside, and on free sides but for their ends."""
+    g = np.full(MESH.n_nodes, np.nan)
+    nodes = MESH.boundary[np.isin(MESH.side, [0, 1, 3])]
+    ends = MESH.boundary[np.searchsorted(MESH.s, MESH.polygon.starts[[2, 3]])]
+    g[nodes] = g[ends] = -0.1
+    s = solved(-1, g, free_sides=[2])
+    np.testing.assert_allclose(s.u, solved(-1, "-1/10", free_sides=[2]).u, rtol=0, atol=1e-11)
+
+
+def test_the_model_of_a_trace_contains_its_values():
+    """In rational arithmetic, at random places of each edge."""
+    rng = np.random.default_rng(3)
+    t = np.concatenate([[0.0], np.sort(rng.uniform(0, 1, 6)), [1.0]])
+    values = rng.standard_normal(8) * 10.0 ** rng.integers(-3, 3, 8)
+    a, b = t[:-1], t[1:]
+    model = NodalTrace(t, values).model(affine(basis(1, 3), 0.5 * (a + b), 0.5 * (b - a)[None], (a, b)))
+    exact = [[Fraction(x) for x in each.tolist()] for each in (t, values)]
+    for i in range(7):
+        for sigma in (Fraction(-1), Fraction(1), Fraction(rng.uniform(-1, 1))):
+            place = (exact[0][i] + exact[0][i + 1]) / 2 + sigma * (exact[0][i + 1] - exact[0][i]) / 2
+            share = (place - exact[0][i]) / (exact[0][i + 1] - exact[0][i])
+            value = exact[1][i] + share * (exact[1][i + 1] - exact[1][i])
+            near = sum(Fraction(c) * sigma**k for k, c in enumerate(model.c[:, i].tolist()))
+            assert abs(value - near) <= Fraction(model.rad[i])
+            assert model.range[0][i] <= value <= model.range[1][i]
+    assert model.rad.max() < 1e-12 * np.abs(values).max()
+
+
+def test_the_rounding_of_f_in_other_units_is_in_its_bound():
+    """What is known of f / unit, a rounded quotient by a rounded number, is less than rounding leaves."""
+    mesh = alone(MESH)
+    problem = ul.Problem(mesh, np.full(mesh.n_nodes, 0.1), 0, k=3, c="1/7")
+    values = scaled(problem).f_at_nodes
+    unit = Fraction(1, 7) / Fraction(3**0.5)  # c k^(-1/2), up to half a unit in the last place
+    off = abs(Fraction(values[0]) - Fraction(0.1) / unit)
+    of = linear(mesh, values)
+    assert off > 0
+    assert float(off) ** 2 * mesh.areas.sum() <= of.unknown**2
+    assert of.unknown < 1e-14 * values[0]
+
+
+@pytest.mark.parametrize(
+    ("f", "g", "message"),
+    [
+        (
+            np.zeros(5),
+            0,
+            "field f: the array has the shape (5,); it has to be (81,), a value for each of mesh.",
+        ),
+        (np.zeros((81, 1)), 0, "field f: the array has the shape (81, 1)"),
+        (np.where(X > 1, np.nan, X), 0, "field f: the array is nan at node"),
+        (X + 1j, 0, "field f: the array holds values of the type complex128; it has to hold real numbers"),
+        (X.astype(str), 0, "it has to hold real numbers"),
+        (0, np.zeros(len(MESH.boundary)), "field g: the array has the shape (32,); it has to be (81,)"),
+        (0, [0, np.where(X > 1, np.inf, X), 0, 0], "field g[1]: the array is inf at node"),
+        (0, [X, 1, X, X], "field g: it jumps at vertex 1"),
+        (0, [X, X], "field g: 2 formulas for 4 sides"),
+        (1e300 * X, 0, "field f: it is as large as"),
+        ([1, 2], 0, "field f: it is [1, 2]; it has to be a formula, a function or an array of values at"),
+        (0, [0, {}, 0, 0], "field g[1]: it is {}; it has to be a formula, a function or an array"),
+    ],
+)
+def test_arrays_that_do_not_fit_are_refused(f, g, message):
+    with pytest.raises(ul.InputError, match=re.escape(message)):
+        ul.Problem(MESH, f, g)
+    with pytest.raises(ul.InputError, match=re.escape(message)):
+        ul.Solver(MESH, H=0.3)(f, g)
+
+
+def test_an_array_without_a_mesh_is_refused():
+    with pytest.raises(ul.InputError, match="give the mesh in place of the polygon"):
+        ul.Problem(KITE, X, 0)
+    with pytest.raises(ul.InputError, match="give the mesh in place of the polygon"):
+        ul.Problem(KITE, 0, [0, 0, X, 0])
+    assert ul.Problem(KITE, np.float64(3), np.array(0)).f.rational == 3

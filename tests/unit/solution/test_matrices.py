@@ -1,0 +1,97 @@
+"""The matrices of the discrete problem, against scikit-fem's and by what they are defined to be."""
+
+import numpy as np
+import pytest
+import skfem
+from skfem.helpers import dot, grad
+
+import unilateral as ul
+
+G = "x/9 - 1/5"
+KITE = [(0, 0), (1.1, -0.3), (1.4, 1.2), (0.2, 0.8)]
+EXACTLY = ul.Stop(algorithm="active_set")
+COEFFICIENTS = [{}, {"k": 3, "c": "1/7"}, {"k": "1/50", "c": 4}]
+
+
+def solver(free=(), **given):
+    """On a mesh and cells that do not fit each other."""
+    given = given | ({"free_sides": free, "q": "(x - y)/9"} if free else {})
+    return ul.Solver(ul.Problem(KITE, "x*y - 1", G, **given), h=1 / 7, H=0.3, stop=EXACTLY)
+
+
+def assembled(mesh, k, c):
+    """scikit-fem's A, the load of f = xy - 1 and that of q = (x - y)/9 on side 1, all of them exact."""
+    of = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.astype(np.int64).copy(), validate=False)
+    basis = skfem.Basis(of, skfem.ElementTriP1(), intorder=4)
+    form = skfem.BilinearForm(lambda u, v, w: k * dot(grad(u), grad(v)) + c * u * v)
+    load = skfem.LinearForm(lambda v, w: (w.x[0] * w.x[1] - 1) * v).assemble(basis)
+    a, b = np.array(KITE[1]), np.array(KITE[2])
+    on = of.facets_satisfying(
+        lambda x: np.abs((x[0] - a[0]) * (b - a)[1] - (x[1] - a[1]) * (b - a)[0]) < 1e-9, boundaries_only=True
+    )
+    facets = skfem.FacetBasis(of, skfem.ElementTriP1(), facets=on, intorder=4)
+    flux = skfem.LinearForm(lambda v, w: (w.x[0] - w.x[1]) / 9 * v).assemble(facets)
+    return form.assemble(basis), load, flux
+
+
+@pytest.mark.parametrize("given", COEFFICIENTS)
+@pytest.mark.parametrize("free", [(), (1,)])
+def test_they_are_scikit_fem_s(given, free):
+    """All integrands are polynomials that both integrate exactly: they agree but for rounding."""
+    of = solver(free, **given)
+    found = of.matrices()
+    k, c = (eval(str(given.get(name, 1))) for name in "kc")
+    A, load, flux = assembled(of.mesh, k, c)
+    assert abs(found.A - A).max() < 1e-13 * abs(A).max()
+    np.testing.assert_allclose(found.F, load + flux if free else load, rtol=0, atol=1e-14)
+    assert np.abs(flux).max() > 1e-3
+
+
+@pytest.mark.parametrize("given", COEFFICIENTS)
+@pytest.mark.parametrize("free", [(), (1,)])
+def test_the_solution_fulfils_the_discrete_problem(given, free):
+    """(2.1) and (2.2) up to rounding, by an active set; control: without the load it does not."""
+    of = solver(free, **given)
+    s, found = of(), of.matrices()
+    lambda_H, gap = s.multiplier[found.cells], found.B @ s.u - found.H * found.g
+    left = found.A @ s.u - found.B.T @ lambda_H
+    assert np.abs(left - found.F).max() < 1e-13
+    assert np.abs(left).max() > 1e-3
+    assert lambda_H.min() >= 0
+    assert lambda_H.max() > 0
+    assert gap.min() > -1e-14
+    assert gap.max() > 0
+    assert np.abs(lambda_H * gap).max() < 1e-14
+    np.testing.assert_allclose(gap / found.H, s.gap[found.cells], rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("given", COEFFICIENTS)
+def test_B_has_integrals_over_cells(given):
+    """Of 1 the cells' lengths; of x, which V_h contains, the lengths times the cells' middles."""
+    of = solver((1,), **given)
+    found, cells = of.matrices(), of.partition
+    np.testing.assert_array_equal(found.cells, np.flatnonzero(cells.side != 1))
+    np.testing.assert_allclose(found.B @ np.ones(of.mesh.n_nodes), found.H, rtol=1e-13)
+    middles = 0.5 * (cells.ends[0] + cells.ends[1])[found.cells]
+    np.testing.assert_allclose(found.B @ of.mesh.points, found.H[:, None] * middles, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(found.g, middles[:, 0] / 9 - 0.2, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("given", COEFFICIENTS)
+@pytest.mark.parametrize("algorithm", ["auto", "multigrid"])
+def test_D_and_S_are_those_of_A_and_B(given, algorithm):
+    """By dense algebra. They are made when asked for, also where multigrid solves."""
+    problem = ul.Problem(KITE, "x*y - 1", G, free_sides=[1], **given)
+    found = ul.Solver(problem, h=1 / 8, H=1 / 4, stop=ul.Stop(algorithm=algorithm)).matrices()
+    D = found.B @ np.linalg.solve(found.A.toarray(), found.B.T.toarray())
+    np.testing.assert_allclose(found.D, D, rtol=0, atol=1e-12 * np.abs(D).max())
+    np.testing.assert_allclose(found.S * np.sqrt(np.outer(found.H, found.H)), D, rtol=0, atol=1e-12 * D.max())
+
+
+def test_they_follow_the_load():
+    of = solver()
+    found = of.matrices(f="1", g=lambda x, y: x)
+    assert found.F.sum() == pytest.approx(of.mesh.areas.sum(), rel=1e-13)
+    assert (found.H * found.g).sum() == pytest.approx(
+        float(of.partition.lengths @ (0.5 * (of.partition.ends[0] + of.partition.ends[1]))[:, 0]), rel=1e-13
+    )

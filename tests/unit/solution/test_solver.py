@@ -1,0 +1,184 @@
+"""A solver that is used again: what is made once, what anew, and that each call is a solve of its own."""
+
+import numpy as np
+import pytest
+
+import unilateral as ul
+from unilateral.discrete import choice, multilevel
+from unilateral.geometry import mesh as meshes
+from unilateral.solution import sizes, solver
+
+pytestmark = pytest.mark.usefixtures("shared_cases")
+SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
+KITE = [(0, 0), (1.1, -0.3), (1.4, 1.2), (0.2, 0.8)]
+FORMULAS = {"f": "exp(x) - 4*y - 2", "g": "-x/8"}
+FURTHER = [
+    {"g": "-x/8 - 1/20"},
+    {"f": "-2 + 3*x"},
+    {"f": "-2", "g": ["-x/8", "-x/8", "-x/8", "-x/8"]},
+    {"f": lambda x, y: x - 2, "g": lambda x, y: -x / 9},
+    {},
+]
+WAYS = {
+    "condensed": (KITE, {"h": 1 / 8, "H": 1 / 4}, "auto"),
+    "on levels": (KITE, {"h": 1 / 16, "H": 1 / 8}, "multigrid"),
+}
+COUNTED = {
+    "meshes": (meshes, "following"),
+    "made": (sizes.KINDS, "unstructured"),
+    "condensations": (choice, "condense"),
+    "couplings": (choice, "mixed_spaces"),
+    "hierarchies": (multilevel, "hierarchy"),
+    "cells": (multilevel, "nested_cells"),
+    "loads of f": (solver, "load_of"),
+}
+
+
+@pytest.fixture
+def counts(monkeypatch):
+    """How often each of the expensive steps is taken."""
+    found = dict.fromkeys(COUNTED, 0)
+
+    def counting(name, function):
+        def counted(*arguments, **named):
+            found[name] += 1
+            return function(*arguments, **named)
+
+        return counted
+
+    for name, (of, attribute) in COUNTED.items():
+        if isinstance(of, dict):
+            monkeypatch.setitem(of, attribute, counting(name, of[attribute]))
+        else:
+            monkeypatch.setattr(of, attribute, counting(name, getattr(of, attribute)))
+    return found
+
+
+def same(a, b):
+    for x, y in ((a.u, b.u), (a.multiplier, b.multiplier), (a.gap, b.gap), (a.mesh.points, b.mesh.points)):
+        np.testing.assert_array_equal(x, y)
+    assert a.bounds == b.bounds
+    assert a.forces() == b.forces()
+    assert (a.iterations, a.converged, a.unique) == (b.iterations, b.converged, b.unique)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_what_belongs_to_the_mesh_is_made_once(way, counts):
+    """Control: ul.solve makes all of it each time. The load of the problem's own f is made once, too."""
+    polygon, size, algorithm = WAYS[way]
+    of = ul.Solver(ul.Problem(polygon, **FORMULAS), **size, stop=ul.Stop(algorithm=algorithm))
+    for further in FURTHER:
+        of(**further)
+    once = dict(counts)
+    assert once["meshes"] + once["made"] == 1
+    assert once["condensations"] == once["couplings"] == (way == "condensed")
+    assert once["hierarchies"] == once["cells"] == (way == "on levels")
+    assert once["loads of f"] == 1 + sum("f" in further for further in FURTHER)
+    for _ in range(2):
+        ul.solve(ul.Problem(polygon, **FORMULAS), **size, stop=ul.Stop(algorithm=algorithm))
+    again = counts["condensations"] + counts["hierarchies"]
+    assert again == once["condensations"] + once["hierarchies"] + 2
+
+
+def test_the_load_of_a_formula_is_made_once_while_it_stays(counts):
+    """But not that of a function, which may give other values each time, nor that of an array."""
+    of = ul.Solver(KITE, h=1 / 8, H=1 / 4)
+    for f, loads in (("x", 1), ("x", 1), ("x + 0", 1), ("2*x", 2), ("x", 3)):
+        of(f, 0)
+        assert counts["loads of f"] == loads
+    factor = 1.0
+    function = lambda x, y: factor * x - 3  # noqa: E731
+    first = of(function, 0).u
+    factor = 2.0
+    assert np.abs(of(function, 0).u - first).max() > 0.01
+    array = of.mesh.points[:, 0] - 3
+    first = of(array, 0).u
+    array *= 2
+    assert np.abs(of(array, 0).u - first).max() > 0.01
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_each_call_is_a_solve_of_its_own_bit_for_bit(way):
+    """Whatever was solved before, and in whatever order."""
+    polygon, size, algorithm = WAYS[way]
+    stop = ul.Stop(algorithm=algorithm)
+    of = ul.Solver(ul.Problem(polygon, **FORMULAS), **size, stop=stop)
+    for further in [*FURTHER, *FURTHER[::-1]]:
+        same(of(**further), ul.solve(ul.Problem(polygon, **FORMULAS | further), **size, stop=stop))
+
+
+def test_coefficients_free_sides_and_a_flux_stay():
+    fields = {"k": "2/3", "c": 5, "free_sides": [1], "q": "y"}
+    of = ul.Solver(SQUARE, h=1 / 16, H=1 / 8, **fields)
+    for f, g, q in (("-1", 0, "y"), ("-1", "-x*y", "1 - y"), (lambda x, y: x - 1, 0, "y")):
+        found = of(f, g) if q == "y" else of(f, g, q)
+        same(found, ul.solve(ul.Problem(SQUARE, f, g, **fields | {"q": q}), h=1 / 16, H=1 / 8))
+
+
+def test_a_case_is_solved_with_its_errors_and_lends_its_polygon():
+    of = ul.Solver("natural", "1/16", "1/8")
+    same(of(), ul.solve("natural", h=1 / 16, H=1 / 8))
+    assert of().errors.h1 <= of().bounds.u
+    same(of("-1", "-x*y"), ul.solve(ul.Problem(SQUARE, "-1", "-x*y"), h=1 / 16, H=1 / 8))
+    with pytest.raises(ul.InputError, match="'natural' is a case, whose f and g belong to its"):
+        of(g=0)
+
+
+def test_an_own_mesh_and_a_file_are_taken():
+    mesh = ul.mesh(KITE, [(0, 1, 2), (0, 2, 3)], halvings=3)
+    of = ul.Solver(mesh, H=0.4)
+    same(of(-1, 0), ul.solve(ul.Problem(mesh, -1, 0), H=0.4))
+    same(of(-1, 0), ul.Solver(ul.Problem(KITE, -1, 0), H=0.4, mesh=mesh)())
+    assert of.mesh is mesh
+    assert repr(of) == "Solver of 'problem': 81 nodes, 14 cells, h = 0.1912, H = 0.3824"
+
+
+def test_warnings_point_to_the_call():
+    of = ul.Solver("natural", h=1 / 8, H=1 / 8)
+    with pytest.warns(ul.SolutionWarning, match="lambda_H may not be unique") as told:
+        of()
+    assert told[0].filename == __file__
+    few = ul.Solver("natural", h=1 / 16, H=1 / 8, stop=ul.Stop(max_steps=3, algorithm="uzawa"))
+    with pytest.warns(ul.SolutionWarning, match="did not converge") as told:
+        few()
+    assert [each.filename for each in told] == [__file__]
+
+
+@pytest.mark.parametrize(
+    ("made", "message"),
+    [
+        (
+            lambda: ul.Solver(SQUARE, 1 / 8, 1 / 4)(f=1),
+            "g is missing; a solver that was made of a polyg",
+        ),
+        (lambda: ul.Solver(SQUARE, 1 / 8, 1 / 4)(), "f is missing"),
+        (lambda: ul.Solver(SQUARE, H=1 / 4), "h is missing"),
+        (lambda: ul.Solver("natural", 1 / 8, 1 / 4, k=2), "free_sides, k, c and q belong to a polygon"),
+        (lambda: ul.Solver(3, 1 / 8, 1 / 4), "polygon"),
+        (lambda: ul.Solver(SQUARE, 1 / 8, 1 / 4, mesh="quads"), "the mesh is 'quads'"),
+        (lambda: ul.Solver(SQUARE, 1 / 8, 1 / 4, stop=3), "stop is 3; it has to be one such as"),
+        (lambda: ul.Solver(SQUARE, 1 / 8, 1 / 4)(f="x+", g=0), r"problem, field f: 'x\+' is not a formula"),
+        (lambda: ul.Solver(SQUARE, 1 / 8, 1 / 4)(f=1, g=[0, 0]), "problem, field g: 2 formulas for 4 sides"),
+        (lambda: ul.Solver(SQUARE, 1 / 8, 1 / 4)(f=1, g=0, q=1), "problem, field q: no side is free"),
+    ],
+)
+def test_what_does_not_fit_together_is_refused(made, message):
+    with pytest.raises(ul.InputError, match=message):
+        made()
+
+
+def test_a_problem_that_was_made_of_a_mesh_is_solved_on_that():
+    mesh = ul.mesh(SQUARE, [(0, 1, 2), (0, 2, 3)], halvings=3)
+    problem = ul.Problem(mesh, -1, 0)
+    assert ul.solve(problem, H=1 / 4).mesh is mesh
+    other = ul.mesh(mesh, halvings=1)
+    for given, message in (
+        ({"H": 1 / 4, "mesh": other}, "was made of a mesh and is solved on it; leave mesh out"),
+        ({"h": 1 / 8, "H": 1 / 4}, "the mesh is given; leave h out"),
+        (
+            {"accuracy": 0.1},
+            "was made of a mesh and is solved on it; give H, or make the p",
+        ),
+    ):
+        with pytest.raises(ul.InputError, match=message):
+            ul.solve(problem, **given)

@@ -1,0 +1,124 @@
+"""What objects print of themselves: little, quickly, and no more than is guaranteed."""
+
+import base64
+import re
+import warnings
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import unilateral as ul
+from unilateral.discrete.base import DiscreteSolution
+from unilateral.problems.fields import as_html
+from unilateral.solution import summary
+
+SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
+SIZES = {"h": 1 / 16, "H": 1 / 8}
+
+
+@pytest.fixture(scope="module")
+def cog():
+    return ul.solve(ul.load(ROOT / "examples/cog.yaml"), accuracy=0.05)
+
+
+@pytest.fixture
+def functions():
+    return ul.Problem(SQUARE, f=lambda x, y: x - 2, g=["-x", -1, None, 0], free_sides=[2])
+
+
+def test_a_solution_prints_what_is_known_of_it(cog):
+    """The percentage is that of the certificate, rounded up; the rest are the attributes."""
+    lines = repr(cog).splitlines()
+    assert lines[0].startswith("Solution of 'cog': a membrane in the shape of a cog")
+    rows = dict(re.split(r"\s{2,}", line.strip(), maxsplit=1) for line in lines[1:])
+    assert rows["unknowns"] == f"{cog.mesh.n_nodes}, and {cog.partition.n_cells} multipliers"
+    pattern = r"at most (\S+), (\S+) % of \|\|u\|\|_1, guaranteed"
+    bound, percent = re.fullmatch(pattern, rows["error of u"]).groups()
+    assert cog.bounds.u <= float(bound) <= 1.01 * cog.bounds.u
+    assert 100 * cog.bounds.relative_u <= float(percent) <= 5
+    assert rows["contact"].startswith(f"length {cog.contact.length:.4g} of ")
+
+
+def test_a_printed_force_has_the_guaranteed_interval_inside(cog):
+    force = cog.forces().whole
+    value, apart = map(float, re.search(r"(\S+) ± (\S+), guaranteed", repr(cog)).groups())
+    assert value - apart <= force.lower < force.upper <= value + apart
+    assert 2 * apart <= 1.3 * (force.upper - force.lower)
+
+
+def test_all_that_users_meet_prints_little(cog, functions):
+    """At most 400 characters; control: what a mesh holds has many more."""
+    given = [ul.case("natural"), functions, cog.problem, ul.load(ROOT / "examples/plate.yaml"), ul.Stop()]
+    parts = [cog, cog.mesh, cog.partition, cog.polygon, cog.contact, cog.bounds, cog.search, cog.units]
+    parts += [cog.solved, cog.solved.discrete, cog.search.best, cog.forces(), cog.forces().whole]
+    parts += cog.contact.intervals[:1]
+    for each in [*given, *parts, ul.solve("natural", **SIZES).errors]:
+        assert 15 < len(repr(each)) < 400
+        assert "array(" not in repr(each)
+    assert len(repr(vars(cog.mesh))) > 1000
+
+
+def test_problems_print_their_fields(functions):
+    given = {"f": "x - 1", "g": ["-x", -1, None, 0], "free_sides": [2], "q": 3, "k": "1/3"}
+    assert repr(ul.Problem(SQUARE, **given, name="mine")) == (
+        "Problem 'mine'; polygon = 4 sides, area 1, f = x - 1, g = [-x, -1, 0], k = 1/3, "
+        "free sides = 2, q = 3"
+    )
+    assert repr(functions).endswith("f = a function, g = [-x, -1, 0], free sides = 2")
+    assert "<td>x &lt; 0</td>" in as_html("head", {"f": "x < 0"})
+    for problem in (functions, ul.case("natural"), ul.load(ROOT / "examples/cog.yaml")):
+        ElementTree.fromstring(problem._repr_html_())
+
+
+def test_a_notebook_shows_the_table_and_the_picture(cog):
+    """One element of HTML with the rows of the text, and an image that is an SVG."""
+    page = ElementTree.fromstring(re.sub(r"(<img [^>]*)>", r"\1/>", cog._repr_html_()))
+    shown = {row.find("th").text: row.find("td").text for row in page.iter("tr")}
+    assert shown == summary.rows(cog)
+    kind, drawn = page.find("img").attrib["src"].split(",")
+    assert kind == "data:image/svg+xml;base64"
+    assert ElementTree.fromstring(base64.b64decode(drawn)).tag.endswith("svg")
+    assert page.find("img").attrib["alt"]
+
+
+def test_without_matplotlib_there_is_the_table_alone(cog, monkeypatch):
+    monkeypatch.setattr(summary, "find_spec", lambda name: None)
+    page = cog._repr_html_()
+    assert "<img" not in page
+    assert "<table>" in page
+
+
+def test_nothing_that_takes_long_is_begun(monkeypatch):
+    """On a mesh with more than QUICK nodes no bound and no picture; control: a known bound is shown."""
+    monkeypatch.setattr(summary, "QUICK", 100)
+    s = ul.solve("natural", **SIZES)
+    with monkeypatch.context() as forbidden:
+        forbidden.setattr(DiscreteSolution, "bound", None)
+        for page in (repr(s), s._repr_html_()):
+            assert "not bounded yet: see bounds" in page
+            assert "guaranteed" not in page
+            assert "<img" not in page
+    assert s.bounds.u > 0
+    assert "guaranteed" in repr(s)
+
+
+def test_printing_warns_of_nothing_and_tells_what_is_unsure(functions, monkeypatch):
+    with warnings.catch_warnings(action="ignore", category=ul.SolutionWarning):
+        same = ul.solve("natural", h=1 / 8, H=1 / 8)
+        early = ul.solve("natural", **SIZES, stop=ul.Stop(algorithm="uzawa", max_steps=3))
+    with warnings.catch_warnings(action="error"):
+        assert "lambda_H         may not be unique" in repr(same)
+        assert "not converged    the algebraic error is at most " in repr(early)
+        assert "error of u       unknown, for f, g or q is a function" in repr(ul.solve(functions, **SIZES))
+        monkeypatch.setattr("unilateral.solution.solution.available_mb", lambda: 0.0)
+        assert "not bounded yet: see bounds" in repr(ul.solve("natural", **SIZES))
+
+
+def test_a_whole_boundary_in_contact_and_none():
+    """By hand: g above f everywhere presses u onto g; g far below leaves u alone."""
+    full, none = (ul.solve(ul.Problem(SQUARE, f=0, g=g), **SIZES) for g in (1, -1))
+    assert "contact          the whole boundary, length 4 of 4" in repr(full)
+    assert "contact          length 0 of 4" in repr(none)
+    assert np.all(none.multiplier == 0)

@@ -1,0 +1,115 @@
+"""What Linux has and other systems have not is missed by nothing; on these themselves nothing was tried.
+
+Windows has no `resource`, no METIS, no SIGPIPE, no timer for signals, no `os.sysconf`; macOS has no /proc.
+What there is in place of these is played here. Texts are UTF-8 whatever a system takes for its own.
+"""
+
+import json
+import os
+import subprocess
+import sys
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import scipy.sparse as sp
+from conftest import ROOT
+from nested import assembled
+
+from unilateral.fem import linear_systems
+from unilateral.geometry.polygon import named
+from unilateral.geometry.structured import structured
+from unilateral.system import memory
+
+WITHOUT = """\
+import ctypes, os, pathlib, signal, sys, types
+
+for name in ("fcntl", "grp", "pwd", "pymetis", "resource", "termios"):
+    sys.modules[name] = None
+for name in ("SIGALRM", "SIGHUP", "SIGKILL", "SIGPIPE", "SIGUSR1", "setitimer", "getitimer", "ITIMER_REAL"):
+    delattr(signal, name)
+for name in ("sysconf", "getuid", "geteuid", "fork", "getpgid", "killpg"):
+    delattr(os, name)
+process = types.SimpleNamespace(memory_info=lambda: types.SimpleNamespace(peak_wset=99 * 2**20))
+machine = types.SimpleNamespace(available=8 * 2**30)
+sys.modules["psutil"] = types.SimpleNamespace(Process=lambda: process, virtual_memory=lambda: machine)
+library = ctypes.CDLL
+ctypes.CDLL = lambda name, *rest, **more: library(name or {}, *rest, **more)  # TypeError, as on Windows
+opened = pathlib.Path.open
+def no_proc(path, *rest, **more):
+    if path.parts[:2] in (("/", "proc"), ("/", "sys")):
+        raise FileNotFoundError(path)
+    return opened(path, *rest, **more)
+pathlib.Path.open = no_proc
+from unilateral.__main__ import main
+sys.exit(main())
+"""
+"""The command `unilateral` where all that is missing."""
+OF_THE_RUN = {"seconds", "peak_mb", "versions", "iterations", "algebraic_bound"}
+"""What the machine, and the order in which unknowns are eliminated, have a say in."""
+
+
+def solved(*arguments, **environment):
+    """What a command prints; it has to succeed without a word on standard error."""
+    done = subprocess.run(
+        [sys.executable, *arguments], capture_output=True, env={**os.environ, **environment}, timeout=60
+    )
+    assert (done.returncode, done.stderr) == (0, b"")
+    return done.stdout
+
+
+@pytest.mark.parametrize("how", [("--accuracy", "0.02"), ("--h", "1/32", "--H", "1/16")], ids=" ".join)
+def test_a_solution_is_the_same_without_what_only_linux_has(how):
+    """By levels, and by elimination in another order: the same numbers up to rounding."""
+    task = ("solve", str(ROOT / "examples/cog.yaml"), *how, "--json")
+    here, there = (json.loads(solved(*of, *task)) for of in (("-m", "unilateral"), ("-c", WITHOUT)))
+    assert there["peak_mb"] == 99
+    for name in set(here) - OF_THE_RUN - {"levels", "contact", "forces"}:
+        is_real = isinstance(here[name], float)
+        assert there[name] == (pytest.approx(here[name], rel=1e-6) if is_real else here[name])
+    assert there["forces"]["boundary"] == pytest.approx(here["forces"]["boundary"], rel=1e-6)
+
+
+def test_files_are_the_same_where_the_locale_has_ascii_only(tmp_path):
+    """And nothing is opened in the locale's encoding, of which Python warns if it is asked to; libraries that
+    write other files than .csv do so.
+    """
+    strict = ("-X", "warn_default_encoding", "-W", "error::EncodingWarning", "-m", "unilateral")
+    written, ascii_only = [], {"PYTHONUTF8": "0", "LC_ALL": "C", "PYTHONCOERCECLOCALE": "0"}
+    own, *files = (tmp_path / f"own.{ending}" for ending in ("yaml", "csv", "vtu"))
+    for environment in ({}, ascii_only):
+        own.unlink(missing_ok=True)
+        solved(*strict, "init", str(own), **environment)
+        own.write_bytes(own.read_bytes() + "# λ ∂\n".encode())
+        solved(*strict, "check", str(own), **environment)
+        solve = ("solve", str(own), "--h", "1/4", "--H", "1/2", "-o")
+        for command, file in zip((strict, ("-m", "unilateral")), files, strict=True):
+            solved(*command, *solve, str(file), **environment)
+        written.append([file.read_bytes() for file in (own, *files)])
+    assert written[0] == written[1]
+    assert b"\r" not in b"".join(written[0])
+
+
+def test_memory_is_that_of_windows_where_there_is_no_getrusage(monkeypatch):
+    """Peak and free memory as psutil tells them; a container's limit is not known there."""
+    process = SimpleNamespace(memory_info=lambda: SimpleNamespace(peak_wset=300 * 2**20))
+    machine = SimpleNamespace(available=500 * 2**20)
+    system = SimpleNamespace(virtual_memory=lambda: machine, Process=lambda: process)
+    monkeypatch.setattr(memory, "psutil", system)
+    monkeypatch.setattr(memory, "CGROUP", memory.CGROUP / "none")
+    assert (memory.peak_mb(), memory.available_mb()) == (300, 500)
+
+
+def test_the_boundary_is_eliminated_last_without_metis(monkeypatch):
+    """The Schur complement in the factors is the one by dense algebra."""
+    monkeypatch.setattr(linear_systems, "pymetis", None)
+    mesh = structured(named("lshape"), 1 / 8)
+    A = sp.csr_array(assembled(mesh))
+    order = linear_systems.elimination_order(A, mesh.boundary)
+    assert sorted(order) == list(range(mesh.n_nodes))
+    R = linear_systems.last_block(linear_systems.factorise(A, order), len(mesh.boundary))
+    inner, dense = np.delete(np.arange(mesh.n_nodes), mesh.boundary), A.toarray()
+    across = dense[np.ix_(inner, mesh.boundary)]
+    of_boundary = dense[np.ix_(mesh.boundary, mesh.boundary)]
+    schur = of_boundary - across.T @ np.linalg.solve(dense[np.ix_(inner, inner)], across)
+    np.testing.assert_allclose(R.T @ R, schur, rtol=0, atol=1e-13 * np.abs(schur).max())

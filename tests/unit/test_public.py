@@ -1,0 +1,64 @@
+"""What is public is explained, with examples that run."""
+
+import doctest
+import inspect
+from dataclasses import fields
+from importlib import import_module
+
+import pytest
+from conftest import ROOT
+
+import unilateral as ul
+
+SOURCES = ROOT / "src"
+WITH_EXAMPLES = sorted(
+    ".".join(file.relative_to(SOURCES).with_suffix("").parts).removesuffix(".__init__")
+    for file in (SOURCES / "unilateral").rglob("*.py")
+    if ">>> " in file.read_text(encoding="utf-8")
+)
+
+
+@pytest.mark.parametrize("name", WITH_EXAMPLES)
+def test_examples_in_docstrings_run(name):
+    failed, tried = doctest.testmod(import_module(name))
+    assert failed == 0
+    assert tried > 0
+
+
+def without(names, of, wanted):
+    """Those names whose docstring has not what is wanted."""
+    return [name for name in names if wanted not in (inspect.getdoc(getattr(of, name)) or "")]
+
+
+def test_every_public_name_has_an_example():
+    assert without(ul.__all__, ul, ">>> ") == []
+
+
+def test_every_attribute_of_a_solution_is_explained():
+    """Fields are explained by the docstring of the class."""
+    public = [name for name in dir(ul.Solution) if not name.startswith("_")]
+    of_class = [field.name for field in fields(ul.Solution)]
+    assert len(public) > 20
+    assert without(set(public) - {*of_class}, ul.Solution, ".") == []
+    assert all(f"`{name}`" in ul.Solution.__doc__ or f"{name}`" in ul.Solution.__doc__ for name in of_class)
+
+
+def test_a_name_without_an_example_is_noticed():
+    """Control."""
+
+    class Given:
+        def explained(self):
+            """A sentence."""
+
+        def silent(self): ...
+
+    assert without(["explained", "silent"], Given, ".") == ["silent"]
+    assert without(["explained"], Given, ">>> ") == ["explained"]
+
+
+def test_completion_shows_public_names_only():
+    """Modules that are imported meanwhile are attributes of the package, too."""
+    import_module("unilateral.geometry.mesh")
+    assert dir(ul) == sorted([*ul.__all__, "__version__"])
+    assert ul.geometry
+    assert all(not isinstance(getattr(ul, name), type(ul)) for name in dir(ul))
