@@ -145,7 +145,7 @@ def force(solution: Solution, of: Shown) -> str:
     if of.accuracy in ("", NO_BOUND):
         return ""
     goal = solution.search.best.goal if solution.search else None
-    whole = solution.forces(goal is not None and goal.sharp).whole
+    whole = solution.force(goal is not None and goal.sharp)
     guaranteed = between(whole.lower, whole.upper, ".4g", "and")
     return (
         f"force over the boundary, ∫λ: {whole.value:.4g}; the exact one is between {guaranteed}, guaranteed"
