@@ -143,7 +143,7 @@ def test_f_is_enclosed_once(monkeypatch, made):
     solved, source = found.solved(EXACTLY), found.source
     np.testing.assert_array_equal(load_vector(found.mesh, source.moments), found.load)
     np.testing.assert_array_equal(source.moments, enclosed(found.mesh, problem).moments)
-    monkeypatch.setattr(base, "enclosed", None)
+    monkeypatch.setattr(base, "source_of", None)
     assert solved.bound().residual <= 1e-9
     assert solved.bound().u >= solved.bound().flux > 0.01
 
