@@ -30,7 +30,7 @@ class BudgetError(InputError):
     ...     ul.solve("natural", accuracy=0.01, max_seconds=1e-9)
     ... except ul.BudgetError as error:
     ...     print(error)
-    max_seconds=1e-09 does not suffice to solve on the coarsest mesh of 'square'
+    max_seconds=1e-09 is not enough to solve on the coarsest mesh of 'square'
     """
 
     exit_code = 3
@@ -48,7 +48,7 @@ class SolutionWarning(UserWarning):
     ...     warnings.simplefilter("always")
     ...     s = ul.solve("natural", h=1 / 8, H=1 / 8)
     >>> print(told[0].message)
-    lambda_H may not be unique, because beta is 0 to rounding; take h < H, such as H = 2h
+    lambda_H may not be unique, because beta is 0 up to rounding; take h < H, such as H = 2h
     >>> s.unique
     False
     """

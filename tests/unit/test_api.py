@@ -447,7 +447,7 @@ def test_limits_may_be_text(name):
 
 
 def test_a_limit_that_leaves_no_result_is_an_error_of_its_own():
-    with pytest.raises(ul.BudgetError, match="max_seconds=1e-09 does not suffice"):
+    with pytest.raises(ul.BudgetError, match="max_seconds=1e-09 is not enough"):
         ul.solve(ul.case("natural"), accuracy=0.1, max_seconds=1e-9)
     assert issubclass(ul.BudgetError, ul.InputError)
 

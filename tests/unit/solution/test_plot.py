@@ -118,7 +118,7 @@ def test_the_title_is_that_of_the_problem_and_tells_the_relative_bound(adapted):
         ({"f": 0}, SIZES, r"error of u in H¹: at most [\d.e-]+, guaranteed"),
     ],
 )
-@pytest.mark.filterwarnings("ignore::unilateral.api.SolutionWarning")
+@pytest.mark.filterwarnings("ignore::unilateral.errors.SolutionWarning")
 def test_the_picture_says_what_is_guaranteed(given, sizes, said):
     """In words, whatever was asked for; where u may be 0 the bound is no part of it."""
     s = ul.solve(ul.Problem(SQUARE, **({"f": "x - 2", "g": 0} | given)), **sizes)
