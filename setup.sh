@@ -49,13 +49,13 @@ gmsh_loads() {
 
 install_libraries() {
     if ! gmsh_loads && [ "$(id -u)" = 0 ] && command -v apt-get >/dev/null; then
-        echo "gmsh does not load: installing its system libraries ($libraries) with apt-get ..."
+        echo "gmsh cannot be loaded: installing its system libraries ($libraries) with apt-get ..."
         export DEBIAN_FRONTEND=noninteractive
         # shellcheck disable=SC2086
         apt-get update -qq && apt-get install -qq -y --no-install-recommends $libraries >/dev/null || true
     fi
     reason=$(.venv/bin/python -c 'import gmsh' 2>&1 | tail -n 1)
-    gmsh_loads || stop "gmsh does not load ($reason); on Debian or Ubuntu type: sudo apt-get install $libraries"
+    gmsh_loads || stop "gmsh cannot be loaded ($reason); on Debian or Ubuntu type: sudo apt-get install $libraries"
     touch .venv/ready
 }
 

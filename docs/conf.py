@@ -5,7 +5,6 @@ shown. Nothing on a page comes from a network.
 """
 
 import logging
-import os
 import sys
 from pathlib import Path
 
@@ -46,9 +45,8 @@ myst_heading_anchors = 3
 myst_url_schemes = {"http": None, "https": None, "typeset": "../{{path}}#{{fragment}}"}
 highlight_language = "none"
 
-# Notebooks are run, in a kernel that shows figures and that is spoken to in code, or it warns.
+# Notebooks are run. The kernel is spoken to in code, for it warns otherwise; its client tells nothing.
 # Without the study's results the one about them is not run.
-os.environ["MPLBACKEND"] = "module://matplotlib_inline.backend_inline"
 KernelManager.transport_encryption.default_value = "auto"
 logging.getLogger("traitlets").setLevel(logging.WARNING)
 results = any((HERE.parent / "results").glob("*/rates.nc"))

@@ -27,6 +27,7 @@ FOLDER = ROOT / "docs/pictures"
 SHOWN = re.compile(r"!\[[^\]]+\]\((?:docs/)?(?:\.\./)*pictures/([\w-]+\.svg)\)")
 LABEL = re.compile(r"<!-- (.+?) -->")
 IMAGE = re.compile(r"data:image/png;base64,\s*([^\"]+)")
+THOUSANDS = re.compile(r"(?<=\d)\s(?=\d{3}\b)")
 NUMBER = re.compile(r"\d+\.?\d*(?:e[+-]\d+)?")
 GRID = 100
 """Places along each axis at which images are compared."""
@@ -59,7 +60,7 @@ def drawn(folder: Path, name: str) -> Path:
 def alike(committed: Path, now: Path) -> bool:
     """Whether two pictures have the same labels, with nearly the same numbers, and nearly the same images."""
     texts = [path.read_text(encoding="utf-8") for path in (committed, now)]
-    labels = [LABEL.findall(text) for text in texts]
+    labels = [[THOUSANDS.sub("", label) for label in LABEL.findall(text)] for text in texts]
     words = [[NUMBER.sub("#", label) for label in each] for each in labels]
     numbers = [np.array(NUMBER.findall(" ".join(each)), dtype=float) for each in labels]
     images = [[field(image) for image in IMAGE.findall(text)] for text in texts]

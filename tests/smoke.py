@@ -27,6 +27,7 @@ TASKS = [
     ("check own.yaml", set()),
     ("check corner.yaml --out check.svg", {"plot"}),
     ("solve corner.yaml --h 1/8 --H 1/4 -o corner.svg", {"plot"}),
+    ("solve corner.yaml --h 1/8 --H 1/4 -o corner.html", {"plot"}),
     ("solve corner.yaml --h 1/8 --H 1/4 -o corner.vtu", {"files"}),
     ("solve corner.yaml --H 1/4 --mesh corner.vtu", {"files"}),
     ("solve corner.yaml --h 1/8 --H 1/4 -o corner.nc", {"files"}),
@@ -95,11 +96,14 @@ def python(has):
     mesh = ul.mesh(points, [[0, 1, 3], [1, 2, 3], [2, 0, 3]])
     s = ul.solve(ul.Problem(mesh.polygon, f=-1, g="-x - y"), mesh=mesh, H=2)
     assert s.bounds.u > 0
+    assert "Solution of" in repr(s)
+    assert "</table>" in s._repr_html_()
     assert s.forces().whole.lower <= s.forces().whole.value <= s.forces().whole.upper
     for needs, call in (
         ({"files"}, s.cells),
         ({"files"}, s.dataset),
         ({"files"}, lambda: ul.mesh("corner.vtu")),
+        ({"files"}, lambda: ul.open("corner.nc")),
         ({"plot"}, s.plot),
         ({"cases"}, lambda: ul.case("natural")),
     ):

@@ -7,9 +7,9 @@ LONGEST = 60
 
 
 class InputError(Exception):
-    """Bad input, told in one sentence: where (file, field), what is wrong, what would be right.
+    """Bad input, described in one sentence: where it is (file, field), what is wrong, what would be right.
 
-    Who catches it prints the sentence and ends with `exit_code`.
+    The command line prints the sentence and ends with `exit_code`.
 
     >>> import unilateral as ul
     >>> try:
@@ -23,7 +23,7 @@ class InputError(Exception):
 
 
 class BudgetError(InputError):
-    """A limit that was reached before there was any result.
+    """A limit was reached before there was any result.
 
     >>> import unilateral as ul
     >>> try:
@@ -37,7 +37,7 @@ class BudgetError(InputError):
 
 
 class SolutionWarning(UserWarning):
-    """There is a solution, but not as it was wanted.
+    """There is a solution, but it is not all that was asked for.
 
     The iteration did not converge, an accuracy was not reached, lambda_H may not be the only one, or a
     guaranteed bound takes more memory than is free. Each is also told by an attribute of the solution.

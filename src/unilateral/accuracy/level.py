@@ -47,7 +47,7 @@ class Summary(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """One solve towards a goal. Its `seconds` include those for its mesh, and `mb` is what it took at most.
+    """One solve towards a goal. Its `seconds` include those for its mesh; `mb` is its peak memory.
 
     `enclosing` is the part of the seconds in which f is enclosed. `predicted` is the bound as it was
     predicted, if it could be.

@@ -35,9 +35,9 @@ STOPS = (KeyboardInterrupt, OutOfBudget, MemoryError, InputError)
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """The levels done, and what ended the search; nothing did where the accuracy was reached.
+    """The finished levels, and what `ended` the search; that is empty if the accuracy was reached.
 
-    `plan` says what the accuracy takes, where a limit ended the search and something can be said; `reach` is
+    `plan` predicts what the accuracy takes if a limit ended the search and that can be told; `reach` is
     a larger accuracy that the limits allow, where the plan shows that they do not allow this one. Copies and
     files keep the best level alone, and what is `told` of all.
     """

@@ -28,6 +28,8 @@ if TYPE_CHECKING:
 PICTURES = (".svg", ".png", ".pdf")
 FREE, HELD = "tab:gray", "tab:blue"
 ROUND_OFF = 1e-12
+WIDE, ALONG = 5.0, 2.0
+"""Inches: the width of the panel with the polygon, and the height of that along its boundary."""
 POINTS = 201
 """g is drawn at this many points of a side, and f at this many along x and along y."""
 
@@ -140,8 +142,10 @@ def drawn(problem: Problem) -> Figure:
     """f in the polygon with its numbered sides, and g along the boundary."""
     from matplotlib.figure import Figure
 
-    page = Figure(figsize=(6.7, 7.5), layout="compressed")
-    top, bottom = page.subplots(2, 1, height_ratios=(2, 1))
+    width, height = np.ptp(problem.polygon.vertices, axis=0)
+    tall = WIDE * float(np.clip(height / width, 0.25, 1))
+    page = Figure(figsize=(WIDE + 1.7, tall + ALONG + 1), layout="compressed")
+    top, bottom = page.subplots(2, 1, height_ratios=(tall, ALONG))
     _draw_polygon(top, problem)
     _draw_obstacle(bottom, problem)
     return page

@@ -134,7 +134,7 @@ def error_in(errors: Errors, norm: str) -> float:
 
 
 def texts(errors: Errors) -> tuple[str, str, str]:
-    """The three errors for people, the second between its bounds; "-" where it is not known."""
+    """The three errors as text, the second with its bounds; "-" where one is not known."""
     towards: tuple[Callable[[float, str], str], ...] = (format, down, up, format)
     h1, lower, upper, l2 = (
         "-" if math.isnan(each) else write(each, ".4g") for write, each in zip(towards, errors, strict=True)
@@ -159,7 +159,7 @@ def sentences(scored: Sequence[Scored]) -> Iterator[str]:
 
 
 def at_boundary(scored: Sequence[Scored]) -> str:
-    """Where the finest solution meets the conditions least; empty where all sides are free."""
+    """Where the finest solution violates the conditions most; empty where all sides are free."""
     finest = min(scored, key=lambda each: each.given.level.mesh.h)
     return f"{finest.given.level.name}, {finest.extremes}" if finest.extremes else ""
 

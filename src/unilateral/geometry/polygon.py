@@ -31,7 +31,7 @@ class Polygon(Rebuilt):
 
     `vertices` (n, 2) are listed anticlockwise; side i runs from vertex i to vertex i + 1, and the
     arc length s along the boundary grows from 0 at vertex 0 to `perimeter`. The polygon is the one that
-    was given, or an image of it. Then its points are at most `doubt` from those of the exact image, for
+    was given, or an image of it. Then its points are at most `doubt` from those of the exact image, because
     coordinates are rounded.
 
     Raises InputError if the vertices are fewer than three or more than MAX_VERTICES, not finite, clockwise,

@@ -32,7 +32,7 @@ WANTED = "must be linear, or c - (x - a)**2 - (y - b)**2 up to a factor"
 
 @dataclass(frozen=True, eq=False)
 class Problem(Rebuilt):
-    """(1.1)-(1.2) in the `units` of k and c, with k du/dn = q in place of (1.2) on `free_sides`.
+    """-k lap u + c u = f with contact, but k du/dn = q on `free_sides`; `units` come from k and c.
 
     `f` is a formula in x, y. `g` has one per side, which is not used on free sides. `q` has one per side,
     which is 0 on those that are not free; if `q` is empty, the flux is 0. Arrays that are `nodal` take their

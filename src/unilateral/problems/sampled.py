@@ -26,7 +26,7 @@ This allows for functions that keep half of the digits.
 
 @dataclass(frozen=True, eq=False)
 class Sampled(Rebuilt):
-    """(1.1)-(1.2) in the `units` of k and c, with k du/dn = q in place of (1.2) on `free_sides`.
+    """-k lap u + c u = f with contact, but k du/dn = q on `free_sides`; `units` come from k and c.
 
     `f` takes arrays x, y of one shape and returns that shape; so do the functions of `g` and `q`, one per
     side. If `q` is empty, the flux is 0. Arrays that are `nodal` take their place.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -11,8 +12,10 @@ import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.discrete.choice import bound_mb
+from unilateral.errors import InputError
 from unilateral.formulas.decimals import between, up
 from unilateral.geometry.mesh import Mesh
+from unilateral.problems.sampled import Sampled
 from unilateral.solution.certificate import relative
 from unilateral.solution.coarser import clustered
 from unilateral.solution.contact import Contact
@@ -89,24 +92,31 @@ class Shown:
 
 def shown(solution: Solution) -> Shown:
     """What is drawn of a solution; the guaranteed bound is computed if the memory allows it."""
-    solved, units, cells = solution.solved, solution.units, solution.partition
-    data, gap = solved.discrete.data, solution.gap
-    free, middle = np.isnan(gap), 0.5 * (cells.points[1:] + cells.points[:-1])
-    flux = np.zeros(cells.n_cells)
-    if data is not None and free.any():
-        q, s = data.enclosed_flux, data.polygon.similar(cells.polygon, middle)
-        flux = np.where(free, units.flux * q.at(q.on(s), s)[0], 0.0)
+    gap, g_means = solution.gap, solution.units.value * solution.solved.discrete.g_means
+    free = np.isnan(gap)
     return Shown(
-        title=(data.title or data.name) if data else solution.polygon.name,
+        title=solution.problem.title or solution.problem.name,
         accuracy=accuracy(solution),
         mesh=solution.mesh,
         u=solution.u,
         contact=solution.contact,
         gap=settled(gap, solution.multiplier) if solution.converged else gap,
-        obstacle=np.where(free, np.nan, units.value * solved.discrete.g_means),
+        obstacle=np.where(free, np.nan, g_means),
         free=free,
-        flux=flux,
+        flux=np.where(free, _flux(solution), 0.0),
     )
+
+
+def _flux(solution: Solution) -> Array:
+    """(m,) q in the middle of the cells; 0 where it is a function that a file does not hold."""
+    problem, cells = solution.problem, solution.partition
+    s = 0.5 * (cells.points[1:] + cells.points[:-1])
+    if not isinstance(problem, Sampled):
+        q = problem.enclosed_flux
+        return q.at(q.on(s), s)[0]
+    with suppress(InputError):
+        return problem.flux(cells.side, s - cells.polygon.starts[cells.side])
+    return np.zeros(cells.n_cells)
 
 
 def accuracy(solution: Solution) -> str:
@@ -135,7 +145,7 @@ def force(solution: Solution, of: Shown) -> str:
     if of.accuracy in ("", NO_BOUND):
         return ""
     goal = solution.search.best.goal if solution.search else None
-    whole = solution.forces(goal is not None and goal.sharp).whole
+    whole = solution.force(goal is not None and goal.sharp)
     guaranteed = between(whole.lower, whole.upper, ".4g", "and")
     return (
         f"force over the boundary, ∫λ: {whole.value:.4g}; the exact one is between {guaranteed}, guaranteed"

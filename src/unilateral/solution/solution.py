@@ -439,7 +439,7 @@ class Solution:
             elif temporary.suffix == ".html":
                 from unilateral.solution.interactive import page
 
-                temporary.write_text(page(self), encoding="utf-8")
+                temporary.write_text(page(self), encoding="utf-8", newline="\n")
             else:
                 from unilateral.solution.plot import draw
 

@@ -35,6 +35,7 @@ from unilateral.solution import tables
 from unilateral.solution.solution import Solution
 from unilateral.solvers.uzawa import DualResult
 from unilateral.system.files import write_netcdf
+from unilateral.system.optional import require
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -86,6 +87,7 @@ def read(path: Path) -> Solution:
 
 def _tables(path: Path) -> tuple[xr.Dataset, xr.Dataset]:
     """The variables for readers and the group, as they are stored."""
+    require("files that end in .nc need", "netCDF4", "xarray")
     import xarray as xr
 
     try:

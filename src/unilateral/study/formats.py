@@ -6,10 +6,10 @@
 | `10^` | 1e-6 | 10^(−6) |
 | `x10^` | 1.94e9 | 1.9·10^9 |
 | `down.2f`, `up.2f` | 0.719, 0.711 | 0.71, 0.72 |
-| `up.1g%`, `up.short` | 0.0046, 6.811e-06 | 0.5 %, 6.82e-6 |
+| `up.1g%`, `up.short` | 0.0046, 6.811e-06 | 0.5 %, 6.82·10^(−6) |
 | `space` | 20000 | 20 000 |
 | `times` | 8.1 | × 8 |
-| `short` | 6.81e-06 | 6.81e-6 |
+| `short` | 6.81e-06 | 6.81·10^(−6) |
 | `.2g%` | 0.0046 | 0.46 % |
 """
 
@@ -73,8 +73,12 @@ def _power(value: float) -> str:
 
 
 def _short(text: str) -> str:
-    """The text of a number, its exponent without the plus sign and leading zeros."""
-    return re.sub(r"e\+?(-?)0*", r"e\1", text)
+    """The text of a number, with a power of ten in the place of an exponent."""
+    mantissa, _, exponent = text.partition("e")
+    if not exponent:
+        return text
+    power = f"10^{int(exponent)}" if int(exponent) > 0 else f"10^(−{-int(exponent)})"
+    return power if mantissa == "1" else f"{mantissa}·{power}"
 
 
 OWN: dict[str, Callable[[float], str]] = {

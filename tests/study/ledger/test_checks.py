@@ -936,20 +936,20 @@ ROWS += [
     # Eigenvalues have to vanish from H = h on; without such a pair nothing is judged.
     ("3.1c", eigenvalues(0.5, 1, 2), 0.25),
     ("3.1c", eigenvalues(0.5, 0.75, 2), 0.125),
-    ("3.1c", eigenvalues(0.5, 0.5, 0.5), "at H <= h is not known of square"),
+    ("3.1c", eigenvalues(0.5, 0.5, 0.5), "is not known of square"),
     # The local rule asks for short edges, a cell of 2 edges to round-off, and for angles of 20 degrees.
     ("A.beta", local([2.0, 1.9, 3.0], [45.0, 45, 19]), 0.9),
     ("A.beta", local([2.0, 2.0, 3.0], [45.0, 20, 19]), (0.5, False)),
     ("A.beta", local([2.0, 1.9, 3.0], [45.0, 45, 20]), (0.25, False)),
     ("A.beta", local([2 - 1e-10, 1, 1], [45.0, 45, 45]), 0.9),
-    ("A.beta", local([1.0, 1, 1], [45.0, 45, 45]), "nothing of which to find the smallest beta"),
+    ("A.beta", local([1.0, 1, 1], [45.0, 45, 45]), "nothing of which to find the smallest"),
     # The rule of inner nodes asks for delta, comparable cells and no flat triangles.
     ("T.node", inner_nodes([0.5, 0.5, 0.5]), (0.3, False)),
     ("T.node", inner_nodes([0.5, 0.25, 0.1]), 0.6 / 0.75),
     ("T.node", inner_nodes([0.5, 0.25, 0.5], [1.0, 1, 10.1]), 0.6 / 0.75),
     ("T.node", inner_nodes([0.5, 0.25, 0.5], [10.0, 1, 1], [45.0, 20, 19.9]), 0.6 / 0.75),
     ("T.node", inner_nodes([0.5, 0, 0]), 0.9),
-    ("T.node", inner_nodes([0.0, 0, 0]), "nothing of which to find the smallest beta_lower"),
+    ("T.node", inner_nodes([0.0, 0, 0]), "nothing of which to find the smallest lower bound"),
     ("T.node0", inner_nodes([0.5, 0.25, 0.5], angles=(45.0, 45, 19.9)), (0.15 / 0.75, False)),
     # The pairing is judged where every cell has an inner node.
     ("T.pair", pairing(0.5, 0.32), 2.0),

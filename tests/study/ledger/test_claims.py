@@ -135,7 +135,13 @@ FINEST, FAILING = {"value": np.nan, "at": {"mesh": -1}}, {"value": "fails", "at"
 UNFIT = [  # a claim, what takes from it what it rests on, and the reason that is told
     ("1.2h", "square/errors", "hm12_error_upper", FINEST, "the finest error .* is not known of square, "),
     ("4.11", "square/rates", "verdict", FAILING, "square, full_contact, h1: fails$"),
-    ("S.edges", "betaworst/infsup", "edges_per_cell", {"value": 1.0}, "the smallest beta .* of betaworst"),
+    (
+        "S.edges",
+        "betaworst/infsup",
+        "edges_per_cell",
+        {"value": 1.0},
+        "the smallest .* of betaworst",
+    ),
     ("X.rho", "extremes/extremes", "predicted_limit", {"factor": 1.0001}, r"0\.999 of the limit was not"),
 ]
 

@@ -1,11 +1,13 @@
 """The ledger for readers: its tables in Markdown."""
 
+import re
+
 import pytest
-from conftest import ROOT
+from conftest import RESULTS, ROOT
 
 from unilateral.errors import StorageError
 from unilateral.study.documents import verdicts
-from unilateral.study.ledger import claims
+from unilateral.study.ledger import claims, texts
 from unilateral.study.ledger import records as stored
 
 
@@ -35,8 +37,9 @@ def row(**changed):
 def test_a_table_per_section_with_a_row_per_claim():
     found = verdicts.claims_tables([record(), record(id="5.1", section="algorithm", expected="<= 2")])
     assert list(found) == ["claims-estimates", "claims-algorithm"]
-    assert row() == ["4.1", "it holds [Lemma 4.1]", "a number", "1.23 ≥ 0.9", "37 %", "× 1.03", "holds"]
-    assert found["claims-algorithm"]["observed"].tolist() == ["1.23 ≤ 2"]
+    measured = "a number: $1.23 \\ge 0.9$; margin 37\u00a0%; sees ×\u00a01.03"
+    assert row() == ["4.1", "it holds [Lemma 4.1]", measured, "holds"]
+    assert r": $1.23 \le 2$; " in found["claims-algorithm"]["measured"].item()
 
 
 def test_a_claim_holds_unless_it_fails():
@@ -49,43 +52,58 @@ def test_a_claim_holds_unless_it_fails():
 @pytest.mark.parametrize(
     ("changed", "shown"),
     [
-        ({"observed": -3e-16}, "0 ≥ 0.9"),
-        ({"observed": 1e9, "margin": 1e9}, "much more ≥ 0.9 | > 1000 %"),
-        ({"margin": 0.0019}, "0.19 %"),
-        ({"margin": 3e-7}, "< 0.01 %"),
-        ({"margin": -0.2, "verdict": "fails", "sees": None}, "-20 % | – | fails"),
-        ({"expected": "<= 0", "observed": 0.0, "margin": 0.0}, "0 ≤ 0 | –"),
-        ({"expected": ">= 0", "observed": 0.02, "margin": 0.02}, "0.02 ≥ 0 | –"),
+        ({"observed": -3e-16}, "$0 \\ge 0.9$; margin 37 %; sees × 1.03"),
+        ({"observed": 1e9, "margin": 1e9}, "$\\text{much more} \\ge 0.9$; margin > 1000 %; sees × 1.03"),
+        ({"margin": 0.0019}, "$1.23 \\ge 0.9$; margin 0.19 %; sees × 1.03"),
+        ({"margin": 3e-7}, "$1.23 \\ge 0.9$; margin < 0.01 %; sees × 1.03"),
+        ({"margin": -0.2, "verdict": "fails", "sees": None}, "$1.23 \\ge 0.9$; margin -20 %"),
+        ({"expected": "<= 0", "observed": 0.0, "margin": 0.0}, "$0 \\le 0$; sees × 1.03"),
+        ({"expected": ">= 0", "observed": 0.02, "margin": 0.02}, "$0.02 \\ge 0$; sees × 1.03"),
+        (
+            {"expected": ">= -1e-06", "observed": -5.12e-08},
+            "$-5.12\\cdot 10^{-8} \\ge -10^{-6}$; margin 37 %; sees × 1.03",
+        ),
     ],
 )
-def test_numbers_that_round_off_makes_are_not_shown(changed, shown):
-    assert f"| {shown} |" in f"| {' | '.join(row(**changed))} |"
+def test_numbers_are_typeset_and_what_round_off_makes_is_not_shown(changed, shown):
+    assert row(**changed)[2] == f"a number: {shown}".replace(" %", "\u00a0%").replace("× ", "×\u00a0")
 
 
 def test_of_what_is_not_judged_the_reason_is_shown_and_no_number():
     numbers = dict.fromkeys(("quantity", "expected", "observed", "margin", "sees"))
-    shown = row(**numbers, verdict="not judged: beta is not known of square")
-    assert shown[2:] == ["–", "–", "–", "–", "not judged: β is not known of square"]
+    shown = row(**numbers, verdict="not judged: $\\beta$ is not known of square")
+    assert shown[2:] == ["–", "not judged: $\\beta$ is not known of square"]
 
 
 @pytest.mark.parametrize(
     ("sees", "shown"),
     [
-        ("below 0.0001 % of the control", "< 0.0001 %"),
-        ("3 % of the control", "3 %"),
-        ("all of the control", "all"),
-        ("below × 1.0000001", "< × 1.0000001"),
-        (None, "–"),
+        ("below 0.0001 % of the control", "; sees below 0.0001 %"),
+        ("3 % of the control", "; sees 3 %"),
+        ("all of the control", "; sees all"),
+        ("below × 1.0000001", "; sees below × 1.0000001"),
+        (None, ""),
     ],
 )
 def test_what_a_claim_sees_is_short(sees, shown):
-    assert row(sees=sees)[-2] == shown
+    measured = row(sees=sees)[2].replace("\u00a0", " ")
+    assert measured == rf"a number: $1.23 \ge 0.9$; margin 37 %{shown}"
 
 
-def test_letters_and_signs_are_set_as_such():
-    shown = row(quantity="the largest lambda_max(S) |x| <= Pi_H mu, pie", verdict="a -> b")
-    assert shown[2] == r"the largest λ_max(S) \|x\| ≤ Π_H μ, pie"
-    assert shown[-1] == "a → b"
+def test_names_of_letters_and_signs_are_told_as_such():
+    shown = texts.letters("the largest lambda_max(S) <= Pi_H mu, pie, a -> b >= 0")
+    assert shown == "the largest λ_max(S) ≤ Π_H μ, pie, a → b ≥ 0"
+
+
+def test_no_text_of_a_claim_has_mathematics_that_is_not_typeset():
+    """In the supplement. Control: some have formulas."""
+    told = [text for claim in claims.ledger() for text in (claim.statement, claim.where, claim.verdict)]
+    told += [each["quantity"] or "" for each in stored.read(RESULTS / "claims.json")]
+    outside = [re.sub(r"\$.*?\$", "", text) for text in told]
+    assert outside != told
+    assert [
+        text for text in outside if re.search(r"[_^<>|\\]|\b(alpha|beta|lambda|rho|mu|delta)\b", text)
+    ] == []
 
 
 def test_every_verdict_of_the_ledger_has_a_table_in_the_supplement():

@@ -127,7 +127,7 @@ def test_what_the_process_holds_is_no_part_of_what_a_level_may_take(monkeypatch)
 
 def test_a_limit_in_the_first_level_leaves_nothing():
     with pytest.raises(
-        BudgetError, match=r"max_seconds=10 does not suffice .* coarsest mesh of 'square'"
+        BudgetError, match=r"max_seconds=10 is not enough .* coarsest mesh of 'square'"
     ) as told:
         search(load("natural"), Goal(0.1, max_seconds=10.0), watch=Watch(begin=-1e9))
     assert told.value.exit_code == 3

@@ -27,9 +27,9 @@ COLUMNS = {
     "shortest, on the boundary": ("shortest_edge", "short"),
     "‖u−u_h‖₁": ("h1_error", "short"),
     "bound": ("h1_bound", "up.short"),
-    "over the error": ("index", ".2f"),
-    "rate of the error": ("error_rate", ".2f"),
-    "rate of the bound": ("bound_rate", ".2f"),
+    "bound / error": ("index", ".2f"),
+    "rate, error": ("error_rate", ".2f"),
+    "rate, bound": ("bound_rate", ".2f"),
 }
 
 
