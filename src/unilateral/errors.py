@@ -48,7 +48,7 @@ class SolutionWarning(UserWarning):
     ...     warnings.simplefilter("always")
     ...     s = ul.solve("natural", h=1 / 8, H=1 / 8)
     >>> print(told[0].message)
-    lambda_H may not be unique, because beta is 0 to rounding; take h < H, such as H = 2h
+    lambda_H may not be unique, because beta is 0 up to rounding; take h < H, such as H = 2h
     >>> s.unique
     False
     """
