@@ -18,10 +18,10 @@ from unilateral.problems import given  # noqa: E402
 from unilateral.problems.case import Case  # noqa: E402
 from unilateral.problems.problem import Problem  # noqa: E402
 from unilateral.problems.sampled import Sampled  # noqa: E402
-from unilateral.solution import solver  # noqa: E402
+from unilateral.solution import solution, solver  # noqa: E402
 
 # What the library imports for types only.
-for module in (api, given, solver):
+for module in (api, given, solution, solver):
     vars(module).update(Case=Case, AnyProblem=Case | Problem | Sampled)
 
 project = "unilateral"

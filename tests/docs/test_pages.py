@@ -233,7 +233,8 @@ def documented():
     """The names that users are told of: the public ones, and a solution's attributes."""
     of = ul.Solution
     members = [name for name, each in vars(of).items() if name[0] != "_" and inspect.getdoc(each)]
-    table = (ROOT / "docs/python.md").read_text().partition("A solution has")[2].partition("\n\n`s.save`")[0]
+    page = (ROOT / "docs/python.md").read_text(encoding="utf-8")
+    table = page.partition("It has these attributes")[2].partition("\n\n`s.save`")[0]
     told = re.findall(r"`(\w+)[^`]*`", "".join(re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)))
     assert len(told) > 12
     return {f"unilateral.{name}" for name in ul.__all__} | {

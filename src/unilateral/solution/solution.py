@@ -142,6 +142,7 @@ class Solution:
 
     solved: DiscreteSolution
     problem: AnyProblem
+    """What was solved."""
     search: Search | None = None
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -12,6 +12,7 @@ from importlib import import_module
 from itertools import chain
 from typing import Any, NamedTuple
 
+from unilateral import errors
 from unilateral.study import registry
 from unilateral.study.tables import save_csv
 
@@ -137,5 +138,5 @@ def _not_taken(entry: Fields) -> Iterator[tuple[Place, str]]:
     table = of_module["table"]
     taken = [*table.needed, *table.optional]
     if not set(table.needed) <= set(given) <= set(taken) or len(given) > len(set(given)):
-        names = " ".join(", ".join(given).split())  # one may hold a newline
+        names = ", ".join(map(errors.shown, given))
         yield (), f"`table` of {module} is given {names}; it takes {', '.join(taken)}"
