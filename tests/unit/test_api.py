@@ -293,7 +293,7 @@ def test_bounds_that_do_not_fit_into_the_memory_are_warned_of(monkeypatch):
     s = ul.solve("natural", **SIZES)
     with pytest.warns(ul.SolutionWarning) as told:
         assert s.sharp_bounds is None
-    said = "no guaranteed bound, for it takes about 1 MB, and 1 MB are free"
+    said = "no guaranteed bound: it takes about 1 MB, and 1 MB are free"
     assert [(str(each.message), each.filename) for each in told] == [(said, __file__)]
     with warnings.catch_warnings(action="error"):
         assert s.bounds.u > 0

@@ -362,7 +362,7 @@ class Solution:
         needed, free = bound_mb(self.solved.discrete.mesh, sharp), available_mb()
         if needed <= free:
             return ""
-        return f"no guaranteed bound, for it takes about {needed:.0f} MB, and {free:.0f} MB are free"
+        return f"no guaranteed bound: it takes about {needed:.0f} MB, and {free:.0f} MB are free"
 
     def forces(self, sharp: bool = False) -> Forces:
         """The integrals of lambda_H over the boundary and over each side, with guaranteed bounds on lambda's.

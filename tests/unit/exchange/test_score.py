@@ -273,7 +273,7 @@ def test_files_that_do_not_fit_together_are_one_error(folder, tmp_path, refused)
     assert "the columns start, end and multiplier are needed" in said
     said = refused("score", folder, "a.vtu", "b.vtu", "--multiplier", "cells.csv")
     assert "--multiplier is given 1 time for 2 solutions; repeat it" in said
-    assert "no folder that 'unilateral export' wrote" in refused("score", tmp_path, "u.csv")
+    assert "not a folder that 'unilateral export' wrote" in refused("score", tmp_path, "u.csv")
 
 
 def test_json_has_everything_and_the_table_names_faults(folder, tmp_path, run):

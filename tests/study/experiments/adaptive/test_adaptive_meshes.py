@@ -147,8 +147,8 @@ def test_the_table_has_the_finest_level_of_each_kind():
     assert rows["meshes"].tolist() == ["uniform", "adapted"]
     assert rows["unknowns"].tolist() == ["40", "100"]
     assert rows["bound"].tolist() == ["0.317", "0.201"]  # above 10^-0.5, and above the double 0.2
-    assert rows["over the error"].tolist() == ["2.00", "2.00"]
-    assert rows["rate of the error"].tolist() == ["0.50", "0.50"]
+    assert rows["bound / error"].tolist() == ["2.00", "2.00"]
+    assert rows["rate, error"].tolist() == ["0.50", "0.50"]
     unknown = levels(N, N * np.nan, 1 / N, np.nan)
     assert set(adaptive_tables.finest(unknown, adaptive.rates_over(unknown, 3))["‖u−u_h‖₁"]) == {"–"}
 
