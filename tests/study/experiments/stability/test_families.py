@@ -190,7 +190,7 @@ def test_structured_meshes():
     ("spec", "message"),
     [
         ({"H": "a quarter"}, "partition: H: 'a quarter' is not a formula"),
-        ({"H": 0}, "cannot be divided by the size 0"),
+        ({"H": 0}, "cannot be divided into pieces of size 0"),
         ({"H": "1/4", "shift": 1}, r"shift 1 is not in \[0, 1\)"),
         ({"H": "1/4", "shift": -0.1}, r"shift -0.1 is not in \[0, 1\)"),
         ({"points": [0, 1, 2, 4]}, "vertex 3 of polygon 'square'.* is missing"),
