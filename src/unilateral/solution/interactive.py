@@ -28,8 +28,14 @@ The eye is FAR times the diagonal of what is seen away.
 BELOW, ROOM = 1.0, 0.05
 """The obstacle is shown down to BELOW times the height of the surface below that; there is some ROOM."""
 LEGEND = {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"}
-BAR = {"title": {"text": "u<sub>h</sub>", "side": "top"}, "orientation": "h", "thickness": 12, "len": 0.6,
-       "y": 0, "yanchor": "top"}  # fmt: skip
+BAR = {
+    "title": {"text": "u<sub>h</sub>", "side": "top"},
+    "orientation": "h",
+    "thickness": 12,
+    "len": 0.6,
+    "y": 0,
+    "yanchor": "top",
+}
 VALUES = "{} = %{{z:.4g}}<br>x = %{{x:.4g}}<br>y = %{{y:.4g}}<extra></extra>"
 GREY = {"fillcolor": "#eeeeee", "line_width": 0, "layer": "below"}
 
@@ -76,9 +82,21 @@ def surface(of: Shown) -> Figure:
 
     nodes, triangles = of.surface
     (x, y), u, (i, j, k) = of.mesh.points[nodes].T, of.u[nodes], triangles.T.astype(np.int32)
-    mesh = go.Mesh3d(x=x, y=y, z=u, i=i, j=j, k=k, intensity=u, cmin=of.limits[0], cmax=of.limits[1],
-                     colorscale="Viridis", colorbar=BAR, lighting={"ambient": 0.8, "specular": 0.1},
-                     hovertemplate=VALUES.format("u<sub>h</sub>"))  # fmt: skip
+    mesh = go.Mesh3d(
+        x=x,
+        y=y,
+        z=u,
+        i=i,
+        j=j,
+        k=k,
+        intensity=u,
+        cmin=of.limits[0],
+        cmax=of.limits[1],
+        colorscale="Viridis",
+        colorbar=BAR,
+        lighting={"ambient": 0.8, "specular": 0.1},
+        hovertemplate=VALUES.format("u<sub>h</sub>"),
+    )
     contact = _line(_contact(of), CONTACT, 9, "contact")
     obstacle = _line(_obstacle(of), OBSTACLE, 4, "obstacle g, mean over each cell without contact")
     margin = {"l": 0, "r": 0, "t": 0, "b": 50}
@@ -138,15 +156,25 @@ def along(of: Shown) -> Figure:
     cells, polygon = of.contact.partition, of.mesh.polygon
     s, sides = np.repeat(cells.points, 2)[1:-1], np.repeat(cells.side, 2)
     figure = make_subplots(rows=2, shared_xaxes=True, vertical_spacing=0.06)
-    lines = [(of.contact.lambda_H, 1, "λ<sub>H</sub>", {"color": CONTACT}, "tozeroy"),
-             (of.gap, 2, "mean of u<sub>h</sub> − g", {"color": GAP}, None)]  # fmt: skip
+    lines = [
+        (of.contact.lambda_H, 1, "λ<sub>H</sub>", {"color": CONTACT}, "tozeroy"),
+        (of.gap, 2, "mean of u<sub>h</sub> − g", {"color": GAP}, None),
+    ]
     if of.flux.any():
         given = np.where(of.free, of.flux, np.nan)
         lines.append((given, 1, "given flux q", {"color": FREE, "dash": "dash"}, None))
     for values, row, name, look, fill in lines:
         value = f"side %{{customdata}}, s = %{{x:.4g}}<br>{name} = %{{y:.4g}}<extra></extra>"
-        line = go.Scatter(x=s, y=np.repeat(values, 2), line=look | {"width": 1.5}, fill=fill, name=name,
-                          customdata=sides, hovertemplate=value, mode="lines")  # fmt: skip
+        line = go.Scatter(
+            x=s,
+            y=np.repeat(values, 2),
+            line=look | {"width": 1.5},
+            fill=fill,
+            name=name,
+            customdata=sides,
+            hovertemplate=value,
+            mode="lines",
+        )
         figure.add_trace(line, row=row, col=1)
     for start in polygon.starts:
         figure.add_vline(start, line={"color": "#cccccc", "width": 1}, layer="below")

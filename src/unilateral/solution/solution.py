@@ -46,11 +46,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from unilateral.problems.case import Case
-    from unilateral.problems.problem import Problem
-    from unilateral.problems.sampled import Sampled
-
-    AnyProblem = Case | Problem | Sampled
+    from unilateral.problems.given import AnyProblem
 
 ROUNDING = 4 * float(np.finfo(float).eps)
 """Rounding a number twice changes it by less than this, relative to the number."""
