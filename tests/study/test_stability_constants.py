@@ -21,7 +21,6 @@ from unilateral.norms.resolution import inner_nodes
 from unilateral.study.stability_constants import (
     cellwise,
     certified_cellwise,
-    extended,
     least_pairing_constant,
     of_runs,
     pairing,
@@ -104,20 +103,6 @@ PAIRS = {
         partitions.uniform(named("lshape"), 0.4),
     ),
 }
-
-
-@pytest.mark.parametrize("name", PAIRS)
-def test_the_extended_hats_by_their_definition(name):
-    """At a boundary node the hat; inside the largest hat(b) - |x - b| / width over boundary nodes b, or 0."""
-    mesh, cells = PAIRS[name]()
-    nodes = inner_nodes(mesh.s, cells)[0]
-    hats = between(mesh.s[:-1], nodes, mesh.polygon.perimeter)
-    gaps = np.diff(nodes, append=nodes[0] + mesh.polygon.perimeter)
-    distance = np.linalg.norm(mesh.points[:, None] - mesh.points[mesh.boundary], axis=2)
-    width = np.minimum(gaps, np.roll(gaps, 1))
-    expected = np.max(hats - (distance[..., None] / width), axis=1).clip(0)
-    expected[mesh.boundary] = hats
-    assert_allclose(extended(mesh, nodes).toarray(), expected, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("name", PAIRS)

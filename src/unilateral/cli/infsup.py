@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from unilateral.discrete.choice import check_condensed, check_size
 from unilateral.errors import InputError, counted
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
-from unilateral.formulas.decimals import between
+from unilateral.formulas.decimals import between, down
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.files import read_partition
 from unilateral.geometry.mesh import Mesh
@@ -23,7 +24,8 @@ from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind
 from unilateral.norms.dual import dual_norm
-from unilateral.norms.infsup import infsup
+from unilateral.norms.fortin import beta_below
+from unilateral.norms.infsup import InfSup, infsup
 from unilateral.norms.resolution import RULE, OfCells, boundary_angles, fine, of_cells, resolution, steep
 from unilateral.problems.problem_file import polygon_of
 from unilateral.system.as_json import text
@@ -73,9 +75,12 @@ def _cells(polygon: Polygon, given: str, H: float | None) -> Partition:
 
 
 def record(mesh: Mesh, cells: Partition) -> dict[str, Any]:
-    """What is found, for programs. Raises InputError where more memory is needed than is free."""
-    check_condensed(mesh, cells)
-    constants = infsup(mixed_spaces(condense(mesh), cells).operator, dual_norm(cells).gram().p0)
+    """What is found, for programs. Constants by eigenvalues are NaN if there is a reason, `not_solved`."""
+    constants, reason = InfSup(math.nan, math.nan, math.nan), ""
+    try:
+        constants = _by_eigenvalues(mesh, cells)
+    except InputError as error:
+        reason = str(error)
     return {
         "polygon": mesh.polygon.name,
         "vertices": mesh.polygon.vertices.tolist(),
@@ -83,11 +88,20 @@ def record(mesh: Mesh, cells: Partition) -> dict[str, Any]:
         "H": cells.H,
         "unknowns": mesh.n_nodes,
         "multipliers": cells.n_cells,
+        "beta_fortin": beta_below(mesh, cells),
         **constants._asdict(),
+        "not_solved": reason,
         **resolution(mesh, cells)._asdict(),
         "theorem_5": bool(of_cells(mesh, cells).deltas.all()),
         "rule": _rule(mesh, cells),
     }
+
+
+def _by_eigenvalues(mesh: Mesh, cells: Partition) -> InfSup:
+    """Raises InputError where more memory is needed than is free, or where gmsh is not installed."""
+    check_condensed(mesh, cells)
+    gram = dual_norm(cells).gram().p0
+    return infsup(mixed_spaces(condense(mesh), cells).operator, gram)
 
 
 def _rule(mesh: Mesh, cells: Partition) -> dict[str, Any]:
@@ -120,24 +134,38 @@ def _rows(**columns: Array | Index) -> list[dict[str, float]]:
     return [dict(zip(columns, row, strict=True)) for row in rows]
 
 
+def _beta(found: dict[str, Any]) -> str:
+    """What eigenvalues say of beta."""
+    if found["not_solved"]:
+        return f"not computed: {found['not_solved']}"
+    if found["beta_upper"] == 0:
+        return "0 up to rounding: lambda_H may not be unique; take larger cells or shorter edges"
+    return f"between {between(found['beta_lower'], found['beta_upper'], '.4f', 'and')}, guaranteed"
+
+
+def _theorem_5(found: dict[str, Any]) -> str:
+    """Whether it applies, and the bound that its proof gives here."""
+    if found["beta_fortin"] > 0:
+        return f"proves beta >= {down(found['beta_fortin'], '.4f')} here, guaranteed"
+    return "applies, but its bound is below rounding" if found["theorem_5"] else "does NOT apply"
+
+
 def lines(found: dict[str, Any]) -> Iterator[str]:
     """What is found, in lines for readers."""
     rule, h, H, angle = found["rule"], found["h"], found["H"], found["smallest_angle"]
-    beta = f"between {between(found['beta_lower'], found['beta_upper'], '.4f', 'and')}, guaranteed"
-    if found["beta_upper"] == 0:
-        beta = "0 up to rounding: lambda_H may not be unique; take larger cells or shorter edges"
+    beta, beta_0 = _beta(found), f"{found['beta_0']:.4f}"
     constants = f"delta = {found['delta']:.4g}, alpha_1 = {found['alpha_1']:.4g}"
     many = counted(len(rule["cells"]), "cell"), counted(len(rule["triangles"]), "triangle")
     broken = f"BROKEN by {' and '.join(many)}"
     rows = {
         "unknowns": f"{found['unknowns']} and {counted(found['multipliers'], 'multiplier')}",
         "beta in H^(-1/2)": beta,
-        "beta_0 in L2": f"{found['beta_0']:.4f}",
+        "beta_0 in L2": "not computed" if found["not_solved"] else beta_0,
         "edges per cell": f"at least {found['edges_per_cell']:.4g}",
         "cell over edge": f"at least {found['cell_over_edge']:.4g} (rule: at least {rule['cell_over_edge']})",
         "boundary angles": f"at least {angle:.4g} degrees (rule: at least {rule['smallest_angle']})",
         "local rule": "kept" if rule["kept"] else broken,
-        "Theorem 5": f"{'applies' if found['theorem_5'] else 'does NOT apply'}: {constants}",
+        "Theorem 5": f"{_theorem_5(found)}: {constants}",
     }
     yield f"{found['polygon']}: h = {h:.6g}, H = {H:.6g}, h/H = {h / H:.4g}"
     yield from (f"  {name:17} {value}" for name, value in rows.items())

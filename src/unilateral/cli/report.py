@@ -49,6 +49,9 @@ def table(found: dict[str, Any], bounds: Bounds | None, sizes: dict[str, float],
         "unknowns": f"{found['unknowns']} and {counted(found['multipliers'], 'multiplier')}",
         f"{found['algorithm']} {outcome}": algebraic,
     }
+    if not _unknown(found["hm12_algebraic_bound"]):
+        of_lambda = f"at most {up(found['hm12_algebraic_bound'], DIGITS)} in H^(-1/2), guaranteed"
+        rows["that of lambda_H"] = f"{of_lambda}, as beta >= {down(found['beta'], '.3f')}"
     if not _unknown(found["h1_error"]):
         rows |= _errors(found, unique)
     if bounds is not None:

@@ -29,6 +29,8 @@ from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.triangulation_checks import round_off
 
+J = 3.8317
+"""The first zero of the Bessel function J_1, 3.83170597.., rounded down."""
 ON_SQUARE = 1 / (2 * math.pi * math.tanh(2 * math.pi))
 MEAN_FREE_ON_SQUARE = 1 / (math.pi * math.tanh(math.pi))
 REACH = math.sqrt(5) / 2
@@ -63,11 +65,14 @@ def distance_to_other_sides(polygon: Polygon, points: Array, side: Index) -> Arr
     return np.asarray(distance.min(axis=1))
 
 
-def trace_constants(mesh: Mesh) -> Array:
-    """(nb,) the triangles' constants, doubled where two edges share a triangle."""
+def trace_constants(mesh: Mesh, poincare: float = 1 / math.pi) -> Array:
+    """(nb,) the triangles' constants, doubled where two edges share a triangle.
+
+    They are for functions v with ||v||_T <= `poincare` d |v|_{1,T}, here v - mean_T v.
+    """
     e, far, area, shared = _measured(mesh)
-    d = np.maximum(far, e)
-    return shared * e / area * (d**2 / math.pi**2 + far * d / math.pi)
+    reach = poincare * np.maximum(far, e)
+    return np.asarray(shared * e / area * (reach**2 + far * reach))
 
 
 def value_constants(mesh: Mesh) -> Array:

@@ -10,10 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import scipy.sparse as sp
 import xarray as xr
 from scipy.linalg import eigh
-from scipy.spatial import cKDTree
 
 from unilateral.arrays import Array
 from unilateral.fem.condense import matrix
@@ -21,6 +19,7 @@ from unilateral.fem.spaces import DualOperator
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import Bracket
+from unilateral.norms.fortin import beta_below, extended
 from unilateral.norms.infsup import InfSup, infsup
 from unilateral.norms.resolution import Resolution, inner_nodes, resolution
 
@@ -31,6 +30,7 @@ OF_PAIR = (
     "h_over_H",
     *Resolution._fields,
     *InfSup._fields,
+    "beta_fortin",
     "beta_0_cellwise",
     "beta_0_certified",
     "pairing",
@@ -42,6 +42,7 @@ def constants(mesh: Mesh, partition: Partition, operator: DualOperator, gram: Br
     return {
         **resolution(mesh, partition)._asdict(),
         **infsup(operator, gram)._asdict(),
+        "beta_fortin": beta_below(mesh, partition),
         "beta_0_cellwise": cellwise(operator),
         "beta_0_certified": certified_cellwise(mesh, partition),
         "pairing": pairing_constant(mesh.s, partition),
@@ -103,29 +104,6 @@ def certified_cellwise(mesh: Mesh, partition: Partition) -> float:
         return 0.0
     W = extended(mesh, inner_nodes(mesh.s, partition)[0])
     return sigma / math.sqrt(abs(W.T @ matrix(mesh) @ W).sum(axis=1).max())
-
-
-def extended(mesh: Mesh, nodes: Array) -> sp.csr_array:
-    """W (n, m): nodal values of functions in V_h whose traces are the hats of V at the boundary nodes (m,).
-
-    From every boundary node they fall linearly, by 1 over the shorter half of the hat's support.
-    """
-    widths = np.diff(nodes, append=nodes[0] + mesh.polygon.perimeter)
-    before = (np.searchsorted(nodes, mesh.s[:-1], side="right") - 1) % len(nodes)
-    t = (mesh.s[:-1] - nodes[before]) % mesh.polygon.perimeter / widths[before]
-    at, values = np.tile(mesh.boundary, 2), np.concatenate([1 - t, t])
-    hat = np.concatenate([before, (before + 1) % len(nodes)])
-    reach = np.minimum(widths, np.roll(widths, 1))[hat]
-    inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
-    near = cKDTree(mesh.points[inside]).query_ball_point(mesh.points[at], reach * values)
-    of = np.repeat(np.arange(len(at)), [len(each) for each in near])
-    to = inside[np.concatenate([*near, []]).astype(np.intp)]
-    left = values[of] - np.linalg.norm(mesh.points[to] - mesh.points[at[of]], axis=1) / reach[of]
-    places, which = np.unique(to * len(nodes) + hat[of], return_inverse=True)
-    most = np.zeros(len(places))
-    np.maximum.at(most, which, left)
-    rows, columns = np.append(at, places // len(nodes)), np.append(hat, places % len(nodes))
-    return sp.coo_array((np.append(values, most), (rows, columns)), (mesh.n_nodes, len(nodes))).tocsr()
 
 
 def of_runs(errors: xr.Dataset) -> xr.Dataset:

@@ -36,8 +36,8 @@ DIMS = {
     "ritz_means iterations tolerance",
     "case mesh": "ritz_error u_norm interpolation_error ritz_boundary_error",
     "case partition": "projection_error consistency consistency_elsewhere",
-    "mesh partition": "h_over_H beta_lower beta_upper beta_0 beta_0_cellwise beta_0_certified lambda_min "
-    "lambda_max cell_over_edge edges_per_cell smallest_angle delta alpha_1 pairing",
+    "mesh partition": "h_over_H beta_lower beta_upper beta_0 beta_fortin beta_0_cellwise beta_0_certified "
+    "lambda_min lambda_max cell_over_edge edges_per_cell smallest_angle delta alpha_1 pairing",
     "case": "saddle_in_v saddle_in_mu multiplier_factor diagonal oscillation flux_order gap_order",
     "mesh": "with_A with_A_3 h",
     "partition": "H",
@@ -919,6 +919,12 @@ def inner_nodes(deltas, ratios=(1.0, 1, 1), angles=(45.0, 45, 45)):
     return table(beta_lower=[[0.9, 0.6, 0.3]], beta_0_cellwise=[[0.3, 0.15, 0.1]], **of)
 
 
+def unsolved(*bounds, ratio=1.0):
+    """beta is at most 3/4 and 1/2; the bound on it that needs no eigenvalues, in two pairs."""
+    of = {"delta": [[0.5, 0.5]], "alpha_1": [[1.0, ratio]], "smallest_angle": [[45.0, 45.0]]}
+    return table(beta_upper=[[0.75, 0.5]], beta_fortin=[bounds], **of)
+
+
 def pairing(*deltas):
     """The bound, delta/4, is 1/8 at 1/2, 0.08 at 0.32, 1/32 at 1/8; constants are 1/4, 0.4 or not known."""
     return table(pairing=[np.where(np.array(deltas) > 0, [0.25, 0.4], NAN)], delta=[deltas])
@@ -962,6 +968,14 @@ ROWS += [
     ("T.low", table(beta_0_cellwise=[[0.5, 0.4]], beta_0_certified=[[0.0, 0.1]]), 4.0),
     ("T.low", table(beta_0_cellwise=[[0.5, 0.4]], beta_0_certified=[[0.25, 0.5]]), (0.8, False)),
     ("T.low", table(beta_0_cellwise=[[0.5, 0.4]], beta_0_certified=[[0.0, 0.0]]), "nothing of which"),
+    # The bound without eigenvalues is judged where there is one: that it is below, and how far.
+    ("T.fortin", unsolved(0.25, 0.25), 2.0),
+    ("T.fortin", unsolved(0.25, 0.0), 3.0),
+    ("T.fortin", unsolved(0.25, 0.625), (0.8, False)),
+    ("T.fortin", unsolved(0.0, 0.0), "nothing of which"),
+    ("T.near", unsolved(0.25, 0.25), 3.0),
+    ("T.near", unsolved(0.25, 0.1), (5.0, False)),
+    ("T.near", unsolved(0.25, 0.1, ratio=10.1), 3.0),
     # Near the ends beta falls with the cells, from both sides.
     ("T.ends", near_ends(0.2), 0.0),
     ("T.ends", near_ends(0.1), (1.0, False)),

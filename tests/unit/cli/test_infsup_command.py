@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from conftest import coupled
 
-from unilateral.formulas.decimals import between
+from unilateral.formulas.decimals import between, down
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.files import write_mesh
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import dual_norm
+from unilateral.norms.fortin import beta_below
 from unilateral.norms.infsup import infsup
 
 SQUARE = ("--polygon", "square")
@@ -52,7 +53,9 @@ def test_the_constants_are_the_library_s(run, found):
     bounds = between(expected.beta_lower, expected.beta_upper, ".4f", "and")
     assert f"  beta in H^(-1/2)  between {bounds}, guaranteed\n" in out
     assert "  local rule        kept\n" in out
-    assert "  Theorem 5         applies: delta = 0.5, alpha_1 = 1\n" in out
+    proved = down(beta_below(coupled("square", 16, 8).mesh, uniform(square(), 1 / 8)), ".4f")
+    assert f"  Theorem 5         proves beta >= {proved} here, guaranteed: delta = 0.5, alpha_1 = 1\n" in out
+    assert (told["not_solved"], told["beta_fortin"] >= float(proved)) == ("", True)
     assert (told["theorem_5"], told["delta"], told["alpha_1"]) == (True, 0.5, 1)
 
 

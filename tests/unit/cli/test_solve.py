@@ -12,8 +12,9 @@ from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.source import enclosed
 from unilateral.cli.streams import sized
 from unilateral.discrete import condensed
-from unilateral.formulas.decimals import between, up
+from unilateral.formulas.decimals import between, down, up
 from unilateral.norms.dual import dual_norm
+from unilateral.norms.fortin import beta_below
 
 NOT_UNIQUE = (
     "unilateral: lambda_H may not be unique, because beta is 0 up to rounding; take h < H, such as H = 2h\n"
@@ -55,6 +56,8 @@ def test_json_has_the_library_s_numbers(run):
         "iterations": solution.result.iterations,
         "converged": True,
         "algebraic_bound": solution.result.bound,
+        "beta": beta_below(mesh, alone.spaces.partition),
+        "hm12_algebraic_bound": solution.result.bound / beta_below(mesh, alone.spaces.partition),
         "norm": "h1",
         "total_bound": bound.u,
         "h1_error": solution.errors.h1,
@@ -78,14 +81,26 @@ def test_a_multiplier_outside_L2_has_a_lower_bound_and_no_other_number(run):
     assert ">= " in dual
     assert "<=" not in dual
     assert l2.endswith("= undefined, because lambda is not in L2")
-    assert "beta" not in out
+    assert "because beta" not in out
+
+
+def test_the_algebraic_error_of_lambda_is_told_by_the_bound_on_beta(run):
+    """On an adapted mesh, too: by hand, and as it is printed."""
+    for how in (SIZES, ("--accuracy", "1e-1", "--max-unknowns", "5000")):
+        found = solve_json(run, "thirds", *how)[1]
+        assert 0.2 < found["beta"] < 0.8
+        assert found["hm12_algebraic_bound"] == found["algebraic_bound"] / found["beta"]
+        out = run("solve", "thirds", *how)[1]
+        told = f"at most {up(found['hm12_algebraic_bound'], '.4e')} in H^(-1/2), guaranteed"
+        assert f"  that of lambda_H            {told}, as beta >= {down(found['beta'], '.3f')}\n" in out
 
 
 def test_where_beta_is_0_the_multiplier_is_not_judged(run):
     """At H = h; the active set, which ran, counts no steps."""
     code, found, err = solve_json(run, "natural", "--h", "1/8", "--H", "1/8")
     assert (code, err) == (0, NOT_UNIQUE)
-    of_lambda = ["hm12_error_lower", "hm12_error_upper", "l2_error"]
+    of_lambda = ["hm12_algebraic_bound", "hm12_error_lower", "hm12_error_upper", "l2_error"]
+    assert found["beta"] == 0
     assert [key for key in KEYS if found[key] is None] == ["goal", "ended", "reach", "iterations", *of_lambda]
     assert found["h1_error"] == pytest.approx(condensed.solve(discrete("natural", 8, 8)).errors.h1, rel=1e-9)
     _, out, _ = run("solve", "natural", "--h", "1/8", "--H", "1/8")

@@ -1,0 +1,190 @@
+"""A guaranteed lower bound on beta of (3.4), by a Fortin operator and without an eigenvalue problem.
+
+Let I v have the means of v over all edges and be linear on each triangle, after Crouzeix and Raviart. On a
+triangle T grad I v is the mean of grad v, so |v|_1^2 = |I v|_1^2 + |v - I v|_1^2. Let A be the averages of
+`nodal_averages`. On cell i let W_i in V_h have as its trace a hat at a node inside the cell, which falls to 0
+at the next of these nodes, or at an end of the cell that is a node. With y such that the integrals over all
+cells agree,
+
+    P v = A I v + sum_i y_i W_i,   <mu, P v> = <mu, v> for all mu in P0(T_H),
+
+so beta >= 1 / ||P||. The proposition is in supplement.md, "A computed lower bound on beta".
+
+Everything is linear in the numbers |T|^{1/2} grad I v, and in |v - I v|_{1,T} for the triangles T at an edge
+that an end of a cell cuts. `Majorant` has their coefficients without signs. For a matrix M of numbers >= 0,
+||M||^2 is the spectral radius of M M^T, so it is at most max_i (M M^T x)_i / x_i for every x > 0 (Collatz).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import splu
+
+from unilateral.arrays import Array, Index
+from unilateral.fem.p1 import coupling, gradients
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition, overlay
+from unilateral.norms.nodal_averages import deviations
+from unilateral.norms.oscillation import J, trace_constants
+from unilateral.norms.resolution import ROUND_OFF, inner_nodes
+
+KAPPA = math.sqrt(1 / 48 + 1 / J**2)
+"""||w||_{0,T} <= KAPPA d_T |w|_{1,T} if w has the mean 0 on each edge of T; d_T is its longest edge."""
+STEPS = 8
+"""So often x is replaced by M M^T x. More steps change the bound by about a per cent."""
+LEAST = 1e-2
+"""Each step adds this part of x, so that x stays positive."""
+LEAST_DELTA, MOST_ASPECT, SLACK = 1e-4, 1e5, 1 + 1e-7
+"""SLACK covers rounding where delta is not smaller, and no d_T^2/|T| larger, than these.
+
+With eps the unit round-off, that of `pairing` is about eps/delta, and that of `gradients` at most 1000 eps
+times d_T^2/|T|. All other sums are of numbers >= 0.
+"""
+
+
+def beta_below(mesh: Mesh, partition: Partition, cells: Index | None = None) -> float:
+    """A guaranteed lower bound on beta for the multipliers on the `cells` (k,), by default on all.
+
+    It is 0, which says nothing, where a cell has no node well inside or a triangle is too thin. With
+    a = |v|_1 and b = ||v||_0 we have |P v|_1 <= rho a and ||P v||_0 <= b + n a, so ||P||^2 is at most the
+    larger eigenvalue of a form in a and b.
+    """
+    cells = np.arange(partition.n_cells) if cells is None else cells
+    if not len(cells):
+        return 1.0
+    delta, aspect = inner_nodes(mesh.s, partition)[1][cells].min(), mesh.longest_edges**2 / mesh.areas
+    if delta < LEAST_DELTA or aspect.max() > MOST_ASPECT:
+        return 0.0
+    of = majorant(mesh, partition, cells)
+    rho, n = _norm(of, of.gradients, of.W_gradients), _norm(of, of.values, of.W_values)
+    n += KAPPA * mesh.diameter
+    norm = float(np.linalg.eigvalsh([[rho**2 + n**2, n], [n, 1.0]])[-1]) ** 0.5
+    return 1 / (SLACK * mesh.growth**2 * norm)
+
+
+class Majorant(NamedTuple):
+    """The coefficients of P v in the numbers g (2m,), |T|^{1/2} grad I v, and t (k,), |v - I v|_{1,T}.
+
+    All are without signs. `gradients` (2m, 2m) give |T|^{1/2} grad A I v from g, and `values` (3m, 2m) give
+    |T|^{1/2} / 3^{1/2} times A I v - I v at corners, whose Euclidean norm is at least the one in L2.
+    `W_gradients` (2m, cells) and `W_values` (3m, cells) are the same for the W_i. With the means of v - A I v
+    over cells from `means` (cells, 2m) g and `cut` (cells, k) t, `pairing` (cells, cells) y is at most these;
+    its inverse has no negative entries.
+    """
+
+    gradients: sp.csr_array
+    values: sp.csr_array
+    W_gradients: sp.csr_array
+    W_values: sp.csr_array
+    means: sp.csr_array
+    cut: sp.csr_array
+    pairing: sp.csc_array
+
+
+def majorant(mesh: Mesh, partition: Partition, cells: Index) -> Majorant:
+    """That of a mesh and the multipliers on the `cells` (k,), each with a node inside."""
+    chosen, deltas = inner_nodes(mesh.s, partition)
+    knots = np.unique(np.concatenate([chosen[deltas > 0], _ends_at_nodes(mesh, partition)]))
+    W = extended(mesh, knots)[:, np.searchsorted(knots, chosen[cells])]
+    jumped, m = deviations(mesh), len(mesh.triangles)
+    slopes = _slopes(mesh)
+    at_corners = sp.csr_array((np.ones(3 * m), (np.arange(3 * m), mesh.triangles.ravel())))
+    scale = sp.diags_array(np.repeat(np.sqrt(mesh.areas / 3), 3))
+    whole, cut = _means(mesh, partition)
+    pairing = (coupling(mesh, partition)[cells] @ W[mesh.boundary]).tocsc()
+    pairing = 2 * sp.diags_array(pairing.diagonal()) - pairing
+    return Majorant(
+        abs(sp.eye_array(2 * m) + slopes @ jumped).tocsr(),
+        abs(scale @ jumped).tocsr(),
+        abs(slopes @ at_corners @ W).tocsr(),
+        (scale @ at_corners @ W).tocsr(),
+        abs(whole[cells] @ jumped).tocsr(),
+        cut[cells],
+        pairing.tocsc(),
+    )
+
+
+def _ends_at_nodes(mesh: Mesh, partition: Partition) -> Array:
+    """(k,) the arc lengths of the nodes that are ends of cells."""
+    nodes, ends = mesh.s[:-1], partition.points
+    nearest = ends[np.searchsorted(0.5 * (ends[1:] + ends[:-1]), nodes)]
+    return nodes[np.abs(nodes - nearest) <= ROUND_OFF * partition.lengths.min()]
+
+
+def _slopes(mesh: Mesh) -> sp.csr_array:
+    """(2m, 3m) |T|^{1/2} times the gradient on T from the values at its corners."""
+    m = len(mesh.triangles)
+    entries = (gradients(mesh) * np.sqrt(mesh.areas)[:, None, None]).transpose(0, 2, 1)
+    columns = np.repeat(np.arange(3 * m).reshape(m, 3), 2, axis=0)
+    return sp.csr_array((entries.ravel(), columns.ravel(), np.arange(0, 6 * m + 1, 3)), shape=(2 * m, 3 * m))
+
+
+def _means(mesh: Mesh, partition: Partition) -> tuple[sp.csr_array, sp.csr_array]:
+    """(cells, 3m) minus the integrals of A I v - I v from its values at corners, and (cells, k) `cut`.
+
+    With w = v - I v and a part of an edge e that is the share p of it, the integral of w over the part is at
+    most (|e| p (1 - p))^{1/2} ||w||_{0,e}, as that over e is 0, and ||w||_{0,e}^2 is at most
+    |e|/|T| (KAPPA^2 d^2 + a KAPPA d) |w|_{1,T}^2, see `oscillation`.
+    """
+    points, cell, edge = overlay(partition.points, mesh.s)
+    lengths, shares = np.diff(mesh.s)[edge], np.diff(points) / np.diff(mesh.s)[edge]
+    middle = (0.5 * (points[1:] + points[:-1]) - mesh.s[edge]) / lengths
+    triangle = mesh.boundary_triangles[edge]
+    first = np.argmax(mesh.triangles[triangle] == mesh.boundary[edge][:, None], axis=1)
+    corners = np.concatenate([3 * triangle + first, 3 * triangle + (first + 1) % 3])
+    values = -np.concatenate([lengths * shares * (1 - middle), lengths * shares * middle])
+    shape = (partition.n_cells, 3 * len(mesh.triangles))
+    whole = sp.coo_array((values, (np.tile(cell, 2), corners)), shape=shape).tocsr()
+    part = np.flatnonzero(shares < 1 - ROUND_OFF)
+    size = np.sqrt(lengths * shares * (1 - shares))[part] * np.sqrt(trace_constants(mesh, KAPPA))[edge[part]]
+    _, column = np.unique(triangle[part], return_inverse=True)
+    cut = sp.coo_array((size, (cell[part], column)), shape=(partition.n_cells, max(len(part), 1)))
+    return whole, cut.tocsr()
+
+
+def _norm(of: Majorant, rows: sp.csr_array, W_rows: sp.csr_array) -> float:
+    """The norm of v -> rows g + W_rows y by Collatz's bound."""
+    solve = splu(of.pairing)
+    back = [each.T.tocsr() for each in (rows, W_rows, of.means, of.cut)]
+    x = np.ones(rows.shape[0])
+    for _ in range(STEPS):
+        x = x / x.max()
+        y = solve.solve(back[1] @ x, trans="T")
+        image = back[0] @ x + back[2] @ y, back[3] @ y
+        means = of.means @ image[0] + of.cut @ image[1]
+        square = rows @ image[0] + W_rows @ solve.solve(means)
+        quotient = float((square / x).max())
+        x = square + LEAST * x
+    return math.sqrt(quotient)
+
+
+def extended(mesh: Mesh, nodes: Array) -> sp.csr_array:
+    """W (n, k): nodal values of functions in V_h whose traces are hats at the boundary nodes (k,) of these s.
+
+    Each falls to 0 at the next of them. Inside values fall along edges, from one layer of nodes to the next,
+    by 1 over the shorter half of the hat's support.
+    """
+    widths = np.diff(nodes, append=nodes[0] + mesh.polygon.perimeter)
+    before = (np.searchsorted(nodes, mesh.s[:-1], side="right") - 1) % len(nodes)
+    t = (mesh.s[:-1] - nodes[before]) % mesh.polygon.perimeter / widths[before]
+    at, hats = np.tile(mesh.boundary, 2), np.concatenate([before, (before + 1) % len(nodes)])
+    values, shape = np.concatenate([1 - t, t]), (mesh.n_nodes, len(nodes))
+    W, reach = sp.coo_array((values, (at, hats)), shape=shape).tocsr(), np.minimum(widths, np.roll(widths, 1))
+    ends = mesh.triangulation.ends
+    start, end = np.concatenate([ends, ends[:, ::-1]]).astype(np.intp).T
+    known = np.isin(np.arange(mesh.n_nodes), mesh.boundary)
+    while values.size:
+        onward = np.flatnonzero(known[start] & ~known[end])
+        lengths = np.linalg.norm(mesh.points[start[onward]] - mesh.points[end[onward]], axis=1)
+        of, hats = (near := W[start[onward]].tocoo()).coords
+        left = near.data - lengths[of] / reach[hats]
+        places, which = np.unique((end[onward][of] * len(nodes) + hats)[left > 0], return_inverse=True)
+        values = np.zeros(len(places))
+        np.maximum.at(values, which, left[left > 0])
+        W = W + sp.coo_array((values, np.divmod(places, len(nodes))), shape=shape).tocsr()
+        known[end[onward]] = True
+    return W

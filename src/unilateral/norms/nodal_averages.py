@@ -1,0 +1,101 @@
+"""Nodal averages of functions that are linear on each triangle and have one mean on each edge.
+
+These are the functions of Crouzeix and Raviart (1973). Let w be one, w_T its linear function on the triangle
+T. The average Aw in V_h has at an inner node the mean of w_T over the triangles T there. At a boundary node
+it has half of the sum of the means w_e over the two boundary edges there.
+
+Across an edge e from a to b, run along with T on the left and T' on the right, w jumps at a and at b by
+
+    J_e = w_T - w_T' at a = w_T' - w_T at b = (b - a) . (grad w_T' - grad w_T) / 2,
+
+for w_T and w_T' have the same mean. At a boundary edge let w_T' be the mean w_e, and its gradient 0. So
+everything that Aw differs from w by is a sum of these jumps over the edges at a node.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from unilateral.arrays import Array, Index, Mask
+from unilateral.geometry.mesh import Mesh
+
+
+class Rings(NamedTuple):
+    """The triangles around all nodes, those of a node one after another, anticlockwise.
+
+    At a boundary node they begin with the one at the boundary edge that starts there. Entry i (3m,) is the
+    corner `corner[i]` of a triangle: corner 3 t + k is node k of triangle t. The ring of node a has the
+    entries from `start[a]` to `start[a + 1]`.
+    """
+
+    corner: Index
+    start: Index
+
+
+def rings(mesh: Mesh) -> Rings:
+    """The rings of a mesh, by the directions in which its edges leave the nodes."""
+    node, following = mesh.triangles.ravel(), np.roll(mesh.triangles, -1, axis=1).ravel()
+    first = np.full(mesh.n_nodes, -1)
+    first[mesh.boundary] = np.roll(mesh.boundary, -1)
+    angle = _angles(mesh, node, following) - _angles(mesh, np.arange(mesh.n_nodes), first)[node]
+    turned = np.where(following == first[node], 0.0, np.mod(angle, 2 * np.pi))
+    corner = np.lexsort([turned, node])
+    start = np.concatenate([[0], np.cumsum(np.bincount(node, minlength=mesh.n_nodes))])
+    return Rings(corner, start)
+
+
+def _angles(mesh: Mesh, start: Index, end: Index) -> Array:
+    """(k,) the directions from the nodes (k,) to others (k,)."""
+    x, y = (mesh.points[end] - mesh.points[start]).T
+    return np.arctan2(y, x)
+
+
+def jumps(mesh: Mesh) -> sp.csr_array:
+    """(edges, 2m) all J_e from |T|^{1/2} grad w_T, the components of a triangle one after the other."""
+    ends = (np.roll(mesh.triangles, -k, 1) for k in (1, 2))
+    start, end = (mesh.points[nodes] for nodes in ends)
+    entries = (start - end) / (2 * np.sqrt(mesh.areas))[:, None, None]
+    edges, components = mesh.opposite_edges, 2 * np.arange(len(mesh.triangles))[:, None]
+    rows = np.concatenate([edges, edges]).ravel()
+    columns = np.concatenate([components + 0 * edges, components + 1 + 0 * edges]).ravel()
+    values = np.concatenate([entries[..., 0], entries[..., 1]]).ravel()
+    return sp.coo_array((values, (rows, columns))).tocsr()
+
+
+def deviations(mesh: Mesh) -> sp.csr_array:
+    """(3m, 2m) the values of Aw - w_T at the corners of all T from |T|^{1/2} grad w_T."""
+    return _of_jumps(mesh, rings(mesh)) @ jumps(mesh)
+
+
+def _of_jumps(mesh: Mesh, of: Rings) -> sp.csr_array:
+    """(3m, edges) the values of Aw - w_T at the corners of all T from the jumps.
+
+    Let J_1, ..., J_k be the jumps on the way round an inner node, from T to T. Their sum is 0, and Aw - w_T
+    is the sum of (k + 1 - 2 l) / (2 k) J_l. At a boundary node J_0, ..., J_k are those from the first edge to
+    the last one, and Aw - w_T is half of the sum of those after T, less half of the sum of those before it.
+    """
+    node = mesh.triangles.ravel()[of.corner]
+    size, place = np.diff(of.start)[node], np.arange(len(node)) - of.start[node]
+    outer = np.zeros(mesh.n_nodes, dtype=bool)
+    outer[mesh.boundary] = True
+    outer = outer[node]
+    counts = size + outer
+    ends = np.concatenate([[0], np.cumsum(counts)])
+    l = np.arange(ends[-1]) - np.repeat(ends[:-1], counts)  # noqa: E741
+    size, place, outer, node = (np.repeat(each, counts) for each in (size, place, outer, node))
+    entry = of.start[node] + np.where(outer, np.maximum(l - 1, 0), (place + l) % size)
+    values = np.where(outer, np.where(l <= place, -0.5, 0.5), (size - 1 - 2 * l) / (2 * size))
+    edges = _edges(mesh, of.corner[entry], outer & (l == 0))
+    in_order = np.empty(len(of.corner), dtype=np.intp)
+    shape = (len(of.corner), len(mesh.triangulation.ends))
+    in_order[of.corner] = np.arange(len(of.corner))
+    return sp.csr_array((values, edges, ends), shape=shape)[in_order]
+
+
+def _edges(mesh: Mesh, corner: Index, clockwise: Mask) -> Index:
+    """(k,) the edge of a triangle that ends at the corner (k,), or, where `clockwise`, that starts there."""
+    triangle, k = np.divmod(corner, 3)
+    return mesh.opposite_edges[triangle, (k + np.where(clockwise, 2, 1)) % 3].astype(np.intp)
