@@ -1,31 +1,45 @@
 """The figure of the inf-sup constant: the numbers of its table, and only those."""
 
+import numpy as np
 import pytest
 from pages import drawn, page, pairs, points, said, table
 
+from unilateral.norms.resolution import RULE
+from unilateral.study.experiments.stability.infsup_figure import RATIO
 
-def test_beta_stands_over_the_ratio_and_over_delta():
-    """Lower bounds: on the left of the uniform scenes only, elsewhere of all; and none but the table's."""
+
+def test_beta_stands_over_the_ratio_and_over_delta_and_below_it_the_bound_without_eigenvalues():
+    """Lower bounds of all pairs, and the bound where there is one; besides them lines, and no point else."""
     rows = table("infsup")
-    uniform, ratio, inner = page("infsup")[0].axes
-    of_uniform = rows[rows["kind"] == "uniform"]
-    assert points(uniform) == pairs(of_uniform, "h_over_H", "beta_lower")
-    assert points(ratio) == pairs(rows, "h_over_H", "beta_lower")
+    ratio, inner, unsolved = page("infsup")[0].axes
+    assert points(ratio) - {(1, 0), (1, 1)} == pairs(rows, "h_over_H", "beta_lower")
     curve = {(x, y) for x, y in points(inner) if abs(y - 2 * x * (1 - x)) < 1e-8}
     assert len(curve) >= 50
     assert points(inner) - curve == pairs(rows, "delta", "beta_lower") - curve
+    lines = {(0, 0), (1, 1), (1, 0.25)}
+    assert points(unsolved) - lines == pairs(rows[rows["beta_fortin"] > 0], "beta_lower", "beta_fortin")
 
 
-@pytest.mark.parametrize("beta", [0.0, 0.2])
-def test_the_axis_is_cut_only_where_beta_is_zero_beyond(beta):
-    """The note gives the width of the bounds if it is known."""
+def test_the_looks_are_those_of_the_claims():
+    """Filled where angles and ratios of cells are those of claim T.node, open elsewhere; others by kind."""
     rows = table("infsup")
-    rows.loc[rows["h_over_H"] > 1.05, ["beta_lower", "beta_upper"]] = beta
-    given = rows.assign(widest=0.0123) if beta else rows.drop(columns="widest")
-    figure, _ = drawn("infsup", given)
-    last = rows["h_over_H"][rows["kind"] == "uniform"].max()
-    assert (figure.axes[0].get_xlim()[1] < last) == (beta == 0)
+    kept = (rows["smallest_angle"] >= RULE.smallest_angle) & (rows["alpha_1"] <= RATIO)
+    local = rows["kind"] == "local"
+    drawn_as = {
+        line.get_marker() + str(line.get_markerfacecolor()): len(line.get_xdata())
+        for line in page("infsup")[0].axes[0].lines
+        if len(line.get_xdata()) > 2
+    }
+    counts = sorted([(~local & (rows["kind"] == kind)).sum() for kind in ("uniform", "worst")])
+    assert drawn_as["owhite"] == np.sum(local & ~kept)
+    assert drawn_as["o0.25"] == np.sum(local & kept)
+    assert sorted(n for look, n in drawn_as.items() if look[0] in "sx") == counts
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_the_note_gives_the_width_of_the_bounds_if_it_is_known(known):
+    rows = table("infsup")
+    figure, _ = drawn("infsup", rows.assign(widest=0.0123) if known else rows.drop(columns="widest"))
     texts = said(figure)
-    assert sum("$0$ up\nto" in text for text in texts) == (beta == 0)
-    assert any("at most 1.3 % higher" in text for text in texts) == (beta > 0)
-    assert any("%" in text for text in texts) == (beta > 0)
+    assert any("at most 1.3 % higher" in text for text in texts) == known
+    assert any("%" in text for text in texts) == known

@@ -1,18 +1,17 @@
-"""The inf-sup constant over h/H, and over delta of Theorem 5: how far inside its cell a mesh node lies."""
+"""The inf-sup constant: over h/H, over delta of Theorem 5, and beside the bound that needs no eigenvalues."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from fractions import Fraction
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.patheffects import withStroke
-from matplotlib.ticker import MaxNLocator, NullLocator
+from matplotlib.ticker import NullLocator
 
 from unilateral.formulas.decimals import up
+from unilateral.norms.resolution import RULE
 from unilateral.study import style, tables
 
 PER_PAIR = [
@@ -24,27 +23,25 @@ PER_PAIR = [
     "alpha_1",
     "beta_lower",
     "beta_upper",
+    "beta_fortin",
 ]
-PLACES = {"uniform": (1.25, 5.35, 0.1), "local": (7.3, 4.55, 6.95), "worst": (12.3, 4.55, 11.95)}
-"""The left ends of the axes, their widths, and the left ends of the keys, by kind, in cm."""
-TITLES = {"uniform": "uniform meshes", "local": "graded, shifted, random", "worst": "from a search"}
-UNIFORM_COLOURS = tuple(colour for i, colour in enumerate(style.COLOURS) if i != 1)
-WORST_MARKERS = ("x", "+", (6, 2, 0), "1", "2", "3")
-BACKGROUND: style.Look = {"color": "0.72", "lw": 1.0, "zorder": 1.5}
+LEFT, WIDTH, HEIGHT = (1.25, 6.5, 12.25), 4.4, 4.9
+"""The left ends of the panels, their width and their height, in cm."""
 LOOKS: dict[str, style.Look] = {
-    "uniform": {"ms": 4.2, "mew": 0.5, "lw": 1.1, "mec": "white"},
-    "local": {"ms": 4.2, "mew": 0.8, "ls": "", "color": "0.15", "mfc": "white"},
-    "worst": {
-        "ms": 6.5,
-        "mew": 1.7,
-        "ls": "",
-        "color": style.COLOURS[1],
-        "zorder": 5,
-        "path_effects": [withStroke(linewidth=3.2, foreground="white")],
-    },
+    "irregular": {"marker": "o", "ms": 3.2, "mew": 0.6, "ls": "", "color": "0.55", "mfc": "white"},
+    "regular": {"marker": "o", "ms": 3.6, "mew": 0.4, "ls": "", "color": "0.25", "mec": "white"},
+    "uniform": {"marker": "s", "ms": 3.6, "mew": 0.4, "ls": "", "color": style.COLOURS[0], "mec": "white"},
+    "worst": {"marker": "x", "ms": 5.0, "mew": 1.4, "ls": "", "color": style.COLOURS[1]},
 }
-LAST = 1.3
-UNSEEN = 1e-3
+LABELS = {
+    "uniform": "uniform",
+    "regular": r"other ones, angles $\geq 20°$, neighbouring cells within 10:1",
+    "irregular": "other ones, smaller angles or larger ratios",
+    "worst": "the worst that a search found",
+}
+RATIO = 10
+"""`regular` pairs have neighbouring cells within this ratio, and the angles of RULE, as claim T.node says."""
+GUIDE: style.Look = {"color": "0.25", "lw": 0.8, "ls": (0, (4, 2)), "zorder": 1}
 
 
 def table(surveys: Sequence[style.FilePath], families: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
@@ -64,115 +61,71 @@ def table(surveys: Sequence[style.FilePath], families: Mapping[str, Mapping[str,
 
 
 def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
-    """beta of uniform meshes over h/H; beta of all over h/H, and over delta.
+    """beta over h/H and over delta; and over beta the bound without eigenvalues, where there is one.
 
-    Columns: scene, label (a line or a marker each), kind (uniform, local, worst), H, h_over_H,
-    delta (the smallest over the cells), beta_lower, beta_upper; and, for the note, widest (largest
+    Columns: kind (uniform, local, worst), h_over_H, delta (the smallest over the cells), alpha_1,
+    smallest_angle, beta_lower, beta_fortin; and, for the note, beta_upper and widest (largest
     beta_upper/beta_lower - 1), if known.
     """
     data = style.read(csv_path)
-    looks = {kind: _looks(kind, data) for kind in TITLES}
-    data = data.sort_values("h_over_H", kind="stable")
-    rows = max(len(looks["uniform"]), len(looks["local"]) + 1, len(looks["worst"]))
-    bottom = 2.45 + 0.44 * rows
-    with style.figure_in(svg_path, bottom + 5.85) as figure:
-        panels = (style.axes_at(figure, x, bottom, width, 5.2) for x, width, _ in PLACES.values())
-        uniform, ratio, inner = panels
-        _uniform(uniform, data, looks["uniform"])
-        for axes, x in ((ratio, "h_over_H"), (inner, "delta")):
-            _all_kinds(axes, data, looks, x)
-        _ratio_axis(uniform, data[data["kind"] == "uniform"])
+    data = data.assign(look=_kinds(data))
+    bottom = 3.0
+    with style.figure_in(svg_path, bottom + HEIGHT + 0.65) as figure:
+        ratio, inner, unsolved = (style.axes_at(figure, x, bottom, WIDTH, HEIGHT) for x in LEFT)
+        _marks(ratio, data, "h_over_H", "beta_lower")
+        _marks(inner, data, "delta", "beta_lower")
+        _marks(unsolved, data[data["beta_fortin"] > 0], "beta_lower", "beta_fortin")
+        _ratio_axis(ratio, data["h_over_H"])
         _delta_axis(inner)
-        _log_axis(ratio, data["h_over_H"])
-        uniform.set(title="uniform meshes", xlabel="$h/H$", ylabel=r"$\beta$")
-        ratio.set(title="all, over the global ratio", xlabel="$h/H$")
-        inner.set(title=r"all, over $\delta$ of Theorem 5", xlabel=r"$\delta$")
-        for kind, (_, _, left) in PLACES.items():
-            handles = [style.key(label, **look) for label, look in looks[kind].items()]
-            if kind == "local":
-                handles.append(style.key("uniform, as on the left", **BACKGROUND))
-            of_kind: style.Look = {"title": TITLES[kind], "title_fontsize": 9.5, "alignment": "left"}
-            style.legend(figure, handles, left, bottom - 1.3, handlelength=1.8, labelspacing=0.42, **of_kind)
+        _unsolved_axes(unsolved)
+        handles = [style.key(label, **LOOKS[kind]) for kind, label in LABELS.items()]
+        style.legend(figure, handles, LEFT[0] - 0.8, bottom - 1.25, ncols=2, labelspacing=0.5)
         style.note(figure, _note(data))
 
 
-def _looks(kind: str, data: pd.DataFrame) -> dict[str, style.Look]:
-    """How the labels of a kind look, in the order of the table."""
-    markers = WORST_MARKERS if kind == "worst" else style.MARKERS
-    looks = {}
-    for i, label in enumerate(data.loc[data["kind"] == kind, "label"].unique()):
-        looks[str(label)] = {**LOOKS[kind], "marker": markers[i % len(markers)]}
-        if kind == "uniform":
-            looks[str(label)]["color"] = UNIFORM_COLOURS[i % len(UNIFORM_COLOURS)]
-    return looks
+def _kinds(data: pd.DataFrame) -> pd.Series:
+    """The look of each pair: its kind, and of the other ones whether they are regular."""
+    regular = (data["smallest_angle"] >= RULE.smallest_angle) & (data["alpha_1"] <= RATIO)
+    return data["kind"].where(data["kind"] != "local", np.where(regular, "regular", "irregular"))
 
 
-def _uniform(axes: Axes, data: pd.DataFrame, looks: dict[str, style.Look]) -> None:
-    """A line per scene and H at the lower bounds, and a band up to the upper ones."""
-    for label, look in looks.items():
-        for _, line in data[(data["kind"] == "uniform") & (data["label"] == label)].groupby("H"):
-            bounds = line["beta_lower"], line["beta_upper"]
-            axes.fill_between(line["h_over_H"], *bounds, color=look["color"], alpha=0.35, lw=0)
-            axes.plot(line["h_over_H"], line["beta_lower"], **look)
+def _marks(axes: Axes, data: pd.DataFrame, x: str, y: str) -> None:
+    for kind, look in LOOKS.items():
+        of = data[data["look"] == kind]
+        axes.plot(of[x], of[y], **look)
+    axes.set_ylim(-0.03, 1.03)
+    style.light_grid(axes)
 
 
-def _all_kinds(axes: Axes, data: pd.DataFrame, looks: dict[str, dict[str, style.Look]], x: str) -> None:
-    """The other kinds as markers at the lower bounds, with bars up to the upper ones, over uniform lines."""
-    uniform = data[data["kind"] == "uniform"].sort_values(x, kind="stable")
-    for _, line in uniform.groupby(["label", "H"], sort=False):
-        axes.plot(line[x], line["beta_lower"], **BACKGROUND)
-    for kind in ("local", "worst"):
-        for label, look in looks[kind].items():
-            rows = data[(data["kind"] == kind) & (data["label"] == label)]
-            axes.vlines(rows[x], rows["beta_lower"], rows["beta_upper"], color=look["color"], lw=0.8)
-            axes.plot(rows[x], rows["beta_lower"], **look)
-    axes.tick_params(labelleft=False)
-
-
-def _ratio_axis(axes: Axes, rows: pd.DataFrame) -> None:
-    """h/H from 0 to a little over 1, if all that lies beyond is 0."""
-    x = "h_over_H"
-    beyond = rows[rows[x] > LAST]
-    cut = (beyond["beta_upper"] < UNSEEN).all()
-    axes.set_xlim(0, LAST if cut else 1.05 * rows[x].max())
-    axes.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2.5, 5, 10]))
-    axes.xaxis.set_major_formatter(lambda value, _: f"${Fraction(value).limit_denominator(8)}$")
-    _beta_axis(axes)
-    if cut and len(beyond):
-        text = f"$0$ up\nto ${style.as_fraction(beyond[x].max())}$"
-        axes.text(LAST - 0.03, 0.1, text, ha="right", va="bottom", fontsize=style.SMALL)
-        arrow = {"arrowstyle": "-|>", "lw": 0.8, "color": "black", "shrinkA": 0, "shrinkB": 0}
-        axes.annotate("", (LAST - 0.02, 0.06), (LAST - 0.22, 0.06), arrowprops=arrow)
+def _ratio_axis(axes: Axes, x: pd.Series) -> None:
+    axes.set(title="$h/H$ does not decide", xlabel="$h/H$", ylabel=r"$\beta$")
+    axes.set_xscale("log", base=2)
+    axes.set_xlim(x.min() / 1.2, x.max() * 1.2)
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(lambda value, _: f"${style.as_fraction(value)}$")
+    axes.axvline(1, **GUIDE)
 
 
 def _delta_axis(axes: Axes) -> None:
     """The axis of delta from 0 to 1/2, with the bound of claim T.node."""
     delta = np.linspace(0, 0.5)
-    axes.plot(delta, 2 * delta * (1 - delta), color="0.25", lw=0.8, ls=(0, (4, 2)), zorder=1)
-    axes.text(0.24, 0.29, r"$2\delta(1-\delta)$", ha="left", va="top", fontsize=style.SMALL)
-    axes.set_xlim(-0.012, 0.512)
-    _beta_axis(axes)
+    axes.plot(delta, 2 * delta * (1 - delta), **GUIDE)
+    axes.text(0.25, 0.3, r"$2\delta(1-\delta)$", ha="left", va="top", fontsize=style.SMALL)
+    axes.set(title=r"$\delta$ bounds it below", xlabel=r"$\delta$", xlim=(-0.012, 0.512))
+    axes.tick_params(labelleft=False)
 
 
-def _log_axis(axes: Axes, x: pd.Series) -> None:
-    axes.set_xscale("log", base=2)
-    axes.set_xlim(x.min() / 1.2, x.max() * 1.2)
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(lambda value, _: f"${style.as_fraction(value)}$")
-    axes.axvline(1, color="0.25", lw=0.8, ls=(0, (4, 2)), zorder=1)
-    _beta_axis(axes)
-
-
-def _beta_axis(axes: Axes) -> None:
-    axes.set_ylim(-0.03, 1.03)
-    style.light_grid(axes)
+def _unsolved_axes(axes: Axes) -> None:
+    """With the lines on which the bound is beta, and a quarter of it."""
+    for factor, text, place in ((1, r"$\beta$", (0.53, 0.6)), (0.25, r"$\beta/4$", (0.95, 0.15))):
+        axes.plot([0, 1], [0, factor], **GUIDE)
+        axes.text(*place, text, fontsize=style.SMALL, ha="center")
+    axes.set(title="a bound without eigenvalues", xlabel=r"$\beta$", xlim=(-0.03, 1.03))
+    axes.tick_params(labelleft=False)
 
 
 def _note(data: pd.DataFrame) -> str:
-    sizes = data.loc[data["kind"] == "uniform", "H"]
-    ends = dict.fromkeys(f"${style.as_fraction(size)}$" for size in (sizes.min(), sizes.max()))
-    note = f"Uniform meshes: $H$ = {' to '.join(ends)}."
-    note += r" Markers: guaranteed lower bounds on $\beta$; bars reach up to the upper bounds"
+    note = r"$\beta$: its guaranteed lower bound by eigenvalues"
     if "widest" in data:
-        note += f", at most {up(100 * data['widest'].max(), '.2g')} % higher"
+        note += f"; the upper one is at most {up(100 * data['widest'].max(), '.2g')} % higher"
     return note + "."

@@ -25,7 +25,7 @@ ROUNDED = 5e-4
 
 def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
     pairs = of["pairs"]
-    return {"beta": beta(pairs, *RULE) | uniform_beta(pairs) | inner_nodes(pairs)}
+    return {"beta": beta(pairs, *RULE) | uniform_beta(pairs) | inner_nodes(pairs) | unsolved(pairs)}
 
 
 def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
@@ -91,3 +91,9 @@ def inner_nodes(pairs: pd.DataFrame) -> dict[str, Any]:
         "pairs": len(pairs),
         "middle": float(pairs.loc[equal & (pairs["alpha_1"] == 1), "beta_lower"].min()),
     }
+
+
+def unsolved(pairs: pd.DataFrame) -> dict[str, float]:
+    """The least beta on structured meshes of the square at H = 2h, by eigenvalues and by the bound without."""
+    of = pairs[(pairs["label"] == "square, structured") & np.isclose(pairs["h_over_H"], 0.5, rtol=ROUNDED)]
+    return {"solved": float(of["beta_lower"].min()), "unsolved": float(of["beta_fortin"].min())}
