@@ -12,6 +12,7 @@ rule typeset:
         code("documents.typesetting"),
         lambda wildcards: pictures(f"{wildcards.paper}.md"),
         "paper.bib",
+        "workflow/paper/numeric.csl",
         expand("{paper}.md", paper=PAPERS),
         paper="{paper}.md",
         numbers="workflow/paper/numbers.lua",
