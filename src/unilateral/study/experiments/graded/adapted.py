@@ -26,7 +26,7 @@ def measure_adapted(study: Mapping[str, Any], stop: Mapping[str, Any]) -> xr.Dat
 
     The algebraic error is a fraction of D, too, not only of ||u - u_h||_1, and so its fraction is squared.
     """
-    fine = Stop(**stop | {"fraction": stop["fraction"] ** 2})
+    fine = Stop(**{**stop, "fraction": stop["fraction"] ** 2})
     measured = {
         case.name: along_levels(list(on_adapted(scene, case, study["adapted"], fine)))
         for scene in study["scenes"]

@@ -24,7 +24,8 @@ def order(tables: Tables, table: str, norms: Sequence[str], tolerance: float) ->
 
     Raises Unjudged if it would pass, but the algebraic error counts, or a run has too few pairs.
     """
-    data, found, faults = tables[table], {}, list[str]()
+    data, faults = tables[table], list[str]()
+    found: dict[str, float] = {}
     for norm in norms:
         rates = halved(error_in(data, norm))
         faults += _faults(data, rates)
@@ -52,7 +53,7 @@ def superclose(tables: Tables, table: str, tolerance: float) -> Evidence:
     Where gamma > 3/2 the factor (1 + ln 1/h)^{1/2} is allowed for.
     """
     data = tables[table]
-    taken = 0.5 * halved(1 / (1 - np.log(data["equal_h"]))) * (gamma(data) > SMOOTH)
+    taken = 0.5 * halved(1 / (1 - xr.ufuncs.log(data["equal_h"]))) * (gamma(data) > SMOOTH)
     excess = halved(data["weighted_ritz_means"]) + taken - expected(data)
     least = excess.isel(pair=[-2, -1]).min("pair", skipna=False)
     quantity = r"the smallest rate of $t$ with its logarithm, less $\min(3/2, \gamma)$"

@@ -28,11 +28,14 @@ ADAPTED = {"‖u−u_h‖₁": "h1_error", "D": "discrete_error", "shortest edge
 
 
 def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
-    """The least beta, the least angle in degrees and the least delta of Theorem 5 on graded meshes."""
+    """The least beta, angle in degrees and delta of Theorem 5 on graded meshes, and their most unknowns.
+
+    `factor` is that of the unknowns on adapted meshes over which orders are taken.
+    """
     errors = of["errors"]
     least = {"beta": "beta_lower", "angle": "least_angle", "delta": "delta"}
     found = {name: float(errors[variable].min()) for name, variable in least.items()}
-    return {"graded": found | {"most_unknowns": float(errors["unknowns"].max())}}
+    return {"graded": found | {"most_unknowns": float(errors["unknowns"].max()), "factor": FACTOR}}
 
 
 def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
