@@ -111,6 +111,7 @@ REFUSED = {
     "scenes.sharpness": [{}],
     "scenes.adaptive": [{}],
     "scenes.cells": [{}],
+    "scenes.graded": [{}],
     "surveys.betasquare.mesh": [{"kind": "found"}, {"kind": "graded"}, {"kind": "equal", "seed": 1}, "equal"],
     "surveys.betathin.polygon": [[[0, 0], [0, 1], [1, 0]]],
     "surveys.betaworst.edges_per_cell": [[2]],
@@ -141,6 +142,10 @@ REFUSED = {
     "cells.period": [1],
     "cells.H": [["1/9", "1/8"]],
     "cells.cases": [["thurds"]],
+    "graded.algorithm": ["fast"],
+    "graded.normed": [0],
+    "graded.adapted": [0.5],
+    "graded.scenes": [[], [{"polygon": "lshape", "cases": ["reentrant_full"]}]],
     "sharpness.alphas": [["1"], ["1/21"], [0.25]],
     "sharpness.gammas": [[0], ["-1/2"], [1, 1]],
     "sharpness.positions": [0],
@@ -168,7 +173,7 @@ REFUSED = {
 """Values of fields that are refused."""
 NEEDED = [
     "adaptive", "cells", "cost", "cost.base.case", "extremes", "figures.consistency.parameters.case",
-    "figures.rates.module", "figures.solution.parameters.H", "finds", "rates",
+    "figures.rates.module", "figures.solution.parameters.H", "finds", "graded", "graded.normed", "rates",
     "rates.cases.thirds.h1.source", "scenes.quick.polygon", "sharpness", "sharpness.fixed",
     "surveys.betanode.deltas", "surveys.betasquare.partitions",
 ]  # fmt: skip
@@ -396,13 +401,15 @@ ACCEPTED = [
     (r"extremes\.axes\.\w+(\.(h|H|accuracy))?|cost\.vary\.\w+", "removed"),
     # Any positive number is a size, and what is too fine is refused when it is made.
     (r"(.*\.)?(h|H|h_over_H|H_over_h|values|edges_per_cell|eliminated|ratios|uniform_ratios)(\.\d+)?", SIZES),
-    (r".*\.(fitted_from|shift|grading|spread|edges_per_cell|parameters\.reference)", SIZES),
+    (r".*\.(fitted_from|shift|grading|spread|edges_per_cell|radius|parameters\.reference)", SIZES),
+    (r"graded\.scenes\.\d+\.kappas\.\d+", "tiny|half"),
     (r"surveys\.\w+\.deltas(\.\d+)?", "tiny|half"),
     (r".*\.shift", "zero"),
     (r".*\.(min|max|rate|proved|tolerance|factor|power_of_H|algebraic_share)", f"zero|{SIZES}"),
     # Other numbers within their limits.
     (
-        r".*\.(levels|max_steps|steps|compared_steps|costly_steps|unknowns|of_beta|period|positions|side|seed)",
+        r".*\.(levels|max_steps|steps|compared_steps|costly_steps|unknowns|of_beta|normed|adapted|period|positions|side|"
+        r"seed)",
         "three|zero",
     ),
     (r".*\.(counts|recorded_steps|gammas|alphas|shares|targets)\.\d+", "three|float|half|tiny"),
@@ -413,7 +420,7 @@ ACCEPTED = [
     (r"surveys\.\w+\.polygon\.\d\.\d", "zero|three|float|negative|huge|tiny"),
     # Text for readers.
     (r".*\.(source|reason)", "text|upper|path|half|scientific|digits|newline"),
-    (r".*\.(label|name|what|shows|f)", "text|upper|path|half|scientific"),
+    (r".*\.(label|name|what|shows|f)", "text|upper|path|half|scientific|digits"),
     (r".*\.judged", "true"),
     (r"floors", "list"),
 ]

@@ -97,7 +97,7 @@ def test_one_command_makes_a_damaged_file_anew(plan, computed, name, rule):
 
 REFUSED = [
     (
-        ("study", "levels: 4 }", "levels: four }"),
+        ("study", "levels: 4 }\n    H:", "levels: four }\n    H:"),
         "workflow/config/study.yaml, field scenes.quick.mesh.levels: it is 'four'; it has to be a whole "
         "number, at least 1, at most 9",
     ),

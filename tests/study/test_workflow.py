@@ -135,6 +135,7 @@ PARAMS = {
     "surveys": {"study": "surveys", "finds": "finds"},
     "sharpness": {"study": "sharpness", "stop": "stop"},
     "cells": {"study": "cells", "stop": "stop"},
+    "graded": {"study": "graded", "stop": "stop"},
     "adaptive": {"study": "adaptive", "stop": "stop"},
     "algorithm": {"study": "algorithm"},
     "extremes": {"study": "extremes"},
@@ -211,7 +212,7 @@ def test_documents_tell_the_numbers_of_the_files_that_experiments_name(planned):
     wanted |= {f"results/{scene}/totals.nc" for scene in STUDY["totals"]["scenes"]}
     wanted |= {"results/claims.json", "results/square/floors.nc", "figures/infsup.csv"}
     wanted |= {"benchmarks/installations.json", "benchmarks/whole.json"}
-    for experiment in ("adaptive", "benchmarks", "cells", "cost", "extremes", "sharpness"):
+    for experiment in ("adaptive", "benchmarks", "cells", "cost", "extremes", "graded", "sharpness"):
         module = import_module(f"unilateral.study.experiments.{experiment}.numbers")
         wanted |= {*module.READS.values()}
     assert {file for file in job["input"] if not file.startswith(("src/", "workflow/"))} == wanted
@@ -368,7 +369,7 @@ def test_each_rule_depends_on_its_own_job_and_has_a_log_of_its_name(planned):
 def test_what_is_measured_of_a_job_has_its_rule_s_name_and_is_no_result(planned):
     """Seconds and memory differ from run to run, so nothing reads them, and nothing misses them."""
     measured = {job["rule"]: job["benchmark"] for job in planned if job["benchmark"]}
-    assert measured.keys() >= {"solve", "surveys", "sharpness", "adaptive", "extremes"}
+    assert measured.keys() >= {"solve", "surveys", "sharpness", "adaptive", "extremes", "graded"}
     for rule, path in measured.items():
         assert re.fullmatch(rf"results/benchmarks/{rule}(/.*)?\.tsv", path)
     assert not [file for job in planned for file in job["input"] if file.startswith("results/benchmarks")]

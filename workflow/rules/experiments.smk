@@ -10,6 +10,7 @@ EXPERIMENTS = {
     ),
     "cells": ("measure.measure_cells", ["errors", "alternating"], ["stop"]),
     "extremes": ("measure.try_extremes", ["extremes"], []),
+    "graded": ("measure.measure_graded", ["errors", "adapted"], ["stop"]),
     "sharpness": (
         "measure.measure_sharpness",
         ["errors", "rates", "fixed_errors", "fixed_rates"],

@@ -1,0 +1,35 @@
+"""Tables along levels, and rates between these."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from unilateral.arrays import Array
+
+Row = dict[str, float]
+
+
+def along_levels(rows: Sequence[Row]) -> xr.Dataset:
+    """The rows as one table over (level)."""
+    values = {name: ("level", [row[name] for row in rows]) for name in rows[0]}
+    return xr.Dataset(values, coords={"level": np.arange(len(rows))})
+
+
+def halved(error: xr.DataArray) -> xr.DataArray:
+    """Rates over (pair) from each level to the next, on which the mesh before grading has half the edges."""
+    return (-xr.ufuncs.log2(error).diff("level", label="lower")).rename(level="pair")
+
+
+def far_apart(unknowns: Array, values: Array, factor: float) -> Array:
+    """(p,) orders in N^{-1/2} between each level and the first with at least `factor` times the unknowns.
+
+    `unknowns` and `values` are (k,) of levels, coarse to fine; levels beyond the last are NaN.
+    """
+    known = np.isfinite(unknowns)
+    N, of = unknowns[known], values[known]
+    first = [int(np.argmax(factor * n <= N)) for n in N]
+    pairs = [(i, j) for i, j in enumerate(first) if j]
+    return np.array([2 * np.log(of[i] / of[j]) / np.log(N[j] / N[i]) for i, j in pairs])
