@@ -291,7 +291,7 @@ SAID = [
     ),
     (
         ("totals.levels", 7),
-        "totals.levels: it has to be at most 6, the levels of its scenes",
+        "totals.levels: it has to be at most 5, the levels of its scenes",
     ),
     (
         ("rates.judged_ratio", "1/3"),

@@ -25,6 +25,7 @@ from unilateral.study.experiments.cost import checks as cost
 from unilateral.study.experiments.estimates import checks as estimates
 from unilateral.study.experiments.extremes import checks as extremes
 from unilateral.study.experiments.extremes.outcome import NOT_CONVERGED, NOTHING, REFUSED, RIGHT, WRONG
+from unilateral.study.experiments.scenes import checks as scenes
 from unilateral.study.experiments.sharpness import checks as exponents
 from unilateral.study.ledger import checks as shared
 from unilateral.study.ledger import claims, evidence
@@ -735,6 +736,14 @@ def lemma_1(**changed):
 
 INDICES = dict.fromkeys(claims.find("F.total").parameters["value"], ("mesh", [2.0, NAN]))
 
+EXACTNESS = partial(scenes.exactness, scenes=["a"], orders={"natural": 1.5, "violates_jj": 1}, tolerance=0.2)
+
+
+def becoming_exact(**excess):
+    """The sharp bounds over the errors, less 1, of cases on four meshes."""
+    index = 1 + np.array([*excess.values()])
+    return table(total_index_u=(("case", "mesh"), index), h=("mesh", 0.5 ** np.arange(4)), case=[*excess])
+
 
 ROWS += [
     # A negative consistency term is none, and 1e-12 is allowed.
@@ -802,6 +811,17 @@ ROWS += [
     # Every bound over the error counts, where it is known.
     ("F.total", table(**INDICES), (2.0, True)),
     ("F.total", table(**INDICES | {"total_index_lambda": ("mesh", [0.5, NAN])}), (0.5, False)),
+    # index - 1 falls like h^2 and h on the last two halvings; h^0.8 is required of natural, and of
+    # violates_jj that it falls.
+    (EXACTNESS, becoming_exact(natural=[9.0, 1.0, 8.0, 1 / 16], violates_jj=[9.0, 1.0, 8.0, 1 / 4]), 1.0),
+    (EXACTNESS, becoming_exact(natural=[9.0, 1.0, 8.0, 1 / 4], violates_jj=[9.0, 1.0, 8.0, 1 / 4]), 0.2),
+    (
+        EXACTNESS,
+        becoming_exact(natural=[9.0, 1.0, 8.0, 1 / 4], violates_jj=[9.0, 1.0, 8.0, 4.0]),
+        (-1.0, False),
+    ),
+    (EXACTNESS, becoming_exact(natural=[9.0, 1.0, 8.0, 1 / 2]), (-0.3, False)),
+    (EXACTNESS, becoming_exact(natural=[9.0, 1.0, 8.0, 1 / 4]), "^violates_jj is in no scene$"),
 ]
 
 

@@ -13,13 +13,15 @@ from functools import cache
 import numpy as np
 import pytest
 import xarray as xr
-from conftest import RESULTS, config
+from conftest import RESULTS, config, load
 
 from unilateral import cli
 from unilateral.errors import InputError, StorageError
 from unilateral.formulas.formula import real
+from unilateral.geometry.polygon import named
 from unilateral.norms.dual import Bracket, Gram
 from unilateral.norms.resolution import RULE
+from unilateral.problems.case_certificate import certify
 from unilateral.study import tables
 from unilateral.study.documents import marks, verdicts
 from unilateral.study.ledger import claims, controls, entries, listing, records, reports
@@ -227,6 +229,33 @@ def test_the_rate_is_judged_of_all_cases_on_adapted_meshes():
     declared = [case for scene in STUDY["adaptive"]["scenes"] for case in scene["cases"]]
     assert LEDGER["A.rate"].parameters["cases"] == declared
     assert LEDGER["A.index"].parameters["select"]["case"] == declared
+
+
+def exact_orders(scene):
+    """p of Proposition S7 for the cases of a scene with bounds; 1 where only u in H2 is asked for."""
+    polygon, side = named(STUDY["scenes"][scene]["polygon"]), STUDY["scenes"][scene].get("side", 0)
+    if polygon.angles.max() >= np.pi:
+        return {}
+    cases = [load(name, polygon.name, side) for name in STUDY["totals"]["scenes"][scene]]
+    rates = {case.name: RATES["cases"][case.name]["hm12"]["rate"] for case in cases}
+    return {
+        case.name: 1.0
+        if case.gap_order <= 3 / 2
+        else 1.5
+        if rates[case.name] == "exact"
+        else real(rates[case.name], "")
+        for case in cases
+        if certify(case).hypotheses["j"]
+    }
+
+
+def test_bounds_become_exact_in_all_cases_of_proposition_s7():
+    """Those on convex polygons with u in H2; the gap is in C1 if its order is above 3/2."""
+    claim, scenes = LEDGER["F.exact"].parameters, STUDY["totals"]["scenes"]
+    orders = {scene: exact_orders(scene) for scene in scenes}
+    assert claim["scenes"] == [scene for scene in scenes if orders[scene]]
+    assert claim["orders"] == {case: order for of in orders.values() for case, order in of.items()}
+    assert claim["tolerance"] == 2 * RATES["norms"]["hm12"]["tolerance"]
 
 
 def failing(changed):

@@ -237,6 +237,23 @@ def test_the_index_of_u_tends_to_1_without_contact():
     assert coarse.lambda_ >= 3.5 * fine.lambda_
 
 
+def excess(n):
+    """The bound of u over its error, less 1, in full contact with a curved g."""
+    of = pair("full_contact", n)
+    return sharp_bound(*of.given).u / of.h1_error - 1
+
+
+def test_the_index_of_u_tends_to_1_only_if_u_h_is_lowered_in_contact(monkeypatch):
+    """Proposition S7: its excess falls like h, less the tolerance of F.exact. Control: y >= 0 everywhere.
+
+    Then 2 <lambda, u_h + y - g> is of the order of the squared error.
+    """
+    required = 2**0.8
+    assert excess(8) > required * excess(16)
+    monkeypatch.setattr(feasible, "in_contact", lambda _, u_h, __: np.zeros(len(u_h), dtype=bool))
+    assert excess(8) < required * excess(16)
+
+
 def test_on_large_triangles_the_flux_gets_no_linear_divergence(monkeypatch):
     """On a square of the size 1000 it would be larger than what it takes away: above the cheap bound.
 

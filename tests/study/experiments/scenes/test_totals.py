@@ -53,3 +53,28 @@ def test_the_table_names_both_ends(found):
     assert list(table)[4:6] == ["sharp, H¹, h = 1/8", "sharp, H¹, h = 1/64"]
     assert table.iloc[-1].tolist()[:2] == ["square", "`no_contact`"]
     assert table.iloc[-1].tolist()[-2:] == ["λ_H exact", "λ_H exact"]
+
+
+def test_how_fast_the_index_falls_is_told_beside_the_proved_rate():
+    """By hand: index - 1 falls like h^2, or grows like 1/h. Control: where no rate is proved."""
+    table = xr.Dataset(
+        {
+            "total_index_u": (("case", "mesh"), [[9.0, 2.0, 1.5, 1 + 1 / 16], [9.0, 1.25, 1.5, 2.0]]),
+            "total_index_v": (("case", "mesh"), 2 * [[9.0, 2.0, 1.5, 1 / 8]]),
+        },
+        coords={"case": ["natural", "violates_jj"], "h": ("mesh", [1 / 2, 1 / 4, 1 / 8, 1 / 16])},
+    )
+    claimed = {"scenes": ["square"], "orders": {"natural": 1.5, "violates_jj": 1}}
+    found = error_tables.exactness({"square": table, "lshape": table}, claimed)
+    assert list(found)[2:] == [
+        "proved rate",
+        "observed rate",
+        "index − 1, h = 1/16",
+        "η over the error, h = 1/16",
+    ]
+    assert found.values.tolist() == [
+        ["square", "`natural`", "1.00", "2.00", "0.0625", "0.125"],
+        ["square", "`violates_jj`", "falls to 0", "−1.00", "1.0000", "0.125"],
+        ["lshape", "`natural`", "–", "2.00", "0.0625", "0.125"],
+        ["lshape", "`violates_jj`", "–", "−1.00", "1.0000", "0.125"],
+    ]

@@ -1,4 +1,4 @@
-"""Checks of the rates of the cases' errors, as they were judged."""
+"""Checks of the rates of the cases' errors, as they were judged, and of how fast bounds become exact."""
 
 from __future__ import annotations
 
@@ -117,3 +117,28 @@ def regularity(
     }
     quantity = "the smallest rate less $s$, with its tolerance"
     return provided(worst(excess, quantity, 0.0, True), _faults(rows))
+
+
+def exactness(
+    tables: Tables, scenes: Sequence[str], orders: Mapping[str, float], tolerance: float
+) -> Evidence:
+    """The least excess of the rates of index - 1 over those of Proposition S7.
+
+    Of cases with the order p the rate is 2 (p - 1) less a tolerance, and not below 0. Raises Unjudged if a
+    case is in no scene.
+    """
+    rows = by_case(tables, "{scene}/totals", scenes, orders)
+    excess = {
+        name: float(rate_of_excess(table)) - max(2 * (orders[table["case"].item()] - 1) - tolerance, 0.0)
+        for name, table in rows.items()
+    }
+    evidence = worst(excess, "the smallest rate of index − 1 less the required one", 0.0, True)
+    absent = set(orders) - {table["case"].item() for table in rows.values()}
+    return provided(evidence, [f"{case} is in no scene" for case in sorted(absent)])
+
+
+def rate_of_excess(totals: xr.Dataset) -> xr.DataArray:
+    """The rate at which the sharp bound over the error of u, less 1, falls on the last two halvings of h."""
+    excess, h = totals["total_index_u"].isel(mesh=[-3, -1]) - 1, totals["h"].isel(mesh=[-3, -1])
+    of_excess, of_h = (xr.DataArray(np.log(a.isel(mesh=0) / a.isel(mesh=1))) for a in (excess, h))
+    return of_excess / of_h

@@ -11,7 +11,9 @@ import pandas as pd
 import xarray as xr
 
 from unilateral.formulas.formula import real
+from unilateral.study.experiments.scenes.checks import rate_of_excess
 from unilateral.study.formats import SPACES, TITLES, cells, shown
+from unilateral.study.ledger import claims
 from unilateral.study.rates import NORMS, smallest_rate
 
 READS = {
@@ -40,6 +42,7 @@ def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.Data
         "rates-by-case": rates_by_case(of["rates"], ratio),
         "floors": floors(of["floors"]),
         "totals": totals(of["totals"]),
+        "exactness": exactness(of["totals"], claims.find("F.exact").parameters),
     }
 
 
@@ -132,6 +135,34 @@ def totals(scenes: Mapping[str, xr.Dataset]) -> pd.DataFrame:
     long = pd.DataFrame(rows, columns=["scene", "case", "at", "index"])
     heads, cases = long["at"].unique(), pd.MultiIndex.from_frame(long[["scene", "case"]]).unique()
     return long.pivot(index=["scene", "case"], columns="at", values="index").loc[cases, heads].reset_index()
+
+
+def exactness(scenes: Mapping[str, xr.Dataset], claimed: Mapping[str, Any]) -> pd.DataFrame:
+    """How fast the sharp bound's index falls to 1, and eta over the error of u on the finest level."""
+    rows = []
+    for name, table in scenes.items():
+        rates, orders = rate_of_excess(table), claimed["orders"] if name in claimed["scenes"] else {}
+        h = shown(float(table["h"][-1]), "1/n")
+        for case in table["case"].values:
+            finest = table.sel(case=case).isel(mesh=-1)
+            rows.append(
+                {
+                    "scene": name,
+                    "case": f"`{case}`",
+                    "proved rate": _proved(orders.get(case)),
+                    "observed rate": f"{float(rates.sel(case=case)):.2f}".replace("-", "−"),
+                    f"index − 1, h = {h}": f"{float(finest['total_index_u']) - 1:.4f}",
+                    f"η over the error, h = {h}": f"{float(finest['total_index_v']):.3f}",
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def _proved(order: float | None) -> str:
+    """The rate 2 (p - 1) of Proposition S7; for p = 1 it is only proved that the index falls to 1."""
+    if order is None:
+        return NOTHING
+    return f"{2 * (order - 1):.2f}" if order > 1 else "falls to 0"
 
 
 def totals_of_corners(corners: xr.Dataset) -> dict[str, Any]:
