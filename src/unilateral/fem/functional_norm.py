@@ -16,7 +16,7 @@ the cotangent of a right angle is 0, so |v|_1^2 has differences along legs only,
 
 with C = 1, 1.4473, 2 where t is green, blue, red, the largest eigenvalues of 3 to 6 unknowns, and M_k as in
 `growth`, computed like those: the largest eigenvalue on two values, the others eliminated. Used twice, (1)
-gives M_{j+k} <= M_j M_k. Both are Proposition S9 of the supplement. The map from these variables, with the
+gives M_{j+k} <= M_j M_k. Both are Proposition S13 of the supplement. The map from these variables, with the
 ratio r_T <= 1 of its singular values, the same for all descendants of the triangle T of level 0, changes
 |v|_1^2 by a factor between r_T and 1 / r_T, and w_e not at all. So, summed over the triangles t of a level,
 

@@ -3,7 +3,7 @@
 The exact mesh has the same triangles, nodes inside and nodal values. Its boundary node at the arc length s of
 side i is the point that divides the side as s divides the interval from starts[i] to starts[i + 1]. The exact
 polygon is the one that was given; with k and c its image under the exact scaling by (c/k)^{1/2}. The bounds
-are computed on the mesh in memory, and what they need for the exact one is the supplement's Proposition S5.
+are computed on the mesh in memory, and what they need for the exact one is the supplement's Proposition S7.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from unilateral.formulas.taylor import EPS
 from unilateral.geometry.polygon import Polygon
 
 MOST = 1e-3
-"""Proposition S5 of the supplement holds if `distortion` and `stretch` are at most this."""
+"""Proposition S7 of the supplement holds if `distortion` and `stretch` are at most this."""
 GROWTH = 6.0
-"""gamma of Proposition S5 is 1 + GROWTH (distortion + stretch)."""
+"""gamma of Proposition S7 is 1 + GROWTH (distortion + stretch)."""
 
 
 def shifts(polygon: Polygon, places: Array, side: Index, s: Array) -> Array:

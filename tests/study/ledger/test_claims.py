@@ -232,7 +232,7 @@ def test_the_rate_is_judged_of_all_cases_on_adapted_meshes():
 
 
 def exact_orders(scene):
-    """p of Proposition S7 for the cases of a scene with bounds; 1 where only u in H2 is asked for."""
+    """p of Proposition S9 for the cases of a scene with bounds; 1 where only u in H2 is asked for."""
     polygon, side = named(STUDY["scenes"][scene]["polygon"]), STUDY["scenes"][scene].get("side", 0)
     if polygon.angles.max() >= np.pi:
         return {}

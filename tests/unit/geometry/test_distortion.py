@@ -149,7 +149,7 @@ def test_the_growth_has_the_largest_of_both():
 
 
 def test_the_growth_is_what_the_proof_adds_up():
-    """Proposition S5: 1 + 3 t + 10 t^2 for t = epsilon + kappa, both at most 10^-3; and 2 t is too little."""
+    """Proposition S7: 1 + 3 t + 10 t^2 for t = epsilon + kappa, both at most 10^-3; and 2 t is too little."""
     t = np.linspace(1e-9, 2 * exact_mesh.MOST, 1000)
     assert np.all(1 + 3 * t + 10 * t**2 <= 1 + exact_mesh.GROWTH * t)
     assert exact_mesh.MOST == 1e-3

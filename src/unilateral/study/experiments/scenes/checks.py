@@ -122,7 +122,7 @@ def regularity(
 def exactness(
     tables: Tables, scenes: Sequence[str], orders: Mapping[str, float], tolerance: float
 ) -> Evidence:
-    """The least excess of the rates of index - 1 over those of Proposition S7.
+    """The least excess of the rates of index - 1 over those of Proposition S9.
 
     Of cases with the order p the rate is 2 (p - 1) less a tolerance, and not below 0. Raises Unjudged if a
     case is in no scene.

@@ -159,7 +159,7 @@ def exactness(scenes: Mapping[str, xr.Dataset], claimed: Mapping[str, Any]) -> p
 
 
 def _proved(order: float | None) -> str:
-    """The rate 2 (p - 1) of Proposition S7; for p = 1 it is only proved that the index falls to 1."""
+    """The rate 2 (p - 1) of Proposition S9; for p = 1 it is only proved that the index falls to 1."""
     if order is None:
         return NOTHING
     return f"{2 * (order - 1):.2f}" if order > 1 else "falls to 0"
