@@ -61,7 +61,7 @@ def theorem_4(tables: Tables, table: str, tolerances: Mapping[str, float]) -> Ev
     """
     rows: dict[str, float] = {}
     for norm, tolerance in tolerances.items():
-        excess = _of_largest(tables[table], norm).isel(pair=[-2, -1]).min("pair", skipna=False)
+        excess = _excess(tables[table], norm).isel(pair=[-2, -1]).min("pair", skipna=False)
         rows |= _by_alpha(excess + tolerance, f"{norm}, ")
     return worst(rows, "the smallest rate less the predicted one, with its tolerance", 0.0, True)
 
@@ -73,7 +73,7 @@ def attained(tables: Tables, table: str, largest: Mapping[str, float], tolerance
     """
     rows: dict[str, float] = {}
     for norm, alpha in largest.items():
-        excess = _of_largest(tables[table], norm).isel(pair=-1)
+        excess = _excess(tables[table], norm).isel(pair=-1)
         rows |= _by_alpha(excess.sel(alpha=excess["alpha"] <= alpha), f"{norm}, ")
     return worst(rows, "the rate of the finest pair less the predicted one", tolerance, False)
 
@@ -132,11 +132,9 @@ def logarithm(nu: ArrayLike) -> Array:
     return np.select([a < 0.5, a == 0.5], [0.0, 1.0], 0.5)
 
 
-def _of_largest(data: xr.Dataset, norm: str) -> xr.DataArray:
+def _excess(data: xr.Dataset, norm: str) -> xr.DataArray:
     """(pair, alpha) rates of the largest error over gamma, less the predicted ones."""
-    largest = data["error"].sel(norm=norm).max("gamma", skipna=False)
-    error, H = (xr.ufuncs.log(each).diff("level") for each in (largest, data["H"]))
-    return (error / H - surfaces.predicted(norm, data["alpha"])).rename(level="pair")
+    return surfaces.of_largest(data, norm) - surfaces.predicted(norm, data["alpha"])
 
 
 def _by_alpha(values: xr.DataArray, before: str = "") -> dict[str, float]:

@@ -94,6 +94,6 @@ def inner_nodes(pairs: pd.DataFrame) -> dict[str, Any]:
 
 
 def unsolved(pairs: pd.DataFrame) -> dict[str, float]:
-    """The least beta on structured meshes of the square at H = 2h, by eigenvalues and by the bound without."""
+    """The least beta on structured meshes of the square at H = 2h, and the least of the bounds on it."""
     of = pairs[(pairs["label"] == "square, structured") & np.isclose(pairs["h_over_H"], 0.5, rtol=ROUNDED)]
     return {"solved": float(of["beta_lower"].min()), "unsolved": float(of["beta_fortin"].min())}
