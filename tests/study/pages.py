@@ -22,11 +22,11 @@ NUMBERS = {
     "dual_norm": ["mean", "gap", "shortcut"],
     "extremes": ["log10_value"],
     "grid": ["error"],
-    "infsup": ["beta_lower"],
+    "infsup": ["beta_lower", "beta_fortin"],
     "multiplier": ["mu"],
     "portrait": ["value"],
     "rates": ["error", "rate", "expected"],
-    "sharpness": ["rate", "before"],
+    "sharpness": ["rate"],
     "verdict": ["margin"],
     "work_precision": ["error"],
 }

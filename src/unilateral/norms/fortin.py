@@ -49,9 +49,7 @@ times d_T^2/|T|. All other sums are of numbers >= 0.
 def beta_below(mesh: Mesh, partition: Partition, cells: Index | None = None) -> float:
     """A guaranteed lower bound on beta for the multipliers on the `cells` (k,), by default on all.
 
-    It is 0, which says nothing, where a cell has no node well inside or a triangle is too thin. With
-    a = |v|_1 and b = ||v||_0 we have |P v|_1 <= rho a and ||P v||_0 <= b + n a, so ||P||^2 is at most the
-    larger eigenvalue of a form in a and b.
+    It is 0, which says nothing, where a cell has no node well inside or a triangle is too thin.
     """
     cells = np.arange(partition.n_cells) if cells is None else cells
     if not len(cells):
@@ -60,10 +58,16 @@ def beta_below(mesh: Mesh, partition: Partition, cells: Index | None = None) -> 
     if delta < LEAST_DELTA or aspect.max() > MOST_ASPECT:
         return 0.0
     of = majorant(mesh, partition, cells)
-    rho, n = _norm(of, of.gradients, of.W_gradients), _norm(of, of.values, of.W_values)
-    n += KAPPA * mesh.diameter
-    norm = float(np.linalg.eigvalsh([[rho**2 + n**2, n], [n, 1.0]])[-1]) ** 0.5
-    return 1 / (SLACK * mesh.growth**2 * norm)
+    rho, n = norm(of, of.gradients, of.W_gradients), norm(of, of.values, of.W_values)
+    return 1 / (SLACK * mesh.growth**2 * of_operator(rho, n + KAPPA * mesh.diameter))
+
+
+def of_operator(rho: float, n: float) -> float:
+    """||P|| if |P v|_1 <= rho |v|_1 and ||v - P v||_0 <= n |v|_1: with a = |v|_1 and b = ||v||_0
+
+    ||P v||_1^2 is at most rho^2 a^2 + (b + n a)^2, a form in a and b.
+    """
+    return math.sqrt(float(np.linalg.eigvalsh([[rho**2 + n**2, n], [n, 1.0]])[-1]))
 
 
 class Majorant(NamedTuple):
@@ -146,7 +150,7 @@ def _means(mesh: Mesh, partition: Partition) -> tuple[sp.csr_array, sp.csr_array
     return whole, cut.tocsr()
 
 
-def _norm(of: Majorant, rows: sp.csr_array, W_rows: sp.csr_array) -> float:
+def norm(of: Majorant, rows: sp.csr_array, W_rows: sp.csr_array) -> float:
     """The norm of v -> rows g + W_rows y by Collatz's bound."""
     solve = splu(of.pairing)
     back = [each.T.tocsr() for each in (rows, W_rows, of.means, of.cut)]

@@ -129,13 +129,50 @@ def test_the_bound_needs_each_part(part, monkeypatch):
     assert norm > 1 / beta_below(mesh, cells)
 
 
+@pytest.mark.parametrize("make", [PAIRS["ends inside edges"], near_ends, PAIRS["unstructured"]])
+def test_the_norm_is_that_of_the_matrix_without_signs(make):
+    """From above, and by at most 2 %; the matrix is made in full."""
+    mesh, cells = make()
+    of = majorant(mesh, cells, np.arange(cells.n_cells))
+    y = np.linalg.solve(of.pairing.toarray(), np.hstack([of.means.toarray(), of.cut.toarray()]))
+    for rows, W_rows in ((of.gradients, of.W_gradients), (of.values, of.W_values)):
+        assert min(part.min() for part in (rows, W_rows, of.means, of.cut)) >= 0
+        M = W_rows @ y
+        M[:, : rows.shape[1]] += rows.toarray()
+        exact = np.linalg.norm(M, 2)
+        assert exact <= fortin.norm(of, rows, W_rows) <= 1.02 * exact
+
+
+@pytest.mark.parametrize("make", [PAIRS["ends inside edges"], near_ends])
+def test_the_inverse_of_the_pairing_without_signs_is_larger(make):
+    """|K^-1 r| <= pairing^-1 |r| for every r; the entries of K^-1 are those of unit vectors."""
+    mesh, cells = make()
+    chosen = inner_nodes(mesh.s, cells)[0]
+    ends = [s for s in mesh.s[:-1] if np.abs(cells.points - s).min() < ROUND]
+    knots = np.unique(np.concatenate([chosen, ends]))
+    W = extended(mesh, knots)[:, np.searchsorted(knots, chosen)]
+    inverse = np.linalg.inv((coupling(mesh, cells) @ W[mesh.boundary]).toarray())
+    larger = np.linalg.inv(majorant(mesh, cells, np.arange(cells.n_cells)).pairing.toarray())
+    assert (np.abs(inverse) <= larger + ROUND).all()
+    assert inverse.min() < -ROUND
+
+
+def test_the_norm_of_the_operator_from_its_two_parts():
+    """The largest rho^2 a^2 + (b + n a)^2 over all a^2 + b^2 = 1, on a fine grid."""
+    angle = np.linspace(0, np.pi, 100_001)
+    a, b = np.cos(angle), np.sin(angle)
+    for rho, n in ((2.0, 0.1), (1.0, 0.0), (0.5, 3.0)):
+        largest = np.max(rho**2 * a**2 + (b + n * a) ** 2)
+        assert fortin.of_operator(rho, n) ** 2 == pytest.approx(largest, rel=1e-8)
+
+
 @pytest.mark.parametrize("name", PAIRS)
 def test_how_far_the_operator_moves_functions(name):
     """||v - Pv||_0 <= n |v|_1, by the largest quotient. Control: an eighth of n is not enough."""
     mesh, cells = PAIRS[name]()
     P, fine, _ = operator_of(mesh, cells)
     of = majorant(mesh, cells, np.arange(cells.n_cells))
-    n = fortin._norm(of, of.values, of.W_values) + KAPPA * mesh.diameter
+    n = fortin.norm(of, of.values, of.W_values) + KAPPA * mesh.diameter
     finer = np.eye(mesh.n_nodes)
     for step in fine.steps[len(mesh.steps) :]:
         finer = np.concatenate([finer, finer[step.ends].mean(axis=1)])
