@@ -143,7 +143,7 @@ def _means(mesh: Mesh, partition: Partition) -> tuple[sp.csr_array, sp.csr_array
     values = -np.concatenate([lengths * shares * (1 - middle), lengths * shares * middle])
     shape = (partition.n_cells, 3 * len(mesh.triangles))
     whole = sp.coo_array((values, (np.tile(cell, 2), corners)), shape=shape).tocsr()
-    part = np.flatnonzero(shares < 1 - ROUND_OFF)
+    part = np.flatnonzero(shares < 1)
     size = np.sqrt(lengths * shares * (1 - shares))[part] * np.sqrt(trace_constants(mesh, KAPPA))[edge[part]]
     _, column = np.unique(triangle[part], return_inverse=True)
     cut = sp.coo_array((size, (cell[part], column)), shape=(partition.n_cells, max(len(part), 1)))

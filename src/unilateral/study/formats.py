@@ -22,8 +22,8 @@ from collections.abc import Callable, Iterable, Mapping
 from unilateral.formulas.decimals import down, up
 
 Value = float | int | str
-SPACES = {"h1": "H¹", "hm12": "H^(−1/2)", "l2": "L²"}
-TITLES = {norm: f"{'u' if norm == 'h1' else 'λ'} in {space}" for norm, space in SPACES.items()}
+SPACES = {"h1": "$H^1$", "hm12": "$H^{-1/2}$", "l2": "$L^2$"}
+TITLES = {norm: ("$u$" if norm == "h1" else r"$\lambda$") + f" in {space}" for norm, space in SPACES.items()}
 """The titles of errors, by the norm in which they are measured."""
 ROUNDED = re.compile(r"(down|up)(\.\d[efg])(%?)")
 """Formats that round a bound down or up, towards the side on which it stays a bound."""

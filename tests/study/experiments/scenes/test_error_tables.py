@@ -31,7 +31,11 @@ def made_up():
 
 def test_the_table_of_rates():
     table = scenes.rates({"square": made_up(), "again": made_up().isel(case=[0])}, 0.5)
-    heads = ["u in H¹ (proved 1)", "λ in H^(−1/2) (proved 1)", "λ in L² (proved 0.5)"]
+    heads = [
+        "$u$ in $H^1$ (proved 1)",
+        r"$\lambda$ in $H^{-1/2}$ (proved 1)",
+        r"$\lambda$ in $L^2$ (proved 0.5)",
+    ]
     assert list(table) == ["scene", "case", *heads]
     first = ["`first`", "1.00 of 1 (2 pairs)", "1.00 of 1.5 (2 pairs)", "1.00 of 1 (2 pairs)"]
     second = ["`second`", "0.90 of 1 (2 pairs), **fails**", "error 0, as exact", "not judged"]
@@ -67,7 +71,7 @@ def made_up_pairs():
 
 def test_lower_bounds_of_beta_are_rounded_down():
     table = stability.least(made_up_pairs(), [2, 4])
-    assert list(table) == ["β ≥ ... at H/h =", "2", "4"]
+    assert list(table) == [r"$\beta$ at least, at $H/h$ =", "2", "4"]
     assert table.values.tolist() == [["square", "0.73", "0.92"], ["gmsh", "0.77", "0.95"]]
 
 
@@ -111,7 +115,7 @@ def test_exceptions_are_named_with_what_they_lack():
     rates["rate"][0, -1, 1, 0] = 1.25
     table = sharpness.exceptions(rates, {"hm12": 0.1})
     lacks = 0.25 - 0.5 * np.log2((1 + np.log(4)) / (1 + np.log(2)))
-    assert list(table) == ["α", "γ", "λ in H^(−1/2)", sharpness.HELD]
+    assert list(table) == [r"$\alpha$", r"$\gamma$", r"$\lambda$ in $H^{-1/2}$", sharpness.HELD]
     assert table.values.tolist() == [["0.5", "1", f"0.25 ({lacks:.2f})", "12.5 %"]]
 
 

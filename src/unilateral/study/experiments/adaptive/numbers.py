@@ -25,7 +25,7 @@ COLUMNS = {
     "multipliers": ("multipliers", ".0f"),
     "longest edge": ("diameter", ".2g"),
     "shortest, on the boundary": ("shortest_edge", "short"),
-    "‖u−u_h‖₁": ("h1_error", "short"),
+    r"$\Vert u-u_h\Vert_1$": ("h1_error", "short"),
     "bound": ("h1_bound", "up.short"),
     "bound / error": ("index", ".2f"),
     "rate, error": ("error_rate", ".2f"),

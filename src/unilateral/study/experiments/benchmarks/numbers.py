@@ -92,8 +92,8 @@ def scores(of: pd.DataFrame) -> pd.DataFrame:
 
 def _score(row: pd.Series) -> dict[str, str]:
     cells = {"case": f"`{row['case']}`", "package and method": PACKAGES[row["solver"]]}
-    cells["error of u in H¹"] = f"× {row['h1_over_own']:.3f}"
-    cells["error of λ in H^(−1/2)"] = f"× {row['hm12_over_own']:.2f}"
+    cells["error of $u$ in $H^1$"] = f"× {row['h1_over_own']:.3f}"
+    cells[r"error of $\lambda$ in $H^{-1/2}$"] = f"× {row['hm12_over_own']:.2f}"
     for norm, title in RATES.items():
         cells[title] = f"{row[f'{norm}_rate']:.2f}, {row[f'{norm}_own_rate']:.2f}"
     return cells | {"verdict": row["verdict"]}

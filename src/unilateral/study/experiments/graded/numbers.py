@@ -19,12 +19,12 @@ READS = {"errors": "results/graded/errors.nc", "adapted": "results/graded/adapte
 FACTOR = 16
 """Triangles are halved in steps, so orders on adapted meshes are taken over so many times the unknowns."""
 GRADED = {
-    "‖u−u_h‖₁": "h1_error",
-    "λ in H^(−1/2)": "hm12_error",
-    "D": "discrete_error",
-    "D, singular part": "singular_error",
+    r"$\Vert u-u_h\Vert_1$": "h1_error",
+    r"$\lambda$ in $H^{-1/2}$": "hm12_error",
+    "$D$": "discrete_error",
+    "$D$, singular part": "singular_error",
 }
-ADAPTED = {"‖u−u_h‖₁": "h1_error", "D": "discrete_error", "shortest edge": "shortest_edge"}
+ADAPTED = {r"$\Vert u-u_h\Vert_1$": "h1_error", "$D$": "discrete_error", "shortest edge": "shortest_edge"}
 
 
 def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
@@ -51,8 +51,8 @@ def orders(errors: xr.Dataset) -> pd.DataFrame:
         exponent = float(gamma(of))
         row = {"case": f"`{of['case'].item()}`", "angle": f"{1 / float(of['exponent']):.2g}π"}
         row |= {
-            "κ": f"{float(of['kappa']):g}",
-            "γ": f"{exponent:.2f}",
+            r"$\kappa$": f"{float(of['kappa']):g}",
+            r"$\gamma$": f"{exponent:.2f}",
             "required": f"{min(SMOOTH, exponent):.2f}",
         }
         rows.append(row | {title: shown(rate, ".2f") for title, rate in rates.items()})

@@ -42,8 +42,10 @@ def exceptions(found: xr.Dataset, tolerances: Mapping[str, float]) -> pd.DataFra
                 for n in tolerances
             }
             share = {HELD: f"{100 * float(held.sel(alpha=alpha, gamma=gamma)):.3g} %"}
-            rows.append({"α": f"{alpha:g}", "γ": f"{gamma:g}"} | lacks | share)
-    return pd.DataFrame(rows, columns=["α", "γ", *(TITLES[norm] for norm in tolerances), HELD])
+            rows.append({r"$\alpha$": f"{alpha:g}", r"$\gamma$": f"{gamma:g}"} | lacks | share)
+    return pd.DataFrame(
+        rows, columns=[r"$\alpha$", r"$\gamma$", *(TITLES[norm] for norm in tolerances), HELD]
+    )
 
 
 def theorems(observed: Mapping[str, float]) -> dict[str, Any]:

@@ -42,7 +42,10 @@ def least(pairs: pd.DataFrame, ratios: Sequence[float]) -> pd.DataFrame:
     for label, of in pairs[pairs["kind"] == "uniform"].groupby("label", sort=False):
         at = {ratio: np.isclose(of["h_over_H"] * ratio, 1, rtol=ROUNDED) for ratio in ratios}
         least = {f"{ratio:g}": float(of.loc[here, "beta_lower"].min()) for ratio, here in at.items()}
-        rows.append({"β ≥ ... at H/h =": label} | {name: shown(b, "down.2f") for name, b in least.items()})
+        rows.append(
+            {r"$\beta$ at least, at $H/h$ =": label}
+            | {name: shown(b, "down.2f") for name, b in least.items()}
+        )
     return pd.DataFrame(rows)
 
 
@@ -57,7 +60,7 @@ def correlations(pairs: pd.DataFrame, smallest_angle: float) -> pd.DataFrame:
     for what, kept in of.items():
         found = {name: kept[name].corr(kept["beta_lower"], method="spearman") for name in MEASURES}
         rows.append(
-            {"rank correlation of β with": f"{len(kept)} {what}"}
+            {r"rank correlation of $\beta$ with": f"{len(kept)} {what}"}
             | {MEASURES[name]: f"{value:.2f}" for name, value in found.items()}
         )
     return pd.DataFrame(rows)
