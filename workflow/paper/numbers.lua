@@ -5,6 +5,7 @@
 -- Gives wide tables their columns' widths. Repairs what pandoc does to \| (taken for a relation) and to && and the &
 -- of cases (no space). Raises and lowers scripts in plain text.
 
+local SHORT = 12
 local LINE = 112 -- letters in a line of a wide table's print
 local LONGEST_WORD = 16 -- longer ones are hyphenated; in heads, which are bold, none is
 local BOLD = 1.2 -- letters of text that a letter of a head takes
@@ -204,7 +205,17 @@ local function check(link, says, name)
   if says:sub(-#name) ~= name then error(shown .. " should say " .. name, 0) end
 end
 
+-- In print a table of at most SHORT rows stays on one page.
+local function kept_whole(printed)
+  local rows = 0
+  for _, body in ipairs(printed.bodies) do rows = rows + #body.body end
+  if FORMAT ~= "typst" or rows > SHORT then return nil end
+  local begin = pandoc.RawBlock("typst", "#[#show figure: set block(breakable: false)")
+  return { begin, printed, pandoc.RawBlock("typst", "]") }, false
+end
+
 local finish = {
+  Table = kept_whole,
   Meta = function(meta)
     if FORMAT ~= "typst" then return nil end
     local date = pandoc.utils.normalize_date(pandoc.utils.stringify(meta.date or ""))
