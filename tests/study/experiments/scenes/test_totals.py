@@ -49,8 +49,8 @@ def test_an_exact_multiplier_has_no_index(found):
 def test_the_table_names_both_ends(found):
     both = xr.concat([found, found.assign_coords(h=("mesh", [1 / 64]))], "mesh")
     table = error_tables.totals({"square": both})
-    assert list(table)[:4] == ["scene", "case", "cheap, H¹, h = 1/8", "cheap, H¹, h = 1/64"]
-    assert list(table)[4:6] == ["sharp, H¹, h = 1/8", "sharp, H¹, h = 1/64"]
+    assert list(table)[:4] == ["scene", "case", "cheap, $H^1$, h = 1/8", "cheap, $H^1$, h = 1/64"]
+    assert list(table)[4:6] == ["sharp, $H^1$, h = 1/8", "sharp, $H^1$, h = 1/64"]
     assert table.iloc[-1].tolist()[:2] == ["square", "`no_contact`"]
     assert table.iloc[-1].tolist()[-2:] == ["λ_H exact", "λ_H exact"]
 
