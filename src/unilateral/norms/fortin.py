@@ -35,7 +35,7 @@ from unilateral.norms.resolution import ROUND_OFF, inner_nodes
 KAPPA = math.sqrt(1 / 48 + 1 / J**2)
 """||w||_{0,T} <= KAPPA d_T |w|_{1,T} if w has the mean 0 on each edge of T; d_T is its longest edge."""
 STEPS = 8
-"""So often x is replaced by M M^T x. More steps change the bound by about a per cent."""
+"""So often x is replaced by M M^T x. More steps change rho by about a per cent; for n one is enough."""
 LEAST = 1e-2
 """Each step adds this part of x, so that x stays positive."""
 LEAST_DELTA, MOST_ASPECT, SLACK = 1e-4, 1e5, 1 + 1e-7
@@ -58,7 +58,7 @@ def beta_below(mesh: Mesh, partition: Partition, cells: Index | None = None) -> 
     if delta < LEAST_DELTA or aspect.max() > MOST_ASPECT:
         return 0.0
     of = majorant(mesh, partition, cells)
-    rho, n = norm(of, of.gradients, of.W_gradients), norm(of, of.values, of.W_values)
+    rho, n = norm(of, of.gradients, of.W_gradients), norm(of, of.values, of.W_values, steps=1)
     return 1 / (SLACK * mesh.growth**2 * of_operator(rho, n + KAPPA * mesh.diameter))
 
 
@@ -94,22 +94,29 @@ def majorant(mesh: Mesh, partition: Partition, cells: Index) -> Majorant:
     chosen, deltas = inner_nodes(mesh.s, partition)
     knots = np.unique(np.concatenate([chosen[deltas > 0], _ends_at_nodes(mesh, partition)]))
     W = extended(mesh, knots)[:, np.searchsorted(knots, chosen[cells])]
-    jumped, m = deviations(mesh), len(mesh.triangles)
-    slopes = _slopes(mesh)
-    at_corners = sp.csr_array((np.ones(3 * m), (np.arange(3 * m), mesh.triangles.ravel())))
-    scale = sp.diags_array(np.repeat(np.sqrt(mesh.areas / 3), 3))
-    whole, cut = _means(mesh, partition)
+    jumped, slopes, whole = deviations(mesh), _slopes(mesh), _means(mesh, partition)
+    scale, at_corners = np.repeat(np.sqrt(mesh.areas / 3), 3), W[mesh.triangles.ravel()]
     pairing = (coupling(mesh, partition)[cells] @ W[mesh.boundary]).tocsc()
     pairing = 2 * sp.diags_array(pairing.diagonal()) - pairing
+    averaged, means = slopes @ jumped, whole.of_values[cells] @ jumped
+    averaged.setdiag(averaged.diagonal() + 1)
     return Majorant(
-        abs(sp.eye_array(2 * m) + slopes @ jumped).tocsr(),
-        abs(scale @ jumped).tocsr(),
-        abs(slopes @ at_corners @ W).tocsr(),
-        (scale @ at_corners @ W).tocsr(),
-        abs(whole[cells] @ jumped).tocsr(),
-        cut[cells],
+        without_signs(averaged),
+        without_signs(jumped, scale),
+        without_signs(slopes @ at_corners),
+        without_signs(at_corners, scale),
+        without_signs(means),
+        whole.of_cut[cells],
         pairing.tocsc(),
     )
+
+
+def without_signs(matrix: sp.csr_array, scale: Array | None = None) -> sp.csr_array:
+    """The matrix without its signs, each row times its `scale` (rows,) > 0; in its own memory."""
+    np.abs(matrix.data, out=matrix.data)
+    if scale is not None:
+        matrix.data *= np.repeat(scale, np.diff(matrix.indptr))
+    return matrix
 
 
 def _ends_at_nodes(mesh: Mesh, partition: Partition) -> Array:
@@ -127,7 +134,14 @@ def _slopes(mesh: Mesh) -> sp.csr_array:
     return sp.csr_array((entries.ravel(), columns.ravel(), np.arange(0, 6 * m + 1, 3)), shape=(2 * m, 3 * m))
 
 
-def _means(mesh: Mesh, partition: Partition) -> tuple[sp.csr_array, sp.csr_array]:
+class Means(NamedTuple):
+    """Integrals over cells `of_values` (cells, 3m) at corners, and bounds `of_cut` edges (cells, k)."""
+
+    of_values: sp.csr_array
+    of_cut: sp.csr_array
+
+
+def _means(mesh: Mesh, partition: Partition) -> Means:
     """(cells, 3m) minus the integrals of A I v - I v from its values at corners, and (cells, k) `cut`.
 
     With w = v - I v and a part of an edge e that is the share p of it, the integral of w over the part is at
@@ -147,18 +161,17 @@ def _means(mesh: Mesh, partition: Partition) -> tuple[sp.csr_array, sp.csr_array
     size = np.sqrt(lengths * shares * (1 - shares))[part] * np.sqrt(trace_constants(mesh, KAPPA))[edge[part]]
     _, column = np.unique(triangle[part], return_inverse=True)
     cut = sp.coo_array((size, (cell[part], column)), shape=(partition.n_cells, max(len(part), 1)))
-    return whole, cut.tocsr()
+    return Means(whole, cut.tocsr())
 
 
-def norm(of: Majorant, rows: sp.csr_array, W_rows: sp.csr_array) -> float:
+def norm(of: Majorant, rows: sp.csr_array, W_rows: sp.csr_array, steps: int = STEPS) -> float:
     """The norm of v -> rows g + W_rows y by Collatz's bound."""
     solve = splu(of.pairing)
-    back = [each.T.tocsr() for each in (rows, W_rows, of.means, of.cut)]
     x = np.ones(rows.shape[0])
-    for _ in range(STEPS):
+    for _ in range(steps):
         x = x / x.max()
-        y = solve.solve(back[1] @ x, trans="T")
-        image = back[0] @ x + back[2] @ y, back[3] @ y
+        y = solve.solve(W_rows.T @ x, trans="T")
+        image = rows.T @ x + of.means.T @ y, of.cut.T @ y
         means = of.means @ image[0] + of.cut @ image[1]
         square = rows @ image[0] + W_rows @ solve.solve(means)
         quotient = float((square / x).max())
