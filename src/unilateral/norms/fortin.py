@@ -63,9 +63,9 @@ def beta_below(mesh: Mesh, partition: Partition, cells: Index | None = None) -> 
 
 
 def of_operator(rho: float, n: float) -> float:
-    """||P|| if |P v|_1 <= rho |v|_1 and ||v - P v||_0 <= n |v|_1: with a = |v|_1 and b = ||v||_0
+    """A bound on ||P|| if |P v|_1 <= rho |v|_1 and ||v - P v||_0 <= n |v|_1 for all v.
 
-    ||P v||_1^2 is at most rho^2 a^2 + (b + n a)^2, a form in a and b.
+    With a = |v|_1 and b = ||v||_0, ||P v||_1^2 is at most rho^2 a^2 + (b + n a)^2, a form in a and b.
     """
     return math.sqrt(float(np.linalg.eigvalsh([[rho**2 + n**2, n], [n, 1.0]])[-1]))
 
