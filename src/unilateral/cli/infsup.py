@@ -147,7 +147,8 @@ def _theorem_5(found: dict[str, Any]) -> str:
     """Whether it applies, and the bound that its proof gives here."""
     if found["beta_fortin"] > 0:
         return f"proves beta >= {down(found['beta_fortin'], '.4f')} here, guaranteed"
-    return "applies, but its bound is below rounding" if found["theorem_5"] else "does NOT apply"
+    no_bound = "applies, but no bound is computed: a node is too near an end, or a triangle too thin"
+    return no_bound if found["theorem_5"] else "does NOT apply"
 
 
 def lines(found: dict[str, Any]) -> Iterator[str]:

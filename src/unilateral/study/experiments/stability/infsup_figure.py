@@ -33,14 +33,14 @@ LOOKS: dict[str, style.Look] = {
     "uniform": {"marker": "s", "ms": 3.6, "mew": 0.4, "ls": "", "color": style.COLOURS[0], "mec": "white"},
     "worst": {"marker": "x", "ms": 5.0, "mew": 1.4, "ls": "", "color": style.COLOURS[1]},
 }
+RATIO = 10
+"""`regular` pairs have neighbouring cells within this ratio, and the angles of RULE, as claim T.node says."""
 LABELS = {
     "uniform": "uniform",
-    "regular": r"other ones, angles $\geq 20°$, neighbouring cells within 10:1",
+    "regular": rf"other ones, angles $\geq {RULE.smallest_angle:g}°$, neighbouring cells within {RATIO}:1",
     "irregular": "other ones, smaller angles or larger ratios",
     "worst": "the worst that a search found",
 }
-RATIO = 10
-"""`regular` pairs have neighbouring cells within this ratio, and the angles of RULE, as claim T.node says."""
 GUIDE: style.Look = {"color": "0.25", "lw": 0.8, "ls": (0, (4, 2)), "zorder": 1}
 
 
