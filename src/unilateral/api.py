@@ -54,17 +54,20 @@ def Problem(
     k: Coefficient = 1,
     c: Coefficient = 1,
     q: Given | Sequence[Given] = 0,
+    u: Mapping[int, Given] | None = None,
 ) -> problems.Problem | Sampled:
-    """A problem of one's own: -k lap u + c u = f, with an obstacle g on the sides that are not free.
+    """A problem of one's own: -k lap u + c u = f, with an obstacle g on the sides that carry contact.
 
     On these u >= g, k du/dn >= 0 and (u - g) k du/dn = 0; for k = c = 1 this is (1.1)-(1.2). On the free
-    sides k du/dn = q. The errors are measured in the norm (k |v|_1^2 + c ||v||_0^2)^{1/2} and its dual.
+    sides k du/dn = q. Clamped sides are the keys of `u`, which has what u is there, or None for 0. c may be 0
+    if a side is clamped. The errors are measured in the norm (k |v|_1^2 + c ||v||_0^2)^{1/2} and its dual.
 
     `polygon` has the vertices (n, 2), anticlockwise; side i runs from vertex i to the next. f, g for all
-    sides or one per side (None on a free one), and q for all free sides or one per side (None on the others)
-    are formulas in x and y, as in a problem file, functions of two arrays, or arrays. Where one of them is a
-    function nothing can be guaranteed: a solution then has no bounds, and no accuracy can be asked for. A
-    function that takes one point at a time is given as `np.vectorize(function, otypes=[float])`.
+    sides with contact or one per side (None on the others), u on each clamped side, and q for all free sides
+    or one per side (None on the others) are formulas in x and y, as in a problem file, functions of two
+    arrays, or arrays. Where one of them is a function nothing can be guaranteed: a solution then has no
+    bounds, and no accuracy can be asked for. A function that takes one point at a time is given as
+    `np.vectorize(function, otypes=[float])`.
 
     An array (n,) has a value for each node of a mesh, which takes the place of the polygon: see `mesh`. It
     stands for the function that is linear on triangles and boundary edges; bounds are for that one. Of g and
@@ -76,11 +79,15 @@ def Problem(
     >>> import unilateral as ul
     >>> ul.Problem([(0, 0), (1, 0), (0, 1)], f="x - 1", g=[0, None, 0], free_sides=[1]).free_sides
     (1,)
+    >>> ul.Problem([(0, 0), (1, 0), (0, 1)], f=-1, g="-y/4", c=0, u={0: "x*(1 - x)"}).clamped_sides
+    (0,)
     """
-    of = bare(polygon, free_sides, k, c, name)
+    if not isinstance(u, Mapping | None):
+        raise InputError(f"{name}, field u: it is {shown(repr(u))}; it has to be a dict such as {{3: 0}}")
+    of = bare(polygon, free_sides, k, c, name, u or ())
     if f is None:
         raise InputError(f"{name}, field f: there is no formula; write 0 where there is none")
-    return with_data(of, f, [None] * of.polygon.n_sides if g is None else g, q)
+    return with_data(of, f, [None] * of.polygon.n_sides if g is None else g, q, u=u)
 
 
 def mesh(

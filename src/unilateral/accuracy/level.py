@@ -106,8 +106,8 @@ class Level:
     @property
     def nothing(self) -> float:
         """The error that counts as none where every number of the discrete solution is 0."""
-        mesh = self.solved.discrete.mesh
-        return max(NOTHING, 2 * mesh.growth * underflow(mesh))
+        of = self.solved.discrete
+        return max(NOTHING, 2 * of.mesh.growth * underflow(of.mesh, of.form))
 
     @property
     def certified(self) -> bool:

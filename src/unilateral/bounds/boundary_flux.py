@@ -14,7 +14,7 @@ on squares. For the third, with T the triangle at e,
     ||v||_e^2 <= C ||v||_{1,T}^2,    C = |e|/|T| (1 + (1 + a^2)^{1/2})/2,
 
 a the greater distance of the vertex off e from the ends of e, by the divergence theorem with the field
-x - vertex.
+x - vertex. If c = 0, ||v||_1 is at most (1 + C^2)^{1/2} |v|_1, C Friedrichs' constant.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.bounds.flux_residuals import SUMS
+from unilateral.bounds.source import norm
+from unilateral.fem.form import H1, Form
 from unilateral.fem.p1 import linear_parts
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
@@ -101,17 +103,13 @@ class Given(NamedTuple):
 
     @property
     def distance(self) -> float:
-        """A bound on the norm of tau - tau~ in the dual of H^1."""
-        return _norm(self.squares)
+        """A bound on the norm of tau - tau~ as a functional."""
+        return norm(self.squares)
 
     @property
     def unknown(self) -> float:
         """The part of that bound that is for tau - p."""
-        return _norm(self.doubts)
-
-
-def _norm(squares: Array) -> float:
-    return float(np.sqrt(squares.sum(axis=1)).sum())
+        return norm(self.doubts)
 
 
 def nothing(mesh: Mesh) -> Given:
@@ -120,7 +118,7 @@ def nothing(mesh: Mesh) -> Given:
     return Given(np.zeros((nb, 2)), *np.zeros((2, 2, nb)))
 
 
-def given(flux: Flux, mesh: Mesh) -> Given:
+def given(flux: Flux, mesh: Mesh, form: Form = H1) -> Given:
     """The `Given` of a problem's flux on a mesh; infinite where the flux has no bound."""
     if not flux.given.any():
         return nothing(mesh)
@@ -135,10 +133,11 @@ def given(flux: Flux, mesh: Mesh) -> Given:
     ends = linear_parts(mesh, edge, x, weight, p)
     away = p - ends[edge, :1] * (1 - x) - ends[edge, 1:] * x
     left = np.sqrt(np.bincount(edge, np.sum(weight * away**2, axis=1), len(ends)))
-    norm, integral = _of_rho(flux, mesh, edge, 2 * half, flux.doubt[piece])
+    size, integral = _of_rho(flux, mesh, edge, 2 * half, flux.doubt[piece])
     rounding = _rounding(flux, mesh, edge, np.abs(p).max(axis=1))
-    norm, integral = norm + np.sqrt(lengths) * rounding, integral + lengths * rounding
-    return Given(ends, *(_squares(mesh, rest, norm, integral) for rest in (left, np.zeros_like(left))))
+    size, integral = size + np.sqrt(lengths) * rounding, integral + lengths * rounding
+    integral *= form.of_H1
+    return Given(ends, *(_squares(mesh, rest, size, integral) for rest in (left, np.zeros_like(left))))
 
 
 def _of_rho(flux: Flux, mesh: Mesh, edge: Index, length: Array, doubt: Array) -> tuple[Array, Array]:
@@ -167,11 +166,11 @@ def _rounding(flux: Flux, mesh: Mesh, edge: Index, size: Array) -> Array:
     return np.asarray(largest * (ROUNDING * terms + flux.reach / np.diff(mesh.s)))
 
 
-def _squares(mesh: Mesh, left: Array, norm: Array, integral: Array) -> Array:
+def _squares(mesh: Mesh, left: Array, size: Array, integral: Array) -> Array:
     """(2, nb) the squares of `Given`, from ||p - tau~|| and bounds on ||rho|| and on the integral of rho."""
     lengths, square = np.diff(mesh.s), has_square(mesh)
-    on_square = math.sqrt(ON_SQUARE) * left + math.sqrt(MEAN_FREE_ON_SQUARE) * norm
-    on_triangle = np.sqrt(trace_constants(mesh)) * (left + norm)
+    on_square = math.sqrt(ON_SQUARE) * left + math.sqrt(MEAN_FREE_ON_SQUARE) * size
+    on_triangle = np.sqrt(trace_constants(mesh)) * (left + size)
     of_mean = np.sqrt(value_constants(mesh) / lengths) * integral
     on_squares = np.where(square, np.sqrt(lengths) * on_square, 0.0)
     return np.stack([on_squares, np.where(square, 0.0, on_triangle) + of_mean]) ** 2

@@ -1,5 +1,7 @@
 """The constraint v >= g on the boundary edges of a mesh, for v of P2: g as a piecewise polynomial p on them.
 
+On clamped edges it is v = u_D, and p is near u_D.
+
 On every edge p is known at Gauss points of intervals, which determine a polynomial; its sign there is found
 from its coefficients in Bernstein's basis.
 """
@@ -22,6 +24,11 @@ PARTS = 8
 """Every edge is cut into this many equal intervals, on each of which the sign of p - v is asked for."""
 JUMP = 1e-13
 """p counts as jumping at a vertex if its two values there differ by more than this times the largest |p|."""
+SLOPE = 2 * ORDER**2 * PARTS
+"""A polynomial of that degree on a PARTS-th of an edge, of size 1, rises at most so steeply per edge.
+
+That is Markov's inequality.
+"""
 ON_INTERVALS = ("edge", "x", "weight", "p", "slope", "doubt", "upper")
 """The fields of a `Constraint` that are given for each interval."""
 
@@ -36,7 +43,8 @@ class Constraint:
     the edge from p on the edge before or after. `rounding` (nb,) is that of p. The other fields belong to
     K intervals of edges with Q points each: the `edge` (K,); the places `x` (K, Q) in [0, 1] on it, their
     `weight`, `p` and its derivative, the `slope`; the `doubt` (K,), which includes the rounding of p; and an
-    `upper` bound (K,) on g.
+    `upper` bound (K,) on g. The edges `clamped` (nb,) have v = u_D, and `steep` (nb,) bounds the L2 norm of
+    the derivative of u_D - p there.
     """
 
     mesh: Mesh
@@ -51,6 +59,8 @@ class Constraint:
     rounding: Array
     doubt: Array
     upper: Array
+    clamped: Mask
+    steep: Array
 
     @cached_property
     def highest(self) -> Array:
@@ -85,8 +95,9 @@ class Constraint:
         return np.asarray(of, dtype=float)
 
 
-def constraint(obstacle: Obstacle, mesh: Mesh, on: Mask) -> Constraint:
-    """The constraint v >= g on the edges `on` (nb,)."""
+def constraint(obstacle: Obstacle, mesh: Mesh, on: Mask, clamped: Mask | None = None) -> Constraint:
+    """The constraint v >= g on the edges `on` (nb,), of which some (nb,) may be `clamped`."""
+    clamped = np.zeros_like(on) if clamped is None else clamped
     lengths, start = np.diff(mesh.s), np.arange(len(on))
     unknowns = np.column_stack([start, np.roll(start, -1), len(on) + start])
     inner = mesh.s[:-1, None] + lengths[:, None] * np.arange(PARTS) / PARTS
@@ -99,7 +110,7 @@ def constraint(obstacle: Obstacle, mesh: Mesh, on: Mask) -> Constraint:
     s, piece = middle[:, None] + half[:, None] * nodes, obstacle.on(middle)
     p, slope = obstacle.at(piece[:, None], s)
     x = np.clip((s - mesh.s[edge][:, None]) / lengths[edge][:, None], 0.0, 1.0)
-    at_unknowns, rise, jumps = _at_ends(_at_unknowns(obstacle, mesh), unknowns, on)
+    at_unknowns, rise, jumps = _at_ends(obstacle.on_edges(mesh.s), unknowns, on)
     p += rise[edge, :1] * (1 - x) + rise[edge, 1:] * x
     slope += (np.diff(rise)[:, 0] / lengths)[edge][:, None]
     rounding = np.zeros(len(lengths))
@@ -118,7 +129,15 @@ def constraint(obstacle: Obstacle, mesh: Mesh, on: Mask) -> Constraint:
         rounding=rounding,
         doubt=obstacle.doubt[piece] + 2 * rounding[edge] + rise.max(axis=1)[edge],
         upper=obstacle.upper[piece],
+        clamped=clamped,
+        steep=_steep(obstacle.steep[piece], edge, 2 * half, (rounding + rise.max(axis=1)) / lengths, clamped),
     )
+
+
+def _steep(doubt: Array, edge: Index, length: Array, of_p: Array, clamped: Mask) -> Array:
+    """(nb,) L2 norms on clamped edges, from the `doubt` (K,) on intervals and that of p (nb,)."""
+    known = np.where(clamped, SLOPE * of_p, 0.0)[edge]
+    return np.sqrt(np.bincount(edge, length * (doubt + known) ** 2, len(of_p)))
 
 
 def _at_ends(on_edges: Array, unknowns: Index, on: Mask) -> tuple[Array, Array, Mask]:
@@ -138,14 +157,6 @@ def _at_ends(on_edges: Array, unknowns: Index, on: Mask) -> tuple[Array, Array, 
     rise = np.where(jumps[:, None], 0.0, lacking)
     at_unknowns[unknowns[:, 2]] += rise.mean(axis=1)
     return at_unknowns, rise, jumps
-
-
-def _at_unknowns(obstacle: Obstacle, mesh: Mesh) -> Array:
-    """(nb, 3) p at the start, the end and the midpoint of every edge, from inside the edge."""
-    inner = np.stack([mesh.s[:-1], mesh.s[1:], 0.5 * (mesh.s[1:] + mesh.s[:-1])], axis=1)
-    piece = obstacle.on(inner)
-    piece[:, 1] = np.searchsorted(obstacle.points, mesh.s[1:]) - 1
-    return obstacle.at(np.clip(piece, 0, len(obstacle.side) - 1), inner)[0]
 
 
 @cache

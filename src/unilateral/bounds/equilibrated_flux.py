@@ -6,15 +6,18 @@ flux through the edges opposite to a, and
     div q_a = the mean on each triangle of psi_a (u_h - f) + grad psi_a . grad u_h,
     q_a.n   = a linear function with the integral of psi_a sigma, on boundary edges at a,
 
-nearest to psi_a grad u_h in L2. The sum of the hats is 1 and that of their gradients 0, whence div q.
-Divergence and flux of a patch fit together because (u_h, psi_a)_1 = (f, psi_a) + <sigma, psi_a>; what is left
-of that equation is spread evenly over the patch, and is found again in div q (Braess and Schoeberl, Math.
+nearest to psi_a grad u_h in L2. On clamped edges q_a.n is free. If the form has no reaction, u_h is left out
+of u_h - f. The sum of the hats is 1 and that of their gradients 0, whence div q.
+Divergence and flux of a patch fit together because (u_h, psi_a) = (f, psi_a) + <sigma, psi_a>; what is left
+of that equation is spread evenly over the patch, and is found again in div q. At clamped edges they always
+fit (Braess and Schoeberl, Math.
 Comp. 77, 2008; Ern and Vohralik, SIAM J. Numer. Anal. 53, 2015).
 
 The triangles T_0, T_1, .. of a patch are anticlockwise around a, T_j = (a, b_j, b_{j+1}). The flux into T_j
 through the spoke from a to b_j, times its length, is linear, with the values F_j + z_j at a and F_j - z_j at
-b_j. The divergence determines F_{j+1} - F_j; the unknowns are all z_j and, inside the domain, F_0. They solve
-a periodic tridiagonal system with a border, which is eliminated for many patches at once. A spoke has a
+b_j. The divergence determines F_{j+1} - F_j; the unknowns are all z_j and, where no flux into the patch is
+given, F_0. They solve a periodic tridiagonal system with a border, which is eliminated for many patches at
+once. A spoke has a
 number: 2 e + i goes from end i of edge e to the other one.
 
 q is given by its values on edges. So whatever rounding does to these values, q is in H(div), with that q.n up
@@ -54,26 +57,31 @@ class _Numbers(NamedTuple):
     slope: Array
 
 
-def equilibrated(mesh: Mesh, u_h: Array, moments: Callable[[slice], Array], sigma: Array) -> Array:
+def equilibrated(
+    mesh: Mesh, u_h: Array, moments: Callable[[slice], Array], sigma: Array, reaction: float = 1.0
+) -> Array:
     """q on the edges of the `triangulation`, (2, E): their flows (E,) and tilts (E,).
 
     The flux over an edge to its left, times the edge's length, is linear along it. At the first end of the
     edge it is the flow plus the tilt, at the second end the flow minus the tilt. `moments` gives the moments
     (k, 3) of f with the hats of some triangles; `sigma` (nb, 2) are the values at the ends of the boundary
-    edges of q.n, which is linear there.
+    edges of q.n, which is linear there. They are NaN where it is not given.
     """
     ends, boundary = mesh.triangulation.ends.ravel(), mesh.triangulation.boundary
     after, f = around(mesh, moments)
     flow, tilt = q = np.zeros((2, len(ends) // 2))
     for edge, spokes in fans(mesh, after):
         left = spokes[:-1]
-        numbers = _numbers(mesh, u_h, ends.take(spokes[0]), ends.take(spokes ^ 1), f.take(left))
-        at_boundary = edge.size > 0
-        F, z = _at_the_boundary(numbers, *_given(mesh, sigma, edge)) if at_boundary else _inside(numbers)
+        numbers = _numbers(mesh, u_h, ends.take(spokes[0]), ends.take(spokes ^ 1), f.take(left), reaction)
+        if edge.size:
+            left, (F, z) = spokes, _at_the_boundary(numbers, *_given(mesh, sigma, edge))
+        else:
+            F, z = _inside(numbers)
         at, sign = (left >> 1).ravel(), 1 - 2 * (left & 1)
         np.add.at(flow, at, (F * sign).ravel())
         np.add.at(tilt, at, z.ravel())
-    flow[boundary], tilt[boundary] = -0.5 * np.diff(mesh.s) * (sigma.T[0] + [[1], [-1]] * sigma.T[1])
+    q_n = -0.5 * np.diff(mesh.s) * (sigma.T[0] + [[1], [-1]] * sigma.T[1])
+    q[:, boundary] = np.where(np.isnan(q_n), q[:, boundary], q_n)
     return q
 
 
@@ -126,7 +134,7 @@ def fans(mesh: Mesh, after: Int32) -> Iterator[tuple[Int32, Int32]]:
             yield number[part[: len(part) * (which % 2)]], fan
 
 
-def _numbers(mesh: Mesh, u_h: Array, a: Int32, b: Int32, moments: Array) -> _Numbers:
+def _numbers(mesh: Mesh, u_h: Array, a: Int32, b: Int32, moments: Array, reaction: float = 1.0) -> _Numbers:
     """The numbers for nodes a (p,), nodes b (k + 1, p) around them, and `moments` (k, p) of f with psi_a."""
     points = mesh.points.ravel()
     x, y = (points.take(2 * b + i) - points.take(2 * a + i) for i in range(2))
@@ -135,7 +143,7 @@ def _numbers(mesh: Mesh, u_h: Array, a: Int32, b: Int32, moments: Array) -> _Num
     area = 0.5 * (x[:-1] * y[1:] - y[:-1] * x[1:])
     square, scale = x * x + y * y, 0.25 / area
     bb, cc, bc = square[1:] * scale, square[:-1] * scale, (x[:-1] * x[1:] + y[:-1] * y[1:]) * -scale
-    d = area / 12 * (4 * u + slope[:-1] + slope[1:]) - moments
+    d = reaction * area / 12 * (4 * u + slope[:-1] + slope[1:]) - moments
     d -= (bb + bc) * slope[:-1] + (cc + bc) * slope[1:]
     return _Numbers(area, d, bb, cc, bc, slope)
 
@@ -235,19 +243,29 @@ def _dot(a: Array, b: Array) -> Array:
 
 
 def _at_the_boundary(of: _Numbers, into: Array, out: Array) -> Array:
-    """(2, k, p) F and z on the spokes of p nodes at the boundary, from those (2, p) on the outer spokes."""
-    S, k = _sums(of, into[0], out[0]), len(of.d)
+    """(2, k + 1, p) F and z on the spokes of p nodes at the boundary, from those (2, p) on the outer spokes.
+
+    Where the flux through an outer spoke is not given these are NaN, and F_0, if neither is, is an unknown.
+    """
+    given, whole = ~np.isnan([into[0], out[0]]), of.d.sum(axis=0)
+    start = np.where(given[0], into[0], np.where(given[1], out[0] - whole, -0.5 * whole))
+    S = _sums(of, start, np.where(given[1], out[0], start + whole))
     own, load, load_next = _terms(of, S)
-    diagonal, off, load = own[1:] + own[:-1], of.bc, load[1:] + load_next[:-1]
-    z = np.empty_like(S)
-    z[0], z[k] = into[1], out[1]
-    if k > 1:
-        load[0] -= off[0] * z[0]
-        load[-1] -= off[-1] * z[k]
-    for j in range(k - 2):
-        factor = off[j + 1] / diagonal[j]
-        diagonal[j + 1] -= factor * off[j + 1]
-        load[j + 1] -= factor * load[j]
-    for j in range(k - 2, -1, -1):
-        z[j + 1] = (load[j] - (off[j + 1] * z[j + 2] if j < k - 2 else 0)) / diagonal[j]
-    return np.stack([S[:k], z[:k]])
+    with_b, with_c = of.bb + of.bc, of.cc + of.bc
+    none, columns = np.zeros((1, S.shape[1])), np.zeros((3, *S.shape))
+    diagonal, columns[1], columns[2] = (
+        np.concatenate([after, none]) + np.concatenate([none, before])
+        for after, before in ((own, own), (-with_c, -with_b), (load, load_next))
+    )
+    off = np.concatenate([of.bc, none])
+    for held, j, beside, next_, z in ((given[0], 0, 0, 1, into[1]), (given[1], -1, -2, -2, out[1])):
+        columns[2, next_] -= np.where(held, off[beside] * z, 0.0)
+        off[beside, held] = 0.0
+        diagonal[j, held], columns[1, j, held], columns[2, j, held] = 1.0, 0.0, z[held]
+    free, both = ~given.any(axis=0), with_b + with_c
+    columns[1, :, ~free] = 0.0
+    of_F = with_b * S[:-1] + with_c * S[1:] + both * (S[:-1] + S[1:])
+    load_of_F = 0.5 * (of.slope[-1] - of.slope[0]) - of_F.sum(axis=0)  # inside the domain slopes cancel
+    corner = np.where(free, 1.5 * both.sum(axis=0), 1.0)
+    z, F = _periodic(diagonal, off, columns, corner, np.where(free, load_of_F, 0.0))
+    return np.stack([S + 0.5 * F, z])

@@ -12,6 +12,11 @@ for w(q + t (s - q), k (1 - t)) = t r(s) has the gradient (r', ((s - q) r' - r) 
 Where g is smooth r' = O(h^2), and ||w||_1 = O(h^{5/2}). At last a function of V_h is added that is at least
 the doubt on every edge where v + w >= g needs it. (u_h, lambda_H) says where there is contact.
 
+On clamped edges v + w + more = u_D. As in contact r = p - v has any sign, and u_D - p is known up to its
+doubt, and its derivative in L2. At the nodes there the last function may have either sign. What is left of
+u_D - p then vanishes at the ends of e. For such a function rho, ||rho||_e <= |e| ||rho'||_e / pi, so that
+the norm of its extension is at most a multiple of ||rho'||_e.
+
 Nothing is left to quadrature. Integrals of polynomials are exact, and where the sign of p - v is not that of
 all its coefficients in Bernstein's basis, that of (p - v)_+^2 is taken to be that of (p - v)^2.
 """
@@ -26,6 +31,7 @@ import numpy as np
 from unilateral.arrays import Array, Mask
 from unilateral.bounds.boundary_flux import EdgeFlux
 from unilateral.bounds.constraint import ROUNDING, Constraint, bernstein_bounds, constraint
+from unilateral.fem.form import H1, Form
 from unilateral.fem.p2 import Layer, layer
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.obstacle_and_flux import Obstacle
@@ -48,12 +54,14 @@ class Missing(NamedTuple):
     """Bounds on ||w||_1^2 and on <q.n, v + w + added - g>, edge by edge, and what is added for the doubt.
 
     The sum of `squares` (nb,) is at least ||w||_1^2, and the sum of `slack` (nb,) is a bound on the product;
-    `added` (nb,) are values at the boundary nodes.
+    `added` (nb,) are values at the boundary nodes. At those of clamped sides any value may be added whose
+    size is at most that in `either` (nb,), which is 0 at the others.
     """
 
     squares: Array
     slack: Array
     added: Array
+    either: Array
 
     @property
     def norm(self) -> float:
@@ -75,7 +83,7 @@ def raised(g: Constraint, v: Array, contact: Mask, flux: Array, stiffness: Array
     `flux` is that of `missing`.
     """
     v = np.where(contact, g.at_unknowns, np.maximum(v, g.at_unknowns))
-    touching = contact[g.unknowns].all(axis=1) & ~g.jumps
+    touching = g.clamped | contact[g.unknowns].all(axis=1) & ~g.jumps
     g = g.near(v, touching | flux.any(axis=1))
     above, by = v.copy(), _bubbles(g, v)
     above[g.unknowns[:, 2]] += by
@@ -89,9 +97,9 @@ def raised(g: Constraint, v: Array, contact: Mask, flux: Array, stiffness: Array
         )
     )
     lifted += stiffness * by**2
-    lift = lifted < np.where(touching, np.minimum(extended, kept), kept)
+    lift = (lifted < np.where(touching, np.minimum(extended, kept), kept)) & ~g.clamped
     v[g.unknowns[lift, 2]] = above[g.unknowns[lift, 2]]
-    return v, touching & ~lift & (extended <= kept)
+    return v, g.clamped | touching & ~lift & (extended <= kept)
 
 
 def missing(g: Constraint, v: Array, touching: Mask, flux: Array) -> Missing:
@@ -102,9 +110,11 @@ def missing(g: Constraint, v: Array, touching: Mask, flux: Array) -> Missing:
     mesh, triangle = g.mesh, g.mesh.boundary_triangles
     squares, slack, doubt = _short(g.near(v, touching | flux.any(axis=1)), v, touching, flux)
     shared = np.bincount(triangle, minlength=len(mesh.triangles))[triangle]
-    added = np.maximum(doubt, np.roll(doubt, 1))
+    added, fixed = np.maximum(doubt, np.roll(doubt, 1)), g.clamped | np.roll(g.clamped, 1)
     most, push = np.maximum(added, np.roll(added, -1)), 0.5 * np.diff(mesh.s) * flux.sum(axis=1)
-    return Missing(shared * squares, slack + most * push, added)
+    return Missing(
+        shared * squares, slack + most * push, np.where(fixed, 0.0, added), np.where(fixed, added, 0.0)
+    )
 
 
 def _bubbles(g: Constraint, v: Array) -> Array:
@@ -128,6 +138,7 @@ def _short(g: Constraint, v: Array, touching: Mask, flux: Array) -> tuple[Array,
     r_prime, counts = g.slope - slope, (any_sign | (high > 0))[:, None]
     of_r, of_slope, of_arm = (g.integrals(y**2 * counts) for y in (r, r_prime, arm * r_prime))
     squares = 0.5 * (height * of_slope + (of_arm + 2 * of_r) / height) + 0.25 * height * of_r
+    squares = (np.sqrt(squares) + g.steep * np.sqrt(_per_slope(g.mesh, foot, height))) ** 2
     above = np.where(counts, np.maximum(-low, 0.0)[:, None], -r)
     above = np.where(any_sign[:, None], 0.0, above) + doubts[:, None]
     q_n = flux[g.edge, :1] * (1 - g.x) + flux[g.edge, 1:] * g.x
@@ -136,6 +147,13 @@ def _short(g: Constraint, v: Array, touching: Mask, flux: Array) -> tuple[Array,
     doubt = np.zeros(len(g.unknowns))
     np.maximum.at(doubt, g.edge, np.where(needed, doubts, 0.0))
     return squares, slack, doubt
+
+
+def _per_slope(mesh: Mesh, foot: Array, height: Array) -> Array:
+    """(nb,) bounds on ||w||_1^2 for an r that vanishes at the ends of the edge, with ||r'||_e = 1."""
+    lengths = np.diff(mesh.s)
+    arm, of_r = np.maximum(np.abs(foot), np.abs(lengths - foot)), (lengths / math.pi) ** 2
+    return 0.5 * (height + (arm**2 + 2 * of_r) / height) + 0.25 * height * of_r
 
 
 def _vertex_off_edge(mesh: Mesh) -> tuple[Array, Array]:
@@ -176,14 +194,25 @@ class Lifting(NamedTuple):
         return *_coefficients(v - before), missing(self.g, v, touching, self.flux)
 
     def added(self, short: Missing) -> Array:
-        """(k,) the squared norms of what is added for the doubt on the layer's triangles."""
-        return self.of.norms(*self.of.function(short.added, np.zeros_like(short.added)))
+        """(k,) bounds on the squared norms of what is added for the doubt on the layer's triangles."""
+        none = np.zeros_like(short.added)
+        of_added = self.of.norms(*self.of.function(short.added, none))
+        if not np.any(short.either):
+            return of_added
+        values, _ = self.of.function(short.either, none)
+        hats = (self.of.norms(np.broadcast_to(hat, values.shape), 0 * values) for hat in np.eye(3))
+        of_either = sum(np.sqrt(of_hat) * value for of_hat, value in zip(hats, values.T, strict=True))
+        return (np.sqrt(of_added) + of_either) ** 2
 
 
-def lifting(mesh: Mesh, obstacle: Obstacle, u_h: Array, flux: EdgeFlux, held: Mask) -> Lifting:
-    """The lifting for u_h (n,), with g on the edges `held` (nb,)."""
-    g = constraint(obstacle, mesh, held)
+def lifting(
+    mesh: Mesh, obstacle: Obstacle, u_h: Array, flux: EdgeFlux, held: Mask, form: Form = H1
+) -> Lifting:
+    """The lifting for u_h (n,), with g on the edges `held` (nb,), and u_D on those that the form clamps."""
+    clamped = form.edges(mesh)
+    g = constraint(obstacle, mesh, held | clamped, clamped)
     contact = in_contact(g, _trace(u_h[mesh.boundary], np.zeros(len(held))), flux.push)
+    contact[g.unknowns[clamped]] = True
     return Lifting(layer(mesh), g, contact, flux.ends)
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from unilateral.arrays import Array, Index, blocks
 from unilateral.bounds.equilibrated_flux import flows
 from unilateral.bounds.source import Source
+from unilateral.fem.form import H1, Form
 from unilateral.fem.p2 import linear_squares
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.refinement import CORNERS
@@ -33,9 +34,10 @@ by areas.
 """
 
 
-def underflow(mesh: Mesh) -> float:
+def underflow(mesh: Mesh, form: Form = H1) -> float:
     """What underflow takes on a mesh; it is added to a bound."""
-    return UNDERFLOW * (1 + mesh.polygon.perimeter**2) + DIVIDED / math.sqrt(float(mesh.areas.min()))
+    divided = DIVIDED / math.sqrt(float(mesh.areas.min()))
+    return form.of_H1 * (UNDERFLOW * (1 + mesh.polygon.perimeter**2) + divided)
 
 
 def misfit(mesh: Mesh, u_h: Array, q: Array, of: Index | slice) -> Array:
@@ -61,10 +63,10 @@ def _misfit(mesh: Mesh, node: Index, u: Array, ends: tuple[Array, Array], area: 
     return found
 
 
-def defects(source: Source, u_h: Array, q: Array) -> tuple[Array, Array, float]:
+def defects(source: Source, u_h: Array, q: Array, reaction: float = 1.0) -> tuple[Array, Array, float]:
     """(m,) ||grad u_h - q||^2 and u_h - f~ - div q on each triangle, and what rounding adds to the norm.
 
-    That includes what the exact mesh adds.
+    That includes what the exact mesh adds. Without a reaction u_h is left out of the second one.
     """
     mesh, sizes, stretched = source.mesh, 0.0, _stretched(source.mesh, q)
     squares, residual = np.empty((2, len(mesh.triangles)))
@@ -73,7 +75,7 @@ def defects(source: Source, u_h: Array, q: Array) -> tuple[Array, Array, float]:
         u, (first, last) = u_h.take(node), flows(mesh, q, of)
         squares[of] = linear_squares(area, _misfit(mesh, node, u, (first, last), area).transpose(2, 1, 0))
         flow, steep, over = _sum(first) + _sum(last), mesh.longest_edges[of] / area, 1 / area
-        residual[of] = _sum(u) / 3 + (0.5 * flow - _sum(moments)) * over
+        residual[of] = reaction * _sum(u) / 3 + (0.5 * flow - _sum(moments)) * over
         u, first, last = np.abs(u), np.abs(first), np.abs(last)
         most = _largest([first[k] + last[j] for _, j, k in CORNERS])
         size = _largest(u) * (1 + steep) + (_sum(first) + _sum(last)) * (steep + over)

@@ -44,8 +44,9 @@ from unilateral.bounds.boundary_flux import Given, edge_flux, nothing
 from unilateral.bounds.equilibrated_flux import equilibrated
 from unilateral.bounds.feasible import lifting
 from unilateral.bounds.flux_residuals import SUMS, defects, misfit, root, underflow
-from unilateral.bounds.source import Source
+from unilateral.bounds.source import Source, norm
 from unilateral.errors import InputError
+from unilateral.fem.form import H1, Form
 from unilateral.fem.p2 import Layer, linear_squares, slopes_at_nodes, squares
 from unilateral.geometry import exact_mesh
 from unilateral.geometry.mesh import Mesh
@@ -91,33 +92,36 @@ def local_bound(
     lambda_H: Array,
     free: Collection[int] = (),
     given: Given | None = None,
+    form: Form = H1,
 ) -> LocalBound:
     """Bounds for any u_h (n,) in V_h and lambda_H (m,) in Lambda_H, which is 0 on the `free` sides.
 
-    On these the flux is 0 unless it is `given`.
+    On these the flux is 0 unless it is `given`. lambda_H is 0, too, on sides that the form clamps, and u_h
+    has there the values of the obstacle's polynomials at nodes.
 
     The nearer (u_h, lambda_H) is to the discrete solution, the sharper they are. Raises InputError if the
     arrays do not fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on a free side.
     """
-    mesh = source.mesh
-    check(mesh, cells, u_h, lambda_H, free)
-    flux, held, tau = edge_flux(mesh, cells, lambda_H), ~np.isin(mesh.side, [*free]), given or nothing(mesh)
-    q = equilibrated(mesh, u_h, source.moments_on, flux.ends + tau.ends)
-    lift = lifting(mesh, obstacle, u_h, flux, held)
+    mesh, without = source.mesh, [*free, *form.clamped]
+    check(mesh, cells, u_h, lambda_H, without)
+    flux, held, tau = edge_flux(mesh, cells, lambda_H), ~np.isin(mesh.side, without), given or nothing(mesh)
+    q = flux_of(source, u_h, flux.ends + tau.ends, form)
+    lift = lifting(mesh, obstacle, u_h, flux, held, form)
     *of_boundary, short = lift.lifted(u_h[mesh.boundary], np.zeros(len(held)))
     of, d = lift.of, lift.of.function(*of_boundary)
-    of_gradient, residual, rounding = defects(source, u_h, q)
+    of_gradient, residual, rounding = defects(source, u_h, q, form.reaction)
     of_d, of_added = of.norms(*d), lift.added(short)
     more = short.norm + root(of_added)
     distance = (1 + SUMS) * (root(of_d) + more)
-    inside = of_gradient + mesh.areas * residual**2
+    unbalanced, of_residual = of_divergence(form, mesh.areas * residual**2, rounding)
+    inside = of_gradient + of_residual
     defect, slack = root(inside) + rounding, 2 * short.product
     of_u = (1 + SUMS) * math.hypot(defect, distance, math.sqrt(slack))
-    moved = _of_feasible(of, u_h, q, inside, residual, *d)
+    moved = _of_feasible(of, u_h, q, inside, form.reaction, residual, *d)
     eta = (1 + SUMS) * math.hypot(root(moved) + rounding + more, math.sqrt(slack))
-    of_data = _of_data(source, u_h)
-    data = (1 + SUMS) * (root(of_data) + tau.distance) + underflow(mesh)
-    doubt, shares = root(of_added) + tau.unknown, inside + of_data
+    of_data = _of_data(source, u_h, form)
+    data = (1 + SUMS) * (norm(of_data) + tau.distance + unbalanced) + underflow(mesh, form)
+    doubt, shares = root(of_added) + tau.unknown, inside + of_data.sum(axis=0)
     shares[of.triangles] += of_d + of_added
     np.add.at(shares, mesh.boundary_triangles, short.squares + 2 * short.slack + tau.squares.sum(axis=0))
     return LocalBound(
@@ -125,12 +129,29 @@ def local_bound(
         lambda_=mesh.growth * (min(distance + of_u, eta) + flux.distance(mesh) + data) if held.any() else 0.0,
         lifting=distance,
         data=data,
-        unknown=source.unknown + doubt,
-        irreducible=doubt + source.irreducible,
+        unknown=form.friedrichs * source.unknown + doubt,
+        irreducible=doubt + form.friedrichs * source.irreducible,
         flux=root(of_gradient),
         residual=math.sqrt(mesh.areas @ residual**2),
         shares=shares,
     )
+
+
+def flux_of(source: Source, u_h: Array, sigma: Array, form: Form) -> Array:
+    """The flux by `equilibrated` with q.n = sigma (nb, 2) on the edges that are not clamped."""
+    given = np.where(form.edges(source.mesh)[:, None], math.nan, sigma)
+    return equilibrated(source.mesh, u_h, source.moments_on, given, form.reaction)
+
+
+def of_divergence(form: Form, squares: Array, rounding: float) -> tuple[float, Array]:
+    """What u_h - f~ - div q, with these `squares` (m,), adds to the data, and to the squares of R.
+
+    Without a reaction f~ is taken to be -div q. The functional of what that changes has at most the norm of
+    the difference times Friedrichs' constant.
+    """
+    if form.reaction:
+        return 0.0, squares
+    return form.friedrichs * (root(squares) + rounding), np.zeros_like(squares)
 
 
 def check(mesh: Mesh, cells: Partition, u_h: Array, lambda_H: Array, free: Collection[int]) -> None:
@@ -148,25 +169,32 @@ def check(mesh: Mesh, cells: Partition, u_h: Array, lambda_H: Array, free: Colle
         raise InputError(f"lambda_H has the value {np.min(lambda_H):.4g}; it must not be negative")
     loaded = np.flatnonzero(np.isin(cells.side, [*free]) & (lambda_H > 0))
     if loaded.size:
-        raise InputError(f"lambda_H is not 0 on side {cells.side[loaded[0]]}, which is free; it must be")
+        raise InputError(
+            f"lambda_H is not 0 on side {cells.side[loaded[0]]}, which has no contact; it must be"
+        )
 
 
 def _of_feasible(
-    of: Layer, u_h: Array, q: Array, inside: Array, residual: Array, hats: Array, bubbles: Array
-) -> Array:
-    """(m,) ||grad v - q||^2 + ||v - f~ - div q||^2 for v = u_h + d, from that for u_h, `inside`."""
+    of: Layer, u_h: Array, q: Array, inside: Array, reaction: float, residual: Array, hats: Array, bubbles:
+    Array
+) -> Array:  # fmt: skip
+    """(m,) ||grad v - q||^2 + ||v - f~ - div q||^2 for v = u_h + d, from that for u_h, `inside`.
+
+    Without a reaction it is the first of both.
+    """
     here = of.triangles
     gradient = misfit(of.mesh, u_h, q, here) + slopes_at_nodes(of.slopes, hats, bubbles)
     moved = inside.copy()
-    moved[here] = linear_squares(of.areas, gradient) + squares(of.areas, hats + residual[here, None], bubbles)
+    of_values = squares(of.areas, hats + residual[here, None], bubbles)
+    moved[here] = linear_squares(of.areas, gradient) + reaction * of_values
     return moved
 
 
-def _of_data(source: Source, u_h: Array) -> Array:
-    """(m,) the squares whose sum's root bounds the norm of f - f~ in the dual of H^1."""
-    mesh, squares = source.mesh, np.empty(len(source.f_h))
-    for of in blocks(len(squares)):
-        a, b, c = source.f_h[of].T - u_h.take(mesh.triangles[of].T)
+def _of_data(source: Source, u_h: Array, form: Form = H1) -> Array:
+    """(r, m) the squares whose `norm` bounds that of f - f~ as a functional."""
+    mesh, squares = source.mesh, np.empty((1 if form.reaction else 2, len(source.f_h)))
+    for of in blocks(squares.shape[1]):
+        a, b, c = source.f_h[of].T - form.reaction * u_h.take(mesh.triangles[of].T)
         more = np.sqrt(mesh.areas[of] / 36 * ((b - a) ** 2 + (c - b) ** 2 + (a - c) ** 2))
-        squares[of] = source.squares_with(more, of)
+        squares[:, of] = source.squares_with(more, form, of)
     return squares

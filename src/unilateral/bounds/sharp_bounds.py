@@ -13,10 +13,11 @@ x_k, and the hats psi_k there, q gets theta r,
 
 since div (psi_k (x - x_k)) = 3 psi_k - 1. On small triangles theta is nearly 1, and w - f_h - div q is nearly
 0 there, but for what `balanced` leaves; on triangles larger than 1 all of r would cost more than it gains.
-With curl phi, phi of P2 and 0 on the boundary, q.n and div q stay what they are: these are all fluxes
-of RT1 with that q.n and div q. The potential v of P2 is g where (u_h, lambda_H) is in contact and goes from w
-towards the solution of (1.1) with dv/dn = tau~ on free sides and 0 elsewhere; at last it is made feasible.
-Both reduce
+With curl phi, phi of P2 and 0 on the boundary but for clamped sides, div q, and q.n on the other sides, stay
+what they are: these are all fluxes of RT1 with those. If c = 0, theta is 1, and the square of v - f_h - div q
+is left out. The potential v of P2 is g where (u_h, lambda_H) is in contact, u_D on clamped sides, and goes
+from w towards the solution of (1.1) with dv/dn = tau~ on free sides and 0 elsewhere; at last it is made
+feasible. Both reduce
 
     eta^2 = ||grad v - q||^2 + ||v - f_h - div q||^2 + 2 <sigma, v - g>
 
@@ -40,13 +41,14 @@ import numpy as np
 
 from unilateral.arrays import Array
 from unilateral.bounds.boundary_flux import Given, edge_flux, nothing
-from unilateral.bounds.equilibrated_flux import equilibrated
 from unilateral.bounds.feasible import Lifting, Missing, lifting
 from unilateral.bounds.flux_residuals import ROUNDING, SUMS, defects, misfit, root, underflow
-from unilateral.bounds.local_bounds import Bound, check
+from unilateral.bounds.local_bounds import Bound, check, flux_of, of_divergence
 from unilateral.bounds.source import Source
+from unilateral.fem.condense import matrix
+from unilateral.fem.form import H1, Form
 from unilateral.fem.linear_systems import solved
-from unilateral.fem.p1 import edge_load, lumped_mass, stiffness_and_mass
+from unilateral.fem.p1 import edge_load, lumped_mass, of_rest
 from unilateral.fem.p2 import Quadratic, linear_squares, quadratic, squares
 from unilateral.geometry.partition import Partition
 from unilateral.problems.obstacle_and_flux import Obstacle
@@ -81,16 +83,17 @@ def sharp_bound(
     lambda_H: Array,
     free: Collection[int] = (),
     given: Given | None = None,
+    form: Form = H1,
 ) -> SharpBound:
     """Bounds for what `local_bound` takes, which raises InputError likewise.
 
     The nearer (u_h, lambda_H) is to the discrete solution, the sharper they are.
     """
-    mesh = source.mesh
-    check(mesh, cells, u_h, lambda_H, free)
-    flux, held, tau = edge_flux(mesh, cells, lambda_H), ~np.isin(mesh.side, [*free]), given or nothing(mesh)
-    spaces, lift = quadratic(mesh), lifting(mesh, obstacle, u_h, flux, held)
-    away = _away(spaces, source, u_h, flux.ends + tau.ends)
+    mesh, without = source.mesh, [*free, *form.clamped]
+    check(mesh, cells, u_h, lambda_H, without)
+    flux, held, tau = edge_flux(mesh, cells, lambda_H), ~np.isin(mesh.side, without), given or nothing(mesh)
+    spaces, lift = quadratic(mesh), lifting(mesh, obstacle, u_h, flux, held, form)
+    away = _away(spaces, source, u_h, flux.ends + tau.ends, form)
     of_u = spaces.of_hats(u_h - away.w)
     of_lifted, short = _lifted(lift, away, of_u)
     load = spaces.load(source.f_h) + spaces.edge_load(tau.ends)
@@ -102,15 +105,16 @@ def sharp_bound(
     eta = math.hypot(away.norm(of_v) + short_of_v.norm + added_to_v, math.sqrt(2 * short_of_v.product))
     eta *= 1 + SUMS
     most = (1 + SUMS) * math.hypot(away.norm(of_u), math.sqrt(2 * short.product), distance)
-    data = (1 + SUMS) * (source.distance + tau.distance) + underflow(mesh)
+    data = source.distance_with(0.0, form) + tau.distance + away.unbalanced
+    data = (1 + SUMS) * data + underflow(mesh, form)
     of_lambda = min(distance + most, eta) + flux.distance(mesh) + data
     return SharpBound(
         u=mesh.growth * (_leg(most, max(distance - eta, 0.0)) + data),
         lambda_=mesh.growth * of_lambda if held.any() else 0.0,
         lifting=distance,
         data=data,
-        unknown=source.unknown + doubt,
-        irreducible=doubt + source.irreducible,
+        unknown=form.friedrichs * source.unknown + doubt,
+        irreducible=doubt + form.friedrichs * source.irreducible,
         eta=eta,
         steps=steps,
     )
@@ -128,7 +132,8 @@ class _Away:
     """How far a flux q is from w (n,) of V_h, for which it was made; functions v of P2 are given by v - w.
 
     `hats` and `bubbles` (m, 3, 2) are the coefficients of grad w - q, and `residual` (m, 3) are the values of
-    w - f_h - div q; `rounding` is what rounding and the exact mesh may add to the root of a `square`.
+    w - f_h - div q; `rounding` is what rounding and the exact mesh may add to the root of a `square`. For
+    `unbalanced` see `local_bounds.of_divergence`.
     """
 
     spaces: Quadratic
@@ -137,6 +142,8 @@ class _Away:
     bubbles: Array
     residual: Array
     rounding: float
+    form: Form
+    unbalanced: float
 
     def turned(self, phi: Array) -> _Away:
         """The same for q + curl phi in place of q, curl phi = (d_y phi, -d_x phi)."""
@@ -145,10 +152,11 @@ class _Away:
         return replace(self, hats=hats, rounding=self.rounding + more)
 
     def square(self, d: Array) -> float:
-        """||grad v - q||^2 + ||v - f_h - div q||^2 for v = w + d."""
+        """||grad v - q||^2 + ||v - f_h - div q||^2 for v = w + d; without a reaction the first of both."""
         areas, (hats, bubbles) = self.spaces.mesh.areas, self.spaces.coefficients(d)
         of_gradient = squares(areas, self.hats + self.spaces.gradient(d), self.bubbles)
-        return float((of_gradient + squares(areas, hats + self.residual, bubbles)).sum())
+        of_values = squares(areas, hats + self.residual, bubbles)
+        return float((of_gradient + self.form.reaction * of_values).sum())
 
     def norm(self, d: Array) -> float:
         """The root of `square`, with rounding added: it is not below the exact root."""
@@ -169,7 +177,7 @@ def _turned(field: Array) -> Array:
     return np.stack([-field[..., 1], field[..., 0]], axis=2)
 
 
-def balanced(source: Source, u_h: Array, sigma: Array) -> tuple[Array, Array, Array, float]:
+def balanced(source: Source, u_h: Array, sigma: Array, form: Form = H1) -> tuple[Array, Array, Array, float]:
     """w (n,), its flux as `equilibrated` gives it, w - f_h - div q (m,), and what rounding adds to the norms.
 
     The flux has the values `sigma` (nb, 2) at the ends of the boundary edges; on free sides these are given.
@@ -179,41 +187,43 @@ def balanced(source: Source, u_h: Array, sigma: Array) -> tuple[Array, Array, Ar
     """
     w = u_h
     for last in (False, True):
-        q = equilibrated(source.mesh, w, source.moments_on, sigma)
-        of_gradient, residual, rounding = defects(source, w, q)
+        q = flux_of(source, w, sigma, form)
+        of_gradient, residual, rounding = defects(source, w, q, form.reaction)
         sizes = np.minimum(source.mesh.longest_edges, 1.0)
         least = max(UNBALANCED * float(sizes**2 @ of_gradient), rounding**2)
         if last or source.mesh.areas @ residual**2 <= least:
             break
-        w = _solved(source, w, sigma, least)
+        w = _solved(source, w, sigma, least, form)
     return w, q, residual, rounding
 
 
-def _solved(source: Source, w: Array, sigma: Array, least: float) -> Array:
-    """w with (w, psi_a)_1 = (f, psi_a) + <sigma, psi_a>, up to an error that div q may have.
+def _solved(source: Source, w: Array, sigma: Array, least: float, form: Form) -> Array:
+    """w with (w, psi_a) = (f, psi_a) + <sigma, psi_a>, up to an error that div q may have.
 
     Let r_a be what is left of this equation. Patch a spreads it over the area |a| of its triangles, and at
     most three patches lie at any place. So the square of what div q lacks is at most sum 3 r_a^2 / |a|, which
     is brought down to `least`.
     """
-    mesh = source.mesh
-    stiffness, mass = stiffness_and_mass(mesh)
-    rhs = source.load + edge_load(mesh, sigma)
-    return solved(stiffness + mass, rhs, w, lumped_mass(mesh), least)[0]
+    mesh, held = source.mesh, np.where(form.fixed(source.mesh), w, 0.0)
+    rhs = of_rest(mesh, form, source.load + edge_load(mesh, sigma), held)
+    return held + solved(matrix(mesh, form), rhs, w - held, lumped_mass(mesh), least)[0]
 
 
-def _away(spaces: Quadratic, source: Source, u_h: Array, sigma: Array) -> _Away:
+def _away(spaces: Quadratic, source: Source, u_h: Array, sigma: Array, form: Form = H1) -> _Away:
     """The `_Away` of the flux with q.n = sigma (nb, 2) and with theta r, for w by `balanced`."""
     mesh = spaces.mesh
-    w, q, residual, rounding = balanced(source, u_h, sigma)
-    p, x = w[mesh.triangles] - source.f_h, mesh.points[mesh.triangles]
+    w, q, residual, rounding = balanced(source, u_h, sigma, form)
+    unbalanced, _ = of_divergence(form, mesh.areas * residual**2, rounding)
+    p, x = form.reaction * w[mesh.triangles] - source.f_h, mesh.points[mesh.triangles]
     along, by = np.roll(x, -1, axis=1) - x, np.roll(p, -1, axis=1) - p
     of_r, rest = by[..., None] * along / 12, p - p.mean(axis=1, keepdims=True)
-    theta = _share(linear_squares(mesh.areas, rest), squares(mesh.areas, np.zeros_like(of_r), of_r))[:, None]
+    of_field = squares(mesh.areas, np.zeros_like(of_r), of_r) if form.reaction else np.zeros(len(p))
+    theta = _share(linear_squares(mesh.areas, rest), of_field)[:, None]
     sizes = (ROUNDING + mesh.distortion) * (mesh.longest_edges + 2) * np.abs(p).max(axis=1)
     rounding += math.sqrt(float(mesh.areas @ sizes**2))
     left = residual[:, None] + (1 - theta) * rest
-    return _Away(spaces, w, misfit(mesh, w, q, slice(None)), theta[..., None] * of_r, left, rounding)
+    of_q = misfit(mesh, w, q, slice(None)), theta[..., None] * of_r
+    return _Away(spaces, w, *of_q, left, rounding, form, unbalanced)
 
 
 def _share(a: Array, b: Array) -> Array:
@@ -237,12 +247,13 @@ def _descended(lift: Lifting, away: _Away, load: Array, slack: float) -> tuple[A
     `load` (size,) is that of v, and `slack` is nearly 2 <sigma, v - g>.
     """
     spaces, w = away.spaces, away.spaces.of_hats(away.w)
-    d, everywhere = np.zeros(spaces.size), np.ones(len(spaces.of_boundary), dtype=bool)
+    d, outer = np.zeros(spaces.size), np.zeros(len(spaces.of_boundary), dtype=bool)
+    outer[lift.g.unknowns[~lift.g.clamped]], outer[0] = True, True
     d[spaces.of_boundary] = np.concatenate(lift.met(away.w[spaces.mesh.boundary]))
-    square, free, inner = away.square(d) + slack, spaces.free(lift.contact), spaces.free(everywhere)
+    square, free, inner = away.square(d) + slack, spaces.free(lift.contact), spaces.free(outer)
     field = spaces.load_of_gradients(_turned(away.hats), _turned(away.bubbles))
     of_phi = spaces.descent(spaces.matrix(mass=0), field, np.zeros(spaces.size), inner)
-    of_v = spaces.descent(spaces.matrix(mass=1), load, w + d, free)
+    of_v = spaces.descent(spaces.matrix(away.form.reaction), load, w + d, free)
     gain, steps = math.inf, 0
     while gain > ENOUGH * abs(square) and steps < MOST_STEPS:  # below 0 where v < g
         gain = of_v.step() + of_phi.step()

@@ -11,12 +11,11 @@ E_T >= ||f - p||_T,
 
 d_T the diameter of T and j = 3.83.. the first zero of the Bessel function J_1: the optimal constant in
 Poincare's inequality for triangles of that diameter (Laugesen and Siudeja, J. Differential Equations 249,
-2010).
+2010). If c = 0 the second products add up to at most C (sum E_T^2)^{1/2} |w|_1, C Friedrichs' constant.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,12 +31,13 @@ from unilateral.bounds.source_pieces import (
     rounded_size,
     with_gaps,
 )
+from unilateral.fem.form import H1, Form
 from unilateral.fem.p1 import linear_moments
 from unilateral.fem.p2 import linear_squares
+from unilateral.fem.poincare import J
 from unilateral.fem.splitting import quarter
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
-from unilateral.norms.oscillation import J
 from unilateral.problems.data import Data
 
 ROUNDING = 8 * EPS
@@ -91,15 +91,23 @@ class Source:
         """A bound on the norm of f - f_h in the dual of H^1."""
         return self.distance_with(0.0)
 
-    def distance_with(self, more: Array | float) -> float:
-        """The same for f - f_h plus a function with mean 0 and the norm `more` (m,) on every triangle."""
-        return math.sqrt(self.squares_with(more).sum())
+    def distance_with(self, more: Array | float, form: Form = H1) -> float:
+        """The same for f - f_h plus a function with mean 0 and the norm `more` (m,) on every triangle.
 
-    def squares_with(self, more: Array | float, of: slice = slice(None)) -> Array:
-        """(k,) the parts of some triangles in the square of that bound, for `more` (k,) on these."""
+        Functions are those of the form.
+        """
+        return norm(self.squares_with(more, form))
+
+    def squares_with(self, more: Array | float, form: Form = H1, of: slice = slice(None)) -> Array:
+        """(r, k) the parts of some triangles in that bound, which is the `norm` of all of them.
+
+        `more` (k,) is on these triangles.
+        """
         free, rest = self.oscillation[of] + more, self.rest[of]
-        apart = (poincare(self.mesh.longest_edges[of]) * free) ** 2 + rest**2
-        return np.asarray(np.minimum(apart, (free + rest) ** 2))
+        of_mean_free = (poincare(self.mesh.longest_edges[of]) * free) ** 2
+        if not form.reaction:
+            return np.stack([of_mean_free, (form.friedrichs * rest) ** 2])
+        return np.minimum(of_mean_free + rest**2, (free + rest) ** 2)[None]
 
     @property
     def unknown(self) -> float:
@@ -132,6 +140,11 @@ class Source:
         squares = linear_squares(area, self.f_h[of]) + self.oscillation[of] ** 2
         unknown = float(np.sum(self.rest[of] ** 2))
         return Sums(unknown, float(squares.sum()), float(area @ means), float(area.sum()), len(area))
+
+
+def norm(squares: Array) -> float:
+    """The sum of the roots of the sums of the rows (r, k)."""
+    return float(np.sqrt(squares.sum(axis=1)).sum())
 
 
 def poincare(longest: Array) -> Array:

@@ -12,13 +12,13 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.bounds.boundary_flux import Given, edge_flux, given
-from unilateral.bounds.equilibrated_flux import equilibrated
 from unilateral.bounds.flux_residuals import SUMS
-from unilateral.bounds.local_bounds import LocalBound, local_bound
+from unilateral.bounds.local_bounds import LocalBound, flux_of, local_bound
 from unilateral.bounds.sharp_bounds import SharpBound, sharp_bound
 from unilateral.bounds.source import Source, source_of
 from unilateral.errors import InputError
-from unilateral.fem.p1 import coupling, h1_norm
+from unilateral.fem.form import H1, Form
+from unilateral.fem.p1 import coupling, h1_norm, of_rest
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import ExactErrors
@@ -30,6 +30,7 @@ from unilateral.solvers.uzawa import DualResult
 KEPT = "a copy of a solution, or one from a file, is not iterated on; solve its problem again"
 NO_LOAD = np.full(1, math.nan)
 """In place of a load that is not kept: what is computed from it is NaN."""
+NOTHING = np.zeros(1)
 AIM = 0.5
 """After an iteration has missed a tolerance that follows from bounds, it goes on to this fraction of it."""
 
@@ -39,7 +40,8 @@ class DiscreteProblem(ABC):
     """(P_h*) on a mesh and a partition, with the `load` (n,) of f and q, and the `g_means` (all cells,) of g.
 
     Multipliers are on the `cells` (m,) of the partition. The errors are bounded where the `data` f, g and q
-    are formulas. `source` is the enclosure of f, if there is one, because the load may be made of it.
+    are formulas. `source` is the enclosure of f, if there is one, because the load may be made of it. On the
+    sides that the `form` clamps u_h has the values `held` (n,), a function of V_h.
     """
 
     mesh: Mesh
@@ -49,6 +51,8 @@ class DiscreteProblem(ABC):
     g_means: Array
     data: Data | None = field(default=None, kw_only=True)
     source: Source | None = field(default=None, kw_only=True)
+    form: Form = field(default=H1, kw_only=True)
+    held: Array = field(default_factory=lambda: NOTHING, kw_only=True)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}: {self.mesh.n_nodes} unknowns, {len(self.cells)} multipliers"
@@ -91,6 +95,14 @@ class DiscreteProblem(ABC):
     def forget(self) -> None:
         """Frees what is large and quickly made again; by default there is nothing."""
         return
+
+    @cached_property
+    def of_rest(self) -> tuple[Array, Array]:
+        """The load (n,) and the means (cells,) of g for u_h - held, which vanishes on clamped sides."""
+        if not self.form.clamped:
+            return self.load, self.g_means
+        means = coupling(self.mesh, self.partition) @ self.held[self.mesh.boundary] / self.partition.lengths
+        return of_rest(self.mesh, self.form, self.load, self.held), self.g_means - means
 
 
 class Facts(NamedTuple):
@@ -170,9 +182,8 @@ class DiscreteSolution:
         """(2, E) the flux of the cheap bound, as `equilibrated` gives it, where f, g and q are formulas."""
         if self._given is None:
             return None
-        source, _, cells, u_h, lambda_H, _, tau = self._given
-        sigma = edge_flux(source.mesh, cells, lambda_H)
-        return equilibrated(source.mesh, u_h, source.moments_on, sigma.ends + tau.ends)
+        source, _, cells, u_h, lambda_H, _, tau, form = self._given
+        return flux_of(source, u_h, edge_flux(source.mesh, cells, lambda_H).ends + tau.ends, form)
 
     @property
     def facts(self) -> Facts:
@@ -186,7 +197,9 @@ class DiscreteSolution:
         """
         of = self.discrete
         data = of.data if believed else None
-        problem = KeptProblem(of.mesh, of.partition, of.cells, NO_LOAD, of.g_means, self.facts, data=data)
+        problem = KeptProblem(
+            of.mesh, of.partition, of.cells, NO_LOAD, of.g_means, self.facts, data=data, form=of.form
+        )
         found = replace(self, discrete=problem)
         bounds = ("_local_bound", "_sharp_bound")
         if believed:
@@ -210,20 +223,20 @@ class DiscreteSolution:
         return sharp_bound(*of) if of else None
 
     @cached_property
-    def _given(self) -> tuple[Source, Obstacle, Partition, Array, Array, tuple[int, ...], Given] | None:
+    def _given(self) -> tuple[Source, Obstacle, Partition, Array, Array, tuple[int, ...], Given, Form] | None:
         """The arguments of both bounds; None where f, g and q are no formulas."""
         discrete, data = self.discrete, self.discrete.data
         if data is None:
             return None
         source = discrete.source or source_of(discrete.mesh, data)
         pair = discrete.partition, self.u_h, self.lambda_H
-        flux = given(data.enclosed_flux, discrete.mesh)
-        return source, data.enclosed_obstacle, *pair, data.free_sides, flux
+        flux = given(data.enclosed_flux, discrete.mesh, discrete.form)
+        return source, data.enclosed_obstacle, *pair, data.free_sides, flux, discrete.form
 
     @cached_property
     def u_norm(self) -> float:
-        """||u_h||_1."""
-        return h1_norm(self.discrete.mesh, self.u_h)
+        """||u_h||."""
+        return h1_norm(self.discrete.mesh, self.u_h, self.discrete.form.reaction)
 
     @cached_property
     def lambda_norm(self) -> float:

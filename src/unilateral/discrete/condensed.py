@@ -10,8 +10,8 @@ import numpy as np
 from scipy.linalg.blas import dnrm2
 
 from unilateral.arrays import Array
-from unilateral.discrete.base import DiscreteProblem, DiscreteSolution
-from unilateral.discrete.loads import Load, flux_load, load_of, obstacle_means
+from unilateral.discrete.base import NOTHING, DiscreteProblem, DiscreteSolution
+from unilateral.discrete.loads import Load, flux_load, form_of, held_values, load_of, obstacle_means
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import h1_norm
 from unilateral.fem.residual_rounding import Rounded, constrained, dual_norm, loaded, residual
@@ -111,7 +111,7 @@ class CondensedProblem(DiscreteProblem):
 
     def solution(self, result: DualResult, tolerance: float) -> DiscreteSolution:
         """The solution for the lambda_H that was found; its bound now includes the rounding on the way."""
-        u_h = self.spaces.response(self.load, result.lambda_H)
+        u_h = self.held + self.spaces.response(self.of_rest[0], result.lambda_H)
         bound = self._certified(result, u_h)
         rounding = max(bound - result.bound, 0.0)
         result = replace(result, bound=bound, converged=bound <= tolerance, rounding=rounding)
@@ -120,34 +120,48 @@ class CondensedProblem(DiscreteProblem):
     def _certified(self, result: DualResult, u_h: Array) -> float:
         """The bound for u_h (n,) as it was computed."""
         spaces, on, boundary = self.spaces, self.spaces.condensed, self.mesh.boundary
-        load, mu = Rounded(self.load.copy(), np.zeros(len(self.load))), result.lambda_H
-        load.values[boundary], load.doubt[boundary] = loaded(self.load[boundary], spaces.B, mu)
-        left = residual(on.for_products, on.mass, u_h, load)
-        gap = constrained(spaces.B, u_h[boundary], self.g_means[self.cells], spaces.operator.H_i)
+        (of_f, g_means), mu, v = self.of_rest, result.lambda_H, u_h - self.held
+        load = Rounded(of_f.copy(), np.zeros(len(of_f)))
+        load.values[boundary], load.doubt[boundary] = loaded(of_f[boundary], spaces.B, mu)
+        left = residual(*on.for_products, v, load)
+        gap = constrained(spaces.B, v[boundary], g_means[self.cells], spaces.operator.H_i)
         delta = dual_norm(np.abs(left.values) + left.doubt, on.mass)
         if delta > UNSEEN * result.bound:
             z = on.solve(left.values)
-            rest = residual(on.for_products, on.mass, z, left)
+            rest = residual(*on.for_products, z, left)
             of_rest = dual_norm(np.abs(rest.values) + rest.doubt, on.mass)
-            delta = (1 + FORMS) * h1_norm(self.mesh, z) + of_rest
+            delta = (1 + FORMS) * h1_norm(self.mesh, z, self.form.reaction) + of_rest
         return certified(spaces.operator, mu, gap, delta, result.rho)
 
 
-def with_load(spaces: MixedSpaces, load: Array, trace: Array, g_means: Array) -> CondensedProblem:
-    """The problem with a load (n,) and the means (cells,) of g; `trace` (nb,) is A^{-1} f on the boundary."""
-    offset = spaces.B @ trace / spaces.operator.H_i - g_means[spaces.cells]
-    return CondensedProblem(spaces.mesh, spaces.partition, spaces.cells, load, g_means, spaces, offset)
+def with_load(
+    spaces: MixedSpaces, load: Array, trace: Array | None, g_means: Array, held: Array = NOTHING
+) -> CondensedProblem:
+    """The problem with a load (n,), the means (cells,) of g and the values that u_h is `held` (n,) at.
+
+    `trace` (nb,) is A^{-1} times the load of `of_rest` on the boundary, if it is known.
+    """
+    on = spaces.mesh, spaces.partition, spaces.cells, load, g_means, spaces, np.zeros(len(spaces.cells))
+    discrete = CondensedProblem(*on, form=spaces.condensed.form, held=held)
+    of_f, of_g = discrete.of_rest
+    if trace is None:
+        trace = spaces.condensed.solve(of_f)[spaces.mesh.boundary]
+    discrete.offset[:] = spaces.B @ trace / spaces.operator.H_i - of_g[spaces.cells]
+    return discrete
 
 
 def with_solution(spaces: MixedSpaces, exact: Exact) -> CondensedProblem:
     """The problem of a case whose exact solution is known on these spaces."""
-    discrete = with_load(spaces, exact.ritz.load, exact.ritz.trace, exact.means.g_means)
-    return replace(discrete, exact=exact, data=exact.ritz.case)
+    of = exact.ritz
+    discrete = with_load(spaces, of.load, of.trace, exact.means.g_means, of.held)
+    return replace(discrete, exact=exact, data=of.case)
 
 
 def discretise(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> CondensedProblem:
     """The problem on one mesh and one partition, factorised, without multipliers on its free sides."""
-    return on_spaces(problem, mixed_spaces(condense(mesh), partition, problem.free_sides))
+    return on_spaces(
+        problem, mixed_spaces(condense(mesh, form_of(problem, mesh)), partition, problem.free_sides)
+    )
 
 
 def on_spaces(problem: Data | Sampled, spaces: MixedSpaces, load: Load | None = None) -> CondensedProblem:
@@ -157,8 +171,8 @@ def on_spaces(problem: Data | Sampled, spaces: MixedSpaces, load: Load | None = 
     mesh = spaces.mesh
     of_f = load or load_of(problem, mesh)
     total = of_f.values + flux_load(problem, mesh)
-    trace = spaces.condensed.solve(total)[mesh.boundary]
-    discrete = with_load(spaces, total, trace, obstacle_means(problem, spaces.partition))
+    means = obstacle_means(problem, spaces.partition)
+    discrete = with_load(spaces, total, None, means, held_values(problem, mesh))
     data = None if isinstance(problem, Sampled) else problem
     if data is not None and np.max(np.abs(discrete.offset), initial=0.0) < LEAST:
         discrete.offset[:] = 0.0  # of data that this mesh does not see

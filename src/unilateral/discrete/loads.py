@@ -10,13 +10,35 @@ import numpy as np
 from unilateral.arrays import Array
 from unilateral.bounds.boundary_flux import given
 from unilateral.bounds.source import Source, source_of
+from unilateral.fem.form import Form
 from unilateral.fem.p1 import by_parts, case_moments, edge_load, sampled_edge_load, sampled_moments
+from unilateral.fem.poincare import friedrichs
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.data import Data, is_case
 from unilateral.problems.sampled import Sampled
+
+
+def form_of(problem: Data | Sampled, mesh: Mesh) -> Form:
+    """The form of a problem. The mesh serves for the constant that it needs if c = 0."""
+    clamped, reaction = problem.clamped_sides, problem.reaction
+    return Form(reaction, clamped, 1.0 if reaction else friedrichs(mesh, clamped))
+
+
+def held_values(problem: Data | Sampled, mesh: Mesh) -> Array:
+    """(n,) what u_h is held at: the values of u that are given on clamped sides, at nodes there, and 0."""
+    values, nodes = np.zeros(mesh.n_nodes), np.append(mesh.boundary, mesh.boundary[0])
+    edge = np.flatnonzero(np.isin(mesh.side, problem.clamped_sides))
+    for end in (1, 0) if edge.size else ():
+        if isinstance(problem, Sampled):
+            side = mesh.side[edge]
+            of_edges = problem.obstacle(side, mesh.s[edge + end] - mesh.polygon.starts[side])
+        else:
+            of_edges = problem.enclosed_obstacle.on_edges(mesh.s)[edge, end]
+        values[nodes[edge + end]] = of_edges
+    return values
 
 
 class Load(NamedTuple):

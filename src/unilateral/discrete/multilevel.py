@@ -12,13 +12,17 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.linalg.blas import dnrm2
 
 from unilateral.arrays import Array, Index
 from unilateral.bounds.source import enclosed
 from unilateral.discrete.base import AIM, DiscreteProblem, DiscreteSolution
-from unilateral.discrete.loads import Load, flux_load, load_of, obstacle_means
+from unilateral.discrete.loads import Load, flux_load, form_of, held_values, load_of, obstacle_means
+from unilateral.fem.form import H1, Form
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
 from unilateral.fem.nested_cells import Cells, nested_cells
+from unilateral.fem.residual_rounding import terms
+from unilateral.formulas.taylor import EPS
 from unilateral.geometry.adapted import AdaptedMesh, refined
 from unilateral.geometry.adapted import adapted as adapted_mesh
 from unilateral.geometry.mesh import Mesh
@@ -38,9 +42,9 @@ MOST_COARSE = 50_000
 class MultilevelProblem(DiscreteProblem):
     """(P_h*) on nested spaces. f and g are enclosed where the `data` are formulas.
 
-    The iteration begins at the `guess` (n,), by default on coarser levels. `free` are the sides without
-    multipliers. Each cell has a node inside, so lambda_H is `unique`. No lower bound on `beta` is known, so
-    it is set to 1: algebraic bounds are then in ||.||_{-1/2,h}.
+    The iteration begins at the `guess` (n,), which is 0 at fixed nodes, by default on coarser levels. `free`
+    are the sides without multipliers. Each cell has a node inside, so lambda_H is `unique`. No lower bound on
+    `beta` is known, so it is set to 1: algebraic bounds are then in ||.||_{-1/2,h}.
     """
 
     free: tuple[int, ...]
@@ -57,14 +61,14 @@ class MultilevelProblem(DiscreteProblem):
     @cached_property
     def grids(self) -> Multigrid:
         """The levels, which are made again if they are asked for after they were forgotten."""
-        spaces = nested_spaces(self.mesh, self.partition, self.free, hierarchy(self.mesh))
+        spaces = nested_spaces(self.mesh, self.partition, self.free, hierarchy(self.mesh, form=self.form))
         assert spaces is not None
         return self.on_grids(spaces)
 
     def on_grids(self, spaces: NestedSpaces) -> Multigrid:
         """The problem on all levels of its spaces."""
-        d = (self.partition.lengths * self.g_means)[self.cells]
-        return multigrid(spaces.levels, spaces.nested, self.load, d)
+        load, g_means = self.of_rest
+        return multigrid(spaces.levels, spaces.nested, load, (self.partition.lengths * g_means)[self.cells])
 
     def forget(self) -> None:
         """Frees the levels, which take half of the memory and are needed for no bound on the total error."""
@@ -93,7 +97,10 @@ class MultilevelProblem(DiscreteProblem):
         return self._solution(self.grids.solve(tolerance, begin, stop.fraction, IN_L2 * total))
 
     def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
-        start, in_L2 = (solution.u_h, solution.result.lambda_H > 0), IN_L2 * tolerance / stop.fraction
+        start, in_L2 = (
+            (solution.u_h - self.held, solution.result.lambda_H > 0),
+            IN_L2 * tolerance / stop.fraction,
+        )
         more = self._solution(self.grids.solve(tolerance, start, in_L2=in_L2))
         return replace(more, result=more.result.after(solution.result))
 
@@ -105,8 +112,17 @@ class MultilevelProblem(DiscreteProblem):
         lambda_H[self.cells] = of.lambda_H
         finest = of.counts[-1][0]
         steps = sum(count for level, count in of.counts if level == finest)
-        result = DualResult(of.lambda_H, steps, steps, of.bound, of.converged, math.nan, "multigrid")
-        return DiscreteSolution(self, result, of.tolerance, lambda_H, of.u)
+        u_h = self.held + of.u
+        bound = of.bound + self._rounding(u_h)
+        result = DualResult(of.lambda_H, steps, steps, bound, of.converged, math.nan, "multigrid")
+        return DiscreteSolution(self, result, of.tolerance, lambda_H, u_h)
+
+    def _rounding(self, u_h: Array) -> float:
+        """A bound on the norm of what rounding has done to the sum `held` + of.u."""
+        if not self.held.any():
+            return 0.0
+        A = self.grids.finest.of.A
+        return EPS * terms(A) ** 0.5 * float(dnrm2(np.sqrt(A.diagonal()) * u_h))
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,14 +141,18 @@ class NestedSpaces:
 
 def multilevel(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> MultilevelProblem | None:
     """The problem on the levels of a mesh; None as for `nested_spaces`."""
-    spaces = nested_spaces(mesh, partition, problem.free_sides)
+    spaces = nested_spaces(mesh, partition, problem.free_sides, form=form_of(problem, mesh))
     return on_levels(problem, spaces, load_of(problem, mesh)) if spaces else None
 
 
 def nested_spaces(
-    mesh: Mesh, partition: Partition, free: tuple[int, ...] = (), known: Hierarchy | None = None
+    mesh: Mesh,
+    partition: Partition,
+    free: tuple[int, ...] = (),
+    known: Hierarchy | None = None,
+    form: Form = H1,
 ) -> NestedSpaces | None:
-    """The spaces on the levels of a mesh, which may be `known`.
+    """The spaces on the levels of a mesh, which may be `known`, or else those for a form.
 
     None where the mesh has no coarse level, or one of more than MOST_COARSE unknowns, or where its levels
     cannot follow the partition: a point of the partition is no node of the mesh, or a cell has one edge only.
@@ -140,8 +160,8 @@ def nested_spaces(
     coarse = mesh.coarse or mesh
     if known is None and (not mesh.steps or coarse.n_nodes > MOST_COARSE):
         return None
-    levels = known or hierarchy(mesh)
-    nested = nested_cells(levels, partition, free)
+    levels = known or hierarchy(mesh, form=form)
+    nested = nested_cells(levels, partition, [*free, *levels.form.clamped])
     return None if nested is None else NestedSpaces(mesh, partition, free, levels, nested)
 
 
@@ -150,14 +170,30 @@ def on_levels(
 ) -> MultilevelProblem:
     """The problem on its spaces, with the `load` of its f; the iteration begins at the `guess` (n,)."""
     mesh, partition = spaces.mesh, spaces.partition
-    cells = np.flatnonzero(~np.isin(partition.side, spaces.free))
+    form = spaces.levels.form
+    cells = np.flatnonzero(~np.isin(partition.side, [*spaces.free, *form.clamped]))
     means, values = obstacle_means(problem, partition), load.values + flux_load(problem, mesh)
     data = None if isinstance(problem, Sampled) else problem
     discrete = MultilevelProblem(
-        mesh, partition, cells, values, means, spaces.free, guess, data=data, source=load.source
-    )
+        mesh, partition, cells, values, means, spaces.free, guess, data=data, source=load.source,
+        form=form, held=_held(problem, mesh, form),
+    )  # fmt: skip
     vars(discrete)["grids"] = discrete.on_grids(spaces)
     return discrete
+
+
+def _held(problem: Data | Sampled, mesh: Mesh, form: Form) -> Array:
+    """(n,) a function with the given values on clamped sides that falls to 0 on triangles of the first mesh.
+
+    In nested iteration u_h less this function is as smooth as u_h, but for what the values are not linear.
+    """
+    held = held_values(problem, mesh)
+    if form.clamped:
+        fixed = form.fixed(mesh)
+        for step in mesh.steps:
+            new = slice(step.n, step.n + len(step.ends))
+            held[new] = np.where(fixed[new], held[new], held[step.ends].mean(axis=1))
+    return held
 
 
 def after(last: DiscreteSolution | None, problem: Data, of: AdaptedMesh) -> MultilevelProblem:
@@ -168,11 +204,12 @@ def after(last: DiscreteSolution | None, problem: Data, of: AdaptedMesh) -> Mult
     mesh, before = of.mesh, last.discrete if last else None
     known = before.grids.finest.of if isinstance(before, MultilevelProblem) else None
     source = enclosed(mesh, problem, before.source if before else None)
-    levels, guess = hierarchy(mesh, known), np.zeros(mesh.n_nodes)
+    form = before.form if before else form_of(problem, mesh)
+    levels, guess = hierarchy(mesh, known, form), np.zeros(mesh.n_nodes)
     if before:
         before.forget()
     if last:
-        guess[: len(last.u_h)] = last.u_h
+        guess[: len(last.u_h)] = last.u_h - last.discrete.held
         for level in levels.levels:
             if level.n > len(last.u_h):
                 level.prolong(guess)

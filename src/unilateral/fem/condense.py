@@ -13,9 +13,10 @@ import scipy.sparse as sp
 from scipy.linalg import cho_solve, solve_triangular
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from unilateral.arrays import Array
+from unilateral.arrays import Array, Mask
 from unilateral.errors import InputError
 from unilateral.fem import edge_matrix
+from unilateral.fem.form import H1, Form, decoupled, row_sums
 from unilateral.fem.linear_systems import Sparse, dissected, last_block
 from unilateral.fem.macro_elements import Recursive
 from unilateral.fem.p1 import boundary_mass, lumped_mass, stiffness_and_mass
@@ -29,7 +30,7 @@ REFINED = 3
 
 @dataclass(frozen=True, eq=False)
 class Condensed:
-    """The matrix A (n, n) of (., .)_1 on V_h, factorised, and its condensation to the boundary.
+    """The matrix A (n, n) of a `form` on V_h, factorised, and its condensation to the boundary.
 
     `A_3` (nb, nb) is the Schur complement on `mesh.boundary`; `cholesky` (nb, nb) is its upper
     triangular factor R with A_3 = R^T R.
@@ -39,22 +40,32 @@ class Condensed:
     factors: Sparse | Recursive
     A_3: Array
     cholesky: Array
+    form: Form = H1
 
     @cached_property
     def A(self) -> sp.csr_array:
-        """(n, n) the matrix of (., .)_1 on V_h."""
-        return matrix(self.mesh)
+        """(n, n) the matrix of the form on V_h."""
+        return matrix(self.mesh, self.form)
+
+    @cached_property
+    def fixed(self) -> Mask:
+        """(n,) which nodes are fixed."""
+        return self.form.fixed(self.mesh)
 
     @cached_property
     def mass(self) -> Array:
-        """(n,) the sums of the rows of A."""
-        return lumped_mass(self.mesh)
+        """(n,) numbers m_i with sum m_i v_i^2 <= 4 ||v||^2 for all v in V_h, see `residual_rounding`."""
+        return lumped_mass(self.mesh) / self.form.friedrichs**2
 
     @cached_property
-    def for_products(self) -> sp.csr_array:
-        """A (n, n) up to rounding, its rows not sorted: faster to make where the mesh knows its edges."""
-        known = self.mesh.known
-        return edge_matrix.matrix(known, self.mesh.points)[0] if known else self.A
+    def for_products(self) -> tuple[sp.csr_array, Array]:
+        """A (n, n) up to rounding, its rows not sorted, and their sums (n,).
+
+        That is faster to make where the mesh knows its edges.
+        """
+        if self.mesh.known:
+            return edge_matrix.matrix(self.mesh.known, self.mesh.points, self.form.reaction, self.fixed)[:2]
+        return self.A, row_sums(self.A, self.form.reaction * lumped_mass(self.mesh), self.fixed)
 
     def solve(self, rhs: Array) -> Array:
         """A^{-1} rhs on all nodes, for rhs (n,) or (n, k)."""
@@ -66,8 +77,9 @@ class Condensed:
 
     @cached_property
     def sigma_1(self) -> float:
-        """The smallest sigma with (v, w)_1 = sigma <v, w> for all w in V_h: above Steklov's by O(h^2)."""
-        mass, size = boundary_mass(self.mesh), len(self.mesh.boundary)
+        """The smallest sigma with (v, w) = sigma <v, w> for all w in V_h: above Steklov's by O(h^2)."""
+        free, size = sp.diags_array(1.0 - self.fixed[self.mesh.boundary]), len(self.mesh.boundary)
+        mass = free @ boundary_mass(self.mesh) @ free
 
         def similar(v: Array) -> Array:
             R = self.cholesky
@@ -77,29 +89,35 @@ class Condensed:
         return float(1 / eigsh(operator, k=1, v0=np.ones(size), return_eigenvectors=False)[0])
 
 
-def matrix(mesh: Mesh) -> sp.csr_array:
-    """A (n, n), the matrix of (., .)_1 on V_h."""
+def matrix(mesh: Mesh, form: Form = H1) -> sp.csr_array:
+    """A (n, n), the matrix of the form on V_h."""
     stiffness, mass = stiffness_and_mass(mesh)
-    return stiffness + mass
+    return decoupled(stiffness + form.reaction * mass, form.fixed(mesh))
 
 
-def condense(mesh: Mesh) -> Condensed:
+def condense(mesh: Mesh, form: Form = H1) -> Condensed:
     """Factorise A on the mesh and condense it to the boundary nodes.
 
-    Raises InputError where the domain is so small that rounding loses the constants.
+    Raises InputError where the domain is so small that rounding loses the constants, if no side is clamped.
     """
     if mesh.halvings < REFINED:
-        return by_sparse(mesh, dissected(matrix(mesh), mesh.boundary))
-    factors = Recursive(mesh)
-    check_constants(mesh, factors.solve(lumped_mass(mesh)))
-    return Condensed(mesh, factors, factors.A_3, factors.cholesky)
+        return by_sparse(mesh, dissected(matrix(mesh, form), mesh.boundary), form)
+    factors = Recursive(mesh, form)
+    _check(mesh, factors, form)
+    return Condensed(mesh, factors, factors.A_3, factors.cholesky, form)
 
 
-def by_sparse(mesh: Mesh, factors: Sparse) -> Condensed:
+def by_sparse(mesh: Mesh, factors: Sparse, form: Form = H1) -> Condensed:
     """The condensation from the factors of A with the boundary last. Raises InputError as `condense` does."""
-    check_constants(mesh, factors.solve(lumped_mass(mesh)))
+    _check(mesh, factors, form)
     cholesky = last_block(factors.lu, len(mesh.boundary))
-    return Condensed(mesh, factors, cholesky.T @ cholesky, cholesky)
+    return Condensed(mesh, factors, cholesky.T @ cholesky, cholesky, form)
+
+
+def _check(mesh: Mesh, factors: Sparse | Recursive, form: Form) -> None:
+    """Raises InputError as `condense`."""
+    if not form.clamped:
+        check_constants(mesh, factors.solve(lumped_mass(mesh)))
 
 
 def check_constants(mesh: Mesh, u: Array) -> None:

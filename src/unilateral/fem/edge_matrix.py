@@ -1,4 +1,4 @@
-"""The matrix of (., .)_1 from the edges of a triangulation, without sorting entries.
+"""The matrix of a form (`form`) from the edges of a triangulation, without sorting entries.
 
 An off-diagonal entry belongs to an edge: the sum over the triangles T at it of |T| / 12, from the mass, and
 of the product of the gradients of its ends' hats, from the stiffness, which is
@@ -6,15 +6,17 @@ of the product of the gradients of its ends' hats, from the stiffness, which is
     (e_j . e_k) / (4 |T|)      for the edge opposite to node i, e_j and e_k the other two edges.
 
 The stiffness maps constants to 0, so the rows add up to those of the mass, a third of the area around the
-node. That gives the diagonal.
+node. That gives the diagonal. Then entries off the diagonal that belong to `fixed` nodes become 0.
 """
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import scipy.sparse as sp
 
-from unilateral.arrays import Array, Int32, blocks
+from unilateral.arrays import Array, Int32, Mask, blocks
 from unilateral.geometry.refinement import Triangulation
 
 ROWS = 1 << 17
@@ -33,28 +35,46 @@ def elements(points: Array, nodes: Int32) -> tuple[Array, Array]:
     return stiffness, area
 
 
-def matrix(tri: Triangulation, points: Array) -> tuple[sp.csr_array, Array]:
-    """A (n, n) of those triangles, each row beginning with the diagonal, and the sums (n,) of its rows."""
+class Assembled(NamedTuple):
+    """A (n, n), each row beginning with the diagonal, the `sums` (n,) of its rows, and the lumped `mass`."""
+
+    A: sp.csr_array
+    sums: Array
+    mass: Array
+
+
+def matrix(tri: Triangulation, points: Array, reaction: float = 1.0, fixed: Mask | None = None) -> Assembled:
+    """The matrix of those triangles and of a form, in which some nodes (n,) may be `fixed`."""
     n, mass, beside = tri.n, np.zeros(tri.n), np.zeros(len(tri.ends))
     for of in blocks(len(tri.nodes)):
         stiffness, area = elements(points, tri.nodes[of])
         np.add.at(mass, tri.nodes[of].ravel(), np.repeat(area / 3, 3))
-        np.add.at(beside, tri.edges[of].ravel(), (stiffness + (area / 12)[:, None]).ravel())
-    diagonal = mass.copy()
+        np.add.at(beside, tri.edges[of].ravel(), (stiffness + (reaction * area / 12)[:, None]).ravel())
+    sums = reaction * mass
+    diagonal = sums.copy()
     for end in tri.ends.T:
         np.subtract.at(diagonal, end, beside)
+    if fixed is not None and fixed.any():
+        cut = fixed[tri.ends].any(axis=1)
+        for end in tri.ends[cut].T:
+            np.subtract.at(sums, end, beside[cut])
+        sums[fixed], beside[cut] = diagonal[fixed], 0.0
     every, (a, b) = np.arange(n, dtype=np.int32), tri.ends.T
     places = np.concatenate([every, a, b]), np.concatenate([every, b, a])
-    return _once(np.concatenate([diagonal, beside, beside]), *places, (n, n)), mass
+    return Assembled(_once(np.concatenate([diagonal, beside, beside]), *places, (n, n)), sums, mass)
 
 
-def some_rows(points: Array, nodes: Int32, chosen: Int32, n: int) -> sp.csr_array:
-    """(k, n) the rows of the nodes (k,) alone, from the triangles with those nodes (T, 3)."""
-    parts = [_rows(points, nodes, chosen[of], n) for of in blocks(len(chosen), ROWS)]
+def some_rows(
+    points: Array, nodes: Int32, chosen: Int32, n: int, reaction: float = 1.0, fixed: Mask | None = None
+) -> sp.csr_array:
+    """(k, n) the rows of the nodes (k,) alone, from the triangles with those nodes (T, 3); see `matrix`."""
+    parts = [_rows(points, nodes, chosen[of], n, reaction, fixed) for of in blocks(len(chosen), ROWS)]
     return sp.vstack(parts, format="csr") if parts else sp.csr_array((0, n))
 
 
-def _rows(points: Array, nodes: Int32, chosen: Int32, n: int) -> sp.csr_array:
+def _rows(
+    points: Array, nodes: Int32, chosen: Int32, n: int, reaction: float, fixed: Mask | None
+) -> sp.csr_array:
     """(k, n) the rows of some nodes (k,), as in `some_rows`.
 
     Each edge from an inner node leads to the next node of one triangle and to the last node of another.
@@ -63,16 +83,18 @@ def _rows(points: Array, nodes: Int32, chosen: Int32, n: int) -> sp.csr_array:
     place[chosen] = np.arange(len(chosen), dtype=np.int32)
     some = np.flatnonzero((place[nodes] >= 0).any(axis=1))
     (stiffness, area), corners = elements(points, nodes[some]), nodes[some].T
-    beside, row = (stiffness + (area / 12)[:, None]).T, place[corners]
+    beside, row = (stiffness + (reaction * area / 12)[:, None]).T, place[corners]
     at = [np.flatnonzero(each >= 0) for each in row]
     rows = np.concatenate([each[here] for each, here in zip(row, at, strict=True)])
     diagonal, shape = np.zeros(len(chosen)), (len(chosen), n)
-    np.add.at(diagonal, rows, np.concatenate([area[here] for here in at]) / 3)
+    np.add.at(diagonal, rows, np.concatenate([area[here] for here in at]) * (reaction / 3))
     off_diagonal = sp.csr_array(shape)
     for to, opposite in ((1, 2), (2, 1)):
         columns = np.concatenate([corners[(i + to) % 3][here] for i, here in enumerate(at)])
         values = np.concatenate([beside[(i + opposite) % 3][here] for i, here in enumerate(at)])
         np.subtract.at(diagonal, rows, values)
+        if fixed is not None:
+            values = np.where(fixed[columns] | fixed[chosen[rows]], 0.0, values)
         off_diagonal = off_diagonal + _once(values, rows, columns, shape)
     return off_diagonal + _once(diagonal, np.arange(len(chosen), dtype=np.int32), chosen, shape)
 

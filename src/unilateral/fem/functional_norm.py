@@ -1,4 +1,4 @@
-"""A guaranteed bound on a functional R on V_h, ||R|| = sup R(v) / ||v||_1, from nested spaces.
+"""A guaranteed bound on a functional R on V_h, ||R|| = sup R(v) / ||v||, from nested spaces.
 
 With I_l the interpolation at the nodes of level l, a function v of V_L is I_0 v and, for each level
 l = 1, ..., L, its hats at the new nodes times
@@ -27,7 +27,7 @@ hats. If R vanishes on V_0, Cauchy's inequality on each level gives
 
     ||R|| <= sum_l (sum_e R_e^2 / rho_e)^{1/2}.                                                     (3)
 
-Any R is (z, .)_1 + R' with z from a V-cycle that smooths on its way down only, and solves on V_0
+Any R is (z, .) + R' with z from a V-cycle that smooths on its way down only, and solves on V_0
 exactly. So R' vanishes there, and ||R|| <= ||z||_1 + (3) for R'.
 
 The bound with the lumped mass (`residual_rounding`) is too large by up to 1/h; this one is so by up to a
@@ -67,7 +67,7 @@ def growth(halvings: int) -> float:
 def dual_norm(of: Hierarchy, R: Array, doubt: Array | float = 0.0) -> float:
     """A bound on ||R||, for R (n,) on the hats of the last level, which is known up to the `doubt` (n,)."""
     z = downwards(of, R)
-    A_z = residual_rounding.product(of.A, of.mass, z)
+    A_z = residual_rounding.product(of.A, of.sums, z)
     norm_of_z, left = residual_rounding.root(z, A_z.values), R - A_z.values
     doubt = doubt + 2 * A_z.doubt + _of_restriction(of, left)  # of R - A z, and of ||z||
     of_doubt = residual_rounding.dual_norm(doubt, of.mass)

@@ -1,8 +1,9 @@
 """Nested spaces V_0, ..., V_L on a mesh that was made by refinement, uniform or not.
 
 Nodes keep their numbers, so one vector (n,) holds the values on all levels: V_l has the first of them. A
-level knows the nodes whose hats changed and the rows of the matrix of (., .)_1 that belong to them. These
-nodes are new, or ends of edges that were halved. Where refinement was uniform they are all nodes.
+level knows the nodes whose hats changed and the rows of the matrix of the form that belong to them. These
+nodes are new, or ends of edges that were halved. Where refinement was uniform they are all nodes. Vectors
+are 0 at nodes on clamped sides; matrices are as `form` has them, and P is 0 at such nodes.
 """
 
 from __future__ import annotations
@@ -10,14 +11,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sp
 from pyamg.amg_core import gauss_seidel
 from scipy.sparse.linalg import SuperLU, splu
 
-from unilateral.arrays import Array, Index, Int16, Int32
+from unilateral.arrays import Array, Index, Int16, Int32, Mask
 from unilateral.fem.edge_matrix import matrix, some_rows
+from unilateral.fem.form import H1, Form
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.refinement import Step
 
@@ -107,9 +110,10 @@ class FinerSpace:
 class Hierarchy:
     """The levels 1, ..., L, and A (n, n) on the last one, each row beginning with the diagonal.
 
-    `coarse` is the mesh of level 0, `A_0` its matrix, which `coarsest` factorises. `mass` (n,) are the sums
-    of A's rows; `boundary` (nb,) and `s` (nb + 1,) are as in `Mesh`. The last level has the triangles `nodes`
-    (T, 3). They lie in the triangles `root` (T,) of level 0, whose areas were halved `halved` (T,) times.
+    `coarse` is the mesh of level 0, `A_0` its matrix, which `coarsest` factorises. `sums` (n,) are those of
+    A's rows, and `mass` (n,) are numbers m_i with sum m_i v_i^2 <= 4 ||v||^2; `boundary` (nb,) and `s` (nb +
+    1,) are as in `Mesh`. The last level has the triangles `nodes` (T, 3). They lie in the triangles `root`
+    (T,) of level 0, whose areas were halved `halved` (T,) times. The nodes `fixed` (n,) lie on clamped sides.
     """
 
     coarse: Mesh
@@ -117,12 +121,15 @@ class Hierarchy:
     coarsest: SuperLU
     levels: Sequence[FinerSpace]
     A: sp.csr_array
+    sums: Array
     mass: Array
     boundary: Index
     s: Array
     nodes: Int32
     root: Int32
     halved: Int16
+    form: Form
+    fixed: Mask
 
     @property
     def n(self) -> int:
@@ -162,53 +169,63 @@ class Hierarchy:
         assert A is not None
         kept, mass = np.flatnonzero(self.boundary < n), self.mass.copy()
         last.restrict(mass)
+        sums = np.asarray(A.sum(axis=1)) if self.form.clamped else mass[:n]
         s = np.append(self.s[kept], self.s[-1])
-        return replace(self, levels=levels, A=A, mass=mass[:n], boundary=self.boundary[kept], s=s)
+        of_nodes: dict[str, Any] = {"sums": sums, "mass": mass[:n], "fixed": self.fixed[:n]}
+        return replace(self, levels=levels, A=A, boundary=self.boundary[kept], s=s, **of_nodes)
 
 
-def hierarchy(mesh: Mesh, known: Hierarchy | None = None) -> Hierarchy:
+def hierarchy(mesh: Mesh, known: Hierarchy | None = None, form: Form = H1) -> Hierarchy:
     """The levels from the coarse mesh that it was refined from, to the mesh itself.
 
     Those that are known of a mesh from which this one was refined are taken over.
     """
-    found = known or _on_level_0(mesh.coarse or mesh)
+    found = known or _on_level_0(mesh.coarse or mesh, form)
     steps = mesh.steps[len(found.levels) :]
     if not steps:
         return found
     levels, nodes, root, halved = [*found.levels], found.nodes, found.root, found.halved
+    form, fixed = found.form, found.form.fixed(mesh)
     if levels:
         smoothed = levels[-1].smoothed
         levels[-1] = levels[-1].with_rows(found.A if smoothed is None else found.A[smoothed])
     for step in steps:
         more = halved[step.parent] + step.halved
         nodes, root, halved = step.put(nodes, step.nodes), step.inherited(root), step.put(halved, more)
-        level = _level(step, more)
+        level = _level(step, more, fixed)
         if step is not steps[-1]:
-            level = level.with_rows(_rows(level, mesh.points, nodes))
+            level = level.with_rows(_rows(level, mesh.points, nodes, form.reaction, fixed))
         levels.append(level)
-    tri, level_0 = mesh.triangulation, (found.coarse, found.A_0, found.coarsest)
-    A, mass = matrix(tri, mesh.points)
-    return Hierarchy(*level_0, levels, A, mass, mesh.boundary, mesh.s, tri.nodes, root, halved)
+    of_mesh = _of_mesh(mesh, form)
+    return replace(found, levels=levels, nodes=nodes, root=root, halved=halved, **of_mesh)
 
 
-def _rows(level: FinerSpace, points: Array, nodes: Int32) -> sp.csr_array:
+def _of_mesh(mesh: Mesh, form: Form) -> dict[str, Any]:
+    """The fields that belong to the mesh of the last level."""
+    fixed = form.fixed(mesh)
+    A, sums, mass = matrix(mesh.triangulation, mesh.points, form.reaction, fixed)
+    mass /= form.friedrichs**2
+    return {"A": A, "sums": sums, "mass": mass, "fixed": fixed, "boundary": mesh.boundary, "s": mesh.s}
+
+
+def _rows(level: FinerSpace, points: Array, nodes: Int32, reaction: float, fixed: Mask) -> sp.csr_array:
     """The rows of a level whose triangles have those nodes (T, 3)."""
+    of_form = reaction, fixed[: level.n]
     if level.step.after:
-        return matrix(level.step.after, points)[0]
+        return matrix(level.step.after, points, *of_form).A
     assert level.smoothed is not None
-    return some_rows(points, nodes, level.smoothed, level.n)
+    return some_rows(points, nodes, level.smoothed, level.n, *of_form)
 
 
-def _on_level_0(mesh: Mesh) -> Hierarchy:
-    tri = mesh.triangulation
-    A, mass = matrix(tri, mesh.points)
+def _on_level_0(mesh: Mesh, form: Form) -> Hierarchy:
+    tri, known = mesh.triangulation, _of_mesh(mesh, form)
     root, halved = np.arange(len(tri.nodes), dtype=np.int32), np.zeros(len(tri.nodes), dtype=np.int16)
-    level_0 = mesh, A, splu(A.tocsc())
-    return Hierarchy(*level_0, [], A, mass, mesh.boundary, mesh.s, tri.nodes, root, halved)
+    level_0 = mesh, known["A"], splu(known["A"].tocsc())
+    return Hierarchy(*level_0, [], **known, nodes=tri.nodes, root=root, halved=halved, form=form)
 
 
-def _level(step: Step, halved: Int16) -> FinerSpace:
-    """The level that a step makes, without its rows."""
+def _level(step: Step, halved: Int16, fixed: Mask) -> FinerSpace:
+    """The level that a step makes, without its rows; some of the nodes (n,) are `fixed`."""
     n, k = step.n, len(step.ends)
     changed = np.zeros(n, dtype=bool)
     changed[step.ends] = True
@@ -216,7 +233,8 @@ def _level(step: Step, halved: Int16) -> FinerSpace:
     place = np.empty(n, dtype=np.int32)
     place[ends] = np.arange(len(ends), dtype=np.int32)
     start = np.arange(0, 2 * k + 1, 2, dtype=np.int32)
-    P = sp.csr_array((np.full(2 * k, 0.5), place[step.ends.ravel()], start), shape=(k, len(ends)))
+    half = np.where(fixed[step.ends.ravel()], 0.0, 0.5)
+    P = sp.csr_array((half, place[step.ends.ravel()], start), shape=(k, len(ends)))
     smoothed = None if step.after else np.concatenate([ends, np.arange(n, n + k, dtype=np.int32)])
     met = 1 + int(np.bincount(P.indices).max())
     return FinerSpace(n + k, ends, P, smoothed, None, None, step, halved, met)

@@ -20,7 +20,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array, Index, Mask
+from unilateral.fem.form import H1, Form
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.refinement import Triangulation, refined
 
@@ -67,12 +68,15 @@ class CondensedPart:
 
 
 class Recursive:
-    """The stages of a refined mesh; A_3 (nb, nb) on its boundary nodes, and its upper Cholesky factor."""
+    """The stages of a refined mesh; A_3 (nb, nb) on its boundary nodes, and its upper Cholesky factor.
 
-    def __init__(self, mesh: Mesh) -> None:
-        self.boundary = mesh.boundary
+    A_3 is decoupled from the nodes that are fixed, see `form`.
+    """
+
+    def __init__(self, mesh: Mesh, form: Form = H1) -> None:
+        self.boundary, self.fixed = mesh.boundary, form.fixed(mesh)[mesh.boundary]
         self.stages: list[Stage] = []
-        nodes, matrices = self._macro_elements(mesh)
+        nodes, matrices = self._macro_elements(mesh, form.reaction)
         uses = np.bincount(nodes.ravel(), minlength=mesh.n_nodes)
         uses[mesh.boundary] += 1  # these are never met often enough
         parts = [
@@ -82,7 +86,7 @@ class Recursive:
         ]
         root = self._joined(parts, mesh.points, uses)
         order = np.argsort(root.nodes)[np.argsort(np.argsort(mesh.boundary))]
-        self.A_3 = root.K[np.ix_(order, order)]
+        self.A_3 = np.where(self._coupled, root.K[np.ix_(order, order)], 0.0)
         self.cholesky = cholesky(self.A_3)
 
     def solve(self, rhs: Array) -> Array:
@@ -90,18 +94,23 @@ class Recursive:
         x = np.array(np.atleast_2d(rhs.T), dtype=float, order="C")
         for stage in self.stages:
             stage.reduce(x)
-        loads = x[:, self.boundary].T
+        loads = np.where(self.fixed, 0.0, x[:, self.boundary]).T
         x[:, self.boundary] = cho_solve((self.cholesky, False), loads, check_finite=False).T
         for stage in reversed(self.stages):
             stage.expand(x)
         return x.T.reshape(rhs.shape)
 
-    def _macro_elements(self, mesh: Mesh) -> tuple[Index, Array]:
+    @property
+    def _coupled(self) -> Mask:
+        """(nb, nb) where A_3 is not 0: on the diagonal, and where neither node is fixed."""
+        return ~(self.fixed[:, None] | self.fixed) | np.eye(len(self.fixed), dtype=bool)
+
+    def _macro_elements(self, mesh: Mesh, reaction: float) -> tuple[Index, Array]:
         """The nodes (s, p, 3m) around the coarse triangles, and the matrix (s, 3m, 3m) of each shape."""
         coarse = mesh.coarse or mesh
         of = coarse.triangulation
         shapes = 1 if of.alike else len(of.nodes)
-        K = element_matrices(coarse.points[of.nodes[:shapes]] / 2.0**mesh.halvings)
+        K = element_matrices(coarse.points[of.nodes[:shapes]] / 2.0**mesh.halvings, reaction)
         lines = (each.reshape(shapes, -1, each.shape[-1]) for each in boundary_lines(of, mesh.halvings))
         nodes = next(lines)
         for around in lines:
@@ -161,11 +170,12 @@ class Recursive:
         return schur
 
 
-def element_matrices(corners: Array) -> Array:
-    """(s, 3, 3): (., .)_1 of the barycentric functions of the triangles with those corners (s, 3, 2)."""
+def element_matrices(corners: Array, reaction: float = 1.0) -> Array:
+    """(s, 3, 3): a form of the barycentric functions of the triangles with those corners (s, 3, 2)."""
     sides = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
     area = 0.5 * np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])[:, None, None]
-    return sides @ np.swapaxes(sides, 1, 2) / (4 * area) + area / 12 * (np.ones((3, 3)) + np.eye(3))
+    mass = reaction * area / 12 * (np.ones((3, 3)) + np.eye(3))
+    return sides @ np.swapaxes(sides, 1, 2) / (4 * area) + mass
 
 
 def boundary_lines(coarse: Triangulation, halvings: int) -> Iterator[Index]:

@@ -21,8 +21,8 @@ LEAST = 2
 class Cells:
     """The m cells of a level on which there are multipliers, each a union of boundary edges.
 
-    `B` (m, n): the integrals of the hats over the cells; `inside` (m,): a node inside each cell;
-    `parent` (m,): the cell of the level before that contains it, None if that level has no cells.
+    `B` (m, n): the integrals of the hats over the cells, 0 at fixed nodes; `inside` (m,): a node inside each
+    cell; `parent` (m,): the cell of the level before that contains it, None if that level has no cells.
     """
 
     B: sp.csr_array
@@ -95,11 +95,11 @@ def _inside(of: Hierarchy, ends: Index) -> Index:
 
 
 def _integrals(of: Hierarchy, ends: Index) -> sp.csr_array:
-    """B (m, n): half of each edge's length, for both of its ends."""
+    """B (m, n): half of each edge's length, for both of its ends unless these are fixed."""
     count = ends[:, 1] - ends[:, 0]
     cell = np.repeat(np.arange(len(ends)), count)
     edge = np.arange(len(cell)) + (ends[:, 0] - np.cumsum(count) + count)[cell]
     half = 0.5 * np.diff(of.s)[edge]
     nodes = np.concatenate([of.boundary[edge], np.roll(of.boundary, -1)[edge]])
-    entries = (np.tile(half, 2), (np.tile(cell, 2), nodes))
+    entries = (np.where(of.fixed[nodes], 0.0, np.tile(half, 2)), (np.tile(cell, 2), nodes))
     return sp.coo_array(entries, shape=(len(ends), of.n)).tocsr()

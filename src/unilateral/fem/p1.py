@@ -11,6 +11,7 @@ import scipy.sparse as sp
 
 from unilateral.arrays import Array, Index, Mask, blocks
 from unilateral.errors import InputError
+from unilateral.fem.form import Form
 from unilateral.fem.quadrature import boundary_rule, symmetric, triangle_rules
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, overlay
@@ -148,6 +149,21 @@ def coupling(mesh: Mesh, partition: Partition) -> sp.csr_array:
     return sp.coo_array((values, (np.tile(cell, 2), columns)), shape=(partition.n_cells, nb)).tocsr()
 
 
+def of_rest(mesh: Mesh, form: Form, load: Array, held: Array) -> Array:
+    """(n,) the load for v - held, if that (n,) is for v: both are `held` (n,) at the fixed nodes.
+
+    v - held vanishes there, and so does its load, see `form`.
+    """
+
+    def moments(part: Mesh) -> Array:
+        slopes, values = gradients(part), held[part.triangles]
+        along = np.einsum("tid,tjd,tj->ti", slopes, slopes, values)
+        return part.areas[:, None] * along + form.reaction * linear_moments(part.areas, values)
+
+    near = mesh.part(np.flatnonzero(held[mesh.triangles].any(axis=1)))
+    return np.where(form.fixed(mesh), 0.0, load - by_parts(near, moments))
+
+
 def boundary_mass(mesh: Mesh, edges: Mask | None = None) -> sp.csr_array:
     """(nb, nb) mass matrix of the boundary hats: the L2 product on the boundary, or on those edges."""
     nb = len(mesh.boundary)
@@ -157,10 +173,11 @@ def boundary_mass(mesh: Mesh, edges: Mask | None = None) -> sp.csr_array:
     return from_elements(ends, sixth[:, None, None] * np.array([[2, 1], [1, 2]]), nb)
 
 
-def h1_norm(mesh: Mesh, v: Array) -> float:
-    """||v||_1 of v (n,), triangle by triangle: in v . A v the gradient of a constant would not cancel.
+def h1_norm(mesh: Mesh, v: Array, reaction: float = 1.0) -> float:
+    """(|v|_1^2 + reaction ||v||_0^2)^{1/2} of v (n,), triangle by triangle.
 
-    It is computed in units of the largest value, for squares of tiny and of huge ones vanish or overflow.
+    In v . A v the gradient of a constant would not cancel. The norm is computed in units of the largest
+    value, for squares of tiny and of huge ones vanish or overflow.
     """
     unit = float(np.abs(v).max(initial=0.0))
     if not 0 < unit < math.inf:
@@ -171,5 +188,5 @@ def h1_norm(mesh: Mesh, v: Array) -> float:
         along = [np.sum(nodal * (z[[2, 0, 1]] - z[[1, 2, 0]]), axis=0) for z in (x, y)]
         of_value = (nodal.sum(axis=0) ** 2 + (nodal**2).sum(axis=0)) / 12
         square += float(np.sum(0.25 * (along[0] ** 2 + along[1] ** 2) / mesh.areas[of]))
-        square += float(mesh.areas[of] @ of_value)
+        square += reaction * float(mesh.areas[of] @ of_value)
     return unit * math.sqrt(square)

@@ -1,20 +1,20 @@
 """Residuals of A u = load with a bound on their rounding, and what that can do in the dual norm of V_h.
 
-A, the matrix of (., .)_1, is given by its entries off the diagonal and the sums m_i of its rows, thirds of
-the areas of the triangles at each node:
+A, the matrix of a form (`form`), is given by its entries off the diagonal and the sums s_i of its rows:
 
-    (A u)_i = m_i u_i + sum_j A_ij (u_j - u_i).
+    (A u)_i = s_i u_i + sum_j A_ij (u_j - u_i).
 
 Where u is nearly a constant, however large, little is then lost. A sum of k products, one factor of each a
 difference, is off by at most k + 2 units of rounding of the sum of their absolute values (N. J. Higham,
 Accuracy and Stability of Numerical Algorithms, 2002, chapter 3).
 
-On any mesh, for R on V_h,
+On any mesh, for R on V_h, let m_i be thirds of the areas of the triangles at each node. Then
 
     R . x <= (sum R_i^2 / m_i)^{1/2} (sum m_i x_i^2)^{1/2},     sum m_i x_i^2 <= 4 ||x||_0^2,
 
 the second since on every triangle the lumped mass, 1/3, is at most 4 times the least eigenvalue of the mass,
-1/12. So ||R|| <= 2 (sum R_i^2 / m_i)^{1/2}. That is too large by up to 1/h, h the shortest edge.
+1/12. With ||x||_0 <= C ||x||, and m_i over C^2 in place of m_i, ||R|| <= 2 (sum R_i^2 / m_i)^{1/2}. That is
+too large by up to 1/h, h the shortest edge.
 """
 
 from __future__ import annotations
@@ -48,9 +48,9 @@ def terms(matrix: sp.csr_array) -> int:
     return int(np.diff(matrix.indptr).max(initial=0))
 
 
-def product(A: sp.csr_array, mass: Array, u: Array) -> Rounded:
-    """A u (n,), for A (n, n) whose rows have the sums `mass` (n,) and an entry each."""
-    values, sizes = mass * u, mass * np.abs(u)
+def product(A: sp.csr_array, sums: Array, u: Array) -> Rounded:
+    """A u (n,), for A (n, n) whose rows have those `sums` (n,) and an entry each."""
+    values, sizes = sums * u, np.abs(sums * u)
     for rows in blocks(len(u), ROWS):
         start = A.indptr[rows.start : rows.stop + 1]
         of = slice(start[0], start[-1])
@@ -72,9 +72,9 @@ def loaded(load: Array, B: sp.csr_array, pressure: Array) -> Rounded:
     return Rounded(load + pull, UNIT * (most + 4) * (np.abs(load) + pull))
 
 
-def residual(A: sp.csr_array, mass: Array, u: Array, load: Rounded) -> Rounded:
+def residual(A: sp.csr_array, sums: Array, u: Array, load: Rounded) -> Rounded:
     """load - A u (n,), A as in `product`."""
-    of_u = product(A, mass, u)
+    of_u = product(A, sums, u)
     values = load.values - of_u.values
     return Rounded(values, load.doubt + of_u.doubt + UNIT * np.abs(values))
 

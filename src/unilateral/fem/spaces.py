@@ -30,7 +30,7 @@ STEKLOV_GUARD = 0.5
 class DualOperator:
     """D = half^T half (m, m) of one mesh and partition, the cells' lengths H_i (m,), and |Omega|.
 
-    mu . D mu is the squared discrete norm ||mu||_{-1/2,h} = sup over V_h of <mu, v> / ||v||_1; column i of
+    mu . D mu is the squared discrete norm ||mu||_{-1/2,h} = sup over V_h of <mu, v> / ||v||; column i of
     `half` (nb, m) is the boundary response to a unit load on cell i, measured in (A_3)^{1/2}.
     """
 
@@ -70,7 +70,7 @@ class DualOperator:
     @property
     def singular(self) -> bool:
         """Whether S, and with it beta, is zero on some mu, to rounding."""
-        return self.lambda_min <= SINGULAR * self.lambda_max
+        return len(self.H_i) > 0 and self.lambda_min <= SINGULAR * self.lambda_max
 
     def gap(self, mu: Array, offset: Array) -> Array:
         """F (m,): the cell means of u(mu) - g, the offset being F(0); one application of D."""
@@ -81,7 +81,8 @@ class DualOperator:
 class MixedSpaces:
     """A condensed mesh and a partition, coupled by B (m, nb).
 
-    B and the dual operator belong to the m `cells` of the partition, those that lie on no free side.
+    B and the dual operator belong to the m `cells` of the partition, those that have a multiplier. At nodes
+    that are fixed B is 0.
     """
 
     condensed: Condensed
@@ -101,6 +102,11 @@ class MixedSpaces:
             return 1.0
         return math.sqrt(STEKLOV_GUARD * self.condensed.sigma_1 * max(self.operator.lambda_min, 0.0))
 
+    @property
+    def whole_B(self) -> sp.csr_array:
+        """B (m, nb), with what it is at fixed nodes."""
+        return coupling(self.mesh, self.partition)[self.cells] if self.condensed.form.clamped else self.B
+
     def extended(self, lambda_H: Array) -> Array:
         """lambda_H (m,) as a function on all cells, 0 on free sides."""
         on_all = np.zeros(self.partition.n_cells)
@@ -115,12 +121,13 @@ class MixedSpaces:
 
 
 def mixed_spaces(condensed: Condensed, partition: Partition, free: Sequence[int] = ()) -> MixedSpaces:
-    """The spaces on a mesh and a partition; `free` sides have no multiplier.
+    """The spaces on a mesh and a partition; `free` sides, and those that are clamped, have no multiplier.
 
     Raises InputError if the partition belongs to another polygon than the mesh.
     """
-    cells = np.flatnonzero(~np.isin(partition.side, free))
-    B = coupling(condensed.mesh, partition)[cells]
+    cells = np.flatnonzero(~np.isin(partition.side, [*free, *condensed.form.clamped]))
+    coupled = sp.diags_array(1.0 - condensed.fixed[condensed.mesh.boundary])
+    B = (coupling(condensed.mesh, partition)[cells] @ coupled).tocsr()
     return MixedSpaces(condensed, partition, cells, B, dual_operator(condensed, B, partition.lengths[cells]))
 
 

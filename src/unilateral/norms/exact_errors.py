@@ -136,7 +136,8 @@ class Exact:
         """||Pi_H(u - z_h)||_0 on the cells with a multiplier."""
         u_means = (self.means.gap_means + self.means.g_means)[spaces.cells]
         lengths = spaces.operator.H_i
-        return math.sqrt(lengths @ (u_means - spaces.B @ self.ritz.values / lengths) ** 2)
+        of_z = spaces.whole_B @ self.ritz.values / lengths
+        return math.sqrt(lengths @ (u_means - of_z) ** 2)
 
     def errors(self, spaces: MixedSpaces, mu: Array) -> ExactErrors:
         """The errors of (u(mu), mu) for mu (m,); those of lambda are not judged where beta is 0."""

@@ -26,14 +26,13 @@ from scipy.sparse.linalg import splu
 
 from unilateral.arrays import Array, Index
 from unilateral.fem.p1 import coupling, gradients
+from unilateral.fem.poincare import KAPPA
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, overlay
 from unilateral.norms.nodal_averages import deviations
-from unilateral.norms.oscillation import J, trace_constants
+from unilateral.norms.oscillation import trace_constants
 from unilateral.norms.resolution import ROUND_OFF, inner_nodes
 
-KAPPA = math.sqrt(1 / 48 + 1 / J**2)
-"""||w||_{0,T} <= KAPPA d_T |w|_{1,T} if w has the mean 0 on each edge of T; d_T is its longest edge."""
 STEPS = 8
 """So often x is replaced by M M^T x. More steps change rho by about a per cent; for n one is enough."""
 LEAST = 1e-2

@@ -29,8 +29,6 @@ from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.triangulation_checks import round_off
 
-J = 3.8317
-"""The first zero of the Bessel function J_1, 3.83170597.., rounded down."""
 ON_SQUARE = 1 / (2 * math.pi * math.tanh(2 * math.pi))
 MEAN_FREE_ON_SQUARE = 1 / (math.pi * math.tanh(math.pi))
 REACH = math.sqrt(5) / 2

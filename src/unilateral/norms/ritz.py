@@ -16,7 +16,7 @@ from scipy.linalg import solve_triangular
 from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.fem.condense import Condensed
-from unilateral.fem.p1 import gradients, h1_load, load_vector, parts
+from unilateral.fem.p1 import gradients, h1_load, load_vector, of_rest, parts
 from unilateral.fem.quadrature import BoundaryRule, TriangleRule, boundary_rule, triangle_rules
 from unilateral.geometry.mesh import Mesh
 
@@ -37,7 +37,9 @@ class RitzProjection:
     `load` (n,) is (f, phi_i); `flux_load` (nb,) is <lambda, phi_j>; `trace` (nb,) is A^{-1} f on the
     boundary; `ritz_error` is ||u - z_h||_1 and `ritz_defect` (nb,) is A^{-1} (u - z_h, phi_i)_1 on the
     boundary, which is only quadrature's error; `interpolation_error` is ||u - r_h u||_1 of (4.14). On the
-    boundary z_h has the `values` (nb,), and `ritz_boundary_error` is ||u - z_h||_0 there.
+    boundary z_h has the `values` (nb,), and `ritz_boundary_error` is ||u - z_h||_0 there. On clamped sides
+    z_h is u at the nodes, `held` (n,). Norms are those of the form, and loads are 0 at fixed nodes but for
+    that of f.
     """
 
     case: Case
@@ -51,6 +53,7 @@ class RitzProjection:
     ritz_defect: Array
     values: Array
     ritz_boundary_error: float
+    held: Array
 
     def discrete_dual(self, boundary_load: Array) -> float:
         """||mu||_{-1/2,h} = sup over V_h of <mu, v>/||v||_1, from the values <mu, phi_j> (nb,)."""
@@ -85,18 +88,26 @@ def ritz_projections(
     interpolants = [case.value_and_gradient(mesh.points)[0] for case in cases]
     for case, values in zip(cases, interpolants, strict=True):
         _check_size(case, float(np.abs(values).max()))
-    seen = [moments(case, mesh, v, degree) for case, v in zip(cases, interpolants, strict=True)]
+    form, fixed = condensed.form, condensed.fixed
+    seen = [
+        moments(case, mesh, v, degree, form.reaction) for case, v in zip(cases, interpolants, strict=True)
+    ]
     f, residual = (np.array(each) for each in list(zip(*seen, strict=True))[:2])
     traces = [_trace(case, mesh) for case in cases]
     flux = np.array([hat_load(mesh, rule, of_lambda) for rule, _, of_lambda in traces])
     total = f.copy()
     total[:, boundary] += flux
+    held = np.where(fixed, interpolants, 0.0)
+    if form.clamped:
+        total = np.array([of_rest(mesh, form, *each) for each in zip(total, held, strict=True)])
+        residual, flux = np.where(fixed, 0.0, residual), np.where(fixed[boundary], 0.0, flux)
     z_h = condensed.solve(total.T).T
-    values = z_h[:, boundary]
-    difference = z_h - interpolants
-    A_difference = (condensed.for_products @ difference.T).T
+    on_boundary = z_h[:, boundary]
+    z_h += held
+    values, difference = z_h[:, boundary], z_h - interpolants
+    A_difference = (condensed.for_products[0] @ difference.T).T
     defect = condensed.solve((residual - A_difference).T)[boundary].T
-    trace = values - condensed.solve_boundary(flux.T).T
+    trace = on_boundary - condensed.solve_boundary(flux.T).T
     more = np.sum((A_difference - 2 * residual) * difference, axis=1)
     return [
         RitzProjection(
@@ -111,6 +122,7 @@ def ritz_projections(
             ritz_defect=defect[c],
             values=values[c],
             ritz_boundary_error=_boundary_distance(mesh, values[c], *traces[c][:2]),
+            held=held[c],
         )
         for c, (case, (_, _, square, u_square)) in enumerate(zip(cases, seen, strict=True))
     ]
@@ -133,7 +145,7 @@ def h1_distance(case: Case, mesh: Mesh, v_h: Array, degree: int | None = None) -
         for rule in triangle_rules(used, case, degree):
             u, grad_u = _seen(case.value_and_gradient, rule)
             value, slope = _difference(rule, u, grad_u, *of_v)
-            square += _square(rule.weight, value, slope)
+            square += _square(rule.weight, value, slope, case.reaction)
     return math.sqrt(square)
 
 
@@ -157,12 +169,14 @@ def _difference(
     return value, grad_u - slope_of_v[rule.triangle][:, None]
 
 
-def _square(w: Array, value: Array, slope: Array) -> float:
-    return float(np.sum(w * (value**2 + slope[..., 0] ** 2 + slope[..., 1] ** 2)))
+def _square(w: Array, value: Array, slope: Array, reaction: float) -> float:
+    return float(np.sum(w * (reaction * value**2 + slope[..., 0] ** 2 + slope[..., 1] ** 2)))
 
 
-def moments(case: Case, mesh: Mesh, v_h: Array, degree: int | None) -> tuple[Array, Array, float, float]:
-    """(f, phi_i), (u - v_h, phi_i)_1, ||u - v_h||_1^2 and ||u||_1^2, in one pass where u or v_h is not 0."""
+def moments(
+    case: Case, mesh: Mesh, v_h: Array, degree: int | None, reaction: float = 1.0
+) -> tuple[Array, Array, float, float]:
+    """(f, phi_i), (u - v_h, phi_i), ||u - v_h||^2 and ||u||^2, in one pass where u or v_h is not 0."""
     mesh = _where_not_0(case, mesh, v_h)
     nodal, slopes = v_h[mesh.triangles], gradients(mesh)
     slope_of_v = np.einsum("ti,tid->td", nodal, slopes)
@@ -173,10 +187,10 @@ def moments(case: Case, mesh: Mesh, v_h: Array, degree: int | None) -> tuple[Arr
         w, phi = rule.weight, rule.barycentric
         u, grad_u, f = _seen(case.whole, rule)
         value, slope = _difference(rule, u, grad_u, nodal, slope_of_v)
-        u_square += _square(w, u, grad_u)
-        square += _square(w, value, slope)
+        u_square += _square(w, u, grad_u, reaction)
+        square += _square(w, value, slope, reaction)
         np.add.at(of_f, rule.triangle, np.einsum("kq,kqb->kb", w * f, phi))
-        np.add.at(of_difference, rule.triangle, np.einsum("kq,kqb->kb", w * value, phi))
+        np.add.at(of_difference, rule.triangle, np.einsum("kq,kqb->kb", reaction * w * value, phi))
         np.add.at(gradient, rule.triangle, np.einsum("kq,kqd->kd", w, slope))
     return load_vector(mesh, of_f), h1_load(mesh, slopes, of_difference, gradient), square, u_square
 

@@ -1,30 +1,32 @@
 """Cases: manufactured solutions, declared in YAML files and derived here.
 
-A case declares u as a sum of atoms and the gap u - g on every side; f = -Delta u + u, lambda = du/dn
-and g = u - gap follow. `case_certificate.certify` checks what the paper asks of them.
+A case declares u as a sum of atoms and the gap u - g on every side; f = -Delta u + c u, lambda = du/dn and g
+= u - gap follow. On clamped sides it declares u once more, as a formula. `case_certificate.certify` checks
+what the paper asks of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cached_property, reduce
 from importlib import resources
 from importlib.resources.abc import Traversable
 from math import inf, lcm
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import sympy
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError, meant, shown
+from unilateral.formulas.expression import ZERO, Expression, number
 from unilateral.formulas.expression import Atom as Part
 from unilateral.formulas.formula import Compiled
 from unilateral.formulas.symbolic import compile_numpy, kinks, plain
-from unilateral.formulas.taylor import Model
+from unilateral.formulas.taylor import Model, joined
 from unilateral.formulas.taylor_enclosures import Steps
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
@@ -32,7 +34,7 @@ from unilateral.problems.atoms import Along, Smooth, T
 from unilateral.problems.cantor_atom import Cantor
 from unilateral.problems.case_builder import Atom, Builder, constants_of
 from unilateral.problems.catalogue import folder, names
-from unilateral.problems.data import KnownSolution, on_sides, places
+from unilateral.problems.data import KnownSolution, on_sides, places, slopes_on_sides
 from unilateral.problems.fields import as_html, listed
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_obstacle, no_flux
 from unilateral.problems.units import Units
@@ -45,7 +47,7 @@ class Case(KnownSolution):
 
     `gaps` holds one expression in t (the arc length in side lengths) per side. The case was put on
     `side`. On `free_sides` lambda is 0, and the method has no multipliers there;
-    `case_certificate.with_free_sides` checks that lambda is 0.
+    `case_certificate.with_free_sides` checks that lambda is 0. `values` has u on the clamped sides.
     """
 
     name: str
@@ -55,7 +57,19 @@ class Case(KnownSolution):
     gaps: tuple[sympy.Expr, ...]
     free_sides: tuple[int, ...] = ()
     side: int = 0
-    units: ClassVar[Units] = Units()
+    values: Mapping[int, Expression] = field(default_factory=dict)
+
+    @cached_property
+    def units(self) -> Units:
+        return Units(c=number(self.declaration.get("c", 1)))
+
+    @property
+    def reaction(self) -> float:
+        return self.units.reaction
+
+    @property
+    def clamped_sides(self) -> tuple[int, ...]:
+        return tuple(sorted(self.values))
 
     @property
     def title(self) -> str:
@@ -80,9 +94,9 @@ class Case(KnownSolution):
         return value, gradient
 
     def whole(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array, Array]:
-        """What `value_and_gradient` returns, and f = -Delta u + u (k,), (1.1)."""
+        """What `value_and_gradient` returns, and f = -Delta u + c u (k,), (1.1)."""
         value, gradient, f = _summed(atom.whole(points, offset) for atom in self.atoms)
-        return value, gradient, f
+        return value, gradient, f if self.reaction else f - value
 
     def source(self, points: Array, offset: Array | float = 0.0) -> Array:
         """f (k,) at the places points + offset (k, 2) of Omega."""
@@ -97,17 +111,43 @@ class Case(KnownSolution):
         return {}
 
     def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
-        return reduce(Model.__add__, (atom.source_model(x, y) for atom in self.atoms))
+        f = reduce(Model.__add__, (atom.source_model(x, y) for atom in self.atoms))
+        return f if self.reaction else f + self._value_model(x, y).scaled(-1.0)
+
+    def _value_model(self, x: Model, y: Model) -> Model:
+        return reduce(Model.__add__, (atom.value_model(x, y) for atom in self.atoms))
 
     def obstacle_model(self, side: Index, t: Model) -> Model:
-        """g = u - gap, see `Data`."""
-        x, y = places(self.polygon, side, t)
-        u = reduce(Model.__add__, (atom.value_model(x, y) for atom in self.atoms))
+        """g = u - gap, or u as it is declared, see `Data`."""
+        clamped = np.isin(side, self.clamped_sides)
+        parts = []
+        for of, at in ((self._g_model, ~clamped), (self._u_model, clamped)):
+            places_of = np.flatnonzero(at)
+            parts += [(of(side[at], t.on(places_of)), places_of)] if places_of.size else []
+        return joined(parts)
+
+    def _g_model(self, side: Index, t: Model) -> Model:
+        u = self._value_model(*places(self.polygon, side, t))
         return u + on_sides([plain(-gap) for gap in self.gaps], side, {T.name: t})
+
+    def _u_model(self, side: Index, t: Model) -> Model:
+        x, y = places(self.polygon, side, t)
+        given = [self.values.get(i, ZERO) for i in range(self.polygon.n_sides)]
+        return on_sides(given, side, {"x": x, "y": y})
+
+    def slope_model(self, side: Index, t: Model) -> Model:
+        """The derivative by t of u on clamped sides."""
+        return slopes_on_sides(self.values, self.polygon, side, t, {})
 
     @cached_property
     def enclosed_obstacle(self) -> Obstacle:
-        return enclose_obstacle(self.polygon, self.obstacle_model, cuts=self.singular())
+        return enclose_obstacle(
+            self.polygon,
+            self.obstacle_model,
+            cuts=self.singular(),
+            clamped=self.clamped_sides,
+            slope=self.slope_model,
+        )
 
     @cached_property
     def enclosed_flux(self) -> Flux:
@@ -118,7 +158,8 @@ class Case(KnownSolution):
     ) -> tuple[Array, Array, Array]:
         """u, lambda = du/dn (Theorem 1.2) and the gap u - g, (k,) each, at the arc lengths s of the sides.
 
-        `near` has, for every place, a point t of its side, in side lengths, and the arc length from there.
+        On clamped sides lambda is 0: they have no multiplier. `near` has, for every place, a point t of its
+        side, in side lengths, and the arc length from there.
         """
         lengths = self.polygon.lengths[side]
         anchor, offset = near or (s / lengths, np.zeros(len(s)))
@@ -126,8 +167,8 @@ class Case(KnownSolution):
         for i in np.unique(side):
             here = np.flatnonzero(side == i)
             along = Along((s / lengths)[here], anchor[here], (offset / lengths)[here])
-            u[here], flux[here] = self._on_side(int(i), s[here], along)
-        return u, flux, self.gap(side, s)
+            u[here], flux[here] = self.on_side(int(i), s[here], along)
+        return u, np.where(np.isin(side, self.clamped_sides), 0.0, flux), self.gap(side, s)
 
     def gap(self, side: Index, s: Array) -> Array:
         """The gap u - g (k,) at the arc lengths s of the sides."""
@@ -137,7 +178,8 @@ class Case(KnownSolution):
             gap[here] = self._gap_functions[i](t[here])[0]
         return gap
 
-    def _on_side(self, side: int, s: Array, along: Along) -> tuple[Array, Array]:
+    def on_side(self, side: int, s: Array, along: Along) -> tuple[Array, Array]:
+        """u and du/dn (k,) at arc lengths s (k,) of a side."""
         points = self.polygon.at(np.full(len(s), side), s)
         u, flux = np.zeros(len(s)), np.zeros(len(s))
         for atom in self.atoms:
@@ -236,7 +278,9 @@ def declared_on(
     constants = constants_of(declaration, polygon, where)
     build = Builder(where, polygon, side, constants)
     atoms = tuple(build.atom(entry, f"{where}, u[{i}]") for i, entry in enumerate(declaration["u"]))
-    return Case(name, declaration, polygon, atoms, build.gaps(declaration["gap"]), free_sides, side)
+    values = build.values(declaration.get("clamped", []))
+    gaps = tuple(sympy.S.Zero if i in values else gap for i, gap in enumerate(build.gaps(declaration["gap"])))
+    return Case(name, declaration, polygon, atoms, gaps, free_sides, side, values)
 
 
 def declared(case: str | Path) -> tuple[dict[str, Any], str]:

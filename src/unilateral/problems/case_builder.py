@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import keyword
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
@@ -119,6 +119,15 @@ class Builder:
         if gamma <= 0:
             raise InputError(f"{where}, gamma: {gamma} must be positive")
         return cantor_gap(self.family(entry, where), gamma)
+
+    def values(self, entries: Sequence[Mapping[str, Any]]) -> dict[int, Expression]:
+        """What u is on clamped sides, in x and y."""
+        found = {}
+        for i, entry in enumerate(entries):
+            place = f"{self.where}, clamped[{i}]"
+            parsed = formula.parse(entry["u"], ["x", "y", *self.constants], place)
+            found[self.side(entry["side"])] = formula.substituted(parsed, self.constants, place)
+        return found
 
     def gaps(self, entry: Mapping[str, Any]) -> tuple[sympy.Expr, ...]:
         result = [self.along_side(entry["elsewhere"], f"{self.where}, gap.elsewhere")] * self.polygon.n_sides

@@ -16,7 +16,9 @@ import numpy as np
 
 from unilateral.arrays import Array
 from unilateral.errors import InputError
+from unilateral.formulas.formula import compile_numpy
 from unilateral.problems.case import Case
+from unilateral.problems.problem import contact_sides
 
 PROVED = {"h1": 1.0, "hm12": 1.0, "l2": 0.5}
 """The rates proved by (4.11), (4.12) and (4.13), where (j), (jj) and (jjj) hold."""
@@ -62,7 +64,9 @@ def certify(case: Case) -> Certificate:
     samples = [_sample(case, side) for side in range(case.polygon.n_sides)]
     size = _size(case, samples)
     for sample in samples:
-        _check(case, sample, size)
+        (_check_given if sample.side in case.values else _check)(case, sample, size)
+    if not (case.reaction or case.values):
+        raise InputError(f"case '{case.name}', field c: it is 0, and no side is clamped")
     _continuous_at_vertices(case)
     known = [atom.regularity for atom in case.atoms]
     lipschitz_gap = all(k >= 1 for side in case.gap_kinks for _, k in side)
@@ -72,11 +76,12 @@ def certify(case: Case) -> Certificate:
         "jjj": all(each.finite for each in known),
     }
     _as_declared(case, hypotheses)
+    of_contact = contact_sides(case.polygon, case.values)
     bounded = all(each.flux_bounded for each in known)
     return Certificate(
         hypotheses,
         case.gap_order > 3 / 2,
-        tuple((sample.side, a, b) for sample in samples for a, b in _contact(case, sample.side)),
+        tuple((side, a, b) for side in of_contact for a, b in _contact(case, side)),
         lambda_max=max(0.0, *(float(sample.flux.max()) for sample in samples)) if bounded else math.inf,
         gap_max=max(0.0, *(float(sample.gap.max()) for sample in samples)),
     )
@@ -123,6 +128,18 @@ def _check(case: Case, sample: _Sample, size: float) -> None:
             raise InputError(f"{_place(case, side, t[k])}: {what} ({values})")
 
 
+def _check_given(case: Case, sample: _Sample, size: float) -> None:
+    """Raises InputError where u is not what is declared on a clamped side."""
+    x, y = case.polygon.at(
+        np.full(len(sample.t), sample.side), sample.t * case.polygon.lengths[sample.side]
+    ).T
+    given = compile_numpy([case.values[sample.side]], "xy")(x, y)[0]
+    k = int(np.argmax(np.abs(sample.u - given)))
+    if abs(sample.u[k] - given[k]) > ROUND_OFF * size:
+        values = f"u = {sample.u[k]:.6g}, declared is {given[k]:.6g}"
+        raise InputError(f"{_place(case, sample.side, sample.t[k])}: u is not what is declared ({values})")
+
+
 def _contact(case: Case, side: int) -> list[tuple[float, float]]:
     """The maximal intervals of a side on which the gap is 0, between singular points."""
     ends = np.unique([0.0, 1.0, *(p.t for p in case.singular() if p.side == side)])
@@ -141,7 +158,8 @@ def _continuous_at_vertices(case: Case) -> None:
     sides = np.arange(n)
     u_start, _, start = case.boundary(sides, np.zeros(n))
     u_end, _, end = case.boundary(sides, lengths)
-    jump = (u_start - start) - np.roll(u_end - end, 1)
+    jump, clamped = (u_start - start) - np.roll(u_end - end, 1), np.isin(sides, case.clamped_sides)
+    jump[clamped != np.roll(clamped, 1)] = 0.0  # there u >= g is enough
     scale = np.max(np.abs([start, end, u_start]))
     worst = int(np.argmax(np.abs(jump)))
     if abs(jump[worst]) > ROUND_OFF * scale:
@@ -169,6 +187,8 @@ def with_free_sides(case: Case, free: Sequence[int]) -> Case:
     for side in free:
         if not 0 <= side < n:
             raise InputError(f"free sides: '{case.polygon.name}' has the sides 0 to {n - 1}, not {side}")
+        if side in case.values:
+            raise InputError(f"free sides: case '{case.name}' is clamped on side {side}")
         if side in contact:
             raise InputError(f"free sides: case '{case.name}' has contact on side {side}")
     if len(set(free)) == n:

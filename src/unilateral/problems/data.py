@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import reduce
+from operator import add
 from typing import TYPE_CHECKING, Protocol, TypeGuard
 
 import numpy as np
 
 from unilateral.arrays import Array, Index
+from unilateral.formulas.derivative import derivative
 from unilateral.formulas.expression import Atom, Expression
 from unilateral.formulas.taylor import Model, joined, number
 from unilateral.formulas.taylor_enclosures import Steps, evaluate
@@ -33,7 +36,10 @@ def is_case(problem: object) -> TypeGuard[Case]:
 
 
 class Data(Protocol):
-    """f and g of (1.1)-(1.2), on a polygon whose `free_sides` have du/dn = q in place of (1.2)."""
+    """f and g of (1.1)-(1.2), on a polygon whose `free_sides` have du/dn = q in place of (1.2).
+
+    On the `clamped_sides` u is given in place of (1.2).
+    """
 
     @property
     def name(self) -> str: ...
@@ -49,6 +55,14 @@ class Data(Protocol):
     def free_sides(self) -> tuple[int, ...]: ...
 
     @property
+    def clamped_sides(self) -> tuple[int, ...]:
+        """The sides on which u is given."""
+
+    @property
+    def reaction(self) -> float:
+        """What u is multiplied by in (1.1): 1, or 0 if c = 0."""
+
+    @property
     def f_at_nodes(self) -> Array | None:
         """(n,) f at the nodes of the mesh, if it is given by them; it is then linear on the triangles."""
 
@@ -60,11 +74,11 @@ class Data(Protocol):
         """f on the boxes of x and y, on which the steps have the values `steps`, NaN for both 0 and 1."""
 
     def obstacle_model(self, side: Index, t: Model) -> Model:
-        """g on intervals of the sides (k,), t the arc length in side lengths."""
+        """g, or the given u, on intervals of the sides (k,), t the arc length in side lengths."""
 
     @property
     def enclosed_obstacle(self) -> Obstacle:
-        """g on the sides that are not free, enclosed."""
+        """g on the sides with contact, and u on clamped ones, enclosed."""
 
     @property
     def enclosed_flux(self) -> Flux:
@@ -95,6 +109,24 @@ def on_sides(
     return joined(
         [(_on(formula, {z: of.on(at) for z, of in variables.items()}), at) for formula, at in parts]
     )
+
+
+def slopes_on_sides(
+    formulas: Mapping[int, Expression], polygon: Polygon, side: Index, t: Model, traces: NodalTraces
+) -> Model:
+    """The derivatives of formulas in x, y by t, on intervals of the sides (k,); traces as in `on_sides`."""
+    parts = []
+    for i in np.unique(side).tolist():
+        at = np.flatnonzero(side == i)
+        here = t.on(at)
+        if i in traces:
+            parts.append((traces[i].slope_model(here), at))
+            continue
+        variables = dict(zip("xy", places(polygon, side[at], here), strict=True))
+        along = zip("xy", polygon.edges[i], strict=True)
+        of = (evaluate(derivative(formulas[i], z), variables).scaled(e) for z, e in along)
+        parts.append((reduce(add, of), at))
+    return joined(parts)
 
 
 def _on(of: Expression | NodalTrace, variables: Mapping[str, Model]) -> Model:

@@ -19,10 +19,13 @@ FUNCTION, ARRAY = "a function", "an array"
 
 def fields_of(of: Problem | Sampled) -> dict[str, str]:
     """The fields by their names; k, c, free sides and q only if they are given."""
-    held = [side for side in range(of.polygon.n_sides) if side not in of.free_sides]
+    clamped, n = of.clamped_sides, of.polygon.n_sides
+    held = [side for side in range(n) if side not in of.free_sides and side not in clamped]
     found = {"polygon": f"{of.polygon.n_sides} sides, area {of.polygon.area:.4g}"}
     found["f"] = ARRAY if of.nodal.f is not None else _written(of.f)
-    found["g"] = _on_sides(of.g, of.nodal.g, held)
+    found |= {"g": _on_sides(of.g, of.nodal.g, held)} if held else {}
+    if clamped:
+        found["clamped sides"], found["u there"] = listed(clamped), _on_sides(of.g, of.nodal.g, clamped)
     found |= {name: str(each) for name, each in (("k", of.units.k), ("c", of.units.c)) if each != ONE}
     if of.free_sides:
         found["free sides"] = listed(of.free_sides)

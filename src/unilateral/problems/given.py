@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Number
@@ -20,8 +20,8 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import arguments, nodal, problem_file
 from unilateral.problems.data import is_case
-from unilateral.problems.nodal import Nodal, NodalTrace
-from unilateral.problems.problem import Problem
+from unilateral.problems.nodal import Nodal, NodalTrace, NodalTraces
+from unilateral.problems.problem import Problem, contact_sides
 from unilateral.problems.sampled import Function, Sampled, check_arguments, check_vertices
 from unilateral.system.copies import Rebuilt
 from unilateral.system.files import path_of
@@ -116,9 +116,14 @@ def mesh_of(problem: AnyProblem) -> Mesh | None:
 
 
 def bare(
-    domain: Mesh | Polygon | ArrayLike, free_sides: Sequence[int] | None, k: object, c: object, name: str
+    domain: Mesh | Polygon | ArrayLike,
+    free_sides: Sequence[int] | None,
+    k: object,
+    c: object,
+    name: str,
+    clamped: Iterable[int] = (),
 ) -> Problem:
-    """The problem with f = g = q = 0 on a polygon, or on that of a mesh, which is then part of it.
+    """The problem with f = g = u = q = 0 on a polygon, or on that of a mesh, which is then part of it.
 
     Raises InputError as for a problem file.
     """
@@ -132,6 +137,7 @@ def bare(
         "free_sides": arguments.sides(free_sides, f"{name}, field free_sides"),
         "k": arguments.number(k, f"{name}, field k"),
         "c": arguments.number(c, f"{name}, field c"),
+        "u": {str(arguments.side(side, f"{name}, field u")): 0 for side in clamped},
     }
     found = problem_file.made(fields | {"f": 0, "g": 0}, name, name)
     return replace(found, polygon=mesh.polygon, nodal=Nodal(mesh)) if mesh else found
@@ -150,8 +156,9 @@ def with_data(
     g: Given | Sequence[Given] = None,
     q: Given | Sequence[Given] = None,
     mesh: Mesh | None = None,
+    u: Mapping[int, Given] | None = None,
 ) -> Problem | Sampled:
-    """The problem with another f, g or q, as they are given; what is None stays.
+    """The problem with another f, g, q or u, as they are given; what is None stays.
 
     Arrays (n,) belong to the nodes of the `mesh`, by default that of the problem. Raises InputError as for a
     problem file, and for an array that does not fit the mesh.
@@ -160,11 +167,15 @@ def with_data(
     before = of.nodal.f if of.nodal.f is not None else _read(of.f)
     of_f = before if f is None else _read_f(f, mesh, f"{name}, field f")
     of_g = [*map(_read, of.g)] if g is None else _read_sides(of, g, mesh, "g")
+    traces = of.nodal.g if g is None else _traces(of_g) | _on(of.clamped_sides, of.nodal.g)
+    for side, given in (u or {}).items():
+        of_g[side] = _read_trace(of, given, mesh, side)
+        traces = {i: trace for i, trace in traces.items() if i != side} | _on([side], _traces(of_g))
     of_q = [*map(_read, of.q)] if q is None else _read_sides(of, q, mesh, "q")
     arrays = Nodal(
         mesh,
         of_f if isinstance(of_f, np.ndarray) else None,
-        of.nodal.g if g is None else _traces(of_g),
+        traces,
         of.nodal.q if q is None else _traces(of_q),
     )
     common: dict[str, Any] = {
@@ -173,6 +184,7 @@ def with_data(
         "free_sides": of.free_sides,
         "units": of.units,
         "nodal": arrays,
+        "clamped_sides": of.clamped_sides,
     }
     if any(callable(each) for each in (of_f, *of_g, *of_q)):
         f_, g_, q_ = _function(of_f), tuple(map(_function, of_g)), tuple(map(_function, of_q))
@@ -199,7 +211,7 @@ def _read_sides(
     of: Problem | Sampled, given: Given | Sequence[Given], mesh: Mesh | None, field: str
 ) -> list[Read]:
     """(n sides,) g or q on each side, 0 on those that have none; one is for all sides."""
-    where, n, free = f"{of.name}, field {field}", of.polygon.n_sides, of.free_sides
+    where, kept = f"{of.name}, field {field}", of.clamped_sides if field == "g" else ()
     listed = None
     if isinstance(given, Sequence) and not isinstance(given, str | bytes):
         listed = [_checked(each, f"{where}[{side}]") for side, each in enumerate(given)]
@@ -207,17 +219,34 @@ def _read_sides(
         given = _checked(given, where)
     # The same checks of sides as for formulas, with a number in place of the others.
     numbers = [_placeholder(each) for each in ([given] if listed is None else listed)]
-    formulas = problem_file.on_sides(
-        field, numbers[0] if listed is None else numbers, of.polygon, free, where
-    )
-    found: list[Read] = [*formulas]
-    for side in (side for side in range(n) if (side in free) == (field == "q")):
+    found: list[Read] = [*problem_file.on_sides(field, numbers[0] if listed is None else numbers, of, where)]
+    for side in kept:
+        found[side] = _read(of.g[side])
+    for side in of.free_sides if field == "q" else contact_sides(of.polygon, of.free_sides, kept):
         each, place = (given, where) if listed is None else (listed[side], f"{where}[{side}]")
         if nodal.is_array(each):
             found[side] = nodal.trace(mesh, each, side, place)
         elif callable(each):
             found[side] = each
     return found
+
+
+def _read_trace(of: Problem | Sampled, given: Given, mesh: Mesh | None, side: int) -> Read:
+    """What u is on a clamped side; 0 if it is None."""
+    where = f"{of.name}, field u[{side}]"
+    given = _checked(given, where)
+    if nodal.is_array(given):
+        return nodal.trace(mesh, given, side, where)
+    return (
+        given
+        if callable(given)
+        else problem_file.trace(given, problem_file.ends_of(of.polygon)[side], side, where)
+    )
+
+
+def _on(sides: Sequence[int], traces: NodalTraces) -> dict[int, NodalTrace]:
+    """The traces on some sides."""
+    return {side: trace for side, trace in traces.items() if side in sides}
 
 
 def _checked(given: Any, where: str) -> Given:

@@ -31,13 +31,24 @@ class NodalTrace:
 
     def model(self, t: Model) -> Model:
         """The function on intervals of the side, each of which lies on one edge but for rounding."""
-        middle = 0.5 * (t.range[0] + t.range[1])
-        edge = np.clip(np.searchsorted(self.t, middle, side="right") - 1, 0, len(self.t) - 2)
+        edge = self._edges(t)
         start, end = self.values[edge], self.values[edge + 1]
         slope = (end - start) / (self.t[edge + 1] - self.t[edge])
         doubt = SLOPE * (np.abs(start) + np.abs(end))
         linear = number(t, start) + number(t, slope) * (t + number(t, -self.t[edge]))
         return linear + constant(t.basis, (-doubt, doubt))
+
+    def slope_model(self, t: Model) -> Model:
+        """The derivative by t on intervals as those of `model`."""
+        edge = self._edges(t)
+        rise, run = np.diff(self.values)[edge], np.diff(self.t)[edge]
+        doubt = SLOPE * (np.abs(self.values[edge]) + np.abs(self.values[edge + 1])) / run
+        return number(t, rise / run) + constant(t.basis, (-doubt, doubt))
+
+    def _edges(self, t: Model) -> Index:
+        """The edge on which each interval lies."""
+        middle = 0.5 * (t.range[0] + t.range[1])
+        return np.clip(np.searchsorted(self.t, middle, side="right") - 1, 0, len(self.t) - 2)
 
     @property
     def cuts(self) -> Array:

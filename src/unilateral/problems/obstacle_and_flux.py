@@ -11,9 +11,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
+from unilateral.formulas.taylor import EPS
 from unilateral.geometry.curves import Singular
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.piecewise import ORDER, PLACES, SHORTEST, SIGNS, Piecewise, SideModel, in_pieces
+from unilateral.problems.piecewise import (
+    ORDER,
+    PLACES,
+    SHORTEST,
+    SIGNS,
+    IntervalPieces,
+    Piecewise,
+    SideModel,
+    in_pieces,
+    on_intervals,
+)
 
 CUT = (3 - 5**0.5) / 2
 """Where q is given a side is first cut at this part of its length.
@@ -27,7 +38,13 @@ WIDE = 4 * PLACES
 
 @dataclass(frozen=True, eq=False)
 class Obstacle(Piecewise):
-    """g, -inf on sides that are free. Where two pieces meet on a side their polynomials agree."""
+    """g, -inf on sides that are free. Where two pieces meet on a side their polynomials agree.
+
+    On clamped sides it is the given u, the derivative of which, by the arc length, is within `steep` (k,) of
+    the polynomials'; that is 0 on all others.
+    """
+
+    steep: Array
 
     def means(self, points: Array) -> Array:
         """(m,) the polynomials' means between the arc lengths `points` (m + 1,) of the perimeter."""
@@ -37,6 +54,16 @@ class Obstacle(Piecewise):
         value, _ = self.at(self.on(middle)[:, None], middle[:, None] + half[:, None] * x)
         cell = np.searchsorted(points, middle) - 1
         return np.asarray(np.bincount(cell, half * (value @ w), len(points) - 1) / np.diff(points))
+
+    def on_edges(self, s: Array) -> Array:
+        """(k, 3) the polynomials at the start, the end and the midpoint of edges, from inside the edge.
+
+        The edges lie between the arc lengths s (k + 1,) of the perimeter.
+        """
+        inner = np.stack([s[:-1], s[1:], 0.5 * (s[1:] + s[:-1])], axis=1)
+        piece = self.on(inner)
+        piece[:, 1] = np.searchsorted(self.points, s[1:]) - 1
+        return self.at(np.clip(piece, 0, len(self.side) - 1), inner)[0]
 
     def at_vertex(self, vertex: int) -> tuple[float, float, float]:
         """The polynomials at a vertex, on the side before and the one after, and the sum of their doubts."""
@@ -55,11 +82,15 @@ def enclose_obstacle(
     free: Sequence[int] = (),
     least: float = -np.inf,
     cuts: Iterable[Singular] = (),
+    clamped: Sequence[int] = (),
+    slope: SideModel | None = None,
 ) -> Obstacle:
-    """g on the sides that are not `free`; below `least`, which u exceeds, it need not be known as well.
+    """g on the sides that are not `free`, or the given u on those that are `clamped`.
 
-    It takes fewer pieces if these begin and end at the points where g is known not to be smooth. Each piece
-    but a side's last is changed linearly to end where the next one begins.
+    Below `least`, which u exceeds, it need not be known as well. It takes fewer pieces if these begin and end
+    at the points where g is known not to be smooth. Each piece but a side's last is changed linearly to end
+    where the next one begins. `slope` is the derivative of u on clamped sides by the arc length in side
+    lengths.
     """
     pieces = in_pieces(polygon, model, free, least, cuts)
     side, _, _, c, rad, lower, upper = pieces
@@ -69,7 +100,24 @@ def enclose_obstacle(
     points = pieces.points(polygon)
     rounding = pieces.rounding(points)
     doubt = _of_neighbours(rad + np.abs(gap) + rounding, side)
-    return Obstacle(polygon, points, side, c, doubt, lower - rounding, _of_neighbours(upper, side) + rounding)
+    bounds = lower - rounding, _of_neighbours(upper, side) + rounding
+    return Obstacle(polygon, points, side, c, doubt, *bounds, _steep(polygon, pieces, points, clamped, slope))
+
+
+def _steep(
+    polygon: Polygon, of: IntervalPieces, points: Array, clamped: Sequence[int], slope: SideModel | None
+) -> Array:
+    """(k,) how far the derivatives of the polynomials may be from that of u on `clamped` sides."""
+    steep, at = np.zeros(len(of.side)), np.flatnonzero(np.isin(of.side, clamped))
+    if not at.size or slope is None:
+        return steep
+    exact = on_intervals(slope, of.side[at], of.start[at], of.end[at])
+    k, half, length = np.arange(ORDER + 1.0), 0.5 * np.diff(points)[at], polygon.lengths[of.side[at]]
+    rises = np.roll(k[:, None] * of.c[:, at], -1, axis=0) / half
+    moved = 2 * PLACES * np.spacing(points[-1]) / half
+    rounding = np.abs(rises).sum(axis=0) * 16 * EPS + k @ np.abs(rises) * moved
+    steep[at] = np.abs(exact.c / length - rises).sum(axis=0) + exact.rad / length + rounding
+    return steep
 
 
 def _of_neighbours(values: Array, side: Index) -> Array:

@@ -120,7 +120,7 @@ def in_pieces(
     done, left = [_empty(np.array(without, dtype=np.intp))], MOST_PIECES
     limit = np.broadcast_to(shortest, polygon.n_sides)
     while len(side):
-        now, left = _on_intervals(model, side, start, end), left - len(side)
+        now, left = on_intervals(model, side, start, end), left - len(side)
         wide = _too_wide(_together([now, *done]), least)[: len(side)] & (end - start > limit[side])
         if wide.any():
             wide[wide] = ~_only_rounded(model, now.of(wide))
@@ -153,11 +153,12 @@ def _first_intervals(
 def _only_rounded(model: SideModel, pieces: IntervalPieces) -> Mask:
     """Where a function is hardly better known in a piece's middle than on all of it: cuts are in vain."""
     middle = 0.5 * (pieces.start + pieces.end)
-    at_points = _on_intervals(model, pieces.side, middle, middle)
+    at_points = on_intervals(model, pieces.side, middle, middle)
     return np.asarray(pieces.rad <= IN_VAIN * at_points.rad)
 
 
-def _on_intervals(model: SideModel, side: Index, start: Array, end: Array) -> IntervalPieces:
+def on_intervals(model: SideModel, side: Index, start: Array, end: Array) -> IntervalPieces:
+    """A function on intervals (k,) of sides (k,), which begin and end at these places in side lengths."""
     parts = []
     for at in blocks(len(side), FEW):
         a, b = start[at], end[at]

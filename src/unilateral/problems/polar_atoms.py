@@ -35,7 +35,7 @@ class Polar(Local, OfFormulas):
     """times * factor rho^beta cos(beta (theta - theta_0)) (1 - (rho / cutoff)^2)_+^4, rho = r / L.
 
     No cutoff factor where `cutoff` is None. `omega` is Omega's angle at the centre: pi inside the side, or
-    that of the vertex at which the side begins.
+    that of the vertex at which the side begins. The side before that may be `clamped`.
     """
 
     beta: sympy.Expr
@@ -43,6 +43,7 @@ class Polar(Local, OfFormulas):
     factor: sympy.Expr
     cutoff: sympy.Expr | None
     omega: sympy.Expr = sympy.pi
+    clamped: bool = False
 
     @property
     def symbolic(self) -> tuple[sympy.Expr, sympy.Expr, sympy.Expr, sympy.Expr]:
@@ -131,14 +132,18 @@ class Polar(Local, OfFormulas):
 
     @cached_property
     def regularity(self) -> Regularity:
-        """On a side u is like cos(beta (theta - theta_0)) rho^beta, lambda like sin(..) rho^(beta - 1)."""
-        turns = [self.beta * (theta - self.theta_0) / sympy.pi for theta in (0, self.omega)]
+        """On a side u is like cos(beta (theta - theta_0)) rho^beta, lambda like sin(..) rho^(beta - 1).
+
+        A clamped side does not count: there is no lambda.
+        """
+        sides = (0,) if self.clamped else (0, self.omega)
+        turns = [self.beta * (theta - self.theta_0) / sympy.pi for theta in sides]
         no_trace = all((2 * turn).is_integer and not turn.is_integer for turn in turns)
         no_flux = all(turn.is_integer for turn in turns)
         return Regularity(
             in_H2=bool(self.beta > 1),
             lipschitz=bool(self.beta >= 1) or no_trace,
-            flux_in_L2=bool(2 * self.beta > 1),
+            flux_in_L2=bool(2 * self.beta > 1) or no_flux,
             flux_bounded=bool(self.beta >= 1) or no_flux,
         )
 
@@ -213,7 +218,9 @@ def corner(
     `free`: rho^(pi/omega) cos(pi theta/omega), without flux on both sides. `held`:
     -rho^(pi/omega) sin(pi theta/omega), without trace, lambda = (pi/omega) rho^(pi/omega - 1) on both.
     `transition`: lambda = rho^alpha on the side that begins there and 0 on the one before.
-    Raises InputError where omega is no simple fraction of pi, or the transition would need a logarithm.
+    `clamped`: u = 0 on the side before. On the one that begins there lambda = rho^alpha or, without alpha, 0,
+    and u is rho^(pi/(2 omega)) cos(pi theta/(2 omega)).
+    Raises InputError where omega is no simple fraction of pi, or lambda would need a logarithm.
     """
     share = sympy.Rational(Fraction(polygon.angles[side] / np.pi).limit_denominator(MAX_DENOMINATOR))
     if abs(float(share) * np.pi - polygon.angles[side]) > ON_SIDE:
@@ -222,6 +229,16 @@ def corner(
             f"most {MAX_DENOMINATOR}, as an atom there needs"
         )
     omega = share * sympy.pi
+    if kind == "clamped":
+        beta = 1 / (2 * share) if alpha is None else 1 + alpha
+        if alpha is not None and ((beta * share - sympy.Rational(1, 2)).is_integer or alpha <= -1):
+            raise InputError(
+                f"at a clamped side lambda needs alpha > -1, (1 + alpha) omega/pi - 1/2 no integer, not "
+                f"{alpha}"
+            )
+        theta_0 = omega - sympy.pi / (2 * beta)
+        factor = 1 if alpha is None else 1 / (beta * sympy.cos(beta * omega))
+        return Polar(polygon, side, 0.0, beta, theta_0, times * factor, cutoff, omega, clamped=True)
     if kind != "transition":
         beta, theta_0, factor = (1 / share, sympy.S.Zero, 1) if kind == "free" else (1 / share, omega / 2, -1)
     elif alpha is None or ((1 + alpha) * share).is_integer or alpha <= -1:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
@@ -15,7 +16,7 @@ from unilateral.formulas.taylor import EPS, Model
 from unilateral.formulas.taylor_enclosures import Steps, evaluate
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.data import on_sides, places
+from unilateral.problems.data import on_sides, places, slopes_on_sides
 from unilateral.problems.fields import as_html, as_text, fields_of, headed
 from unilateral.problems.formula_range import range_in
 from unilateral.problems.nodal import Nodal, NodalTraces, cuts
@@ -34,8 +35,9 @@ WANTED = "must be linear, or c - (x - a)**2 - (y - b)**2 up to a factor"
 class Problem(Rebuilt):
     """-k lap u + c u = f with contact, but k du/dn = q on `free_sides`; `units` come from k and c.
 
-    `f` is a formula in x, y. `g` has one per side, which is not used on free sides. `q` has one per side,
-    which is 0 on those that are not free; if `q` is empty, the flux is 0. Arrays that are `nodal` take their
+    `f` is a formula in x, y. `g` has one per side, which is not used on free sides; on `clamped_sides` it is
+    what u is there. `q` has one per side, which is 0 on those that are not free; if `q` is empty, the flux is
+    0. Arrays that are `nodal` take their
     place. The `title` is one line that says what problem it is. What is enclosed is told by `Data`.
     """
 
@@ -48,6 +50,7 @@ class Problem(Rebuilt):
     q: tuple[Expression, ...] = ()
     nodal: Nodal = field(default_factory=Nodal)
     title: str = ""
+    clamped_sides: tuple[int, ...] = ()
 
     def __repr__(self) -> str:
         return as_text(self)
@@ -58,6 +61,15 @@ class Problem(Rebuilt):
     @property
     def f_at_nodes(self) -> Array | None:
         return self.nodal.f
+
+    @property
+    def reaction(self) -> float:
+        return self.units.reaction
+
+    @property
+    def contact_sides(self) -> tuple[int, ...]:
+        """The sides that carry contact: all that are neither free nor clamped."""
+        return contact_sides(self.polygon, self.free_sides, self.clamped_sides)
 
     @cached_property
     def jumps(self) -> dict[Atom, Kink]:
@@ -73,13 +85,18 @@ class Problem(Rebuilt):
 
     @cached_property
     def enclosed_obstacle(self) -> Obstacle:
-        """g on the sides that are not free, enclosed.
+        """g on the sides with contact, and u on clamped ones, enclosed.
 
-        It is less precise below a = inf f / c: as u >= a, see `idle_sides`, u is also the solution for any
-        other obstacle that is at most a where g is.
+        If none are clamped, it is less precise below a = inf f / c: as u >= a, see `idle_sides`, u is also
+        the solution for any other obstacle that is at most a where g is.
         """
-        at = cuts(self.nodal.g)
-        return enclose_obstacle(self.polygon, self.obstacle_model, self.free_sides, self.least, at)
+        least = -math.inf if self.clamped_sides else self._least_of_f
+        on = self.free_sides, least, cuts(self.nodal.g), self.clamped_sides, self.slope_model
+        return enclose_obstacle(self.polygon, self.obstacle_model, *on)
+
+    def slope_model(self, side: Index, t: Model) -> Model:
+        """The derivative by t of u on clamped sides, as `obstacle_model` has u."""
+        return slopes_on_sides(dict(enumerate(self.g)), self.polygon, side, t, self.nodal.g)
 
     def flux_model(self, side: Index, t: Model) -> Model:
         """q as `obstacle_model` has g."""
@@ -110,9 +127,20 @@ class Problem(Rebuilt):
 
     @cached_property
     def least(self) -> float:
-        """A guaranteed lower bound on u: inf f / c, see `idle_sides`; -inf where q may be below 0."""
+        """A guaranteed lower bound on u: inf f / c or the least u on clamped sides, see `idle_sides`.
+
+        It is -inf where q may be below 0.
+        """
+        clamped = (self.enclosed_obstacle.range(side)[0] for side in self.clamped_sides)
+        return min(self._least_of_f, *clamped, math.inf)
+
+    @cached_property
+    def _least_of_f(self) -> float:
+        """inf f / c, or inf f times infinity if c = 0; -inf where q may be below 0."""
         if self.enclosed_flux.least < 0:
             return -math.inf
+        if not self.reaction:
+            return math.copysign(math.inf, self.range_of_f[0] if self.range_of_f[0] else 1.0)
         if self.units.c.rational == 1:
             return self.range_of_f[0]
         quotient = self.range_of_f[0] / rounded(self.units.c)
@@ -123,17 +151,24 @@ class Problem(Rebuilt):
         return replace(self, free_sides=tuple(sorted({*self.free_sides, *self.idle_sides()})))
 
     def idle_sides(self) -> tuple[int, ...]:
-        """The sides, not free, that provably carry no contact: sup g < ess inf f / c = a there.
+        """The sides with contact that provably carry none: sup g < ess inf f / c = a there.
 
         For u >= a where q >= 0, with k = c = 1: with w = (a - u)_+, v = u + w >= g is admissible, so
         (u, w)_1 >= (f, w)_0 + int q w >= a int w; but (u, w)_1 = -|grad w|^2 + int u w = a int w - ||w||_1^2,
-        so w = 0, whatever holds on the other sides. Where q may be below 0 nothing is known. Where g < a <= u
-        complementarity then gives lambda = 0. u_h obeys no such principle and may touch g there, so that to
+        so w = 0, whatever holds on the other sides. If u is given on some, it must be at least a there, for w
+        to vanish; a is then the least of both. If c = 0, f >= 0 is enough: int grad u . grad w is
+        -|grad w|^2. Where q may be below 0 nothing is known. Where g < a <= u complementarity then gives
+        lambda = 0. u_h obeys no such principle and may touch g there, so that to
         leave these sides out changes Lambda_H, and the discrete solution with it. Both bounds are guaranteed,
         by interval arithmetic; a side that they do not decide is not idle.
         """
-        sides = (side for side in range(self.polygon.n_sides) if side not in self.free_sides)
-        return tuple(side for side in sides if self.enclosed_obstacle.range(side)[1] < self.least)
+        of = self.enclosed_obstacle
+        return tuple(side for side in self.contact_sides if of.range(side)[1] < self.least)
+
+
+def contact_sides(polygon: Polygon, *others: Collection[int]) -> tuple[int, ...]:
+    """The sides that are none of the others."""
+    return tuple(side for side in range(polygon.n_sides) if not any(side in each for each in others))
 
 
 def curve(a: Expression) -> list[Kink]:

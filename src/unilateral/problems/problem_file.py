@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from fractions import Fraction
 from importlib import resources
 from itertools import pairwise
@@ -20,11 +21,12 @@ from unilateral.formulas.grammar import NO_LOG, NO_ROOT
 from unilateral.geometry.polygon import MAX_VERTICES, TOO_MANY, Polygon, named, names
 from unilateral.problems import catalogue
 from unilateral.problems.problem import Problem, curve
-from unilateral.problems.sampled import jump_of_g
+from unilateral.problems.sampled import Sampled, check_vertex
 from unilateral.problems.scaled import scaled_polygon
 from unilateral.problems.units import Units
 from unilateral.system import declarations
 
+Ends = tuple[list[Expression], list[Expression]]
 FIELDS = {"polygon", "f", "g", "free_sides"}
 SMALLEST, LARGEST = 1e-140, 1e140
 """The limits of |f|, |g| and |q|, so that squares of data are normal numbers.
@@ -100,12 +102,25 @@ def made(declaration: Any, where: str, name: str | None = None) -> Problem:
         polygon = Polygon(np.array([[rounded(x) for x in vertex] for vertex in corners]), name)
     except InputError as error:
         raise InputError(f"{where}, field polygon: {error}") from None
-    units = Units(*(_coefficient(declaration.get(field, 1), f"{where}, field {field}") for field in "kc"))
+    units = Units(
+        _coefficient(declaration.get("k", 1), f"{where}, field k"),
+        _coefficient(declaration.get("c", 1), f"{where}, field c", or_0=True),
+    )
     free = _free_sides(declaration, polygon, where)
+    clamped = _clamped_sides(declaration.get("u", {}), polygon, free, f"{where}, field u")
+    if not (clamped or units.reaction):
+        raise InputError(
+            f"{where}, field c: it is 0 and no side is clamped, so that u is not unique; clamp a side in the "
+            "field u, or take a c above 0"
+        )
     f = formula(declaration["f"], f"{where}, field f")
-    g = _obstacles(declaration["g"], corners, free, f"{where}, field g")
+    ends = [*zip(corners, corners[1:] + corners[:1], strict=True)]
+    g = _obstacles(declaration["g"], ends, free, [*clamped], f"{where}, field g")
+    for side, text in clamped.items():
+        g[side] = trace(text, ends[side], side, f"{where}, field u[{side}]")
     q = _fluxes(declaration.get("q"), polygon.n_sides, free, f"{where}, field q")
-    problem = Problem(name, polygon, f, g, free, units, q, title=declaration.get("title", ""))
+    title = declaration.get("title", "")
+    problem = Problem(name, polygon, f, tuple(g), free, units, q, title=title, clamped_sides=tuple(clamped))
     try:
         scaled_polygon(problem)
     except InputError as error:
@@ -114,13 +129,15 @@ def made(declaration: Any, where: str, name: str | None = None) -> Problem:
     return problem
 
 
-def _coefficient(given: object, where: str) -> Expression:
-    """An exact number that is positive and of a size that leaves room for those of the data."""
+def _coefficient(given: object, where: str, or_0: bool = False) -> Expression:
+    """An exact number that is positive, `or_0`, and of a size that leaves room for those of the data."""
     coefficient = number(given, where)
+    if or_0 and coefficient == ZERO:
+        return coefficient
     if not 1 / MOST_COEFFICIENT <= rounded(coefficient) <= MOST_COEFFICIENT:
         raise InputError(
             f"{where}: it is {shown(given)}; it has to be a positive number, "
-            f"between {1 / MOST_COEFFICIENT:g} and {MOST_COEFFICIENT:g}"
+            f"between {1 / MOST_COEFFICIENT:g} and {MOST_COEFFICIENT:g}" + ", or 0" * or_0
         )
     return coefficient
 
@@ -133,38 +150,68 @@ def _free_sides(declaration: dict[str, Any], polygon: Polygon, name: str) -> tup
     twice = [a for a, b in pairwise(free) if a == b]
     if twice:
         raise InputError(f"{where}: side {twice[0]} is given twice; give it once")
-    if len(free) == polygon.n_sides:
-        raise InputError(f"{where}: all sides are free; one at least must have an obstacle")
     return free
 
 
+def _clamped_sides(
+    given: dict[str, Any], polygon: Polygon, free: tuple[int, ...], where: str
+) -> dict[int, Any]:
+    """What u is on each clamped side, in their order."""
+    sides = {int(side): text for side, text in given.items()}
+    if sides and max(sides) >= polygon.n_sides:
+        raise InputError(f"{where}: the polygon has the sides 0 to {polygon.n_sides - 1}, not {max(sides)}")
+    both = sorted({*sides} & {*free})
+    if both:
+        raise InputError(
+            f"{where}: side {both[0]} is in free_sides, too; on a side either u is given or its flux"
+        )
+    return dict(sorted(sides.items()))
+
+
 def _obstacles(
-    given: Any, vertices: list[list[Expression]], free: tuple[int, ...], where: str
-) -> tuple[Expression, ...]:
-    """g on every side as a formula in x, y; 0 on free sides."""
-    _check_count(given, len(vertices), where)
+    given: Any, ends: list[Ends], free: tuple[int, ...], clamped: Sequence[int], where: str
+) -> list[Expression]:
+    """g on every side as a formula in x, y; 0 on sides without contact."""
+    _check_count(given, len(ends), where)
     formulas = []
-    for side, ((x0, y0), (x1, y1)) in enumerate(zip(vertices, vertices[1:] + vertices[:1], strict=True)):
+    for side, of_side in enumerate(ends):
         text, place = (given[side], f"{where}[{side}]") if isinstance(given, list) else (given, where)
-        if text is None and side not in free:
+        if text is None and side not in [*free, *clamped]:
             raise InputError(
                 f"{place}: there is no formula, and side {side} is not free; "
-                "write one, or name the side in free_sides"
+                "write one, or name the side in free_sides or in u"
             )
-        formula = _plain(text, place, "in a list write null for a side that is named in free_sides")
-        formulas.append(ZERO if side in free else formula)
-        if not atoms_in(formulas[-1], "pos"):
-            continue
-        t = variable("t")
-        on_side = {"x": x0 + t * (x1 - x0), "y": y0 + t * (y1 - y0)}
-        along = substituted(formula, on_side, f"{place}, on side {side}")
-        try:
-            powers = [k for t, k in kinks(along, "t") if 0 <= t <= 1]
-        except ValueError as error:
-            raise InputError(f"{place}: {error}") from None
-        if any(k < 1 for k in powers):
-            raise InputError(f"{place}: a power of pos below 1 on side {side}; g must be Lipschitz")
-    return tuple(formulas)
+        if text is not None and isinstance(given, list) and side in clamped:
+            raise InputError(f"{place}: side {side} is clamped; write null, or take it out of u")
+        instead = "in a list write null for a side that is named in free_sides"
+        carries = side not in [*free, *clamped]
+        formula = trace(text, of_side, side, place) if carries else _plain(text, place, instead)
+        formulas.append(formula if carries else ZERO)
+    return formulas
+
+
+def trace(text: object, ends: Ends, side: int, where: str) -> Expression:
+    """g or u on a side between two `ends` as a formula in x, y; 0 if there is none; see `made`."""
+    formula = _plain(text, where, "in a list write null for a side that is named in free_sides")
+    if not atoms_in(formula, "pos"):
+        return formula
+    (x0, y0), (x1, y1) = ends
+    t = variable("t")
+    on_side = {"x": x0 + t * (x1 - x0), "y": y0 + t * (y1 - y0)}
+    along = substituted(formula, on_side, f"{where}, on side {side}")
+    try:
+        powers = [k for t, k in kinks(along, "t") if 0 <= t <= 1]
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from None
+    if any(k < 1 for k in powers):
+        raise InputError(f"{where}: a power of pos below 1 on side {side}; it must be Lipschitz")
+    return formula
+
+
+def ends_of(polygon: Polygon) -> list[Ends]:
+    """The exact coordinates of the two ends of every side."""
+    vertices = [[exact(Fraction(repr(x))) for x in vertex] for vertex in polygon.vertices.tolist()]
+    return [*zip(vertices, vertices[1:] + vertices[:1], strict=True)]
 
 
 def _check_count(given: Any, n: int, where: str) -> None:
@@ -209,14 +256,11 @@ def _plain(text: object, where: str, instead: str) -> Expression:
     return formula
 
 
-def on_sides(
-    field: str, given: object, polygon: Polygon, free: tuple[int, ...], where: str
-) -> tuple[Expression, ...]:
+def on_sides(field: str, given: object, of: Problem | Sampled, where: str) -> Sequence[Expression]:
     """The field g or q on every side as a formula in x, y, 0 on sides without one; see `made`."""
     if field == "q":
-        return _fluxes(given, polygon.n_sides, free, where)
-    vertices = [[exact(Fraction(repr(x))) for x in vertex] for vertex in polygon.vertices.tolist()]
-    return _obstacles(given, vertices, free, where)
+        return _fluxes(given, of.polygon.n_sides, of.free_sides, where)
+    return _obstacles(given, ends_of(of.polygon), of.free_sides, of.clamped_sides, where)
 
 
 def formula(text: object, where: str) -> Expression:
@@ -231,7 +275,7 @@ def formula(text: object, where: str) -> Expression:
 
 
 def check(problem: Problem, name: str) -> None:
-    """Raises InputError unless f, g and q are finite and g is the same on both sides of each vertex.
+    """Raises InputError unless f, g, u and q are finite and fit together at each vertex, see `check_vertex`.
 
     A g that jumps at a vertex is the trace of no u in H^1. The sizes of f, g and q are looked at in the units
     in which the problem is solved.
@@ -244,15 +288,17 @@ def check(problem: Problem, name: str) -> None:
     largest = 0.0
     for side in constrained:
         largest = max(largest, *map(abs, obstacle.range(side)))
-        _check_size(largest, units.value, unit, f"{name}, field g", f"on side {side}", least=False)
+        field = "u" if side in problem.clamped_sides else "g"
+        _check_size(largest, units.value, unit, f"{name}, field {field}", f"on side {side}", least=False)
     _check_size(largest, units.value, unit, f"{name}, field g", "on all sides")
     for side in problem.flux_sides:
         of_q = max(map(abs, problem.enclosed_flux.range(side)))
         _check_size(of_q, units.flux, unit, f"{name}, field q", f"on side {side}")
     for side, before in ((side, (side - 1) % n) for side in constrained):
-        end, start, doubt = obstacle.at_vertex(side)
-        if before in constrained and abs(start - end) > ROUND_OFF * largest + doubt:
-            raise jump_of_g(name, before, end, side, start)
+        if before in constrained:
+            end, start, doubt = obstacle.at_vertex(side)
+            at = (before, end), (side, start), ROUND_OFF * largest + doubt
+            check_vertex(name, problem.polygon, problem.clamped_sides, *at)
 
 
 def _check_size(given: float, one: float, unit: float, where: str, place: str, least: bool = True) -> None:

@@ -31,6 +31,7 @@ def record(of: Case | Problem | Sampled) -> dict[str, Any]:
         "polygon": of.polygon.name,
         "vertices": of.polygon.vertices.tolist(),
         "free_sides": [*of.free_sides],
+        "clamped_sides": [*of.clamped_sides],
     }
     if not isinstance(of, Problem | Sampled):
         return found | {"kind": "case", "declaration": of.declaration, "side": of.side}
@@ -50,7 +51,7 @@ def record(of: Case | Problem | Sampled) -> dict[str, Any]:
 
 def of_record(of: dict[str, Any], f_at_nodes: Array | None = None) -> Case | Problem | Sampled:
     """The problem of a record, without its mesh; in place of functions are such that raise InputError."""
-    name, free = of["name"], tuple(of["free_sides"])
+    name, free, clamped = of["name"], tuple(of["free_sides"]), tuple(of["clamped_sides"])
     polygon = Polygon(np.array(of["vertices"]), of["polygon"])
     if of["kind"] == "case":
         from unilateral.problems.case import declared_on  # with sympy, which takes long to import
@@ -61,11 +62,11 @@ def of_record(of: dict[str, Any], f_at_nodes: Array | None = None) -> Case | Pro
     nodal = Nodal(None, f_at_nodes, *at_nodes)
     if of["kind"] == "formulas":
         formulas = (tuple(map(of_tree, of[field])) for field in "gq")
-        return Problem(
-            name, polygon, of_tree(of["f"]), next(formulas), free, units, next(formulas), nodal, of["title"]
-        )
-    g, q = (tuple(map(_function, of[field])) for field in "gq")
-    return Sampled(name, polygon, _function(of["f"]), g, free, units, q, nodal)
+        g, q = next(formulas), next(formulas)
+        return Problem(name, polygon, of_tree(of["f"]), g, free, units, q, nodal, of["title"], clamped)
+    functions = (tuple(map(_function, of[field])) for field in "gq")
+    given = _function(of["f"]), next(functions), free, units, next(functions)
+    return Sampled(name, polygon, *given, nodal, clamped)
 
 
 def on_mesh(problem: Case | Problem | Sampled, mesh: Mesh) -> Case | Problem | Sampled:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -29,7 +29,8 @@ class Sampled(Rebuilt):
     """-k lap u + c u = f with contact, but k du/dn = q on `free_sides`; `units` come from k and c.
 
     `f` takes arrays x, y of one shape and returns that shape; so do the functions of `g` and `q`, one per
-    side. If `q` is empty, the flux is 0. Arrays that are `nodal` take their place.
+    side. On `clamped_sides` g is what u is there. If `q` is empty, the flux is 0. Arrays that are `nodal`
+    take their place.
     """
 
     name: str
@@ -40,6 +41,11 @@ class Sampled(Rebuilt):
     units: Units = field(default_factory=Units)
     q: tuple[Function, ...] = ()
     nodal: Nodal = field(default_factory=Nodal)
+    clamped_sides: tuple[int, ...] = ()
+
+    @property
+    def reaction(self) -> float:
+        return self.units.reaction
 
     @property
     def title(self) -> str:
@@ -57,7 +63,7 @@ class Sampled(Rebuilt):
         return values(self.f, points, f"{self.name}, field f")
 
     def obstacle(self, side: Index, s: Array) -> Array:
-        """g (k,) at arc lengths s (k,) of the sides (k,), 0 on free ones."""
+        """g, or the given u, (k,) at arc lengths s (k,) of the sides (k,), 0 on free ones."""
         held = set(range(self.polygon.n_sides)) - {*self.free_sides}
         return self._on_sides({i: self.g[i] for i in held}, self.nodal.g, "g", side, s)
 
@@ -86,7 +92,7 @@ class Sampled(Rebuilt):
 
 
 def check_vertices(of: Sampled) -> None:
-    """Raises InputError where g jumps at a vertex: then no u in H^1 has that trace."""
+    """Raises InputError where g or u jumps at a vertex, or u < g: then no u in H^1 has that trace."""
     n, v, traces = of.polygon.n_sides, of.polygon.vertices, of.nodal.g
     held = [side for side in range(n) if side not in of.free_sides]
     ends = {
@@ -97,17 +103,38 @@ def check_vertices(of: Sampled) -> None:
     }
     largest = max(float(np.abs(each).max()) for each in ends.values())
     for side, before in ((side, (side - 1) % n) for side in held if (side - 1) % n in ends):
-        end, start = ends[before][1], ends[side][0]
-        if abs(start - end) > JUMP * largest:
-            raise jump_of_g(of.name, before, end, side, start)
+        values_there = (before, ends[before][1]), (side, ends[side][0])
+        check_vertex(of.name, of.polygon, of.clamped_sides, *values_there, JUMP * largest)
 
 
-def jump_of_g(name: str, before: int, end: float, side: int, start: float) -> InputError:
-    """The refusal of a g with the value `end` at the end of the side before and `start` where one begins."""
-    return InputError(
-        f"{name}, field g: it jumps at vertex {side}, from {end:.6g} on side {before} to "
-        f"{start:.6g} on side {side}; it has to be continuous"
-    )
+def check_vertex(
+    name: str,
+    polygon: Polygon,
+    clamped: Collection[int],
+    last: tuple[int, float],
+    first: tuple[int, float],
+    allowed: float,
+) -> None:
+    """Raises InputError unless what is given on two sides fits together at the vertex between them.
+
+    `last` is a side and what is given at its end, `first` the next one and what is given where it begins.
+    Both are g or both u, and alike; or u is at least g. They may be off by what is `allowed`.
+    """
+    (before, end), (side, start) = last, first
+    if (before in clamped) == (side in clamped):
+        if abs(start - end) > allowed:
+            raise InputError(
+                f"{name}, field {'u' if side in clamped else 'g'}: it jumps at vertex {side}, from {end:.6g} "
+                f"on side {before} to {start:.6g} on side {side}; it has to be continuous"
+            )
+        return
+    (of_u, u), (of_g, g) = (last, first) if before in clamped else (first, last)
+    if u < g - allowed:
+        x, y = polygon.vertices[side]
+        raise InputError(
+            f"{name}, field u: at vertex {side}, ({x:.6g}, {y:.6g}), u is {u:.6g} on side {of_u}, which is "
+            f"clamped, but g is {g:.6g} on side {of_g}; u >= g has to hold there"
+        )
 
 
 def check_arguments(function: Function, where: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, overload
@@ -19,6 +20,7 @@ from unilateral.problems.nodal import cuts
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_flux, enclose_obstacle
 from unilateral.problems.problem import Problem
 from unilateral.problems.sampled import Function, Sampled, values
+from unilateral.problems.units import Units
 from unilateral.system.copies import Rebuilt
 
 if TYPE_CHECKING:
@@ -42,6 +44,14 @@ class Scaled(Rebuilt):
     @property
     def free_sides(self) -> tuple[int, ...]:
         return self.of.free_sides
+
+    @property
+    def clamped_sides(self) -> tuple[int, ...]:
+        return self.of.clamped_sides
+
+    @property
+    def reaction(self) -> float:
+        return self.of.reaction
 
     @cached_property
     def polygon(self) -> Polygon:
@@ -74,14 +84,17 @@ class Scaled(Rebuilt):
         """k^{1/2} g; t, in side lengths, stays."""
         return self.of.obstacle_model(side, t).scaled(1 / self.of.units.value)
 
+    def slope_model(self, side: Index, t: Model) -> Model:
+        """The derivative by t of k^{1/2} u on clamped sides."""
+        return self.of.slope_model(side, t).scaled(1 / self.of.units.value)
+
     @cached_property
     def enclosed_obstacle(self) -> Obstacle:
         """See `Problem`."""
-        least = self.of.least / self.of.units.value
-        least -= 4 * EPS * abs(least)
-        return enclose_obstacle(
-            self.polygon, self.obstacle_model, self.free_sides, least, cuts(self.of.nodal.g)
-        )
+        least = -math.inf if self.clamped_sides else self.of.least / self.of.units.value
+        least -= 4 * EPS * abs(least) if math.isfinite(least) else 0.0
+        on = self.free_sides, least, cuts(self.of.nodal.g), self.clamped_sides, self.slope_model
+        return enclose_obstacle(self.polygon, self.obstacle_model, *on)
 
     def flux_model(self, side: Index, t: Model) -> Model:
         """c^{-1/2} q; t, in side lengths, stays."""
@@ -124,7 +137,8 @@ def _scaled_functions(of: Sampled) -> Sampled:
         for name, functions, unit in (("g", of.g, of.units.value), ("q", of.q, of.units.flux))
     )
     nodal = of.nodal.scaled(of.units.load, of.units.value, of.units.flux)
-    return Sampled(of.name, scaled_polygon(of), f, g, of.free_sides, q=q, nodal=nodal)
+    units = Units(c=of.units.c) if not of.reaction else Units()
+    return replace(of, polygon=scaled_polygon(of), f=f, g=g, q=q, nodal=nodal, units=units)
 
 
 def _moved(of: Sampled, function: Function, where: str, unit: float) -> Function:

@@ -1,5 +1,7 @@
 """Constant coefficients: -k lap u + c u = f is (1.1) in other units of length, u and flux.
 
+If c = 0 the unit of length stays, and the term u is missing in (1.1). Let now c > 0.
+
 Let v(X) = k^{1/2} u(x) for X = (c/k)^{1/2} x. Then -lap v + v = k^{1/2} f / c, and u >= g is v >= k^{1/2} g.
 With lambda = k du/dn, dv/dN is c^{-1/2} lambda, as a given flux is c^{-1/2} q. For v and w made of u and z
 
@@ -16,14 +18,14 @@ from fractions import Fraction
 from functools import cached_property
 
 from unilateral.formulas.exact_numbers import rounded
-from unilateral.formulas.expression import ONE, Expression
+from unilateral.formulas.expression import ONE, ZERO, Expression
 
 HALF = Fraction(1, 2)
 
 
 @dataclass(frozen=True)
 class Units:
-    """What 1 in the paper's equation is in the user's units, for exact k > 0 and c > 0, each rounded once."""
+    """What 1 in the paper's equation is in the user's units, for exact k and c, each rounded once."""
 
     k: Expression = ONE
     c: Expression = ONE
@@ -33,11 +35,21 @@ class Units:
 
     @property
     def trivial(self) -> bool:
-        return self.k == ONE and self.c == ONE
+        return self.k == ONE and self.c in (ZERO, ONE)
+
+    @property
+    def reaction(self) -> float:
+        """What u is multiplied by in (1.1)."""
+        return 0.0 if self.c == ZERO else 1.0
+
+    @property
+    def _per_area(self) -> Expression:
+        """k over the squared unit of length."""
+        return self.c if self.reaction else self.k
 
     @cached_property
     def length(self) -> float:
-        return rounded((self.k / self.c) ** HALF)
+        return rounded((self.k / self._per_area) ** HALF)
 
     @cached_property
     def value(self) -> float:
@@ -47,12 +59,12 @@ class Units:
     @cached_property
     def load(self) -> float:
         """The unit of f."""
-        return rounded(self.c * self.k**-HALF)
+        return rounded(self._per_area * self.k**-HALF)
 
     @cached_property
     def flux(self) -> float:
         """The unit of lambda."""
-        return rounded(self.c**HALF)
+        return rounded(self._per_area**HALF)
 
     @cached_property
     def force(self) -> float:

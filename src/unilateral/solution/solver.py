@@ -90,12 +90,8 @@ class Solver:
         self._data = scaled(self.problem)
         self._last: tuple[Expression, Load] | None = None
         on = self._data.polygon
-        self._spaces = cheapest(
-            meshes.similar(self.mesh, on),
-            partitions.similar(self.partition, on),
-            self.problem.free_sides,
-            self.stop,
-        )
+        pair = meshes.similar(self.mesh, on), partitions.similar(self.partition, on)
+        self._spaces = cheapest(self._data, *pair, self.stop)
 
     def __call__(
         self,
@@ -187,7 +183,7 @@ class Solver:
         """The dual operator of the condensed problem. Raises InputError where memory does not suffice."""
         of = self._spaces
         if not isinstance(of, MixedSpaces):
-            of = condensed_spaces(of.mesh, of.partition, of.free)
+            of = condensed_spaces(of.mesh, of.partition, of.free, of.levels.form)
         return of.operator
 
 

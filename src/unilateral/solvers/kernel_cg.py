@@ -94,7 +94,7 @@ class Run:
 
     @property
     def in_L2(self) -> float:
-        """(sum of r_i^2 / m_i)^{1/2}, m_i the sums of A's rows."""
+        """(sum of r_i^2 / m_i)^{1/2}, see `residual_rounding`."""
         return float(dnrm2(self.r / np.sqrt(self.grid.of.mass)))
 
     def descend(self, rz: float) -> None:

@@ -1,7 +1,7 @@
 """Solves the discrete problem on a refined mesh, in a time that is proportional to its size.
 
 Find u in V_h and lambda_H >= 0, one number per cell, with A u = load + B^T lambda, B u >= d and
-lambda . (B u - d) = 0; A is the matrix of (., .)_1, B u and d are integrals of u and g over the cells.
+lambda . (B u - d) = 0; A is the matrix of the form, B u and d are integrals of u and g over the cells.
 
 A step of the primal-dual active-set method is a run of conjugate gradients for the active cells
 (`kernel_cg`). The set is checked after each decade of the error; a changed one ends the run. It is not proved
@@ -11,7 +11,7 @@ there: nested iteration.
 
 The last run ends by a bound that is guaranteed for any u and lambda >= 0, whatever the set
 (`multigrid_bounds`). In the cheap bound on the total error its residual R is a part of u_h - f - div q. There
-its size is that of (sum R_i^2 / m_i)^{1/2} with the sums m_i of A's rows, which may be larger than ||R|| by
+its size is that of (sum R_i^2 / m_i)^{1/2}, see `residual_rounding`, which may be larger than ||R|| by
 1/h, h the shortest edge. So that has to be small, too.
 """
 
@@ -41,7 +41,7 @@ AT_FIRST = 1e-6
 IN_L2 = 0.1
 """(sum R_i^2 / m_i)^{1/2} may be at most this fraction of the total error that is estimated or predicted.
 
-R is the residual, and m_i are the sums of A's rows.
+R is the residual.
 """
 INDEX = 6
 """The bound is about this many times (r . z)^{1/2}. It is not computed before it can be small enough."""

@@ -53,7 +53,7 @@ def feasible(grid: Grid, u: Array, lambda_H: Array) -> tuple[Rounded, float]:
     own, size = abs(A[inside][:, inside]), np.abs(w)  # nothing cancels: a norm from above
     norm = root(size, own @ size) + 2 * root(doubt, own @ doubt)
     load = residual_rounding.loaded(grid.load, B, lambda_H)
-    return residual_rounding.residual(A, grid.of.mass, v, load), SLACK * norm
+    return residual_rounding.residual(A, grid.of.sums, v, load), SLACK * norm
 
 
 def dual_norm_below(grids: Sequence[Grid], lambda_H: Array) -> float:
@@ -79,7 +79,7 @@ def norm_below(of: Hierarchy, R: Array) -> float:
     """A lower bound on ||R||, R (n,) on the hats of the last level: R . v / ||v||_1 for one v."""
     unit = float(np.abs(R).max(initial=0.0))
     v = _nearly_solved(of, R / unit) if unit > 0 else np.zeros_like(R)
-    A_v = residual_rounding.product(of.A, of.mass, v)
+    A_v = residual_rounding.product(of.A, of.sums, v)
     norm = SLACK * root(v, A_v.values) + residual_rounding.dual_norm(A_v.doubt, of.mass)
     return max(float(R @ v), 0.0) / norm if norm > 0 else 0.0
 
@@ -92,7 +92,7 @@ def _nearly_solved(of: Hierarchy, R: Array) -> Array:
     left, v, before = R, np.zeros_like(R), list[tuple[Array, Array]]()
     for _ in range(CYCLES):
         p = downwards(of, left)
-        A_p = residual_rounding.product(of.A, of.mass, p).values
+        A_p = residual_rounding.product(of.A, of.sums, p).values
         for q, A_q in before:
             share = (p @ A_q) / (q @ A_q)
             p, A_p = p - share * q, A_p - share * A_q

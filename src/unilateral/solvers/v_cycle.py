@@ -109,7 +109,7 @@ def _coarser(level: FinerSpace, D: SparsePart) -> SparsePart:
     nodes, place = np.unique(reached, return_inverse=True)
     k = np.count_nonzero(~new)
     at = np.concatenate([np.flatnonzero(~new), np.repeat(np.flatnonzero(new), 2)])
-    entries = np.repeat([1.0, 0.5], [k, len(reached) - k])
+    entries = np.concatenate([np.ones(k), rows.data])
     P = sp.csr_array((entries, (at, place)), shape=(len(D.nodes), len(nodes)))
     return SparsePart(nodes, ((D.values @ P).T.tocsr() @ P).tocsr())
 

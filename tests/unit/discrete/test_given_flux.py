@@ -134,8 +134,8 @@ def test_a_wave_that_edges_do_not_see_is_in_the_bounds(monkeypatch):
     assert error <= found.sharp_bounds.u
     assert error <= found.bounds.u
 
-    def linear(flux, mesh):
-        return nothing(mesh)._replace(ends=right(flux, mesh).ends)
+    def linear(flux, mesh, form):
+        return nothing(mesh)._replace(ends=right(flux, mesh, form).ends)
 
     right = base.given
     monkeypatch.setattr(base, "given", linear)

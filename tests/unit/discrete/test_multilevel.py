@@ -248,7 +248,7 @@ def test_without_a_tolerance_no_less_than_rounding_is_wanted():
 
 
 def cheapest(problem, mesh, cells, stop):
-    return choice.discretised(problem, choice.cheapest(mesh, cells, problem.free_sides, stop))
+    return choice.discretised(problem, choice.cheapest(problem, mesh, cells, stop))
 
 
 def chosen(mesh, H, **stop):

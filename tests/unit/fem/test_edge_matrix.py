@@ -29,19 +29,20 @@ def rounding(mesh: Mesh) -> float:
 def test_it_is_what_assembly_finds(of: tuple[str, str, int]) -> None:
     """Every entry once, the diagonal first."""
     mesh = made(*of).mesh
-    (A, mass), expected = matrix(mesh.triangulation, mesh.points), assembled(mesh)
+    (A, sums, mass), expected = matrix(mesh.triangulation, mesh.points), assembled(mesh)
     assert abs(A - expected).max() < rounding(mesh) * abs(expected).max()
     assert np.array_equal(A.indices[A.indptr[:-1]], np.arange(mesh.n_nodes))
     assert A.nnz == mesh.n_nodes + 2 * len(mesh.triangulation.ends)
     assert np.allclose(A.sum(axis=1), expected.sum(axis=1), rtol=0, atol=1e-12 * abs(expected).max())
     assert np.allclose(mass, lumped_mass(mesh), rtol=1e-12)
+    assert np.array_equal(sums, mass)
 
 
 def test_a_moved_node_is_noticed() -> None:
     mesh = made("gmsh", "at random", 5).mesh
     points = mesh.points.copy()
     points[np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)[0]] += 1e-8
-    (A, _), expected = matrix(mesh.triangulation, points), assembled(mesh)
+    (A, *_), expected = matrix(mesh.triangulation, points), assembled(mesh)
     assert abs(A - expected).max() > 10 * rounding(mesh) * abs(expected).max()
 
 

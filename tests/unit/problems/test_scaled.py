@@ -113,7 +113,7 @@ def test_a_step_is_at_the_same_curve_in_scaled_coordinates(step, places, k, c, l
 
 def test_the_least_value_that_counts_is_rounded_down(monkeypatch):
     """k^{1/2} times that of u, with 40 digits. Control: the nearest number is above it for some k."""
-    monkeypatch.setattr(scaled_module, "enclose_obstacle", lambda polygon, model, free, least, cuts: least)
+    monkeypatch.setattr(scaled_module, "enclose_obstacle", lambda polygon, model, free, least, *_: least)
     above = 0
     for k in range(2, 40):
         problem = ul.Problem(UNIT, f="x - 1/3", g=-1, k=k)

@@ -67,16 +67,16 @@ def of(discrete) -> System:
         spaces, boundary, on = discrete.spaces, discrete.mesh.boundary, discrete.spaces.condensed
         B = np.zeros((len(discrete.cells), discrete.mesh.n_nodes))
         B[:, boundary] = spaces.B.toarray()
-        A, mass, load = on.for_products, on.mass, discrete.load
-        d = exact(spaces.operator.H_i) * exact(discrete.g_means[discrete.cells])
+        (A, sums), load = on.for_products, discrete.of_rest[0]
+        d = exact(spaces.operator.H_i) * exact(discrete.of_rest[1][discrete.cells])
     else:
         finest = discrete.grids.finest
-        A, mass, load, B = finest.of.A, finest.of.mass, finest.load, finest.cells.B.toarray()
+        A, sums, load, B = finest.of.A, finest.of.sums, finest.load, finest.cells.B.toarray()
         d = exact(finest.d)
     off_diagonal = A.toarray()
     np.fill_diagonal(off_diagonal, 0.0)
     A = exact(off_diagonal)
-    np.fill_diagonal(A, exact(mass) - A.sum(axis=1))
+    np.fill_diagonal(A, exact(sums) - A.sum(axis=1))
     return System(A, exact(load), exact(B), d)
 
 

@@ -1,0 +1,88 @@
+"""Constants in the inequalities of Poincare, on triangles, and of Friedrichs, on a polygon.
+
+That of Friedrichs is a guaranteed C with ||v||_0 <= C |v|_1 for functions v of H^1 that vanish on some sides.
+C^{-2} is the least eigenvalue lambda of -Delta with v = 0 there. The space of Crouzeix and Raviart has
+functions that are linear on each triangle, with one mean on each edge, 0 on clamped edges. With its least
+eigenvalue lambda_h and h the longest edge,
+
+    lambda >= lambda_h / (1 + KAPPA^2 h^2 lambda_h)
+
+(C. Carstensen and J. Gedicke, Math. Comp. 83, 2014, 2605-2629, with a larger KAPPA). Proof: let v be an
+eigenfunction with ||v||_0 = 1, and I v the function with its means. Then |v|_1^2 = |I v|_1^2 + |v - I v|_1^2
+and ||v - I v||_0 <= KAPPA h |v - I v|_1. With t = |v - I v|_1,
+
+    lambda^{1/2} = |v|_1,     lambda - t^2 = |I v|_1^2 >= lambda_h (1 - KAPPA h t)^2,
+
+so lambda is at least the least value of t^2 + lambda_h (1 - KAPPA h t)^2, which is the right-hand side.
+
+lambda_h is the least eigenvalue of a matrix B. That no eigenvalue of B is below mu, up to rounding, is known
+where B - mu can be factorised with positive pivots: these are the pivots of a matrix that differs from it by
+at most (n + 2) EPS trace B (N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002, theorem
+10.3).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.sparse.linalg import eigsh
+
+from unilateral.arrays import Mask
+from unilateral.errors import InputError
+from unilateral.fem.form import Form
+from unilateral.fem.linear_systems import dissected
+from unilateral.fem.p1 import from_elements, gradients
+from unilateral.formulas.taylor import EPS
+from unilateral.geometry.mesh import Mesh, refine
+
+J = 3.8317
+"""The first zero of the Bessel function J_1, 3.83170597.., rounded down."""
+KAPPA = math.sqrt(1 / 48 + 1 / J**2)
+"""||w||_{0,T} <= KAPPA d_T |w|_{1,T} if w has the mean 0 on each edge of T; d_T is its longest edge."""
+FEW = 250
+"""The mesh is halved until it has so many nodes. A coarser one has a larger constant."""
+LESS = 1 - 1e-6
+"""mu is this part of the eigenvalue that was computed."""
+
+
+def friedrichs(mesh: Mesh, clamped: tuple[int, ...]) -> float:
+    """Friedrichs' constant for the `clamped` sides of the mesh's polygon.
+
+    Raises InputError where the mesh, or the one it was refined from, is so fine that rounding hides the
+    eigenvalue.
+    """
+    coarse = mesh.coarse or mesh
+    while coarse.n_nodes < FEW:
+        coarse = refine(coarse)
+    discrete = _least(_scaled(coarse, Form(0.0, clamped).edges(coarse)))
+    if not discrete > 0:
+        raise InputError(
+            f"the mesh of '{mesh.polygon.name}' is so fine that rounding hides the constant in Friedrichs' "
+            "inequality, which c = 0 needs; take a mesh that is made by halving a coarser one"
+        )
+    least = discrete / (1 + (KAPPA * coarse.diameter) ** 2 * discrete)
+    return mesh.growth * coarse.growth / math.sqrt(least)
+
+
+def _scaled(mesh: Mesh, clamped: Mask) -> sp.csr_array:
+    """(n, n) B = M^{-1/2} K M^{-1/2} on the n edges that are not clamped, K the stiffness, M the mass."""
+    edges, of = mesh.opposite_edges, mesh.triangulation
+    slopes = -2 * gradients(mesh)
+    stiffness = mesh.areas[:, None, None] * (slopes @ slopes.transpose(0, 2, 1))
+    mass = np.bincount(edges.ravel(), np.repeat(mesh.areas / 3, 3), len(of.ends))
+    free = np.ones(len(of.ends), dtype=bool)
+    free[of.boundary[clamped]] = False
+    root = sp.diags_array(1 / np.sqrt(mass))
+    return (root @ from_elements(edges, stiffness, len(of.ends)) @ root)[free][:, free].tocsr()
+
+
+def _least(B: sp.csr_array) -> float:
+    """A number that no eigenvalue of B (n, n) is below; 0 if rounding hides it."""
+    found = eigsh(B, k=1, sigma=0.0, v0=np.ones(B.shape[0]), return_eigenvectors=False)
+    mu = LESS * float(found[0])
+    shifted = (B - mu * sp.eye_array(B.shape[0])).tocsr()
+    if not dissected(shifted).lu.U.diagonal().min() > 0:
+        return 0.0
+    return mu - (B.shape[0] + 16) * EPS * float(B.diagonal().sum())

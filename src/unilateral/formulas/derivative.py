@@ -1,0 +1,43 @@
+"""Derivatives of formulas, by the rules that everybody knows; pos(a, 1) has the derivative pos(a, 0) a'."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from fractions import Fraction
+from functools import reduce
+from operator import add, mul
+
+from unilateral.formulas.exact_numbers import apply
+from unilateral.formulas.expression import ONE, ZERO, Atom, Expression, Power, number, product
+
+OUTER: dict[str, Callable[..., Expression]] = {
+    "sin": lambda a: apply("cos", a),
+    "cos": lambda a: -apply("sin", a),
+    "exp": lambda a: apply("exp", a),
+    "sinh": lambda a: apply("cosh", a),
+    "cosh": lambda a: apply("sinh", a),
+    "tanh": lambda a: ONE - apply("tanh", a) ** 2,
+    "pos": lambda a, k: k * apply("pos", a, k - ONE) if k.rational else ZERO,
+}
+"""The derivatives of functions by their first argument."""
+
+
+def derivative(of: Expression, name: str) -> Expression:
+    """The derivative of a formula without logarithms and roots by the variable of that name."""
+    terms = (_of_product(c, powers, name) for powers, c in of.terms)
+    return reduce(add, terms, ZERO)
+
+
+def _of_product(c: Fraction, powers: tuple[Power, ...], name: str) -> Expression:
+    parts = (
+        product(c * k, [(base, k - 1), *powers[:i], *powers[i + 1 :]]) * _of_base(base, name)
+        for i, (base, k) in enumerate(powers)
+        if name in base.variables
+    )
+    return reduce(add, parts, ZERO)
+
+
+def _of_base(base: Atom | Expression, name: str) -> Expression:
+    if isinstance(base, Expression):
+        return derivative(base, name)
+    return mul(OUTER[base.name](*base.args), derivative(base.args[0], name)) if base.args else number(1)
