@@ -35,7 +35,7 @@ from unilateral.fem.form import Form
 from unilateral.fem.linear_systems import dissected
 from unilateral.fem.p1 import from_elements, gradients
 from unilateral.formulas.taylor import EPS
-from unilateral.geometry.mesh import Mesh, refine
+from unilateral.geometry.mesh import Mesh, refine, unstructured
 
 J = 3.8317
 """The first zero of the Bessel function J_1, 3.83170597.., rounded down."""
@@ -45,25 +45,36 @@ FEW = 250
 """The mesh is halved until it has so many nodes. A coarser one has a larger constant."""
 LESS = 1 - 1e-6
 """mu is this part of the eigenvalue that was computed."""
+HIDDEN = 0.01
+"""Rounding of an eigenvalue in units of the inverse squared diameter may be as large as this."""
 
 
 def friedrichs(mesh: Mesh, clamped: tuple[int, ...]) -> float:
-    """Friedrichs' constant for the `clamped` sides of the mesh's polygon.
+    """The constant for the `clamped` sides of the mesh's polygon.
 
-    Raises InputError where the mesh, or the one it was refined from, is so fine that rounding hides the
-    eigenvalue.
+    Where the mesh, or the one it was refined from, is so fine that rounding hides the eigenvalue, gmsh makes
+    another one. Raises InputError where it is missing, or where rounding hides the eigenvalue even so.
     """
-    coarse = mesh.coarse or mesh
-    while coarse.n_nodes < FEW:
-        coarse = refine(coarse)
-    discrete = _least(_scaled(coarse, Form(0.0, clamped).edges(coarse)))
+    given, polygon = mesh.coarse or mesh, mesh.polygon
+    for coarse in (lambda: given, lambda: unstructured(polygon, polygon.diameter / 8)):
+        found = _on(coarse(), clamped)
+        if found < math.inf:
+            return mesh.growth * found
+    raise InputError(
+        f"polygon '{polygon.name}' is too thin for Friedrichs' inequality, whose constant c = 0 needs"
+    )
+
+
+def _on(mesh: Mesh, clamped: tuple[int, ...]) -> float:
+    """The constant by that mesh, or halves of it; infinite if rounding hides it."""
+    while mesh.n_nodes < FEW:
+        mesh = refine(mesh)
+    B = _scaled(mesh, Form(0.0, clamped).edges(mesh))
+    rounding = (B.shape[0] + 16) * EPS * float(B.diagonal().sum())
+    discrete = _least(B) - rounding if rounding * mesh.polygon.diameter**2 < HIDDEN else 0.0
     if not discrete > 0:
-        raise InputError(
-            f"the mesh of '{mesh.polygon.name}' is so fine that rounding hides the constant in Friedrichs' "
-            "inequality, which c = 0 needs; take a mesh that is made by halving a coarser one"
-        )
-    least = discrete / (1 + (KAPPA * coarse.diameter) ** 2 * discrete)
-    return mesh.growth * coarse.growth / math.sqrt(least)
+        return math.inf
+    return mesh.growth * math.sqrt(1 / discrete + (KAPPA * mesh.diameter) ** 2)
 
 
 def _scaled(mesh: Mesh, clamped: Mask) -> sp.csr_array:
@@ -79,10 +90,8 @@ def _scaled(mesh: Mesh, clamped: Mask) -> sp.csr_array:
 
 
 def _least(B: sp.csr_array) -> float:
-    """A number that no eigenvalue of B (n, n) is below; 0 if rounding hides it."""
+    """A number that no eigenvalue of B (n, n) is below, but for rounding; 0 if it is found to be none."""
     found = eigsh(B, k=1, sigma=0.0, v0=np.ones(B.shape[0]), return_eigenvectors=False)
     mu = LESS * float(found[0])
-    shifted = (B - mu * sp.eye_array(B.shape[0])).tocsr()
-    if not dissected(shifted).lu.U.diagonal().min() > 0:
-        return 0.0
-    return mu - (B.shape[0] + 16) * EPS * float(B.diagonal().sum())
+    pivots = dissected((B - mu * sp.eye_array(B.shape[0])).tocsr()).lu.U.diagonal()
+    return mu if pivots.min() > 0 else 0.0

@@ -16,7 +16,7 @@ lambda is like s^(-1/4).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
@@ -169,16 +169,20 @@ class DualNorm:
 
 
 def dual_norm(
-    partition: Partition, cases: Iterable[Case] = (), edges_per_cell: int = EDGES_PER_CELL
+    partition: Partition, cases: Sequence[Case] = (), edges_per_cell: int = EDGES_PER_CELL
 ) -> DualNorm:
-    """The norm by reference spaces made for T_H, re-entrant vertices and the cases' singular points."""
+    """The norm by reference spaces made for T_H, re-entrant vertices and the cases' singular points.
+
+    It is dual to the norm of functions that vanish on the sides that the cases clamp, all the same ones.
+    """
     require("errors in H^(-1/2) and the constant beta need", "gmsh")
     from unilateral.norms.reference import reference_spaces  # for true errors only
 
     polygon = partition.polygon
     singular = [polygon.arc_length(p.side, p.t) for case in cases for p in case.flux_singular()]
     singular += polygon.starts[:-1][polygon.angles > math.pi * (1 + 1e-9)].tolist()
-    return DualNorm(partition, reference_spaces(partition, singular, edges_per_cell))
+    form = (cases[0].clamped_sides, cases[0].reaction) if cases else ((), 1.0)
+    return DualNorm(partition, reference_spaces(partition, singular, edges_per_cell, *form))
 
 
 class Errors(NamedTuple):

@@ -25,6 +25,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
 from unilateral.arrays import Array, Index
+from unilateral.fem.form import H1, Form
 from unilateral.fem.p1 import coupling, gradients
 from unilateral.fem.poincare import KAPPA
 from unilateral.geometry.mesh import Mesh
@@ -45,8 +46,10 @@ times d_T^2/|T|. All other sums are of numbers >= 0.
 """
 
 
-def beta_below(mesh: Mesh, partition: Partition, cells: Index | None = None) -> float:
+def beta_below(mesh: Mesh, partition: Partition, cells: Index | None = None, form: Form = H1) -> float:
     """A guaranteed lower bound on beta for the multipliers on the `cells` (k,), by default on all.
+
+    It is for functions and norms of the form. P v vanishes on clamped sides, as v does.
 
     It is 0, which says nothing, where a cell has no node well inside or a triangle is too thin.
     """
@@ -56,9 +59,11 @@ def beta_below(mesh: Mesh, partition: Partition, cells: Index | None = None) -> 
     delta, aspect = inner_nodes(mesh.s, partition)[1][cells].min(), mesh.longest_edges**2 / mesh.areas
     if delta < LEAST_DELTA or aspect.max() > MOST_ASPECT:
         return 0.0
-    of = majorant(mesh, partition, cells)
-    rho, n = norm(of, of.gradients, of.W_gradients), norm(of, of.values, of.W_values, steps=1)
-    return 1 / (SLACK * mesh.growth**2 * of_operator(rho, n + KAPPA * mesh.diameter))
+    of = majorant(mesh, partition, cells, form)
+    most = norm(of, of.gradients, of.W_gradients)
+    if form.reaction:
+        most = of_operator(most, norm(of, of.values, of.W_values, steps=1) + KAPPA * mesh.diameter)
+    return 1 / (SLACK * mesh.growth**2 * most)
 
 
 def of_operator(rho: float, n: float) -> float:
@@ -88,12 +93,12 @@ class Majorant(NamedTuple):
     pairing: sp.csc_array
 
 
-def majorant(mesh: Mesh, partition: Partition, cells: Index) -> Majorant:
+def majorant(mesh: Mesh, partition: Partition, cells: Index, form: Form = H1) -> Majorant:
     """That of a mesh and the multipliers on the `cells` (k,), each with a node inside."""
     chosen, deltas = inner_nodes(mesh.s, partition)
     knots = np.unique(np.concatenate([chosen[deltas > 0], _ends_at_nodes(mesh, partition)]))
     W = extended(mesh, knots)[:, np.searchsorted(knots, chosen[cells])]
-    jumped, slopes, whole = deviations(mesh), _slopes(mesh), _means(mesh, partition)
+    jumped, slopes, whole = deviations(mesh, form), _slopes(mesh), _means(mesh, partition)
     scale, at_corners = np.repeat(np.sqrt(mesh.areas / 3), 3), W[mesh.triangles.ravel()]
     pairing = (coupling(mesh, partition)[cells] @ W[mesh.boundary]).tocsc()
     pairing = 2 * sp.diags_array(pairing.diagonal()) - pairing

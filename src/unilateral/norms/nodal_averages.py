@@ -2,7 +2,8 @@
 
 These are the functions of Crouzeix and Raviart (1973). Let w be one, w_T its linear function on the triangle
 T. The average Aw in V_h has at an inner node the mean of w_T over the triangles T there. At a boundary node
-it has half of the sum of the means w_e over the two boundary edges there.
+it has half of the sum of the means w_e over the two boundary edges there; if one of these is clamped, and the
+other is not, it has the mean over that one, which is 0.
 
 Across an edge e from a to b, run along with T on the left and T' on the right, w jumps at a and at b by
 
@@ -20,6 +21,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from unilateral.arrays import Array, Index, Mask
+from unilateral.fem.form import H1, Form
 from unilateral.geometry.mesh import Mesh
 
 
@@ -65,17 +67,25 @@ def jumps(mesh: Mesh) -> sp.csr_array:
     return sp.coo_array((values, (rows, columns))).tocsr()
 
 
-def deviations(mesh: Mesh) -> sp.csr_array:
+def deviations(mesh: Mesh, form: Form = H1) -> sp.csr_array:
     """(3m, 2m) the values of Aw - w_T at the corners of all T from |T|^{1/2} grad w_T."""
-    return _of_jumps(mesh, rings(mesh)) @ jumps(mesh)
+    return _of_jumps(mesh, rings(mesh), _first_shares(mesh, form)) @ jumps(mesh)
 
 
-def _of_jumps(mesh: Mesh, of: Rings) -> sp.csr_array:
+def _first_shares(mesh: Mesh, form: Form) -> Array:
+    """(n,) the share of the edge that begins at a boundary node in Aw there."""
+    shares, clamped = np.full(mesh.n_nodes, 0.5), form.edges(mesh).astype(float)
+    shares[mesh.boundary] += 0.5 * (clamped - np.roll(clamped, 1))
+    return shares
+
+
+def _of_jumps(mesh: Mesh, of: Rings, shares: Array) -> sp.csr_array:
     """(3m, edges) the values of Aw - w_T at the corners of all T from the jumps.
 
     Let J_1, ..., J_k be the jumps on the way round an inner node, from T to T. Their sum is 0, and Aw - w_T
     is the sum of (k + 1 - 2 l) / (2 k) J_l. At a boundary node J_0, ..., J_k are those from the first edge to
-    the last one, and Aw - w_T is half of the sum of those after T, less half of the sum of those before it.
+    the last one. If the first one has a share s of Aw, Aw - w_T is 1 - s times the sum of those after T, less
+    s times the sum of those before it.
     """
     node = mesh.triangles.ravel()[of.corner]
     size, place = np.diff(of.start)[node], np.arange(len(node)) - of.start[node]
@@ -87,7 +97,7 @@ def _of_jumps(mesh: Mesh, of: Rings) -> sp.csr_array:
     l = np.arange(ends[-1]) - np.repeat(ends[:-1], counts)  # noqa: E741
     size, place, outer, node = (np.repeat(each, counts) for each in (size, place, outer, node))
     entry = of.start[node] + np.where(outer, np.maximum(l - 1, 0), (place + l) % size)
-    values = np.where(outer, np.where(l <= place, -0.5, 0.5), (size - 1 - 2 * l) / (2 * size))
+    values = np.where(outer, np.where(l <= place, 0.0, 1.0) - shares[node], (size - 1 - 2 * l) / (2 * size))
     edges = _edges(mesh, of.corner[entry], outer & (l == 0))
     in_order = np.empty(len(of.corner), dtype=np.intp)
     shape = (len(of.corner), len(mesh.triangulation.ends))

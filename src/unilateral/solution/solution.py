@@ -304,7 +304,7 @@ class Solution:
         True
         """
         of = self.solved.discrete
-        return beta_below(of.mesh, of.partition, of.cells)
+        return beta_below(of.mesh, of.partition, of.cells, of.form)
 
     @property
     def believed(self) -> bool:
