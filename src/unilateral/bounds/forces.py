@@ -9,6 +9,14 @@ With -w in the place of w the second one is like the first: in both <lambda_H, w
 small, and w not below a bound c. On sides that are free lambda is 0, and w is free, too: a flux that is
 given there is no part of lambda, in E neither.
 
+The same holds for reactions, the integrals of du/dn over clamped sides, whose sign is not known: there w is 1
+on P and 0 on the rest, <lambda_H, w> has also that of q.n over P, and E is `of_fluxes` of the bounds. Clamped
+sides in a row go together, for w cannot jump. Where P ends at a vertex between a clamped side and one with
+contact, w has to pass from 1 to 0 beside it. For one of the two bounds that is too low on a piece of the side
+with contact. If v - g is at least gamma there (`clamped_ends`), at most <lambda, v - g> / gamma is missing.
+Where nothing is known of v - g that bound is infinite; so it has to be where u = g at the vertex, for there
+a large force near the vertex and the opposite reaction have hardly any norm together.
+
 w is continuous, and linear on the triangles of a mesh of its own, for it has to be steep at the ends of sides
 and of contact. That mesh is graded towards those of these ends where there is a load. A load that is small
 beside the norm of the functions is left out, for nothing is gained there by steepness. On the mesh the best w
@@ -28,9 +36,11 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
+from unilateral.bounds.clamped_ends import ClampedEnds, none
 from unilateral.bounds.flux_residuals import SUMS
 from unilateral.errors import InputError
 from unilateral.fem.condense import Condensed, condense
+from unilateral.fem.form import H1, Form
 from unilateral.fem.p1 import coupling, h1_norm
 from unilateral.formulas.decimals import plus_minus
 from unilateral.formulas.taylor import EPS
@@ -81,6 +91,29 @@ class Force(NamedTuple):
         return f"Force: {plus_minus(self.value, self.lower, self.upper)}, guaranteed"
 
 
+class Clamps(NamedTuple):
+    """What is known of clamped sides: the form, and `outflows` (n,), `bound` and `ends` of a `Bound`.
+
+    `free` are the sides without multipliers that are not clamped.
+    """
+
+    form: Form
+    outflows: Array
+    ends: ClampedEnds
+    bound: float
+    free: Collection[int] = ()
+
+    @property
+    def weight(self) -> float:
+        """The weight of the squared L2 norm in that of w; see `of_fluxes` of the bounds."""
+        return self.form.reaction or self.form.friedrichs**-2
+
+
+def unclamped(n: int) -> Clamps:
+    """That of a polygon with n sides, none of which is clamped."""
+    return Clamps(H1, np.zeros(n), none(n), 0.0)
+
+
 def forces(
     mesh: Mesh,
     cells: Partition,
@@ -88,50 +121,109 @@ def forces(
     bound: float,
     parts: Sequence[Collection[int]],
     free: Collection[int] = (),
+    clamps: Clamps | None = None,
 ) -> list[Force]:
-    """The force over each of the `parts`, which are numbers of sides.
+    """The force over each of the `parts`, which are numbers of sides, with the reactions on clamped ones.
 
     lambda_H (m,) >= 0 are the values on the cells, and `bound` is a bound on ||lambda - lambda_H||_{-1/2};
     `free` sides have no constraint. If the bound is infinite, no force has an upper bound. Of the `mesh` that
     lambda_H was computed on only the coarsest level is used, where that suffices.
     """
+    of = clamps or unclamped(mesh.polygon.n_sides)
     held = np.setdiff1d(np.arange(mesh.polygon.n_sides), [*free])
-    sides = [np.intersect1d(held, [*part]) for part in parts]
-    values = [float(cells.lengths @ (lambda_H * np.isin(cells.side, [*part]))) for part in parts]
-    some = [k for k, part in enumerate(sides) if part.size]
+    sides = [np.intersect1d(held, [*part]).astype(int) for part in parts]
+    values = [
+        float(cells.lengths @ (lambda_H * np.isin(cells.side, part)) + of.outflows[part].sum())
+        for part in sides
+    ]
     lower, upper = np.zeros((2, len(parts)))
-    if some and bound < np.inf:
-        ends = _ends(mesh, cells, lambda_H, bound, held, [sides[k] for k in some])
-        lower[some], upper[some] = np.maximum(ends[0], 0.0), ends[1]
-    elif some:
-        upper[some] = np.inf
+    signed = np.array([bool({*part} & {*of.form.clamped}) for part in sides], dtype=bool)
+    for some, error in ((np.flatnonzero(signed), of.bound), (np.flatnonzero(~signed), bound)):
+        some = some[[sides[k].size > 0 for k in some]]
+        if some.size and error < np.inf:
+            lower[some], upper[some] = _ends(mesh, cells, lambda_H, error, held, [sides[k] for k in some], of)
+        elif some.size:
+            lower[some], upper[some] = -np.inf, np.inf
+    lower[~signed] = np.maximum(lower[~signed], 0.0)
     return [Force(*each) for each in zip(values, lower.tolist(), upper.tolist(), strict=True)]
 
 
 def _ends(
-    mesh: Mesh, cells: Partition, lambda_H: Array, bound: float, held: Index, parts: list[Index]
+    mesh: Mesh,
+    cells: Partition,
+    lambda_H: Array,
+    bound: float,
+    held: Index,
+    parts: list[Index],
+    clamps: Clamps,
 ) -> tuple[Array, Array]:
     """(k,), (k,) numbers below and above the forces over k parts, each some of the sides `held`."""
     load = lambda_H / max(bound, LEAST * float(cells.lengths @ lambda_H), TINY)
-    of, space = condensed(mesh, cells, load)
+    of, space = condensed(mesh, cells, load, clamps)
     pairing, load = (coupling(of, cells).T @ np.column_stack([lambda_H, load])).T
-    best = Best(of, space, pairing, bound, load)
+    clamped = np.isin(of.side, clamps.form.clamped)
+    exact = clamped | np.roll(clamped, 1)
+    best = Best(of, space, pairing, bound, load, exact, clamps.weight)
     above, below = (
-        np.column_stack(c) for c in zip(*(_limits(of, held, each) for each in parts), strict=True)
+        np.column_stack(c) for c in zip(*(_limits(of, held, each, clamps) for each in parts), strict=True)
     )
+    flows = np.array([clamps.outflows[part].sum() for part in parts])
+    doubt = SUMS * np.array([np.abs(clamps.outflows[part]).sum() for part in parts])
+    missing = np.array([_missing(of, part, clamps) for part in parts]).T + doubt
     begin = (above > 0) | (above == 0) & (load > 0)[:, None]
-    return -best.of(below, np.isfinite(below)), best.of(above, begin)
+    lower = flows - best.of(below, np.isfinite(below)) - missing[0]
+    return lower, flows + best.of(above, begin) + missing[1]
 
 
-def _limits(mesh: Mesh, held: Index, part: Index) -> tuple[Array, Array]:
+def _limits(mesh: Mesh, held: Index, part: Index, clamps: Clamps) -> tuple[Array, Array]:
     """(nb,), (nb,) c at the boundary nodes, for w in the upper bound and for -w in the lower one.
 
-    It is -inf where w is free.
+    It is -inf where w is free. At nodes on clamped sides it is what w, or -w, is.
     """
     on, off = np.isin(mesh.side, part), np.isin(mesh.side, np.setdiff1d(held, part))
     at_on, at_off = on | np.roll(on, 1), off | np.roll(off, 1)
     c = np.where(at_on | at_off, 0.0, -np.inf)
-    return c + at_on, c - ~at_off
+    above, below = c + at_on, c - ~at_off
+    n, clamped = mesh.polygon.n_sides, np.isin(mesh.side, clamps.form.clamped)
+    for vertex in np.flatnonzero(clamps.ends.reach).tolist():
+        near = _inside_reach(mesh, vertex, clamps)
+        side_before = (vertex - 1) % n in part
+        if side_before != (vertex in part):
+            clamped_in = vertex in part if vertex in clamps.form.clamped else side_before
+            (below if clamped_in else above)[near] -= 1.0
+    own = clamped & on
+    value = (own | np.roll(own, 1)).astype(float)
+    exact = clamped | np.roll(clamped, 1)
+    return np.where(exact, value, above), np.where(exact, -value, below)
+
+
+def _inside_reach(mesh: Mesh, vertex: int, clamps: Clamps) -> Index:
+    """The places in `mesh.boundary` of nodes on the side with contact whose next edges lie within reach."""
+    forward = vertex not in clamps.form.clamped
+    edges = np.flatnonzero(mesh.side == (vertex if forward else (vertex - 1) % mesh.polygon.n_sides))
+    edges = edges if forward else edges[::-1]
+    within = np.cumsum(np.diff(mesh.s)[edges]) <= clamps.ends.reach[vertex]
+    inner = edges[1:][within[1:]] if forward else edges[:-1][within[1:]]
+    return inner
+
+
+def _missing(mesh: Mesh, part: Index, clamps: Clamps) -> tuple[float, float]:
+    """What the bounds below and above lack where the part ends at a vertex between clamp and contact."""
+    clamped, n, most = {*clamps.form.clamped}, mesh.polygon.n_sides, [0.0, 0.0]
+    for vertex in range(n):
+        pair = vertex, (vertex - 1) % n
+        on_clamp, on_contact = (
+            [side in part for side in pair if (side in clamped) == kind] for kind in (True, False)
+        )
+        held = [side for side in pair if side not in clamps.free]
+        if len(on_clamp) != 1 or len(held) != 2 or on_clamp == on_contact:
+            continue
+        reach, edges = clamps.ends.reach[vertex], np.diff(mesh.s)
+        at = int(np.flatnonzero(np.isclose(mesh.s[:-1], mesh.polygon.starts[vertex]))[0])
+        first = edges[at] if vertex not in clamped else edges[at - 1]
+        amount = clamps.ends.product / clamps.ends.gamma[vertex] if first <= reach else np.inf
+        most[0 if on_clamp[0] else 1] = max(most[0 if on_clamp[0] else 1], amount)
+    return most[0], most[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +231,8 @@ class Best:
     """The least of <lambda_H, w> + E ||w||_1 on a mesh with its `space`, or among constants without one.
 
     `pairing` (nb,) are the integrals of lambda_H times the hats of the boundary nodes, `load` (nb,) is about
-    `pairing` over E, and `bound` is E.
+    `pairing` over E, and `bound` is E. At the nodes `exact` (nb,) w is given. The squared norm of w is
+    |w|_1^2 + weight ||w||_0^2.
     """
 
     mesh: Mesh
@@ -147,17 +240,21 @@ class Best:
     pairing: Array
     bound: float
     load: Array
+    exact: Mask
+    weight: float
 
     def of(self, c: Array, begin: Mask) -> Array:
         """(k,) the least values for w >= c, for each column of c (nb, k), whose largest number is -1, 0 or 1.
 
         `least` begins with the active sets `begin` (nb, k).
         """
-        constants = self._most(np.outer(np.ones(self.mesh.n_nodes), [-1.0, 0.0, 1.0]))
-        best = constants[1 + c.max(axis=0).astype(int)]
+        best = np.full(c.shape[1], np.inf)
+        if not self.exact.any():
+            constants = self._most(np.outer(np.ones(self.mesh.n_nodes), [-1.0, 0.0, 1.0]))
+            best = constants[1 + c.max(axis=0).astype(int)]
         if self.space:
-            v = least(self.space.A_3, self.load, c, begin)
-            other = np.flatnonzero(v.any(axis=0))
+            v = least(self.space.A_3, self.load, c, begin, self.exact)
+            other = np.flatnonzero(v.any(axis=0) | self.exact.any())
             if other.size:
                 best[other] = np.minimum(best[other], self._most(extended(self.space, v[:, other])))
         return best
@@ -172,26 +269,40 @@ class Best:
         on_edges = (l + np.roll(l, -1, axis=0)) * np.abs(np.roll(trace, -1, axis=0) - trace)
         of_places = EPS * polygon.perimeter * (1 / np.diff(self.mesh.s)) @ on_edges
         off = (SUMS + polygon.stretch.max()) * l.sum() * np.abs(trace).max(axis=0) + of_places
-        norms = (1 + SUMS) * np.array([h1_norm(self.mesh, each) for each in w.T])
+        norms = (1 + SUMS) * np.array([h1_norm(self.mesh, each, self.weight) for each in w.T])
         return np.asarray(self.pairing @ trace + off + self.mesh.growth * self.bound * norms)
 
 
-def condensed(mesh: Mesh, cells: Partition, load: Array) -> tuple[Mesh, Condensed | None]:
+def condensed(mesh: Mesh, cells: Partition, load: Array, clamps: Clamps) -> tuple[Mesh, Condensed | None]:
     """A small mesh of the polygon of `mesh` for the load (m,) on the cells, and its condensation.
 
     Where there is none, as on polygons that are too thin, these are the `mesh` itself and None. A polygon
     that is too small is enlarged before it is condensed.
     """
     try:
-        small = enlarged = small_mesh(mesh, cells, load)
+        small = enlarged = _reached(small_mesh(mesh, cells, load), clamps)
         polygon = small.polygon
         exact_mesh.check(polygon, small.points, small.triangles, small.distortion)
         if polygon.diameter < SMALL:
             vertices = SMALL / polygon.diameter * polygon.vertices
             enlarged = meshes.similar(small, Polygon(vertices, polygon.name))
-        return small, condense(enlarged)
+        return small, condense(enlarged, Form(clamps.weight))
     except InputError:
         return mesh, None
+
+
+def _reached(mesh: Mesh, clamps: Clamps) -> Mesh:
+    """The mesh, refined at clamped vertices until an edge there lies within reach."""
+    for vertex in np.flatnonzero(clamps.ends.reach):
+        at = int(np.argmin(np.abs(mesh.s[:-1] - mesh.polygon.starts[vertex])))
+        node, edge = mesh.boundary[at], (0 if vertex not in clamps.form.clamped else -1)
+        while np.diff(mesh.s)[at + edge] > clamps.ends.reach[vertex] and len(mesh.boundary) < 2 * MOST:
+            finer = _halved(mesh, np.flatnonzero((mesh.triangles == node).any(axis=1)))
+            if finer is None:
+                break
+            mesh = finer
+            at = int(np.flatnonzero(mesh.boundary == node)[0])
+    return mesh
 
 
 def extended(space: Condensed, v: Array) -> Array:

@@ -41,6 +41,7 @@ import numpy as np
 
 from unilateral.arrays import Array, blocks
 from unilateral.bounds.boundary_flux import Given, edge_flux, nothing
+from unilateral.bounds.clamped_ends import ClampedEnds, clamped_ends, none, outflows
 from unilateral.bounds.equilibrated_flux import equilibrated
 from unilateral.bounds.feasible import lifting
 from unilateral.bounds.flux_residuals import SUMS, defects, misfit, root, underflow
@@ -60,7 +61,10 @@ class Bound:
 
     `lifting` bounds ||d||_1, and `data` bounds what f - f~ and tau - tau~ can add. `unknown` is the part that
     would be 0 if f, g and tau were the polynomials by which they are enclosed; the part of that which is
-    `irreducible` hardly falls on finer meshes.
+    `irreducible` hardly falls on finer meshes. `outflows` (n,) are the integrals of q.n over clamped sides.
+    `of_fluxes` bounds lambda - lambda_H and, on these, du/dn - q.n, as one functional on H^1: f - f~ and tau
+    - tau~ count once more for u - u~. If c = 0 the square of its norm there is |v|_1^2 + ||v||_0^2 / C^2, C
+    Friedrichs' constant.
     """
 
     u: float
@@ -69,6 +73,8 @@ class Bound:
     data: float
     unknown: float
     irreducible: float
+    outflows: Array
+    of_fluxes: float
 
 
 @dataclass(frozen=True)
@@ -82,6 +88,7 @@ class LocalBound(Bound):
     flux: float
     residual: float
     shares: Array
+    ends: ClampedEnds
 
 
 def local_bound(
@@ -121,12 +128,17 @@ def local_bound(
     eta = (1 + SUMS) * math.hypot(root(moved) + rounding + more, math.sqrt(slack))
     of_data = _of_data(source, u_h, form)
     data = (1 + SUMS) * (norm(of_data) + tau.distance + unbalanced) + underflow(mesh, form)
+    ends = none(mesh.polygon.n_sides)
+    if form.clamped:
+        energy = mesh.growth * (root(moved) + rounding + more + data)
+        ends = clamped_ends(mesh, form, lift, u_h, flux, slack + (1 + SUMS) * energy**2 / 4)
     doubt, shares = root(of_added) + tau.unknown, inside + of_data.sum(axis=0)
     shares[of.triangles] += of_d + of_added
     np.add.at(shares, mesh.boundary_triangles, short.squares + 2 * short.slack + tau.squares.sum(axis=0))
+    of_lambda = mesh.growth * (min(distance + of_u, eta) + flux.distance(mesh) + data)
     return LocalBound(
         u=mesh.growth * (of_u + data),
-        lambda_=mesh.growth * (min(distance + of_u, eta) + flux.distance(mesh) + data) if held.any() else 0.0,
+        lambda_=of_lambda if held.any() else 0.0,
         lifting=distance,
         data=data,
         unknown=form.friedrichs * source.unknown + doubt,
@@ -134,6 +146,9 @@ def local_bound(
         flux=root(of_gradient),
         residual=math.sqrt(mesh.areas @ residual**2),
         shares=shares,
+        outflows=outflows(mesh, form, q),
+        of_fluxes=of_lambda + mesh.growth * data,
+        ends=ends,
     )
 
 

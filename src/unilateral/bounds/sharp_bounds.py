@@ -41,6 +41,7 @@ import numpy as np
 
 from unilateral.arrays import Array
 from unilateral.bounds.boundary_flux import Given, edge_flux, nothing
+from unilateral.bounds.clamped_ends import outflows
 from unilateral.bounds.feasible import Lifting, Missing, lifting
 from unilateral.bounds.flux_residuals import ROUNDING, SUMS, defects, misfit, root, underflow
 from unilateral.bounds.local_bounds import Bound, check, flux_of, of_divergence
@@ -117,6 +118,8 @@ def sharp_bound(
         irreducible=doubt + form.friedrichs * source.irreducible,
         eta=eta,
         steps=steps,
+        outflows=away.outflows,
+        of_fluxes=mesh.growth * (of_lambda + data),
     )
 
 
@@ -133,7 +136,8 @@ class _Away:
 
     `hats` and `bubbles` (m, 3, 2) are the coefficients of grad w - q, and `residual` (m, 3) are the values of
     w - f_h - div q; `rounding` is what rounding and the exact mesh may add to the root of a `square`. For
-    `unbalanced` see `local_bounds.of_divergence`.
+    `unbalanced` see `local_bounds.of_divergence`. `outflows` are those of a `Bound`: curl phi changes none
+    but within a row of clamped sides.
     """
 
     spaces: Quadratic
@@ -144,6 +148,7 @@ class _Away:
     rounding: float
     form: Form
     unbalanced: float
+    outflows: Array
 
     def turned(self, phi: Array) -> _Away:
         """The same for q + curl phi in place of q, curl phi = (d_y phi, -d_x phi)."""
@@ -223,7 +228,7 @@ def _away(spaces: Quadratic, source: Source, u_h: Array, sigma: Array, form: For
     rounding += math.sqrt(float(mesh.areas @ sizes**2))
     left = residual[:, None] + (1 - theta) * rest
     of_q = misfit(mesh, w, q, slice(None)), theta[..., None] * of_r
-    return _Away(spaces, w, *of_q, left, rounding, form, unbalanced)
+    return _Away(spaces, w, *of_q, left, rounding, form, unbalanced, outflows(mesh, form, q))
 
 
 def _share(a: Array, b: Array) -> Array:

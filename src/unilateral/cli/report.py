@@ -62,7 +62,8 @@ def table(found: dict[str, Any], bounds: Bounds | None, sizes: dict[str, float],
     rows |= _contact(found["contact"])
     for name, force in (found["forces"] or {}).items():
         guaranteed = between(force["lower"], force["upper"], DIGITS, "and")
-        rows[f"force, {name.replace('_', ' ')}"] = f"{force['value']:{DIGITS}}, between {guaranteed}"
+        label = name if name.startswith("reaction") else f"force, {name}"
+        rows[label.replace("_", " ")] = f"{force['value']:{DIGITS}}, between {guaranteed}"
     if doubt:
         rows["lambda_H"] = doubt
     rows["time and memory"] = f"{found['seconds']:.2f} s, {found['peak_mb']:.0f} MB"

@@ -228,11 +228,15 @@ def _tell_faults(search: Search) -> None:
 
 
 def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float]] | None:
-    """The forces over the boundary, and over each side with multipliers; None for more than SIDES sides."""
+    """The forces over the boundary and over each side with multipliers, and the reactions on clamped sides.
+
+    None for more than SIDES sides.
+    """
     n_sides, cells = found.mesh.polygon.n_sides, found.partition
     if n_sides > SIDES:
         return None
     held = np.unique(cells.side[found.solved.discrete.cells])
     forces = found.forces(sharp)
     sides = {f"side_{i}": forces.sides[i]._asdict() for i in held}
-    return {"boundary": forces.whole._asdict()} | sides
+    rows = {"_".join(["reaction", *map(str, row)]): of._asdict() for row, of in forces.reactions.items()}
+    return {"boundary": forces.whole._asdict()} | sides | rows

@@ -117,7 +117,7 @@ def by_sparse(mesh: Mesh, factors: Sparse, form: Form = H1) -> Condensed:
 def _check(mesh: Mesh, factors: Sparse | Recursive, form: Form) -> None:
     """Raises InputError as `condense`."""
     if not form.clamped:
-        check_constants(mesh, factors.solve(lumped_mass(mesh)))
+        check_constants(mesh, factors.solve(form.reaction * lumped_mass(mesh)))
 
 
 def check_constants(mesh: Mesh, u: Array) -> None:

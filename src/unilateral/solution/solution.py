@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 import os
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, overload
 
 import numpy as np
@@ -16,7 +17,9 @@ from numpy.typing import ArrayLike
 
 from unilateral.accuracy.search import Search
 from unilateral.arrays import Array, Index
-from unilateral.bounds.forces import Force, forces
+from unilateral.bounds.clamped_ends import none
+from unilateral.bounds.forces import Clamps, Force, forces
+from unilateral.bounds.local_bounds import LocalBound
 from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.choice import bound_mb
 from unilateral.errors import InputError, SolutionWarning, shown
@@ -31,6 +34,7 @@ from unilateral.norms.dual import Errors, errors
 from unilateral.norms.fortin import beta_below
 from unilateral.problems import arguments
 from unilateral.problems.data import is_case
+from unilateral.problems.fields import listed
 from unilateral.problems.units import Units
 from unilateral.solution import summary, tables
 from unilateral.solution.certificate import Bounds, record, relative
@@ -56,7 +60,7 @@ ROUNDING = 4 * float(np.finfo(float).eps)
 def in_units(force: Force, unit: float) -> Force:
     """A force in that unit, which is rounded once, as is each product with it; bounds stay bounds."""
     value, lower, upper = (unit * number for number in force)
-    return Force(value, (1 - ROUNDING) * lower, (1 + ROUNDING) * upper)
+    return Force(value, lower - ROUNDING * abs(lower), upper + ROUNDING * abs(upper))
 
 
 SHOWN = 12
@@ -64,15 +68,33 @@ SHOWN = 12
 
 
 class Forces(NamedTuple):
-    """The forces over the whole boundary, and over each of its sides."""
+    """The forces over all sides with contact, and over each side: 0 where there is none.
+
+    `reactions` are those on clamped sides, by the numbers of the sides that are in a row.
+    """
 
     whole: Force
     sides: list[Force]
+    reactions: Mapping[tuple[int, ...], Force] = MappingProxyType({})
 
     def __repr__(self) -> str:
         shown = ", ".join(f"{i}: {plus_minus(*force)}" for i, force in enumerate(self.sides[:SHOWN]))
         more = f" and {len(self.sides) - SHOWN} more" if len(self.sides) > SHOWN else ""
-        return f"Forces: {plus_minus(*self.whole)}; on sides {shown}{more}; guaranteed"
+        clamped = (f"{listed(row)}: {plus_minus(*force)}" for row, force in self.reactions.items())
+        reactions = "; reactions on sides " + ", ".join(clamped) if self.reactions else ""
+        return f"Forces: {plus_minus(*self.whole)}; on sides {shown}{more}{reactions}; guaranteed"
+
+
+def clamped_rows(n: int, clamped: Sequence[int]) -> list[list[int]]:
+    """The clamped ones of n sides, those in a row together."""
+    starts = [side for side in clamped if (side - 1) % n not in clamped] or [*clamped][:1]
+    rows = []
+    for start in starts:
+        row = [start]
+        while (row[-1] + 1) % n in clamped and (row[-1] + 1) % n != start:
+            row.append((row[-1] + 1) % n)
+        rows.append(row)
+    return rows
 
 
 ENDINGS = {
@@ -379,22 +401,44 @@ class Solution:
     def forces(self, sharp: bool = False) -> Forces:
         """The integrals of lambda_H over the boundary and over each side, with guaranteed bounds on lambda's.
 
-        These rest on `bounds` or the `sharp_bounds`; without them no upper bound is finite.
+        On clamped sides they are the reactions, the integrals of k du/dn; those of sides in a row are given
+        for all of them together. The whole has the sides with contact only. All rest on `bounds` or the
+        `sharp_bounds`; without them no upper bound is finite. One of the bounds is infinite, too, where a
+        clamped side meets one with contact and u is not known to be above g there; the sum of both has
+        bounds: see `force`.
         """
-        sides = range(self.polygon.n_sides)
-        whole, *each = self._forces(sharp, [[*sides], *([side] for side in sides)])
-        return Forces(whole, each)
+        clamped, n = self.problem.clamped_sides, self.polygon.n_sides
+        rows = clamped_rows(n, clamped)
+        with_contact = [[side] if side not in clamped else [] for side in range(n)]
+        every = [side for side in range(n) if side not in clamped]
+        whole, *each = self._forces(sharp, [every, *with_contact, *rows])
+        return Forces(whole, each[:n], dict(zip(map(tuple, rows), each[n:], strict=True)))
 
-    def force(self, sharp: bool = False) -> Force:
-        """The force over the whole boundary, as `forces` has it."""
-        return self._forces(sharp, [[*range(self.polygon.n_sides)]])[0]
+    def force(self, sharp: bool = False, sides: Sequence[int] | None = None) -> Force:
+        """The force over all sides with contact, see `forces`, or over some sides, with their reactions.
+
+        Raises InputError for a part of clamped sides in a row.
+        """
+        n, clamped = self.polygon.n_sides, self.problem.clamped_sides
+        if sides is None:
+            return self._forces(sharp, [[side for side in range(n) if side not in clamped]])[0]
+        part = arguments.sides(sides, "sides")
+        for row in clamped_rows(n, clamped):
+            if 0 < len({*row} & {*part}) < len(row):
+                raise InputError(
+                    f"sides {part}: the clamped sides {row} are in a row; take all or none of them"
+                )
+        return self._forces(sharp, [part])[0]
 
     def _forces(self, sharp: bool, parts: list[list[int]]) -> list[Force]:
-        bounds = self._bounds(sharp)
-        error = bounds.multiplier if bounds else math.inf
-        free = self.solved.discrete.data.free_sides if self.solved.discrete.data else ()
-        of = self.solved
-        found = forces(of.discrete.mesh, of.discrete.partition, of.lambda_H, error, parts, free)
+        bounds, of, discrete = self._bounds(sharp), self.solved, self.solved.discrete
+        error, free, clamps = bounds.multiplier if bounds else math.inf, self.problem.free_sides, None
+        if discrete.form.clamped:
+            n, known, local = self.polygon.n_sides, of.bound(sharp) if bounds else None, of.bound(False)
+            clamps = Clamps(discrete.form, np.full(n, math.nan), none(n), math.inf, free)
+            if known and isinstance(local, LocalBound):
+                clamps = Clamps(discrete.form, known.outflows, local.ends, known.of_fluxes, free)
+        found = forces(discrete.mesh, discrete.partition, of.lambda_H, error, parts, free, clamps)
         return [in_units(force, self.units.force) for force in found]
 
     def cells(self) -> pd.DataFrame:

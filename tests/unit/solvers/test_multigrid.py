@@ -283,7 +283,10 @@ def test_a_gap_at_the_end_of_its_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
     gap = residual_rounding.Rounded(np.array([-1.0]), np.array([doubt]))
     monkeypatch.setattr(residual_rounding, "constrained", lambda *_: gap)
     B, zero = sp.csr_array(np.array([[0.0, 1.0, 0.0]])), np.zeros(3)
-    of, cells = SimpleNamespace(A=A, sums=A.sum(axis=1), mass=A.sum(axis=1)), SimpleNamespace(B=B, inside=np.array([1]))
+    of, cells = (
+        SimpleNamespace(A=A, sums=A.sum(axis=1), mass=A.sum(axis=1)),
+        SimpleNamespace(B=B, inside=np.array([1])),
+    )
     grid = SimpleNamespace(of=of, cells=cells, load=zero, d=np.ones(1))
     residual, norm = feasible(grid, zero, np.zeros(1))
     dual = np.sqrt(residual.values @ np.linalg.solve(A.toarray(), residual.values))

@@ -1,0 +1,73 @@
+"""What the bounds know of the ends of clamped sides, for forces and reactions next to them (`forces`).
+
+lambda is a functional of functions that vanish on clamped sides. Near a vertex between such a side and one
+with contact, forces can only be told from reactions where lambda is known to be small. With the feasible v
+of `local_bounds`, a for (grad v - q, v - f~ - div q), and r for the functional of f - f~ and tau - tau~,
+
+    ||u - v||^2 = r(u - v) - (a, u - v) + <lambda - sigma, u - v>
+               <= (||a|| + ||r||) ||u - v|| - <lambda, v - g> + <sigma, v - g>,
+
+since <lambda, u - g> = 0 and <sigma, u - g> >= 0. So <lambda, v - g> <= <sigma, v - g> + (||a|| + ||r||)^2/4,
+which is small: where v - g is at least gamma, the integral of lambda is at most that over gamma.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from unilateral.arrays import Array
+from unilateral.bounds.boundary_flux import EdgeFlux
+from unilateral.bounds.feasible import Lifting
+from unilateral.fem.form import Form
+from unilateral.geometry.mesh import Mesh
+
+HALF = 0.5
+"""Of a side with contact the part at a clamped vertex counts on which the gap is this part of that there."""
+
+
+class ClampedEnds(NamedTuple):
+    """For every vertex, (n,) each, how far the gap is at least `gamma` along the side with contact there.
+
+    `reach` is 0 where no clamped side meets one with contact, and where nothing is known. `product` is at
+    least <lambda, v - g>.
+    """
+
+    reach: Array
+    gamma: Array
+    product: float
+
+
+def none(n: int) -> ClampedEnds:
+    """That of a polygon with n sides, none of which is clamped."""
+    return ClampedEnds(np.zeros(n), np.ones(n), 0.0)
+
+
+def clamped_ends(
+    mesh: Mesh, form: Form, lift: Lifting, u_h: Array, flux: EdgeFlux, product: float
+) -> ClampedEnds:
+    """Those of u_h (n,), with its lifting; v is not below u_h where there is no contact."""
+    n, upper = mesh.polygon.n_sides, np.full(len(mesh.side), -np.inf)
+    found = none(n)._replace(product=product)
+    np.maximum.at(upper, lift.g.edge, lift.g.upper)
+    trace = u_h[mesh.boundary]
+    gap, pushed = np.minimum(trace, np.roll(trace, -1)) - upper, flux.push > 0
+    gap[pushed | np.roll(pushed, 1) | np.roll(pushed, -1)] = 0.0
+    clamped = np.isin(np.arange(n), form.clamped)
+    lengths = np.diff(mesh.s)
+    for vertex in np.flatnonzero(clamped != np.roll(clamped, 1)).tolist():
+        side = (vertex - 1) % n if clamped[vertex] else vertex
+        edges = np.flatnonzero(mesh.side == side)[:: -1 if clamped[vertex] else 1]
+        wide = gap[edges] > HALF * max(gap[edges[0]], 0.0)
+        edges = edges[: len(edges) if wide.all() else int(np.argmin(wide))]
+        if edges.size and np.isfinite(gap[edges]).all():
+            found.reach[vertex], found.gamma[vertex] = lengths[edges].sum(), gap[edges].min()
+    return found
+
+
+def outflows(mesh: Mesh, form: Form, q: Array) -> Array:
+    """(n,) the integrals of q.n over the clamped sides, 0 on others, for q as `equilibrated` gives it."""
+    edges = form.edges(mesh)
+    through = -q[0, mesh.triangulation.boundary] * edges
+    return np.bincount(mesh.side, through, mesh.polygon.n_sides).astype(float)

@@ -1,0 +1,271 @@
+"""Problems with clamped sides: true errors of manufactured ones are below the bounds, on every path."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+import scipy.sparse.linalg as spla
+import sympy
+
+import unilateral as ul
+from unilateral.bounds import feasible, local_bounds
+from unilateral.fem.form import Form, decoupled
+from unilateral.fem.p1 import gradients, stiffness_and_mass
+from unilateral.fem.quadrature import symmetric
+from unilateral.geometry.mesh import refine, unstructured
+from unilateral.geometry.polygon import Polygon
+
+X, Y = sympy.symbols("x y", real=True)
+POLYGONS = {
+    "square": [(0, 0), (1, 0), (1, 1), (0, 1)],
+    "lshape": [(-1, -1), (0, -1), (0, 0), (1, 0), (1, 1), (-1, 1)],
+    "triangle": [(0, 0), (1, 0), (0.25, 0.75)],
+    "trapezoid": [(0, 0), (1.5, 0), (1, 0.75), (0.25, 0.75)],
+}
+COEFFICIENTS = [(1, 0), (1, 1), ("7/3", 0), ("7/3", "1/1000"), (1_000_000, 0), ("1/1000000", 0)]
+EXTREME = [(1_000_000, 1_000_000), ("1/1000000", 1), (1, 1_000_000), (1_000_000, "1/1000000")]
+PATHS = ("condensed", "nested", "adapted", "foreign", "unstructured")
+OF_RANDOM = [(seed, *pair) for seed, pair in enumerate(COEFFICIENTS * 8 + EXTREME * 4)]
+
+
+class pos(sympy.Function):
+    """a_+^k as formulas have it."""
+
+    nargs = 2
+
+    def fdiff(self, argindex: int = 1) -> sympy.Expr:
+        a, k = self.args
+        return k * pos(a, k - 1)
+
+
+class Manufactured(NamedTuple):
+    """A problem with its exact u and gradient, as functions, and its coefficients."""
+
+    problem: object
+    u: Callable
+    slope: tuple[Callable, Callable]
+    k: float
+    c: float
+    contact: list[int]
+
+
+def function(of: sympy.Expr) -> Callable:
+    compiled = sympy.lambdify((X, Y), of, [{"pos": lambda a, k: np.maximum(a, 0.0) ** k}, "numpy"])
+    return lambda x, y: np.broadcast_to(np.asarray(compiled(x, y), dtype=float), np.shape(x))
+
+
+def random_problem(seed: int, k: object, c: object) -> Manufactured:
+    """A u with a transition on side 0 or without; sides are clamped, free, or in contact where du/dn > 0."""
+    rng = np.random.default_rng(seed)
+    corners = POLYGONS[sorted(POLYGONS)[seed % 4]]
+    n, (k, c) = len(corners), (sympy.Rational(k), sympy.Rational(c))
+    a = [sympy.Rational(int(each), 4) for each in rng.integers(-6, 7, 6)]
+    (x0, y0), (x1, _) = corners[:2]
+    end = sympy.Rational(x0) + sympy.Rational(x1 - x0) * sympy.Rational(int(rng.integers(1, 8)), 8)
+    u = -(Y - y0) * pos(X - end, 2) * (1 + a[0] ** 2) + a[1] * X**2 + a[2] * (Y - y0) ** 2 * X
+    u += sympy.cos(X + a[3]) + a[4] * (Y - y0) ** 2
+    slopes = sympy.diff(u, X), sympy.diff(u, Y)
+    gaps, u_there, fluxes, contact = [None] * n, {}, [None] * n, [0]
+    gaps[0] = str(u - pos(end - X, 2) / 2)
+    for side in range(1, n):
+        (ax, ay), (bx, by) = ([sympy.Rational(z) for z in corners[i % n]] for i in (side, side + 1))
+        along = sympy.Rational(1) * (bx - ax), sympy.Rational(1) * (by - ay)
+        flux = (slopes[0] * along[1] - slopes[1] * along[0]) / sympy.sqrt(along[0] ** 2 + along[1] ** 2)
+        t = np.linspace(0, 1, 401)
+        values = function(flux)(float(ax) + t * float(along[0]), float(ay) + t * float(along[1]))
+        slanted = along[0] != 0 and along[1] != 0
+        if rng.random() < 0.4 or side == n - 1 or slanted:
+            u_there[side] = str(u)
+        elif values.min() > 1e-9 and side not in (1, n - 1):
+            gaps[side] = str(u)
+            contact.append(side)
+        else:
+            fluxes[side] = str(k * flux)
+    free = [side for side in range(n) if fluxes[side] is not None]
+    f = -k * (sympy.diff(u, X, 2) + sympy.diff(u, Y, 2)) + c * u
+    problem = ul.Problem(
+        corners, str(f), gaps, free, k=str(k), c=str(c), q=fluxes if free else None, u=u_there
+    )
+    return Manufactured(
+        problem, function(u), (function(slopes[0]), function(slopes[1])), float(k), float(c), contact
+    )
+
+
+def solved(of: Manufactured, path: str):
+    h = 1 / 8
+    if path == "nested":
+        return ul.solve(of.problem, h=h, H=2 * h, stop=ul.Stop(algorithm="multigrid"))
+    if path == "adapted":
+        return ul.solve(of.problem, accuracy=0.1, max_unknowns=2000)
+    if path == "foreign":
+        polygon = Polygon(of.problem.polygon.vertices, "own")
+        own = unstructured(polygon, 2 * h)
+        return ul.solve(of.problem, H=2 * h, mesh=ul.mesh(own.points, own.triangles, halvings=1))
+    return ul.solve(of.problem, h=h, H=2 * h, mesh=path if path == "unstructured" else "")
+
+
+def error(of: Manufactured, s) -> float:
+    """(k |u - u_h|_1^2 + c ||u - u_h||_0^2)^(1/2), by a rule of degree 8."""
+    mesh, (hats, weights) = s.mesh, symmetric(8)
+    x, y = np.moveaxis(np.einsum("qb,tbd->tqd", hats, mesh.points[mesh.triangles]), -1, 0)
+    slope = np.einsum("tid,ti->dt", gradients(mesh), s.u[mesh.triangles])[..., None]
+    squares = of.c * (of.u(x, y) - s.u[mesh.triangles] @ hats.T) ** 2
+    squares += of.k * sum((part(x, y) - h) ** 2 for part, h in zip(of.slope, slope, strict=True))
+    return math.sqrt(float(mesh.areas @ (squares @ weights)))
+
+
+def dual_error(of: Manufactured, s) -> float:
+    """A lower bound on the dual norm of lambda - lambda_H: the supremum over P1 on the mesh, refined once."""
+    mesh, clamped = refine(s.mesh), s.problem.clamped_sides
+    K, M = stiffness_and_mass(mesh)
+    fixed, load = Form(0.0, clamped).fixed(mesh), np.zeros(mesh.n_nodes)
+    x, w = np.polynomial.legendre.leggauss(6)
+    x, w, lengths = 0.5 * (x + 1), 0.5 * w, np.diff(mesh.s)
+    for edge in np.flatnonzero(np.isin(mesh.side, of.contact)):
+        side, ends = mesh.side[edge], mesh.boundary[[edge, (edge + 1) % len(mesh.boundary)]]
+        places = mesh.points[ends[0]] + x[:, None] * (mesh.points[ends[1]] - mesh.points[ends[0]])
+        normal = mesh.polygon.normals[side]
+        flux = of.k * sum(part(*places.T) * n for part, n in zip(of.slope, normal, strict=True))
+        t = mesh.s[edge] - mesh.polygon.starts[side] + x * lengths[edge]
+        weighted = lengths[edge] * w * (flux - s.lambda_at(side, t))
+        load[ends] += [weighted @ (1 - x), weighted @ x]
+    load[fixed] = 0.0
+    v = spla.spsolve(decoupled((of.k * K + of.c * M).tocsr(), fixed).tocsc(), load)
+    return math.sqrt(max(float(v @ load), 0.0))
+
+
+@pytest.mark.parametrize(("seed", "k", "c"), OF_RANDOM)
+def test_bounds_are_above_the_true_errors(seed: int, k: object, c: object) -> None:
+    """u is in H^2. Each path has its turn with each pair of coefficients."""
+    of = random_problem(seed, k, c)
+    s = solved(of, PATHS[seed % len(PATHS)])
+    of_u, of_lambda = error(of, s), dual_error(of, s)
+    for bounds in (s.bounds, s.sharp_bounds):
+        assert of_u <= bounds.u
+        assert of_lambda <= bounds.multiplier
+
+
+def test_most_bounds_are_near_the_errors() -> None:
+    """The median of the cheap bound over the error is below 1.3 on meshes that resolve u."""
+    found = []
+    for seed, (k, c) in enumerate(COEFFICIENTS * 2):
+        of = random_problem(seed, k, c)
+        s = ul.solve(of.problem, h=1 / 32, H=1 / 16)
+        found.append(s.bounds.u / error(of, s))
+    assert statistics.median(found) < 1.3
+
+
+WAVE = "sin(8*pi*x)"
+
+
+def unseen(c: object) -> object:
+    """A problem whose u_D is 0 at the nodes of a mesh with h = 1/4: u_h = 0."""
+    return ul.Problem(POLYGONS["square"], 0, [-2, -2, None, -2], u={2: WAVE}, c=c)
+
+
+@pytest.mark.parametrize("c", [0, 1])
+def test_what_nodes_do_not_see_of_u_on_a_clamped_side_is_in_the_bounds(c, monkeypatch) -> None:
+    """u is about sin(8 pi x) exp(8 pi (y - 1)), whose squared norm is 4 pi. Control: without the lifting."""
+    s = ul.solve(unseen(c), h=1 / 4, H=1 / 2)
+    assert np.abs(s.u).max() < 1e-12
+    for bounds in (s.bounds, s.sharp_bounds):
+        assert math.sqrt(4 * math.pi) * 0.999 < bounds.u < 3 * math.sqrt(4 * math.pi)
+    short = feasible._short
+
+    def without(g, v, touching, flux):
+        squares, *rest = short(g, v, touching, flux)
+        return np.where(g.clamped, 0.0, squares), *rest
+
+    monkeypatch.setattr(feasible, "_short", without)
+    s = ul.solve(unseen(c), h=1 / 4, H=1 / 2)
+    assert s.bounds.u < math.sqrt(4 * math.pi)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.01])
+def test_without_a_reaction_divergence_counts_by_friedrichs_constant(share, monkeypatch) -> None:
+    """u_h = 0 is no solution: u = x(2 - x)/2 has |u|_1^2 = 1/3. Control: with a hundredth of the constant."""
+    problem = ul.Problem(POLYGONS["square"], 1, -1, [0, 1, 2], c=0, u={3: 0})
+    found = ul.solve(problem, h=1 / 4, H=1 / 2).solved
+    form = found.discrete.form
+    weaker = form._replace(friedrichs=share * form.friedrichs)
+    source, *rest, _ = found._given
+    monkeypatch.setattr(
+        local_bounds, "equilibrated", lambda mesh, *_: np.zeros((2, len(mesh.triangulation.ends)))
+    )
+    rest[2] = np.zeros_like(rest[2])
+    bound = local_bounds.local_bound(source, *rest, weaker).u
+    assert (bound >= math.sqrt(1 / 3)) == (share == 1.0)
+
+
+def exact_reactions() -> tuple[object, dict[int, float]]:
+    """u = x^2 + y: clamped at x = 0, in contact at x = 1 with lambda = 2, given fluxes -1 and 1."""
+    problem = ul.Problem(
+        POLYGONS["square"], -2, [None, "1 + y", None, None], [0, 2], c=0, u={3: "y"}, q=[-1, None, 1, None]
+    )
+    return problem, {1: 2.0, 3: 0.0}
+
+
+@pytest.mark.parametrize("sharp", [False, True])
+def test_forces_and_reactions_lie_in_their_intervals(sharp) -> None:
+    problem, exact = exact_reactions()
+    s = ul.solve(problem, h=1 / 16, H=1 / 8)
+    found = s.forces(sharp)
+    for force, true in ((found.sides[1], exact[1]), (found.reactions[3,], exact[3]), (found.whole, exact[1])):
+        assert force.lower <= true <= force.upper
+        assert force.upper - force.lower < 0.2
+    both = s.force(sharp, sides=[1, 3])
+    assert both.lower <= 2.0 <= both.upper
+
+
+def test_reactions_without_the_flux_through_the_side_are_noticed(monkeypatch) -> None:
+    """Control: u = x(1 - x/2) has the reaction -1 at x = 0."""
+    problem = ul.Problem(POLYGONS["square"], 1, [None, -1, None, None], [0, 2], c=0, u={3: 0})
+    s = ul.solve(problem, h=1 / 16, H=1 / 8)
+    assert s.forces().reactions[3,].lower <= -1 <= s.forces().reactions[3,].upper
+    monkeypatch.setattr(local_bounds, "outflows", lambda mesh, *_: np.zeros(mesh.polygon.n_sides))
+    again = ul.solve(problem, h=1 / 16, H=1 / 8)
+    assert again.forces().reactions[3,].lower > -1
+
+
+def test_where_a_clamped_side_meets_contact_the_gap_says_whether_a_force_has_a_bound() -> None:
+    """With u = g at the vertex none is possible for one side alone; the sum of force and reaction has one."""
+    apart, joined = (
+        ul.solve(
+            ul.Problem(POLYGONS["square"], 0, [g, None, None, None], [1, 2], u={3: 1}, c=0), h=1 / 16, H=1 / 8
+        )
+        for g in (0, "1 - x")
+    )
+    assert apart.forces().sides[0].upper < 1
+    assert joined.forces().sides[0].upper == math.inf
+    assert joined.forces().reactions[3,].lower == -math.inf
+    assert joined.force(sides=[0, 3]).upper < 1
+    with pytest.raises(ul.InputError, match="are in a row; take all or none of them"):
+        ul.solve(unseen_row(), h=1 / 4, H=1 / 2).force(sides=[2])
+
+
+def unseen_row() -> object:
+    return ul.Problem(POLYGONS["square"], 0, [0, 0, None, None], u={2: 1, 3: 1}, c=0)
+
+
+def test_a_membrane_clamped_at_one_side_rests_on_a_bump_at_the_other() -> None:
+    """Held for tests: all paths agree within their guaranteed errors, and contact is where the bump is."""
+    problem = ul.Problem(
+        POLYGONS["square"], -1, [None, "-1/10 - (y - 1/2)**2", None, None], [0, 2], c=0, u={3: 0}
+    )
+    given = ul.solve(problem, h=1 / 32, H=1 / 16)
+    nested = ul.solve(problem, h=1 / 32, H=1 / 16, stop=ul.Stop(algorithm="multigrid"))
+    adapted = ul.solve(problem, accuracy=0.02)
+    assert adapted.certified
+    for s in (nested, adapted):
+        force, other = s.forces().sides[1], given.forces().sides[1]
+        assert force.lower <= other.upper
+        assert other.lower <= force.upper
+    (interval,) = given.contact.intervals
+    assert interval.side == 1
+    assert interval.start + interval.end == pytest.approx(1, abs=1 / 8)
+    assert np.abs(nested.u - given.u).max() < 1e-4
