@@ -1,0 +1,104 @@
+"""Forms with clamped sides, and without a reaction, by elimination of the nodes in dense algebra."""
+
+import numpy as np
+import pytest
+
+from unilateral.fem import edge_matrix
+from unilateral.fem.condense import condense, matrix
+from unilateral.fem.form import Form
+from unilateral.fem.functional_norm import dual_norm
+from unilateral.fem.hierarchy import hierarchy
+from unilateral.fem.p1 import of_rest, stiffness_and_mass
+from unilateral.fem.poincare import friedrichs
+from unilateral.fem.spaces import mixed_spaces
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry.mesh import refine, refine_some
+from unilateral.geometry.partition import uniform
+from unilateral.geometry.polygon import named, square
+from unilateral.geometry.structured import structured
+from unilateral.norms.fortin import beta_below
+
+FORMS = [Form(1.0, (3,)), Form(0.0, (1,), 2.0), Form(0.0, (0, 1), 2.0), Form(1.0, (2,))]
+
+
+def dense(mesh, form):
+    """A on the nodes that are not fixed, and these."""
+    K, M = stiffness_and_mass(mesh)
+    free = np.flatnonzero(~form.fixed(mesh))
+    return (K + form.reaction * M).toarray()[np.ix_(free, free)], free
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("h", [1 / 4, 1 / 16])
+def test_solving_is_elimination_of_the_fixed_nodes(form, h):
+    """By sparse elimination and by macro-elements."""
+    mesh = structured(named("lshape"), h)
+    A, free = dense(mesh, form)
+    load = np.random.default_rng(1).normal(size=mesh.n_nodes)
+    load[form.fixed(mesh)] = 0.0
+    exact = np.zeros_like(load)
+    exact[free] = np.linalg.solve(A, load[free])
+    condensed = condense(mesh, form)
+    assert np.allclose(condensed.solve(load), exact, rtol=0, atol=1e-11 * np.abs(exact).max())
+    products, sums = condensed.for_products
+    assert np.allclose(products.sum(axis=1), sums, rtol=0, atol=1e-12)
+    assert abs(products - matrix(mesh, form)).max() < 1e-12
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_load_of_what_is_left_has_the_given_values(form):
+    """A v = load for v with given values at fixed nodes, which need not be 0 elsewhere."""
+    mesh = structured(square(), 1 / 8)
+    rng, fixed = np.random.default_rng(2), form.fixed(mesh)
+    held, load = rng.normal(size=(2, mesh.n_nodes))
+    v = held + condense(mesh, form).solve(of_rest(mesh, form, load, held))
+    K, M = stiffness_and_mass(mesh)
+    left = (K + form.reaction * M) @ v - load
+    assert np.abs(left[~fixed]).max() < 1e-10
+    assert np.array_equal(v[fixed], held[fixed])
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("adapted", [False, True])
+def test_all_levels_are_decoupled_and_functionals_are_bounded(form, adapted):
+    """The rows of every level are those of its mesh. The bound on a norm is above the exact one."""
+    mesh, rng = structured(square(), 1 / 2), np.random.default_rng(3)
+    for _ in range(4):
+        chosen = np.flatnonzero(mesh.areas == mesh.areas.max())[:2] if adapted else None
+        before, mesh = mesh, refine_some(mesh, chosen)
+    of = hierarchy(mesh, form=form)
+    assert abs(of.A - matrix(mesh, form)).max() < 1e-12
+    assert np.allclose(of.A.sum(axis=1), of.sums, atol=1e-12)
+    level = of.levels[-2]
+    assert level.rows is not None
+    whole = matrix(before, form)
+    rows = whole if level.smoothed is None else whole[level.smoothed][:, level.columns]
+    assert abs(level.rows - rows).max() < 1e-12
+    A, free = dense(mesh, form)
+    form = form._replace(friedrichs=1.0 if form.reaction else friedrichs(mesh, form.clamped))
+    of = hierarchy(mesh, form=form)
+    for _ in range(5):
+        R = np.zeros(mesh.n_nodes)
+        R[free] = rng.normal(size=len(free))
+        exact = np.sqrt(R[free] @ np.linalg.solve(A, R[free]))
+        assert exact <= dual_norm(of, R) <= 8 * exact
+
+
+def test_a_level_that_is_not_decoupled_is_noticed():
+    mesh = refine(structured(square(), 1 / 4))
+    whole = edge_matrix.matrix(mesh.triangulation, mesh.points).A
+    assert abs(whole - matrix(mesh, FORMS[0])).max() > 0.1
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("kind", ["structured", "unstructured"])
+def test_beta_is_at_least_its_bound(form, kind):
+    """beta in the norm of V_h/4 in place of that of V, which is at least as large: the supremum is."""
+    polygon = square()
+    mesh = getattr(meshes, kind)(polygon, 1 / 8) if kind == "unstructured" else structured(polygon, 1 / 8)
+    cells = uniform(polygon, 1 / 4)
+    form = form._replace(friedrichs=1.0)
+    coarse, fine = (mixed_spaces(condense(of, form), cells) for of in (mesh, refine(mesh, 2)))
+    square_of_beta = np.linalg.eigvals(np.linalg.solve(fine.operator.D, coarse.operator.D)).real.min()
+    bound = beta_below(mesh, cells, coarse.cells, form)
+    assert 0.1 < bound <= np.sqrt(square_of_beta)
