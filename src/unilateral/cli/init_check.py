@@ -18,6 +18,7 @@ from unilateral.formulas.expression import ZERO, Expression
 from unilateral.formulas.formula import compile_numpy
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
+from unilateral.solution.summary import LINEAR
 from unilateral.system.files import replacing
 from unilateral.system.optional import require
 
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 PICTURES = (".svg", ".png", ".pdf")
-FREE, HELD = "tab:gray", "tab:blue"
+FREE, HELD, CLAMPED = "tab:gray", "tab:blue", "tab:brown"
 ROUND_OFF = 1e-12
 WIDE, ALONG = 5.0, 2.0
 """Inches: the width of the panel with the polygon, and the height of that along its boundary."""
@@ -69,17 +70,21 @@ def check(name: str, picture: str | None) -> str:
 def described(problem: Problem) -> Iterator[str]:
     """The lines that `check` prints."""
     polygon, units = problem.polygon, problem.units
-    yield f"{problem.name}: -k lap u + c u = f with k = {units.k} and c = {units.c}"
+    of_c, with_c = (" + c u", f" and c = {units.c}") if units.reaction else ("", "")
+    yield f"{problem.name}: -k lap u{of_c} = f with k = {units.k}{with_c}"
     yield f"  polygon     {polygon.n_sides} sides, area {polygon.area:.6g}, perimeter {polygon.perimeter:.6g}"
     yield f"  f           {_formula(problem.f, _bounds(problem))}"
     for side in range(polygon.n_sides):
         start, end = (_point(polygon.vertices[i % polygon.n_sides]) for i in (side, side + 1))
         where = f"{start} to {end}, length {polygon.lengths[side]:.6g}"
         yield f"  {f'side {side}':11} {where}: {_held(problem, side)}"
+    if not problem.contact_sides:
+        yield f"  contact     {LINEAR}"
     if problem.least > -np.inf:
-        size = max(map(abs, problem.range_of_f)) / rounded(units.c)
-        least = outward(problem.least, size, down)
-        yield f"  guaranteed  u >= {least}, a lower bound on inf f / c, rounding included"
+        size = abs(problem.least) if problem.clamped_sides else max(map(abs, problem.range_of_f))
+        least = outward(problem.least, size / (rounded(units.c) if units.reaction else 1.0), down)
+        of = "a lower bound on inf f / c" + " and u on clamped sides" * bool(problem.clamped_sides)
+        yield f"  guaranteed  u >= {least}, {of if units.reaction else 'as f >= 0'}, rounding included"
     idle = problem.idle_sides()
     if idle:
         sides = "side" if len(idle) == 1 else "sides"
@@ -94,12 +99,12 @@ def _held(problem: Problem, side: int) -> str:
     ends = [f"{x if abs(x) > ROUND_OFF * size else 0.0:.4g}" for x in (values.min(), values.max())]
     formula = _formula(given, f"from {ends[0]} to {ends[1]}")
     if side not in problem.free_sides:
-        return f"u >= {formula}"
+        return f"clamped, u = {formula}" if side in problem.clamped_sides else f"u >= {formula}"
     return f"free, {'' if problem.units.k.rational == 1 else 'k '}du/dn = {formula}"
 
 
 def _given(problem: Problem, side: int) -> Expression:
-    """g, or on a free side q."""
+    """g, on a clamped side u, or on a free side q."""
     if side not in problem.free_sides:
         return problem.g[side]
     return problem.q[side] if problem.q else ZERO
@@ -163,26 +168,29 @@ def _draw_polygon(axes: Axes, problem: Problem) -> None:
     axes.figure.colorbar(field, cax=axes.inset_axes((1.03, 0, 0.04, 1)), label="f")
     for side in range(polygon.n_sides):
         ends = v[[side, (side + 1) % polygon.n_sides]]
-        axes.plot(*ends.T, linewidth=2, **_look(problem, side))
+        axes.plot(*ends.T, **{"linewidth": 2} | _look(problem, side))
         axes.annotate(str(side), ends.mean(axis=0), 9 * polygon.normals[side], textcoords="offset points",
                       ha="center", va="center")  # fmt: skip
+    title = "f, and the sides' numbers; dashed: free" + "; thick: clamped" * bool(problem.clamped_sides)
     axes.use_sticky_edges = False
     axes.margins(0.12)
-    axes.set(aspect="equal", xlabel="x", ylabel="y", title="f, and the sides' numbers; dashed: free")
+    axes.set(aspect="equal", xlabel="x", ylabel="y", title=title)
 
 
 def _look(problem: Problem, side: int) -> dict[str, Any]:
-    free = side in problem.free_sides
-    return {"color": FREE if free else HELD, "linestyle": "--" if free else "-"}
+    free, clamped = side in problem.free_sides, side in problem.clamped_sides
+    look: dict[str, Any] = {"color": FREE if free else HELD, "linestyle": "--" if free else "-"}
+    return look | ({"color": CLAMPED, "linewidth": 5} if clamped else {})
 
 
 def _draw_obstacle(axes: Axes, problem: Problem) -> None:
-    """Draws g, and on free sides the flux."""
-    polygon = problem.polygon
+    """Draws g, u on clamped sides, and on free sides the flux."""
+    polygon, clamped = problem.polygon, "; thick: u" * bool(problem.clamped_sides)
     for side in range(polygon.n_sides):
         s = polygon.starts[side] + np.linspace(0, polygon.lengths[side], POINTS)
         axes.plot(s, _along(problem, _given(problem, side), side), **_look(problem, side))
     for start in polygon.starts:
         axes.axvline(start, color="0.8", linewidth=0.8, zorder=0)
-    axes.set(xlabel="arc length along the boundary, a line at each vertex", ylabel="g; dashed: k ∂u/∂n",
+    axes.set(xlabel="arc length along the boundary, a line at each vertex",
+             ylabel=f"g{clamped}; dashed: k ∂u/∂n",
              xlim=(0, polygon.perimeter))  # fmt: skip

@@ -17,9 +17,10 @@ from unilateral.accuracy.search import NOT_ENCLOSED, Search
 from unilateral.cli.streams import as_options, sized
 from unilateral.errors import counted
 from unilateral.formulas.decimals import between, down, up
-from unilateral.solution.certificate import SIZE, Bounds, relative
+from unilateral.problems.units import Units
+from unilateral.solution.certificate import Bounds, Named, energy, relative, sizes
+from unilateral.solution.summary import LINEAR
 
-ERROR = {"h1": "||u - u_h||_1", "hm12": "||lambda - lambda_H||_-1/2"}
 DIGITS = ".4e"
 """The format of errors, bounds and forces."""
 SIDES, INTERVALS = 12, 4
@@ -28,6 +29,7 @@ SIDES, INTERVALS = 12, 4
 At most INTERVALS intervals of a side are printed.
 """
 NORMS_WITH_COEFFICIENTS = "||v||_1^2 is k |v|_1^2 + c ||v||_0^2, and ||.||_-1/2 its dual norm"
+WITHOUT_REACTION = "errors are in the norm {}, as c = 0, and ||.||_-1/2 is its dual norm"
 COLUMNS = ("h", "least h", "H", "unknowns", "multipliers", "steps", "algebraic", "total", "wanted")
 
 
@@ -36,10 +38,17 @@ def head(found: dict[str, Any]) -> str:
     return f"{found['problem']}: h = {found['h']:.6g}, H = {found['H']:.6g}, h/H = {ratio:.4g}"
 
 
-def table(found: dict[str, Any], bounds: Bounds | None, sizes: dict[str, float], doubt: str) -> str:
+def errors_of(units: Units) -> Named:
+    """The names of the errors that are bounded."""
+    return Named(energy(units, "u - u_h"), "||lambda - lambda_H||_-1/2")
+
+
+def table(
+    found: dict[str, Any], bounds: Bounds | None, least: dict[str, float], doubt: str, units: Units
+) -> str:
     """Rows for a reader: what was found with its bounds.
 
-    `sizes` are lower bounds on the norms of the solution, by the names of norms. `doubt` is what is told of a
+    `least` are lower bounds on the norms of the solution, by the names of norms. `doubt` is what is told of a
     lambda_H that may not be unique, else empty.
     """
     steps = "" if _unknown(found["iterations"]) else f", after {counted(found['iterations'], 'step')}"
@@ -49,20 +58,21 @@ def table(found: dict[str, Any], bounds: Bounds | None, sizes: dict[str, float],
         "unknowns": f"{found['unknowns']} and {counted(found['multipliers'], 'multiplier')}",
         f"{found['algorithm']} {outcome}": algebraic,
     }
-    if not _unknown(found["hm12_algebraic_bound"]):
+    if found["multipliers"] and not _unknown(found["hm12_algebraic_bound"]):
         of_lambda = f"at most {up(found['hm12_algebraic_bound'], DIGITS)} in H^(-1/2), guaranteed"
         rows["that of lambda_H"] = f"{of_lambda}, as beta >= {down(found['beta'], '.3f')}"
     if not _unknown(found["h1_error"]):
-        rows |= _errors(found, unique)
+        rows |= _errors(found, unique, errors_of(units))
     if bounds is not None:
-        rows["guaranteed"] = _bounded("h1", bounds.u, sizes["h1"])
-        rows["also guaranteed"] = _bounded("hm12", bounds.multiplier, sizes["hm12"])
+        rows["guaranteed"] = _bounded("h1", bounds.u, least["h1"], units)
+        if found["multipliers"]:
+            rows["also guaranteed"] = _bounded("hm12", bounds.multiplier, least["hm12"], units)
         enclosed = f"at most {up(bounds.unknown, '.1e')} for how closely f, g and q are enclosed"
         rows["these bounds include"] = f"all rounding errors, and {enclosed}"
-    rows |= _contact(found["contact"])
+    rows |= _contact(found["contact"]) if found["multipliers"] else {"contact": LINEAR}
     for name, force in (found["forces"] or {}).items():
         guaranteed = between(force["lower"], force["upper"], DIGITS, "and")
-        label = name if name.startswith("reaction") else f"force, {name}"
+        label = name.replace("_", ", side ", 1) if name.startswith("reaction") else f"force, {name}"
         rows[label.replace("_", " ")] = f"{force['value']:{DIGITS}}, between {guaranteed}"
     if doubt:
         rows["lambda_H"] = doubt
@@ -70,12 +80,12 @@ def table(found: dict[str, Any], bounds: Bounds | None, sizes: dict[str, float],
     return "\n".join(f"  {name:27} {value}" for name, value in rows.items())
 
 
-def _bounded(norm: str, bound: float, size: float) -> str:
+def _bounded(norm: str, bound: float, size: float, units: Units) -> str:
     """A bound on the error in a norm, and, where that is known to be `size` or more, on the relative one."""
-    text = f"{ERROR[norm]} <= {up(bound, DIGITS)}"
+    text = f"{getattr(errors_of(units), norm)} <= {up(bound, DIGITS)}"
     if size > 0:
-        share = up(relative(bound, size), ".3g")
-        text += f" <= {share} {SIZE[norm]}, {SIZE[norm]} >= {down(size, DIGITS)}"
+        share, named = up(relative(bound, size), ".3g"), getattr(sizes(units), norm)
+        text += f" <= {share} {named}, {named} >= {down(size, DIGITS)}"
     return text
 
 
@@ -98,7 +108,7 @@ def _contact(found: dict[str, Any]) -> dict[str, str]:
     return rows
 
 
-def _errors(found: dict[str, Any], unique: bool) -> dict[str, str]:
+def _errors(found: dict[str, Any], unique: bool, names: Named) -> dict[str, str]:
     """The rows of the true errors."""
 
     def number(key: str, written: Callable[[float, str], str] = format) -> str:
@@ -113,17 +123,18 @@ def _errors(found: dict[str, Any], unique: bool) -> dict[str, str]:
     if not _unknown(found["hm12_error_upper"]):
         dual += f", <= {number('hm12_error_upper', up)}"
     return {
-        ERROR["h1"]: f" = {number('h1_error')}",
-        ERROR["hm12"]: dual,
+        names.h1: f" = {number('h1_error')}",
+        names.hm12: dual,
         "||lambda - lambda_H||_0": f" = {number('l2_error')}",
     }
 
 
-def level_head(name: str, first: Level, length: float) -> str:
+def level_head(name: str, first: Level, units: Units) -> str:
     """What is wanted, the columns' names and the first level."""
     columns, goal = "".join(f"{column:>12}" for column in COLUMNS), first.goal
-    wanted = f"{name}: {ERROR[goal.norm]} <= {goal.accuracy:g}" + f" {SIZE[goal.norm]}" * (not goal.absolute)
-    return "\n".join([wanted, columns, level_line(first, length)])
+    error, size = (getattr(of, goal.norm) for of in (errors_of(units), sizes(units)))
+    wanted = f"{name}: {error} <= {goal.accuracy:g}" + f" {size}" * (not goal.absolute)
+    return "\n".join([wanted, columns, level_line(first, units.length)])
 
 
 def level_line(level: Level, length: float) -> str:
@@ -137,12 +148,12 @@ def level_line(level: Level, length: float) -> str:
     return "".join(f"{each:>12}" for each in shown)
 
 
-def ending(search: Search) -> str:
+def ending(search: Search, units: Units) -> str:
     """Whether the accuracy is certified, and if not what ended the search, by default the budget."""
     best, norm = search.best, search.best.goal.norm
     if not search.believed:
         return f"  NOT certified, {search.ended}: no bound is left"
-    reached = _bounded(norm, best.total, best.size)
+    reached = _bounded(norm, best.total, best.size, units)
     if best.certified:
         return f"  certified: {reached}"
     bound = best.solved.bound(best.goal.sharp)

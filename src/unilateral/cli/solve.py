@@ -20,6 +20,7 @@ from unilateral.cli.command import NOT_CONVERGED
 from unilateral.cli.report import (
     NORMS_WITH_COEFFICIENTS,
     SIDES,
+    WITHOUT_REACTION,
     ending,
     head,
     level_head,
@@ -33,6 +34,7 @@ from unilateral.cli.watching import bar_during, clear, watching
 from unilateral.errors import BudgetError, InputError, counted
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
+from unilateral.solution.certificate import energy
 from unilateral.solution.solution import ENDINGS, Solution, not_converged, not_unique
 from unilateral.solvers.stop import Stop
 from unilateral.system import as_json
@@ -110,7 +112,7 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
     if search:
         _tell_faults(search)
         if not options.json:
-            say(ending(search))
+            say(ending(search, found.units))
     dual = found.partition.n_cells <= FEW
     errors = _allowed("true errors", lambda: found.true_errors(dual), found, watch)
     forces = _allowed("forces", lambda: _forces(found, sharp), found, watch) if bounds else None
@@ -125,13 +127,15 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
         tell(not_converged(found.solved.result.bound))
     if not options.json and not search:
         say(head(printed))
-    if not (options.json or found.units.trivial):
+    if not options.json and not found.units.reaction:
+        say(f"  {WITHOUT_REACTION.format(energy(found.units, 'v'))}")
+    elif not (options.json or found.units.trivial):
         say(f"  {NORMS_WITH_COEFFICIENTS}")
     if options.json:
         say(as_json.text(printed))
     else:
-        sizes = {norm: found.solved.size(norm, sharp) if bounds else math.nan for norm in NORMS}
-        say(table(printed, bounds, sizes, doubt))
+        least = {norm: found.solved.size(norm, sharp) if bounds else math.nan for norm in NORMS}
+        say(table(printed, bounds, least, doubt, found.units))
     _keep(found, options, printed)
     if watch.asked:
         return INTERRUPTED
@@ -208,12 +212,12 @@ def _mesh(given: str | None, problem: Case | Problem) -> Any:
 
 def _told(problem: Case | Problem, drawn: bool) -> Callable[[Level], None]:
     """A function that prints each level, the first one below a line that says what is wanted."""
-    first, length = True, problem.units.length
+    first, units = True, problem.units
 
     def one(level: Level) -> None:
         nonlocal first
         clear(drawn)
-        say(level_head(problem.name, level, length) if first else level_line(level, length))
+        say(level_head(problem.name, level, units) if first else level_line(level, units.length))
         first = False
 
     return one
@@ -239,4 +243,4 @@ def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float]] | None:
     forces = found.forces(sharp)
     sides = {f"side_{i}": forces.sides[i]._asdict() for i in held}
     rows = {"_".join(["reaction", *map(str, row)]): of._asdict() for row, of in forces.reactions.items()}
-    return {"boundary": forces.whole._asdict()} | sides | rows
+    return ({"boundary": forces.whole._asdict()} if sides or not rows else {}) | sides | rows

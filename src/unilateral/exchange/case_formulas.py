@@ -36,7 +36,7 @@ ANGLE = sympy.Function("angle", real=True)
 def formulas(case: Case, coordinates: tuple[str, str] = COORDINATES["python"]) -> dict[str, Any]:
     """The formulas `u`, `f` and the two of `grad_u`, and `g`, `gap` and `lambda` per side.
 
-    Each is None where the case has no closed formula.
+    Each is None where the case has no closed formula. On clamped sides g is u, and gap and lambda are 0.
     """
     sides = range(case.polygon.n_sides)
     atoms = [atom for atom in case.atoms if isinstance(atom, Closed)]
@@ -44,10 +44,12 @@ def formulas(case: Case, coordinates: tuple[str, str] = COORDINATES["python"]) -
         per_side = {name: [None for _ in sides] for name in ("g", "gap", "lambda")}
         return {"u": None, "f": None, "grad_u": [None, None], **per_side}
     u, f = (sympy.Add(*map(of, atoms)) for of in (_value, _source))
+    f = f if case.reaction else f - u
     gradient, flux = (
         [sympy.Add(*(_flux(atom, *direction) for atom in atoms)) for direction in directions]
         for directions in (((1.0, 0.0), (0.0, 1.0)), case.polygon.normals)
     )
+    flux = [sympy.S.Zero if i in case.clamped_sides else flux[i] for i in sides]
     gap = [case.gaps[i].xreplace({T: _along(case, i)}) for i in sides]
     found = {"u": u, "f": f, "grad_u": gradient, "g": [u - each for each in gap], "gap": gap, "lambda": flux}
     names = dict(zip((X, Y), sympy.symbols(coordinates), strict=True))

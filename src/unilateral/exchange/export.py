@@ -57,6 +57,10 @@ def export(case: Case, coarse: Mesh, H: float, levels: int, folder: str | os.Pat
     is_there = InputError(f"{folder} exists already; name a new folder")
     if folder.exists():
         raise is_there
+    if case.clamped_sides:
+        raise InputError(
+            f"case '{case.name}' has clamped sides, which exported folders do not have; solve it with 'solve'"
+        )
     if not folder.parent.is_dir():
         raise InputError(f"{folder} cannot be written: there is no folder {folder.parent}")
     try:

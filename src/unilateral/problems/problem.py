@@ -131,7 +131,8 @@ class Problem(Rebuilt):
 
         It is -inf where q may be below 0.
         """
-        clamped = (self.enclosed_obstacle.range(side)[0] for side in self.clamped_sides)
+        zero = {i for i in self.clamped_sides if self.g[i].rational == 0 and i not in self.nodal.g}
+        clamped = (0.0 if i in zero else self.enclosed_obstacle.range(i)[0] for i in self.clamped_sides)
         return min(self._least_of_f, *clamped, math.inf)
 
     @cached_property

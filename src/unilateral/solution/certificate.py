@@ -11,32 +11,55 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from unilateral.accuracy.level import Summary
 from unilateral.formulas.decimals import percent, up
 from unilateral.formulas.exact_numbers import rounded
+from unilateral.formulas.expression import ONE
 from unilateral.norms.dual import Errors
+from unilateral.problems.units import Units
 from unilateral.solution.contact import Contact
 
 if TYPE_CHECKING:
+    from unilateral.problems.given import AnyProblem
     from unilateral.solution.solution import Solution
 
-NORMS = {
-    "h1": "||v||_1 = (k ||grad v||_0^2 + c ||v||_0^2)^(1/2)",
-    "hm12": "||mu||_-1/2 = sup <mu, v> / ||v||_1",
-    "l2": "||mu||_0 = (integral of mu^2 over the boundary)^(1/2)",
-}
-"""The norms of errors, bounds and accuracies, by the names that fields have."""
-SIZE = {"h1": "||u||_1", "hm12": "||lambda||_-1/2"}
-"""What an accuracy in each norm is relative to."""
+L2 = "||mu||_0 = (integral of mu^2 over the boundary)^(1/2)"
 QUICK = 20_000
 """Up to this many nodes the bound on beta takes less than half a second, and the record has it."""
+
+
+class Named(NamedTuple):
+    """What a norm of u is called, and that of lambda, and of their errors."""
+
+    h1: str
+    hm12: str
+
+
+def energy(units: Units, of: str) -> str:
+    """The name of the norm of a function: k^(1/2) |.|_1 if c = 0."""
+    if units.reaction:
+        return f"||{of}||_1"
+    return f"|{of}|_1" if units.k == ONE else f"k^(1/2) |{of}|_1"
+
+
+def sizes(units: Units) -> Named:
+    """What an accuracy in each norm is relative to."""
+    return Named(energy(units, "u"), "||lambda||_-1/2")
+
+
+def norms(problem: AnyProblem) -> dict[str, str]:
+    """The norms of errors, bounds and accuracies, by the names that fields have."""
+    of_v = energy(problem.units, "v")
+    whole = "(k ||grad v||_0^2 + c ||v||_0^2)^(1/2)" if problem.units.reaction else "k^(1/2) ||grad v||_0"
+    vanishing = " over v that vanish on clamped sides" if problem.clamped_sides else ""
+    return {"h1": f"{of_v} = {whole}", "hm12": f"||mu||_-1/2 = sup <mu, v> / {of_v}{vanishing}", "l2": L2}
 
 
 class Bounds(NamedTuple):
     """Guaranteed bounds: ||u - u_h||_1 <= u and ||lambda - lambda_H||_{-1/2} <= multiplier.
 
     With coefficients ||v||_1 is the energy norm (k |v|_1^2 + c ||v||_0^2)^{1/2}, and the other norm is its
-    dual. `unknown` is the part of both that comes from how well f, g and q could be enclosed. `relative_u` is
-    `u` over a guaranteed lower bound on ||u||_1, rounded up, and `relative_multiplier` is `multiplier` over
-    one on ||lambda||_{-1/2}. Both are NaN where that lower bound is 0: there the error may be as large as the
-    solution.
+    dual; the first is `named`, for c may be 0. `unknown` is the part of both that comes from how well f, g
+    and q could be enclosed. `relative_u` is `u` over a guaranteed lower bound on ||u||_1, rounded up, and
+    `relative_multiplier` is `multiplier` over one on ||lambda||_{-1/2}. Both are NaN where that lower bound
+    is 0: there the error may be as large as the solution.
     """
 
     u: float
@@ -44,6 +67,7 @@ class Bounds(NamedTuple):
     unknown: float
     relative_u: float = math.nan
     relative_multiplier: float = math.nan
+    named: str = "||u - u_h||_1"
 
     def __repr__(self) -> str:
         """Every number is rounded up.
@@ -55,7 +79,7 @@ class Bounds(NamedTuple):
             up(bound, ".4g") + f" ({percent(part)})" * (part < math.inf)
             for bound, part in ((self.u, self.relative_u), (self.multiplier, self.relative_multiplier))
         )
-        return f"Bounds: ||u - u_h||_1 <= {of_u}, ||lambda - lambda_H||_-1/2 <= {of_lambda}, guaranteed"
+        return f"Bounds: {self.named} <= {of_u}, ||lambda - lambda_H||_-1/2 <= {of_lambda}, guaranteed"
 
 
 def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sharp: bool) -> dict[str, Any]:
@@ -78,7 +102,7 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
         "reach": search.reach if search else None,
         "k": rounded(units.k),
         "c": rounded(units.c),
-        "norms": NORMS,
+        "norms": norms(solution.problem),
         "h": length * mesh.h,
         "diameter": length * mesh.diameter,
         "H": length * cells.H,

@@ -27,7 +27,7 @@ from unilateral.problems.given import Coefficient, Given, bare, mesh_of, problem
 from unilateral.problems.problem import Problem
 from unilateral.problems.sampled import Sampled
 from unilateral.problems.scaled import scaled
-from unilateral.solution.certificate import SIZE, relative
+from unilateral.solution.certificate import relative, sizes
 from unilateral.solution.matrices import Matrices, matrices
 from unilateral.solution.sizes import Size, check_kind, number, sized
 from unilateral.solution.solution import Solution, not_converged, not_unique
@@ -200,7 +200,7 @@ def tell_faults(found: Solution, own_mesh: bool = False) -> None:
         withdrawn = f"{len(search.done) - len(search.believed)} bounds {WITHDRAWN}"
         warnings.warn(withdrawn, SolutionWarning, stacklevel=3)
     if search and not search.certified:
-        warnings.warn(not_certified(search), SolutionWarning, stacklevel=3)
+        warnings.warn(not_certified(search, found), SolutionWarning, stacklevel=3)
         return
     if not found.converged:
         warnings.warn(not_converged(found.solved.result.bound), SolutionWarning, stacklevel=3)
@@ -208,7 +208,7 @@ def tell_faults(found: Solution, own_mesh: bool = False) -> None:
         warnings.warn(f"lambda_H {not_unique(found.mesh, own_mesh)}", SolutionWarning, stacklevel=3)
 
 
-def not_certified(search: Search) -> str:
+def not_certified(search: Search, found: Solution) -> str:
     """Why the accuracy is not certified, and what is reached: in the same terms, and as an error."""
     best = search.best
     parts = [f"the accuracy {best.goal.accuracy:g} is not certified: {search.ended}"]
@@ -218,7 +218,8 @@ def not_certified(search: Search) -> str:
         parts.append(f"reached is {up(best.total, '.4e')}")
     else:
         share = up(relative(best.total, best.size), ".3g")
-        parts.append(f"reached is {share} of {SIZE[best.goal.norm]}, or {up(best.total, '.4e')}")
+        size = getattr(sizes(found.units), best.goal.norm)
+        parts.append(f"reached is {share} of {size}, or {up(best.total, '.4e')}")
     if search.refusal:
         parts.append(str(search.refusal))
     if search.reach:

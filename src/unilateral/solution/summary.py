@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING
 
 from unilateral.formulas.decimals import percent, plus_minus, up
 from unilateral.problems.sampled import Sampled
-from unilateral.solution.certificate import SIZE
+from unilateral.solution.certificate import sizes
 
 if TYPE_CHECKING:
     from unilateral.solution.certificate import Bounds
     from unilateral.solution.solution import Solution
 
+LINEAR = "no side carries contact, so the problem is linear and has no multipliers"
 QUICK = 100_000
 """Up to this many nodes a cheap bound takes less than a second, and a picture about two."""
 
@@ -48,6 +49,8 @@ def rows(of: Solution) -> dict[str, str]:
         found |= _bounded(of, of.sharp_bounds if sharp else of.bounds, sharp)
     held, around = of.contact, f"of {of.polygon.perimeter:.4g}"
     found["contact"] = "the whole boundary, " * held.full + f"length {held.length:.4g} {around}"
+    if not len(cells):
+        found["contact"] = LINEAR
     if not of.converged:
         found["not converged"] = f"the algebraic error is at most {up(solved.result.bound, '.2g')}"
     if not of.unique:
@@ -60,16 +63,18 @@ def _bounded(of: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, str]
     if bounds is None:
         why = "f, g or q is a function" if isinstance(of.problem, Sampled) else "there is no bound"
         return {"error of u": f"unknown, for {why}", "force": f"{of.solved.force * of.units.force:.4g}"}
-    parts = {
-        "error of u": (bounds.u, bounds.relative_u, SIZE["h1"]),
-        "error of lambda": (bounds.multiplier, bounds.relative_multiplier, SIZE["hm12"]),
-    }
+    names = sizes(of.units)
+    parts = {"error of u": (bounds.u, bounds.relative_u, names.h1)}
+    if len(of.solved.discrete.cells):
+        parts["error of lambda"] = bounds.multiplier, bounds.relative_multiplier, names.hm12
     rows = {
         name: f"at most {up(bound, '.3g')}"
         + (f", {percent(part)} of {norm}" if part < 1 else "")
         + ", guaranteed"
         for name, (bound, part, norm) in parts.items()
     }
+    if len(parts) == 1:
+        return rows
     return rows | {"force": f"{plus_minus(*of.force(sharp))}, guaranteed"}
 
 

@@ -299,3 +299,23 @@ def test_a_bound_that_does_not_fit_into_the_memory_is_left_out(run, monkeypatch)
     assert (code, err) == (0, "unilateral: no guaranteed bound: it takes about 5 MB, and 2 MB are free\n")
     assert "guaranteed  " not in out
     assert "guaranteed  " in run("solve", "no_contact", *sizes)[1]
+
+
+LINEAR = "no side carries contact, so the problem is linear and has no multipliers"
+
+
+def test_a_problem_without_contact_is_solved_and_said_to_be_linear(run, tmp_path):
+    """The norm is named as c = 0 has it, and rows that would say nothing are left out."""
+    file = tmp_path / "linear.yaml"
+    file.write_text(
+        "{polygon: [[0, 0], [1, 0], [1, 1], [0, 1]], f: 1, g: [null, null, null, null], free_sides: [0], "
+        "u: {1: 0, 2: 0, 3: null}, k: 2, c: 0}"
+    )
+    code, out, err = run("solve", str(file), "--h", "1/8", "--H", "1/4")
+    assert (code, err) == (0, "")
+    assert LINEAR in out
+    assert "k^(1/2) |u - u_h|_1 <= " in out
+    assert "reaction, side 1 2 3" in out
+    assert "||u" not in out
+    assert "lambda" not in out
+    assert LINEAR in run("check", str(file))[1]
