@@ -56,7 +56,7 @@ class Bounds(NamedTuple):
     """Guaranteed bounds: ||u - u_h||_1 <= u and ||lambda - lambda_H||_{-1/2} <= multiplier.
 
     With coefficients ||v||_1 is the energy norm (k |v|_1^2 + c ||v||_0^2)^{1/2}, and the other norm is its
-    dual; the first is `named`, for c may be 0. `unknown` is the part of both that comes from how well f, g
+    dual; `unknown` is the part of both that comes from how well f, g
     and q could be enclosed. `relative_u` is `u` over a guaranteed lower bound on ||u||_1, rounded up, and
     `relative_multiplier` is `multiplier` over one on ||lambda||_{-1/2}. Both are NaN where that lower bound
     is 0: there the error may be as large as the solution.
@@ -67,7 +67,6 @@ class Bounds(NamedTuple):
     unknown: float
     relative_u: float = math.nan
     relative_multiplier: float = math.nan
-    named: str = "||u - u_h||_1"
 
     def __repr__(self) -> str:
         """Every number is rounded up.
@@ -79,7 +78,14 @@ class Bounds(NamedTuple):
             up(bound, ".4g") + f" ({percent(part)})" * (part < math.inf)
             for bound, part in ((self.u, self.relative_u), (self.multiplier, self.relative_multiplier))
         )
-        return f"Bounds: {self.named} <= {of_u}, ||lambda - lambda_H||_-1/2 <= {of_lambda}, guaranteed"
+        return f"Bounds: ||u - u_h||_1 <= {of_u}, ||lambda - lambda_H||_-1/2 <= {of_lambda}, guaranteed"
+
+
+class BoundsWithoutReaction(Bounds):
+    """Bounds where c = 0: that on u is in the norm k^{1/2} |v|_1, and the other one in its dual."""
+
+    def __repr__(self) -> str:
+        return super().__repr__().replace("||u - u_h||_1", "k^(1/2) |u - u_h|_1")
 
 
 def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sharp: bool) -> dict[str, Any]:

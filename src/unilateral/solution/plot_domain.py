@@ -94,13 +94,15 @@ def numbered(of: Shown) -> list[int]:
 
 
 def _outline(axes: Axes, of: Shown) -> None:
-    """The contact set in red, free sides dashed, the others solid, and numbers at sides."""
-    polygon = of.mesh.polygon
-    free = np.unique(of.contact.partition.side[of.free])
+    """The contact set in red, clamped sides thick, free ones dashed, others solid, and numbers at sides."""
+    polygon, clamped = of.mesh.polygon, [*of.clamped]
+    free = np.setdiff1d(of.contact.partition.side[of.free], clamped)
     sides = np.stack([polygon.vertices, np.roll(polygon.vertices, -1, axis=0)], axis=1)
     held = np.delete(np.arange(polygon.n_sides), free)
     for these, look in ((held, {"colors": "k"}), (free, {"colors": FREE, "linestyles": "dashed"})):
         axes.add_collection(LineCollection([*sides[these]], linewidths=1.2, zorder=2, **look))
+    if clamped:
+        axes.add_collection(LineCollection([*sides[clamped]], linewidths=4, colors="k", zorder=3))
     lines = [(each.first, each.last) for each in of.contact.intervals]
     axes.add_collection(LineCollection(lines, colors=CONTACT, linewidths=4, capstyle="butt", zorder=3))
     for side in numbered(of):

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 WHAT = {"h1": "u in H¹", "hm12": "λ in H^(−1/2)"}
 IN_ENERGY = {"h1": "u in the energy norm", "hm12": "λ in the dual norm"}
-"""What is bounded in the norm of an accuracy; the second one is for problems with k and c."""
+"""What is bounded in the norm of an accuracy; the second one is for problems with k, c or clamped sides."""
 MOST = 200_000
 """A surface has at most about this many triangles: more are smaller than what is seen, and take long."""
 CONSTANT = 1e-12
@@ -40,8 +40,8 @@ class Shown:
 
     `title` says what problem it is, and `accuracy` what bound on the error is guaranteed. `u` (n,) belongs to
     the nodes of the mesh. `gap` (m,) has the means of u_h - g, without what the iteration left of 0, and
-    `obstacle` (m,) those of g; both are NaN on `free` (m,) cells. `flux` (m,) is the q that is given there, 0
-    elsewhere.
+    `obstacle` (m,) those of g; both are NaN on `free` (m,) cells, which have no contact. `flux` (m,) is the
+    q that is given there, 0 elsewhere. Some of the sides without contact are `clamped`.
     """
 
     title: str
@@ -53,6 +53,7 @@ class Shown:
     obstacle: Array
     free: Mask
     flux: Array
+    clamped: tuple[int, ...] = ()
 
     @cached_property
     def surface(self) -> tuple[Index, Index]:
@@ -73,12 +74,13 @@ class Shown:
 
     @property
     def where(self) -> str:
-        """Where the contact is, in words."""
+        """Where the contact is, in words, and that sides are clamped."""
+        clamped = "; clamped in black" if self.clamped else ""
         if self.contact.full:
             return "contact everywhere, in red"
         if not self.contact.intervals:
-            return "no contact"
-        return f"contact in red, length {self.contact.length:.4g}"
+            return f"no contact{clamped}"
+        return f"contact in red, length {self.contact.length:.4g}{clamped}"
 
     @property
     def no_gap(self) -> str:
@@ -86,7 +88,9 @@ class Shown:
         held = ~self.free
         if np.nan_to_num(self.gap).any():
             return ""
-        where = "everywhere" if held.all() else "on all sides that are not free"
+        where = "on all sides with an obstacle" if self.clamped else "on all sides that are not free"
+        if held.all() or not held.any():
+            where = "everywhere"
         return f"{'in contact' if (self.contact.lambda_H[held] > 0).all() else 'u = g'} {where}"
 
 
@@ -104,6 +108,7 @@ def shown(solution: Solution) -> Shown:
         obstacle=np.where(free, np.nan, g_means),
         free=free,
         flux=np.where(free, _flux(solution), 0.0),
+        clamped=solution.problem.clamped_sides,
     )
 
 
@@ -132,7 +137,8 @@ def accuracy(solution: Solution) -> str:
     total = solved.total(norm, sharp)
     if not math.isfinite(total) or (search and not search.believed):
         return NO_BOUND
-    what = (WHAT if solution.units.trivial else IN_ENERGY)[norm]
+    trivial = solution.units.trivial and solution.units.reaction and not solution.problem.clamped_sides
+    what = (WHAT if trivial else IN_ENERGY)[norm]
     text = f"error of {what}: at most {_share(total, solved.size(norm, sharp))}, guaranteed"
     if goal is None or solution.certified:
         return text

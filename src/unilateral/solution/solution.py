@@ -37,7 +37,7 @@ from unilateral.problems.data import is_case
 from unilateral.problems.fields import listed
 from unilateral.problems.units import Units
 from unilateral.solution import summary, tables
-from unilateral.solution.certificate import Bounds, energy, record, relative
+from unilateral.solution.certificate import Bounds, BoundsWithoutReaction, record, relative
 from unilateral.solution.contact import Contact
 from unilateral.solution.evaluation import flux, gradient, located, value
 from unilateral.system import as_json
@@ -387,8 +387,8 @@ class Solution:
             return None
         of_u, of_lambda = (self.solved.size(norm, sharp) for norm in ("h1", "hm12"))
         parts = relative(bound.u, of_u), relative(bound.lambda_, of_lambda)
-        named = energy(self.units, "u - u_h")
-        return Bounds(bound.u, bound.lambda_, bound.unknown, *parts, named)
+        kind = Bounds if self.units.reaction else BoundsWithoutReaction
+        return kind(bound.u, bound.lambda_, bound.unknown, *parts)
 
     def too_large(self, sharp: bool) -> str:
         """Says that bounds that are not yet computed take more memory than is free; else empty."""

@@ -23,6 +23,7 @@ from unilateral.accuracy.level import Level, Summary
 from unilateral.accuracy.search import Search
 from unilateral.arrays import Array
 from unilateral.discrete.base import NO_LOAD, DiscreteSolution, Facts, KeptProblem
+from unilateral.discrete.loads import form_of
 from unilateral.errors import InputError
 from unilateral.geometry.mesh import Mesh, replayed, similar
 from unilateral.geometry.partition import Partition
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 GROUP = "solved"
-FORMAT = 1
+FORMAT = 2
 """The number of this format; files of another one are refused."""
 FACE = ("x", "y", "triangles", "u", "start", "end", "multiplier")
 """The variables for readers that the solution is made of, too."""
@@ -177,9 +178,11 @@ def _solution(known: dict[str, Any], arrays: Arrays, path: Path) -> Solution:
     of_v = scaled(problem)
     data = of_v if known["believed"] and not isinstance(of_v, Sampled) else None
     partition = Partition(mesh.polygon, np.append(arrays["start"], arrays["end"][-1]))
-    cells, lambda_H = np.flatnonzero(~np.isin(partition.side, problem.free_sides)), arrays["multiplier"]
+    without = [*problem.free_sides, *problem.clamped_sides]
+    cells, lambda_H = np.flatnonzero(~np.isin(partition.side, without)), arrays["multiplier"]
     facts, g_means = Facts(**known["facts"]), arrays["g_means"]
-    discrete = KeptProblem(mesh, partition, cells, NO_LOAD, g_means, facts, data=data)
+    form = form_of(of_v, mesh)
+    discrete = KeptProblem(mesh, partition, cells, NO_LOAD, g_means, facts, data=data, form=form)
     result = DualResult(lambda_H=lambda_H[cells], **known["result"])
     solved = DiscreteSolution(discrete, result, known["tolerance"], lambda_H, arrays["u"])
     return Solution(solved, problem, _search(known["search"], solved) if known["search"] else None)

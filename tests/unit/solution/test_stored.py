@@ -262,9 +262,9 @@ def test_a_file_of_another_format_or_way_to_refine_is_refused(tmp_path):
     file = tmp_path / "s.nc"
     solved("case").save(file)
     record = record_of(file)
-    signed(file, record | {"format": 2, "version": "9.9"})
+    signed(file, record | {"format": 3, "version": "9.9"})
     with pytest.raises(
-        ul.InputError, match=r"is of format 2, by unilateral 9\.9; this version reads format 1"
+        ul.InputError, match=r"is of format 3, by unilateral 9\.9; this version reads format 2"
     ):
         ul.open(file)
     with netCDF4.Dataset(file, "a") as table:
@@ -289,3 +289,16 @@ def test_a_pickle_leaves_out_what_is_quickly_made_again():
     assert len(pickle.dumps(s)) < 100 * s.mesh.n_nodes
     assert isinstance(s.solved, DiscreteSolution)
     assert type(s.solved.discrete).__name__ == "MultilevelProblem"
+
+
+def test_a_problem_with_a_clamped_side_is_read_again(tmp_path):
+    """With its form: bounds, forces and reactions are the same numbers."""
+    problem = ul.Problem(
+        [(0, 0), (1, 0), (1, 1), (0, 1)], -1, [None, -1, None, None], [0, 2], c=0, u={3: "y*(1 - y)"}
+    )
+    s = ul.solve(problem, h=1 / 8, H=1 / 4)
+    s.save(tmp_path / "s.nc")
+    again = ul.open(tmp_path / "s.nc")
+    assert again.bounds == s.bounds
+    assert again.forces() == s.forces()
+    assert again.problem.clamped_sides == (3,)
