@@ -269,3 +269,25 @@ def test_a_membrane_clamped_at_one_side_rests_on_a_bump_at_the_other() -> None:
     assert interval.side == 1
     assert interval.start + interval.end == pytest.approx(1, abs=1 / 8)
     assert np.abs(nested.u - given.u).max() < 1e-4
+
+
+@pytest.mark.parametrize(("c", "f"), [(0, "0"), (1, "x - 2*y + 1")])
+@pytest.mark.parametrize("clamped", [[0, 1, 2, 3], [0, 1], [3]])
+def test_a_linear_u_that_is_clamped_costs_nothing(c, f, clamped) -> None:
+    """u = x - 2 y + 1 lies in V_h, and its gradient among the fluxes, whichever sides are clamped."""
+    u, fluxes = "x - 2*y + 1", [2, 1, -2, -1]
+    free = [side for side in range(4) if side not in clamped]
+    problem = ul.Problem(
+        POLYGONS["square"],
+        f,
+        [None] * 4,
+        free,
+        c=c,
+        q=[fluxes[side] if side in free else None for side in range(4)] if free else None,
+        u=dict.fromkeys(clamped, u),
+    )
+    for kind in ("structured", "unstructured"):
+        s = ul.solve(problem, h=1 / 4, H=1 / 2, mesh=kind)
+        assert np.abs(s.u - (s.mesh.points @ [1, -2] + 1)).max() < 1e-12
+        assert s.sharp_bounds.u < 1e-9 + (c == 1)
+        assert s.solved.bound().flux < 1e-9

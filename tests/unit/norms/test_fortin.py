@@ -10,7 +10,8 @@ from scipy.linalg import eigh
 from scipy.spatial import cKDTree
 
 from unilateral.fem.condense import condense, matrix
-from unilateral.fem.p1 import coupling, stiffness_and_mass
+from unilateral.fem.form import Form
+from unilateral.fem.p1 import coupling, gradients, stiffness_and_mass
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -304,3 +305,18 @@ def test_where_triangles_are_too_thin_nothing_is_known(width, known):
     grid = structured(square(), 1 / 2)
     mesh = meshes.from_arrays(thin, grid.points * [1, width], grid.triangles)
     assert (beta_below(mesh, partitions.uniform(thin, 1.0)) > 0) == known
+
+
+def test_averages_vanish_on_clamped_sides():
+    """Those of functions whose means are 0 on the edges there. Control: without the form they do not."""
+    mesh, form = structured(square(), 1 / 4), Form(1.0, (3,))
+    n, rng = len(mesh.triangulation.ends), np.random.default_rng(5)
+    means = rng.normal(size=n)
+    means[mesh.triangulation.boundary[form.edges(mesh)]] = 0.0
+    of = means[mesh.opposite_edges]
+    corners = of.sum(axis=1, keepdims=True) - 2 * of
+    slopes = np.einsum("tid,ti->td", gradients(mesh), corners) * np.sqrt(mesh.areas)[:, None]
+    fixed = form.fixed(mesh)[mesh.triangles]
+    for known in (form, Form()):
+        averaged = corners + (deviations(mesh, known) @ slopes.ravel()).reshape(-1, 3)
+        assert (np.abs(averaged[fixed]).max() < 1e-12) == (known == form)
