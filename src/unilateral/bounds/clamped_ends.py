@@ -23,6 +23,8 @@ from unilateral.bounds.feasible import Lifting
 from unilateral.fem.form import Form
 from unilateral.geometry.mesh import Mesh
 
+ADDED = 4.0
+"""v may be below u_h at a vertex by less than this times the doubt there, see `feasible`."""
 HALF = 0.5
 """Of a side with contact the part at a clamped vertex counts on which the gap is this part of that there."""
 
@@ -50,7 +52,7 @@ def clamped_ends(
     """Those of u_h (n,), with its lifting; v is not below u_h where there is no contact."""
     n, upper = mesh.polygon.n_sides, np.full(len(mesh.side), -np.inf)
     found = none(n)._replace(product=product)
-    np.maximum.at(upper, lift.g.edge, lift.g.upper)
+    np.maximum.at(upper, lift.g.edge, lift.g.upper + ADDED * lift.g.doubt)
     trace = u_h[mesh.boundary]
     gap, pushed = np.minimum(trace, np.roll(trace, -1)) - upper, flux.push > 0
     gap[pushed | np.roll(pushed, 1) | np.roll(pushed, -1)] = 0.0

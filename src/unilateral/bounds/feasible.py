@@ -14,8 +14,9 @@ the doubt on every edge where v + w >= g needs it. (u_h, lambda_H) says where th
 
 On clamped edges v + w + more = u_D. As in contact r = p - v has any sign, and u_D - p is known up to its
 doubt, and its derivative in L2. At the nodes there the last function may have either sign. What is left of
-u_D - p then vanishes at the ends of e. For such a function rho, ||rho||_e <= |e| ||rho'||_e / pi, so that
-the norm of its extension is at most a multiple of ||rho'||_e.
+u_D - p then vanishes at the ends of e. Beside a vertex at which u_D is known to be above g only up to the
+doubt, g counts as lower by the doubt, as data that jump there by as little do. For such a function rho,
+||rho||_e <= |e| ||rho'||_e / pi, so that the norm of its extension is at most a multiple of ||rho'||_e.
 
 Nothing is left to quadrature. Integrals of polynomials are exact, and where the sign of p - v is not that of
 all its coefficients in Bernstein's basis, that of (p - v)_+^2 is taken to be that of (p - v)^2.
