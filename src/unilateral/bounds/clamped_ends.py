@@ -13,14 +13,15 @@ which is small: where v - g is at least gamma, the integral of lambda is at most
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array
+from unilateral.arrays import Array, Index
 from unilateral.bounds.boundary_flux import EdgeFlux
 from unilateral.bounds.feasible import Lifting
-from unilateral.fem.form import Form
+from unilateral.fem.form import H1, Form
 from unilateral.geometry.mesh import Mesh
 
 ADDED = 4.0
@@ -44,6 +45,29 @@ class ClampedEnds(NamedTuple):
 def none(n: int) -> ClampedEnds:
     """That of a polygon with n sides, none of which is clamped."""
     return ClampedEnds(np.zeros(n), np.ones(n), 0.0)
+
+
+class Clamps(NamedTuple):
+    """What is known of clamped sides: the form, and `outflows` (n,), `bound` and `ends` of a `Bound`.
+
+    `free` are the sides without multipliers that are not clamped.
+    """
+
+    form: Form
+    outflows: Array
+    ends: ClampedEnds
+    bound: float
+    free: Collection[int] = ()
+
+    @property
+    def weight(self) -> float:
+        """The weight of the squared L2 norm in that of w; see `of_fluxes` of the bounds."""
+        return self.form.reaction or self.form.friedrichs**-2
+
+
+def unclamped(n: int) -> Clamps:
+    """That of a polygon with n sides, none of which is clamped."""
+    return Clamps(H1, np.zeros(n), none(n), 0.0)
 
 
 def clamped_ends(
@@ -73,3 +97,32 @@ def outflows(mesh: Mesh, form: Form, q: Array) -> Array:
     edges = form.edges(mesh)
     through = -q[0, mesh.triangulation.boundary] * edges
     return np.bincount(mesh.side, through, mesh.polygon.n_sides).astype(float)
+
+
+def inside_reach(mesh: Mesh, vertex: int, clamps: Clamps) -> Index:
+    """The places in `mesh.boundary` of nodes on the side with contact whose next edges lie within reach."""
+    forward = vertex not in clamps.form.clamped
+    edges = np.flatnonzero(mesh.side == (vertex if forward else (vertex - 1) % mesh.polygon.n_sides))
+    edges = edges if forward else edges[::-1]
+    within = np.cumsum(np.diff(mesh.s)[edges]) <= clamps.ends.reach[vertex]
+    inner = edges[1:][within[1:]] if forward else edges[:-1][within[1:]]
+    return inner
+
+
+def missing(mesh: Mesh, part: Index, clamps: Clamps) -> tuple[float, float]:
+    """What the bounds below and above lack where the part ends at a vertex between clamp and contact."""
+    clamped, n, most = {*clamps.form.clamped}, mesh.polygon.n_sides, [0.0, 0.0]
+    for vertex in range(n):
+        pair = vertex, (vertex - 1) % n
+        on_clamp, on_contact = (
+            [side in part for side in pair if (side in clamped) == kind] for kind in (True, False)
+        )
+        held = [side for side in pair if side not in clamps.free]
+        if len(on_clamp) != 1 or len(held) != 2 or on_clamp == on_contact:
+            continue
+        reach, edges = clamps.ends.reach[vertex], np.diff(mesh.s)
+        at = int(np.flatnonzero(np.isclose(mesh.s[:-1], mesh.polygon.starts[vertex]))[0])
+        first = edges[at] if vertex not in clamped else edges[at - 1]
+        amount = clamps.ends.product / clamps.ends.gamma[vertex] if first <= reach else np.inf
+        most[0 if on_clamp[0] else 1] = max(most[0 if on_clamp[0] else 1], amount)
+    return most[0], most[1]

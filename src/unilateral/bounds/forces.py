@@ -36,43 +36,19 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
-from unilateral.bounds.clamped_ends import ClampedEnds, none
+from unilateral.bounds.clamped_ends import Clamps, inside_reach, missing, unclamped
 from unilateral.bounds.flux_residuals import SUMS
-from unilateral.errors import InputError
-from unilateral.fem.condense import Condensed, condense
-from unilateral.fem.form import H1, Form
+from unilateral.bounds.force_mesh import condensed, extended
+from unilateral.fem.condense import Condensed
 from unilateral.fem.p1 import coupling, h1_norm
 from unilateral.formulas.decimals import plus_minus
 from unilateral.formulas.taylor import EPS
-from unilateral.geometry import exact_mesh
-from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.partition import Partition, balanced, uniform
-from unilateral.geometry.polygon import Polygon
-from unilateral.geometry.structured import natural_kind, structured
+from unilateral.geometry.partition import Partition
 from unilateral.solvers.least_norm import least
 
 LEAST, TINY = 1e-100, 1e-300
 """When w is chosen, E counts as at least LEAST times the force of lambda_H, and as at least TINY."""
-FEW, LARGE = 250, 2000
-"""Before it is graded, the mesh is halved until it has FEW nodes; one with more than LARGE is not taken."""
-MOST = 640
-"""The mesh is graded up to at most this many nodes on the boundary, for their matrix is full."""
-LIGHT = 1 / 16
-"""A load on a node counts as small if it is at most this."""
-LARGEST = 1 / 4
-"""Triangles are halved first where the load on a node is more than this fraction of the largest one."""
-THICK = 1.0
-"""Triangles at the boundary with an edge longer than this are halved.
-
-Functions of least norm fall within a length of 1 from the boundary.
-"""
-DISTORTED = 1e-6
-"""Triangles are not halved if rounding distorts one of them by more than this."""
-GROWTH = 0.4
-"""The size of triangles grows by this times their distance from the boundary."""
-SMALL = 1e-2
-"""The least diameter of a polygon on which rounding does not hide constants."""
 
 
 class Force(NamedTuple):
@@ -89,29 +65,6 @@ class Force(NamedTuple):
         Force: 6.11 ± 0.12, guaranteed
         """
         return f"Force: {plus_minus(self.value, self.lower, self.upper)}, guaranteed"
-
-
-class Clamps(NamedTuple):
-    """What is known of clamped sides: the form, and `outflows` (n,), `bound` and `ends` of a `Bound`.
-
-    `free` are the sides without multipliers that are not clamped.
-    """
-
-    form: Form
-    outflows: Array
-    ends: ClampedEnds
-    bound: float
-    free: Collection[int] = ()
-
-    @property
-    def weight(self) -> float:
-        """The weight of the squared L2 norm in that of w; see `of_fluxes` of the bounds."""
-        return self.form.reaction or self.form.friedrichs**-2
-
-
-def unclamped(n: int) -> Clamps:
-    """That of a polygon with n sides, none of which is clamped."""
-    return Clamps(H1, np.zeros(n), none(n), 0.0)
 
 
 def forces(
@@ -169,10 +122,10 @@ def _ends(
     )
     flows = np.array([clamps.outflows[part].sum() for part in parts])
     doubt = SUMS * np.array([np.abs(clamps.outflows[part]).sum() for part in parts])
-    missing = np.array([_missing(of, part, clamps) for part in parts]).T + doubt
+    lacking = np.array([missing(of, part, clamps) for part in parts]).T + doubt
     begin = (above > 0) | (above == 0) & (load > 0)[:, None]
-    lower = flows - best.of(below, np.isfinite(below)) - missing[0]
-    return lower, flows + best.of(above, begin) + missing[1]
+    lower = flows - best.of(below, np.isfinite(below)) - lacking[0]
+    return lower, flows + best.of(above, begin) + lacking[1]
 
 
 def _limits(mesh: Mesh, held: Index, part: Index, clamps: Clamps) -> tuple[Array, Array]:
@@ -186,7 +139,7 @@ def _limits(mesh: Mesh, held: Index, part: Index, clamps: Clamps) -> tuple[Array
     above, below = c + at_on, c - ~at_off
     n, clamped = mesh.polygon.n_sides, np.isin(mesh.side, clamps.form.clamped)
     for vertex in np.flatnonzero(clamps.ends.reach).tolist():
-        near = _inside_reach(mesh, vertex, clamps)
+        near = inside_reach(mesh, vertex, clamps)
         side_before = (vertex - 1) % n in part
         if side_before != (vertex in part):
             clamped_in = vertex in part if vertex in clamps.form.clamped else side_before
@@ -195,35 +148,6 @@ def _limits(mesh: Mesh, held: Index, part: Index, clamps: Clamps) -> tuple[Array
     value = (own | np.roll(own, 1)).astype(float)
     exact = clamped | np.roll(clamped, 1)
     return np.where(exact, value, above), np.where(exact, -value, below)
-
-
-def _inside_reach(mesh: Mesh, vertex: int, clamps: Clamps) -> Index:
-    """The places in `mesh.boundary` of nodes on the side with contact whose next edges lie within reach."""
-    forward = vertex not in clamps.form.clamped
-    edges = np.flatnonzero(mesh.side == (vertex if forward else (vertex - 1) % mesh.polygon.n_sides))
-    edges = edges if forward else edges[::-1]
-    within = np.cumsum(np.diff(mesh.s)[edges]) <= clamps.ends.reach[vertex]
-    inner = edges[1:][within[1:]] if forward else edges[:-1][within[1:]]
-    return inner
-
-
-def _missing(mesh: Mesh, part: Index, clamps: Clamps) -> tuple[float, float]:
-    """What the bounds below and above lack where the part ends at a vertex between clamp and contact."""
-    clamped, n, most = {*clamps.form.clamped}, mesh.polygon.n_sides, [0.0, 0.0]
-    for vertex in range(n):
-        pair = vertex, (vertex - 1) % n
-        on_clamp, on_contact = (
-            [side in part for side in pair if (side in clamped) == kind] for kind in (True, False)
-        )
-        held = [side for side in pair if side not in clamps.free]
-        if len(on_clamp) != 1 or len(held) != 2 or on_clamp == on_contact:
-            continue
-        reach, edges = clamps.ends.reach[vertex], np.diff(mesh.s)
-        at = int(np.flatnonzero(np.isclose(mesh.s[:-1], mesh.polygon.starts[vertex]))[0])
-        first = edges[at] if vertex not in clamped else edges[at - 1]
-        amount = clamps.ends.product / clamps.ends.gamma[vertex] if first <= reach else np.inf
-        most[0 if on_clamp[0] else 1] = max(most[0 if on_clamp[0] else 1], amount)
-    return most[0], most[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,101 +195,3 @@ class Best:
         off = (SUMS + polygon.stretch.max()) * l.sum() * np.abs(trace).max(axis=0) + of_places
         norms = (1 + SUMS) * np.array([h1_norm(self.mesh, each, self.weight) for each in w.T])
         return np.asarray(self.pairing @ trace + off + self.mesh.growth * self.bound * norms)
-
-
-def condensed(mesh: Mesh, cells: Partition, load: Array, clamps: Clamps) -> tuple[Mesh, Condensed | None]:
-    """A small mesh of the polygon of `mesh` for the load (m,) on the cells, and its condensation.
-
-    Where there is none, as on polygons that are too thin, these are the `mesh` itself and None. A polygon
-    that is too small is enlarged before it is condensed.
-    """
-    try:
-        small = enlarged = _reached(small_mesh(mesh, cells, load), clamps)
-        polygon = small.polygon
-        exact_mesh.check(polygon, small.points, small.triangles, small.distortion)
-        if polygon.diameter < SMALL:
-            vertices = SMALL / polygon.diameter * polygon.vertices
-            enlarged = meshes.similar(small, Polygon(vertices, polygon.name))
-        return small, condense(enlarged, Form(clamps.weight))
-    except InputError:
-        return mesh, None
-
-
-def _reached(mesh: Mesh, clamps: Clamps) -> Mesh:
-    """The mesh, refined at clamped vertices until an edge there lies within reach."""
-    for vertex in np.flatnonzero(clamps.ends.reach):
-        at = int(np.argmin(np.abs(mesh.s[:-1] - mesh.polygon.starts[vertex])))
-        node, edge = mesh.boundary[at], (0 if vertex not in clamps.form.clamped else -1)
-        while np.diff(mesh.s)[at + edge] > clamps.ends.reach[vertex] and len(mesh.boundary) < 2 * MOST:
-            finer = _halved(mesh, np.flatnonzero((mesh.triangles == node).any(axis=1)))
-            if finer is None:
-                break
-            mesh = finer
-            at = int(np.flatnonzero(mesh.boundary == node)[0])
-    return mesh
-
-
-def extended(space: Condensed, v: Array) -> Array:
-    """(n, k) the functions with the values v (nb, k) on the boundary and, up to rounding, the least norm."""
-    loads = np.zeros((space.mesh.n_nodes, v.shape[1]))
-    loads[space.mesh.boundary] = space.A_3 @ v
-    w = space.solve(loads)
-    w[space.mesh.boundary] = v
-    return w
-
-
-def small_mesh(mesh: Mesh, cells: Partition, load: Array) -> Mesh:
-    """A mesh of the polygon of `mesh`, graded for the load (m,) on the cells.
-
-    Raises InputError where gmsh has to make one, and it is not sound.
-    """
-    graded = _first(mesh)
-    while graded.n_nodes < FEW and (finer := _halved(graded)):
-        graded = finer
-    while len(chosen := _chosen(graded, cells, load)) and (finer := _halved(graded, chosen)):
-        if len(finer.boundary) > MOST:
-            break
-        graded = finer
-    return graded
-
-
-def _first(mesh: Mesh) -> Mesh:
-    """The mesh that this one was refined from, or another one if that is large."""
-    coarse, polygon = mesh.coarse or mesh, mesh.polygon
-    if coarse.n_nodes <= LARGE:
-        return coarse
-    if natural_kind(polygon) == "structured":
-        return structured(polygon, float(polygon.lengths.max()))
-    edges = balanced(uniform(polygon, float(polygon.lengths.max())))
-    return meshes.with_boundary(polygon, edges.points[:-1], GROWTH)
-
-
-def _halved(mesh: Mesh, chosen: Index | None = None) -> Mesh | None:
-    """The mesh with all triangles halved, or with the chosen ones; None where rounding would show."""
-    if mesh.distortion.max() > DISTORTED:
-        return None
-    try:
-        return meshes.refine_some(mesh, chosen)
-    except InputError:
-        return None
-
-
-def _chosen(mesh: Mesh, cells: Partition, load: Array) -> Index:
-    """The triangles at the ends with the largest loads, and those at the boundary that are too thick."""
-    at, ends = np.zeros(mesh.n_nodes), _steep_ends(mesh, cells, load)
-    at[mesh.boundary[ends]] = (coupling(mesh, cells).T @ load)[ends]
-    heavy = np.zeros(mesh.n_nodes, dtype=bool)
-    heaviest = np.argsort(-at, kind="stable")[: max(MOST - len(mesh.boundary), 0) // 2]
-    heavy[heaviest] = at[heaviest] > max(LIGHT, LARGEST * float(at.max()))
-    outer = mesh.boundary_triangles
-    thick = outer[mesh.longest_edges[outer] > THICK]
-    return np.union1d(np.flatnonzero(heavy[mesh.triangles].any(axis=1)), thick)
-
-
-def _steep_ends(mesh: Mesh, cells: Partition, load: Array) -> Index:
-    """The places in `mesh.boundary` of the polygon's vertices, and of the nodes next to ends of contact."""
-    contact, nb = load > 0, len(mesh.boundary)
-    at = cells.points[:-1][contact != np.roll(contact, 1)]
-    before, after = (np.searchsorted(mesh.s, at, side=side) - 1 for side in ("left", "right"))
-    vertices = np.flatnonzero(mesh.side != np.roll(mesh.side, 1))
-    return np.unique(np.concatenate([vertices, before % nb, after, (after + 1) % nb]))

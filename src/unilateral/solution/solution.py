@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike
 
 from unilateral.accuracy.search import Search
 from unilateral.arrays import Array, Index
-from unilateral.bounds.clamped_ends import none
-from unilateral.bounds.forces import Clamps, Force, forces
+from unilateral.bounds.clamped_ends import Clamps, none
+from unilateral.bounds.forces import Force, forces
 from unilateral.bounds.local_bounds import LocalBound
 from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.choice import bound_mb

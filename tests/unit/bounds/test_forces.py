@@ -8,8 +8,11 @@ import scipy.optimize
 from hand_made import exact_forces
 
 import unilateral as ul
+from unilateral.bounds import force_mesh
 from unilateral.bounds import forces as of_forces
-from unilateral.bounds.forces import LIGHT, MOST, extended, forces, small_mesh
+from unilateral.bounds.clamped_ends import unclamped
+from unilateral.bounds.force_mesh import LIGHT, MOST, extended, small_mesh
+from unilateral.bounds.forces import forces
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling, stiffness_and_mass
@@ -147,7 +150,7 @@ def test_errors_of_all_sizes(bound):
 
 def test_without_a_small_mesh_w_is_a_constant(monkeypatch):
     """1 or 0, with the root of the area, 1, as its norm."""
-    monkeypatch.setattr(of_forces, "condense", refused)
+    monkeypatch.setattr(force_mesh, "condense", refused)
     mesh, cells = structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
     whole, side = forces(mesh, cells, np.ones(cells.n_cells), 0.1, [range(4), [0]])
     assert whole == pytest.approx((4, 3.9, 4.1), rel=1e-8)
@@ -245,7 +248,7 @@ def test_many_sides_leave_it_small_mesh():
     polygon = Polygon(np.column_stack([np.cos(angle), np.sin(angle)]), "many")
     cells = partitions.uniform(polygon, 1.0)
     mesh = meshes.with_boundary(polygon, partitions.refine(cells, 2).points[:-1], 0.2)
-    assert mesh.n_nodes > of_forces.LARGE
+    assert mesh.n_nodes > force_mesh.LARGE
     found = small_mesh(mesh, cells, np.full(400, 1e9))
     assert len(found.boundary) <= MOST
     assert found.n_nodes < mesh.n_nodes
@@ -256,11 +259,11 @@ def test_it_is_not_halved_where_rounding_shows(place):
     """Far from the origin, on slanted sides, and on such between dyadic places, whose nodes are exact."""
     polygon = Polygon((KITE if place != 2.0**30 else np.round(KITE)) + place, "far")
     cells = partitions.uniform(polygon, 1 / 2)
-    of, space = of_forces.condensed(
+    of, space = force_mesh.condensed(
         meshes.unstructured(polygon, 1 / 4),
         cells,
         np.full(cells.n_cells, 1e6),
-        of_forces.unclamped(polygon.n_sides),
+        unclamped(polygon.n_sides),
     )
     assert space is not None
     assert of.growth < 1 + 1e-4

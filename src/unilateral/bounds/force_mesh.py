@@ -1,0 +1,136 @@
+"""The mesh on which forces are bounded: small, and graded to where functions of least norm are steep."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unilateral.arrays import Array, Index
+from unilateral.bounds.clamped_ends import Clamps
+from unilateral.errors import InputError
+from unilateral.fem.condense import Condensed, condense
+from unilateral.fem.form import Form
+from unilateral.fem.p1 import coupling
+from unilateral.geometry import exact_mesh
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition, balanced, uniform
+from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.structured import natural_kind, structured
+
+FEW, LARGE = 250, 2000
+"""Before it is graded, the mesh is halved until it has FEW nodes; one with more than LARGE is not taken."""
+MOST = 640
+"""The mesh is graded up to at most this many nodes on the boundary, for their matrix is full."""
+LIGHT = 1 / 16
+"""A load on a node counts as small if it is at most this."""
+LARGEST = 1 / 4
+"""Triangles are halved first where the load on a node is more than this fraction of the largest one."""
+THICK = 1.0
+"""Triangles at the boundary with an edge longer than this are halved.
+
+Functions of least norm fall within a length of 1 from the boundary.
+"""
+DISTORTED = 1e-6
+"""Triangles are not halved if rounding distorts one of them by more than this."""
+GROWTH = 0.4
+"""The size of triangles grows by this times their distance from the boundary."""
+SMALL = 1e-2
+"""The least diameter of a polygon on which rounding does not hide constants."""
+
+
+def condensed(mesh: Mesh, cells: Partition, load: Array, clamps: Clamps) -> tuple[Mesh, Condensed | None]:
+    """A small mesh of the polygon of `mesh` for the load (m,) on the cells, and its condensation.
+
+    Where there is none, as on polygons that are too thin, these are the `mesh` itself and None. A polygon
+    that is too small is enlarged before it is condensed.
+    """
+    try:
+        small = enlarged = _reached(small_mesh(mesh, cells, load), clamps)
+        polygon = small.polygon
+        exact_mesh.check(polygon, small.points, small.triangles, small.distortion)
+        if polygon.diameter < SMALL:
+            vertices = SMALL / polygon.diameter * polygon.vertices
+            enlarged = meshes.similar(small, Polygon(vertices, polygon.name))
+        return small, condense(enlarged, Form(clamps.weight))
+    except InputError:
+        return mesh, None
+
+
+def _reached(mesh: Mesh, clamps: Clamps) -> Mesh:
+    """The mesh, refined at clamped vertices until an edge there lies within reach."""
+    for vertex in np.flatnonzero(clamps.ends.reach):
+        at = int(np.argmin(np.abs(mesh.s[:-1] - mesh.polygon.starts[vertex])))
+        node, edge = mesh.boundary[at], (0 if vertex not in clamps.form.clamped else -1)
+        while np.diff(mesh.s)[at + edge] > clamps.ends.reach[vertex] and len(mesh.boundary) < 2 * MOST:
+            finer = _halved(mesh, np.flatnonzero((mesh.triangles == node).any(axis=1)))
+            if finer is None:
+                break
+            mesh = finer
+            at = int(np.flatnonzero(mesh.boundary == node)[0])
+    return mesh
+
+
+def extended(space: Condensed, v: Array) -> Array:
+    """(n, k) the functions with the values v (nb, k) on the boundary and, up to rounding, the least norm."""
+    loads = np.zeros((space.mesh.n_nodes, v.shape[1]))
+    loads[space.mesh.boundary] = space.A_3 @ v
+    w = space.solve(loads)
+    w[space.mesh.boundary] = v
+    return w
+
+
+def small_mesh(mesh: Mesh, cells: Partition, load: Array) -> Mesh:
+    """A mesh of the polygon of `mesh`, graded for the load (m,) on the cells.
+
+    Raises InputError where gmsh has to make one, and it is not sound.
+    """
+    graded = _first(mesh)
+    while graded.n_nodes < FEW and (finer := _halved(graded)):
+        graded = finer
+    while len(chosen := _chosen(graded, cells, load)) and (finer := _halved(graded, chosen)):
+        if len(finer.boundary) > MOST:
+            break
+        graded = finer
+    return graded
+
+
+def _first(mesh: Mesh) -> Mesh:
+    """The mesh that this one was refined from, or another one if that is large."""
+    coarse, polygon = mesh.coarse or mesh, mesh.polygon
+    if coarse.n_nodes <= LARGE:
+        return coarse
+    if natural_kind(polygon) == "structured":
+        return structured(polygon, float(polygon.lengths.max()))
+    edges = balanced(uniform(polygon, float(polygon.lengths.max())))
+    return meshes.with_boundary(polygon, edges.points[:-1], GROWTH)
+
+
+def _halved(mesh: Mesh, chosen: Index | None = None) -> Mesh | None:
+    """The mesh with all triangles halved, or with the chosen ones; None where rounding would show."""
+    if mesh.distortion.max() > DISTORTED:
+        return None
+    try:
+        return meshes.refine_some(mesh, chosen)
+    except InputError:
+        return None
+
+
+def _chosen(mesh: Mesh, cells: Partition, load: Array) -> Index:
+    """The triangles at the ends with the largest loads, and those at the boundary that are too thick."""
+    at, ends = np.zeros(mesh.n_nodes), _steep_ends(mesh, cells, load)
+    at[mesh.boundary[ends]] = (coupling(mesh, cells).T @ load)[ends]
+    heavy = np.zeros(mesh.n_nodes, dtype=bool)
+    heaviest = np.argsort(-at, kind="stable")[: max(MOST - len(mesh.boundary), 0) // 2]
+    heavy[heaviest] = at[heaviest] > max(LIGHT, LARGEST * float(at.max()))
+    outer = mesh.boundary_triangles
+    thick = outer[mesh.longest_edges[outer] > THICK]
+    return np.union1d(np.flatnonzero(heavy[mesh.triangles].any(axis=1)), thick)
+
+
+def _steep_ends(mesh: Mesh, cells: Partition, load: Array) -> Index:
+    """The places in `mesh.boundary` of the polygon's vertices, and of the nodes next to ends of contact."""
+    contact, nb = load > 0, len(mesh.boundary)
+    at = cells.points[:-1][contact != np.roll(contact, 1)]
+    before, after = (np.searchsorted(mesh.s, at, side=side) - 1 for side in ("left", "right"))
+    vertices = np.flatnonzero(mesh.side != np.roll(mesh.side, 1))
+    return np.unique(np.concatenate([vertices, before % nb, after, (after + 1) % nb]))
