@@ -144,10 +144,12 @@ def bare(
 
 
 def to_be_given(of: AnyProblem) -> Problem | Sampled:
-    """The problem or, for a case, the one with f = g = 0 on its polygon, with its free sides."""
+    """The problem or, for a case, the one with f = g = 0 on its polygon, with its free and clamped sides."""
     if isinstance(of, Problem | Sampled):
         return of
-    return Problem(of.name, of.polygon, ZERO, (ZERO,) * of.polygon.n_sides, of.free_sides)
+    g = tuple(of.values.get(side, ZERO) for side in range(of.polygon.n_sides))
+    given = of.name, of.polygon, ZERO, g, of.free_sides, of.units
+    return Problem(*given, clamped_sides=of.clamped_sides)
 
 
 def with_data(

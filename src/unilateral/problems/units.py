@@ -43,13 +43,13 @@ class Units:
         return 0.0 if self.c == ZERO else 1.0
 
     @property
-    def _per_area(self) -> Expression:
+    def per_area(self) -> Expression:
         """k over the squared unit of length."""
         return self.c if self.reaction else self.k
 
     @cached_property
     def length(self) -> float:
-        return rounded((self.k / self._per_area) ** HALF)
+        return rounded((self.k / self.per_area) ** HALF)
 
     @cached_property
     def value(self) -> float:
@@ -59,12 +59,12 @@ class Units:
     @cached_property
     def load(self) -> float:
         """The unit of f."""
-        return rounded(self._per_area * self.k**-HALF)
+        return rounded(self.per_area * self.k**-HALF)
 
     @cached_property
     def flux(self) -> float:
         """The unit of lambda."""
-        return rounded(self._per_area**HALF)
+        return rounded(self.per_area**HALF)
 
     @cached_property
     def force(self) -> float:

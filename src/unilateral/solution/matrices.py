@@ -26,7 +26,8 @@ class Matrices:
     `A` (n, n) is k times the stiffness plus c times the mass matrix. B[i, j] of `B` (m, n) is the integral of
     node j's hat over cell i. `F` (n,) is the load of f and of the flux q, and `g` (m,) has the means of g on
     the cells, whose lengths are `H` (m,). The m `cells` (m,) are those of the partition that lie on no free
-    side. All are in the units of the problem.
+    or clamped side. All are in the units of the problem. At nodes on clamped sides u is given in place of an
+    equation; A and B in `D` are without these.
 
     >>> import numpy as np
     >>> import unilateral as ul
@@ -49,12 +50,12 @@ class Matrices:
     H: Array
     cells: Index
     _operator: Callable[[], DualOperator]
-    _c: float
+    _unit: float
 
     @cached_property
     def D(self) -> Array:
         """(m, m) B A^{-1} B^T, dense. Raises InputError where that takes more memory than is free."""
-        return self._operator().D / self._c
+        return self._operator().D / self._unit
 
     @cached_property
     def S(self) -> Array:
@@ -88,5 +89,5 @@ def matrices(
         H=partition.lengths[cells],
         cells=cells,
         _operator=operator,
-        _c=c,
+        _unit=rounded(units.per_area),
     )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -41,7 +41,7 @@ class Solver:
     """A problem on given sizes, to be solved for many f, g and q.
 
     `problem` is one of `Problem`, `case` and `load`, or the name of a case or of a YAML file. It may also be
-    a polygon, by its vertices (n, 2), or a mesh. Then `free_sides`, k, c and q are those of `Problem`, and
+    a polygon, by its vertices (n, 2), or a mesh. Then `free_sides`, k, c, q and u are those of `Problem`, and
     each call gives f and g. h, H, `mesh` and `stop` are as in `solve`; a problem that was made of a mesh is
     solved on it. Raises InputError as `solve`.
 
@@ -68,15 +68,18 @@ class Solver:
         k: Coefficient = 1,
         c: Coefficient = 1,
         q: Given | Sequence[Given] = None,
+        u: Mapping[int, Given] | None = None,
     ) -> None:
         check_kind(mesh)
         check_stop(stop)
         self.stop = stop or Stop()
         known = problem_of(problem)
         if known is None:
-            self.problem: AnyProblem = with_data(bare(problem, free_sides, k, c, "problem"), q=q)  # type: ignore[arg-type]
-        elif free_sides or k != 1 or c != 1 or q is not None:
-            raise InputError("free_sides, k, c and q belong to a polygon; a problem has its own")
+            self.problem: AnyProblem = with_data(
+                bare(problem, free_sides, k, c, "problem", u or ()), q=q, u=u
+            )  # type: ignore[arg-type]
+        elif free_sides or k != 1 or c != 1 or q is not None or u:
+            raise InputError("free_sides, k, c, q and u belong to a polygon; a problem has its own")
         else:
             self.problem = known
         self.has_data = known is not None

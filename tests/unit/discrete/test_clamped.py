@@ -291,3 +291,28 @@ def test_a_linear_u_that_is_clamped_costs_nothing(c, f, clamped) -> None:
         assert np.abs(s.u - (s.mesh.points @ [1, -2] + 1)).max() < 1e-12
         assert s.sharp_bounds.u < 1e-9 + (c == 1)
         assert s.solved.bound().flux < 1e-9
+
+
+def test_matrices_have_the_equations_of_all_other_nodes() -> None:
+    """In units with k = 7/3 and c = 0; D is B A^{-1} B^T on the nodes that are not clamped."""
+    problem = ul.Problem(
+        POLYGONS["square"], "x - 1", [None, "-1/9", None, None], [0, 2], k="7/3", c=0, u={3: "y*(1 - y)/3"}
+    )
+    solver = ul.Solver(problem, h=1 / 8, H=1 / 4, stop=ul.Stop(tolerance=1e-10))
+    s, of = solver(), solver.matrices()
+    free = ~Form(0.0, (3,)).fixed(s.mesh)
+    left = of.A @ s.u - of.B.T @ s.multiplier[of.cells] - of.F
+    assert np.abs(left[free]).max() < 1e-9
+    assert np.abs(left[~free]).max() > 1e-3
+    B = of.B.toarray()[:, free]
+    exact = B @ np.linalg.solve(of.A.toarray()[np.ix_(free, free)], B.T)
+    assert np.allclose(of.D, exact, rtol=1e-10, atol=0)
+
+
+def test_a_solver_of_a_case_with_other_data_keeps_its_clamped_sides() -> None:
+    case = ul.case("clamped")
+    s = ul.Solver(case, h=1 / 8, H=1 / 4)(f=0, g=-9)
+    assert s.problem.clamped_sides == (2,)
+    assert s.problem.reaction == 0
+    x = s.mesh.points[np.isclose(s.mesh.points[:, 1], 1), 0]
+    assert np.allclose(s.u_at(np.column_stack([x, np.ones_like(x)])), np.cos(np.pi * x) / 2, atol=1e-12)

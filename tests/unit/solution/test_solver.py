@@ -153,7 +153,7 @@ def test_warnings_point_to_the_call():
         ),
         (lambda: ul.Solver(SQUARE, 1 / 8, 1 / 4)(), "f is missing"),
         (lambda: ul.Solver(SQUARE, H=1 / 4), "h is missing"),
-        (lambda: ul.Solver("natural", 1 / 8, 1 / 4, k=2), "free_sides, k, c and q belong to a polygon"),
+        (lambda: ul.Solver("natural", 1 / 8, 1 / 4, k=2), "free_sides, k, c, q and u belong to a polygon"),
         (lambda: ul.Solver(3, 1 / 8, 1 / 4), "polygon"),
         (lambda: ul.Solver(SQUARE, 1 / 8, 1 / 4, mesh="quads"), "the mesh is 'quads'"),
         (lambda: ul.Solver(SQUARE, 1 / 8, 1 / 4, stop=3), "stop is 3; it has to be one such as"),
