@@ -75,9 +75,8 @@ class Solver:
         self.stop = stop or Stop()
         known = problem_of(problem)
         if known is None:
-            self.problem: AnyProblem = with_data(
-                bare(problem, free_sides, k, c, "problem", u or ()), q=q, u=u
-            )  # type: ignore[arg-type]
+            of = bare(problem, free_sides, k, c, "problem", u or ())  # type: ignore[arg-type]
+            self.problem: AnyProblem = with_data(of, q=q, u=u)
         elif free_sides or k != 1 or c != 1 or q is not None or u:
             raise InputError("free_sides, k, c, q and u belong to a polygon; a problem has its own")
         else:
