@@ -143,7 +143,7 @@ def grid(mesh: Mesh, levels: Hierarchy, load: Array, means: Array, edges: int) -
 def judge(order: Order, data: Path, found: Path) -> dict[str, Any]:
     """||u - v||_1 of each v that a driver has found, and of w; bounds on them where u is not known."""
     known, given, mesh = np.load(data), np.load(found), mesh_of(order)
-    A, _ = matrix(mesh.triangulation, mesh.points)
+    A, *_ = matrix(mesh.triangulation, mesh.points)
     numbers, squares = matched(known["points"], given["points"]), []
     for k in range(len(given.files) - 1):
         apart = known["w"] - given[f"u_{k}"][numbers]

@@ -13,8 +13,10 @@ from unilateral import api
 from unilateral.arrays import Array, Index
 from unilateral.cli.streams import say
 from unilateral.discrete.choice import check_condensed, check_size
+from unilateral.discrete.loads import form_of
 from unilateral.errors import InputError, counted
 from unilateral.fem.condense import condense
+from unilateral.fem.form import H1, Form
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.formulas.decimals import between, down
 from unilateral.geometry import partition as partitions
@@ -23,11 +25,12 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind
-from unilateral.norms.dual import dual_norm
+from unilateral.norms.dual import Bracket, dual_norm
 from unilateral.norms.fortin import beta_below
 from unilateral.norms.infsup import InfSup, infsup
 from unilateral.norms.resolution import RULE, OfCells, boundary_angles, fine, of_cells, resolution, steep
-from unilateral.problems.problem_file import polygon_of
+from unilateral.problems.fields import listed
+from unilateral.problems.problem_file import domain_of
 from unilateral.system.as_json import text
 
 LISTED = 10
@@ -45,8 +48,9 @@ def run(
     mesh: str | None, h: float | None, polygon: str | None, cells: str | None, H: float | None, json: bool
 ) -> int:
     """Print what is found; the exit code."""
-    of = _mesh(mesh, h, polygon_of(polygon) if polygon else None)
-    found = record(of, _cells(of.polygon, cells or "", H))
+    domain = domain_of(polygon) if polygon else None
+    of = _mesh(mesh, h, domain.polygon if domain else None)
+    found = record(of, _cells(of.polygon, cells or "", H), form_of(domain, of) if domain else H1)
     say(text(found) if json else "\n".join(lines(found)))
     return 0
 
@@ -74,11 +78,17 @@ def _cells(polygon: Polygon, given: str, H: float | None) -> Partition:
     return Partition(polygon, polygon.divided(np.full(polygon.n_sides, int(given))))
 
 
-def record(mesh: Mesh, cells: Partition) -> dict[str, Any]:
-    """What is found, for programs. Constants by eigenvalues are NaN if there is a reason, `not_solved`."""
+def record(mesh: Mesh, cells: Partition, form: Form = H1) -> dict[str, Any]:
+    """What is found, for programs. Constants by eigenvalues are NaN if there is a reason, `not_solved`.
+
+    There are no multipliers on the sides that the form clamps; the local rule is looked at on all sides.
+    """
     constants, reason = InfSup(math.nan, math.nan, math.nan), ""
+    chosen = np.flatnonzero(~np.isin(cells.side, form.clamped))
+    if not chosen.size:
+        raise InputError(f"all sides of '{mesh.polygon.name}' are clamped, so that there are no multipliers")
     try:
-        constants = _by_eigenvalues(mesh, cells)
+        constants = _by_eigenvalues(mesh, cells, form, chosen)
     except InputError as error:
         reason = str(error)
     return {
@@ -87,8 +97,9 @@ def record(mesh: Mesh, cells: Partition) -> dict[str, Any]:
         "h": mesh.h,
         "H": cells.H,
         "unknowns": mesh.n_nodes,
-        "multipliers": cells.n_cells,
-        "beta_fortin": beta_below(mesh, cells),
+        "multipliers": len(chosen),
+        "clamped_sides": [*form.clamped],
+        "beta_fortin": beta_below(mesh, cells, chosen, form),
         **constants._asdict(),
         "not_solved": reason,
         **resolution(mesh, cells)._asdict(),
@@ -97,11 +108,11 @@ def record(mesh: Mesh, cells: Partition) -> dict[str, Any]:
     }
 
 
-def _by_eigenvalues(mesh: Mesh, cells: Partition) -> InfSup:
+def _by_eigenvalues(mesh: Mesh, cells: Partition, form: Form, chosen: Index) -> InfSup:
     """Raises InputError where more memory is needed than is free, or where gmsh is not installed."""
     check_condensed(mesh, cells)
-    gram = dual_norm(cells).gram().p0
-    return infsup(mixed_spaces(condense(mesh), cells).operator, gram)
+    lower, upper = (of[np.ix_(chosen, chosen)] for of in dual_norm(cells, form=form).gram().p0)
+    return infsup(mixed_spaces(condense(mesh, form), cells).operator, Bracket(lower, upper))
 
 
 def _rule(mesh: Mesh, cells: Partition) -> dict[str, Any]:
@@ -168,6 +179,8 @@ def lines(found: dict[str, Any]) -> Iterator[str]:
         "local rule": "kept" if rule["kept"] else broken,
         "Theorem 5": f"{_theorem_5(found)}: {constants}",
     }
+    if found["clamped_sides"]:
+        rows = {"clamped": f"sides {listed(found['clamped_sides'])}, without multipliers"} | rows
     yield f"{found['polygon']}: h = {h:.6g}, H = {H:.6g}, h/H = {h / H:.4g}"
     yield from (f"  {name:17} {value}" for name, value in rows.items())
     for what, wrong in ((CELL, rule["cells"]), (TRIANGLE, rule["triangles"])):

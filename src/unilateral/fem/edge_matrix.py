@@ -87,7 +87,7 @@ def _rows(
     at = [np.flatnonzero(each >= 0) for each in row]
     rows = np.concatenate([each[here] for each, here in zip(row, at, strict=True)])
     diagonal, shape = np.zeros(len(chosen)), (len(chosen), n)
-    np.add.at(diagonal, rows, np.concatenate([area[here] for here in at]) * (reaction / 3))
+    np.add.at(diagonal, rows, reaction * np.concatenate([area[here] for here in at]) / 3)
     off_diagonal = sp.csr_array(shape)
     for to, opposite in ((1, 2), (2, 1)):
         columns = np.concatenate([corners[(i + to) % 3][here] for i, here in enumerate(at)])

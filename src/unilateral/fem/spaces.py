@@ -126,8 +126,8 @@ def mixed_spaces(condensed: Condensed, partition: Partition, free: Sequence[int]
     Raises InputError if the partition belongs to another polygon than the mesh.
     """
     cells = np.flatnonzero(~np.isin(partition.side, [*free, *condensed.form.clamped]))
-    coupled = sp.diags_array(1.0 - condensed.fixed[condensed.mesh.boundary])
-    B = (coupling(condensed.mesh, partition)[cells] @ coupled).tocsr()
+    B = coupling(condensed.mesh, partition)[cells]
+    B.data[condensed.fixed[condensed.mesh.boundary[B.indices]]] = 0.0
     return MixedSpaces(condensed, partition, cells, B, dual_operator(condensed, B, partition.lengths[cells]))
 
 

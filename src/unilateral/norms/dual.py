@@ -25,6 +25,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from unilateral.arrays import Array
+from unilateral.fem.form import H1, Form
 from unilateral.formulas.decimals import between
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -169,11 +170,14 @@ class DualNorm:
 
 
 def dual_norm(
-    partition: Partition, cases: Sequence[Case] = (), edges_per_cell: int = EDGES_PER_CELL
+    partition: Partition,
+    cases: Sequence[Case] = (),
+    edges_per_cell: int = EDGES_PER_CELL,
+    form: Form | None = None,
 ) -> DualNorm:
     """The norm by reference spaces made for T_H, re-entrant vertices and the cases' singular points.
 
-    It is dual to the norm of functions that vanish on the sides that the cases clamp, all the same ones.
+    It is dual to the norm of a form, by default that of the cases, all of which clamp the same sides.
     """
     require("errors in H^(-1/2) and the constant beta need", "gmsh")
     from unilateral.norms.reference import reference_spaces  # for true errors only
@@ -181,8 +185,9 @@ def dual_norm(
     polygon = partition.polygon
     singular = [polygon.arc_length(p.side, p.t) for case in cases for p in case.flux_singular()]
     singular += polygon.starts[:-1][polygon.angles > math.pi * (1 + 1e-9)].tolist()
-    form = (cases[0].clamped_sides, cases[0].reaction) if cases else ((), 1.0)
-    return DualNorm(partition, reference_spaces(partition, singular, edges_per_cell, *form))
+    of = form or (Form(cases[0].reaction, cases[0].clamped_sides) if cases else H1)
+    spaces = reference_spaces(partition, singular, edges_per_cell, of.clamped, of.reaction)
+    return DualNorm(partition, spaces)
 
 
 class Errors(NamedTuple):

@@ -75,13 +75,25 @@ def polygon_of(name: str) -> Polygon:
 
     Raises InputError as for a problem.
     """
+    return domain_of(name).polygon
+
+
+def domain_of(name: str) -> Problem:
+    """The problem with f = g = u = 0 on that polygon, with the clamped sides that the file has; k = 1.
+
+    c is 0 if it is so in the file, and else 1.
+    """
     file = None if name in names() else declarations.file_of(name)
     if file is None:
-        return named(name)
+        polygon = named(name)
+        return Problem(name, polygon, ZERO, (ZERO,) * polygon.n_sides, ())
     declaration = declarations.read(file, name)
     if not isinstance(declaration, dict) or "polygon" not in declaration:
         raise InputError(f"{name}: the field polygon is missing; it lists the vertices, anticlockwise")
-    return made({"polygon": declaration["polygon"], "f": 0, "g": 0}, name, file.name).polygon
+    given = declaration.get("u")
+    clamped = given if isinstance(given, dict) else {}
+    fields = {"u": dict.fromkeys(clamped, 0), "c": 0 if str(declaration.get("c")) == "0" else 1}
+    return made({"polygon": declaration["polygon"], "f": 0, "g": 0} | fields, name, file.name)
 
 
 def made(declaration: Any, where: str, name: str | None = None) -> Problem:

@@ -146,3 +146,21 @@ def test_a_file_of_cells_that_is_none_is_refused(refused, tmp_path, rows, messag
     said = refused("infsup", *SQUARE, "--h", "1/4", "--cells", file)
     assert f"{file}: " in said
     assert message in said
+
+
+@pytest.mark.parametrize("c", [0, 1])
+def test_a_problem_file_says_which_sides_are_clamped(run, tmp_path, c):
+    """These have no multipliers, and functions vanish there; the computed bound is below beta."""
+    file = tmp_path / "own.yaml"
+    fields = "polygon: [[0, 0], [1, 0], [1, 1], [0, 1]], f: 1, g: [null, -1, -1, null], u: {0: 0, 3: x - x}"
+    file.write_text(f"{{{fields}, c: {c}}}")
+    sizes = "--polygon", str(file), "--h", "1/8", "--H", "1/4"
+    code, out, _ = run("infsup", *sizes, "--json")
+    found = json.loads(out)
+    assert (code, found["multipliers"], found["clamped_sides"]) == (0, 8, [0, 3])
+    assert 0.4 < found["beta_fortin"] < found["beta_lower"] <= found["beta_upper"] < 0.8
+    assert "sides 0, 3, without multipliers" in run("infsup", *sizes)[1]
+    file.write_text(f"{{polygon: [[0, 0], [1, 0], [0, 1]], f: 1, g: 0, u: {{0: 0, 1: 0, 2: 0}}, c: {c}}}")
+    code, _, err = run("infsup", *sizes)
+    assert code == 2
+    assert "all sides of 'own.yaml' are clamped, so that there are no multipliers" in err
