@@ -101,7 +101,7 @@ def check_vertices(of: Sampled) -> None:
         else values(of.g[i], v[[i, (i + 1) % n]], f"{of.name}, field g[{i}]")
         for i in held
     }
-    largest = max(float(np.abs(each).max()) for each in ends.values())
+    largest = max((float(np.abs(each).max()) for each in ends.values()), default=0.0)
     for side, before in ((side, (side - 1) % n) for side in held if (side - 1) % n in ends):
         values_there = (before, ends[before][1]), (side, ends[side][0])
         check_vertex(of.name, of.polygon, of.clamped_sides, *values_there, JUMP * largest)
