@@ -100,7 +100,7 @@ def declaration(block: Block, *_: object) -> None:
     name = re.match(r"# ([\w.]+\.yaml)\n", block.text)
     file = name[1] if name else "declared.yaml"
     Path(file).write_text(block.text, encoding="utf-8")
-    if "u" in yaml.safe_load(block.text):
+    if "polygons" in yaml.safe_load(block.text):
         ul.case(file)
     else:
         assert main(["check", file]) == 0, place(block)
