@@ -238,7 +238,7 @@ SAID = [
     ),
     (
         ("scenes.quick.cases", ["natural", "third"]),
-        f"scenes.quick.cases[1]: case 'third' is unknown; the catalogue has {', '.join(case.names())}"
+        f"scenes.quick.cases[1]: case 'third' is unknown; known are {', '.join(case.names())}"
         "; did you mean thirds?",
     ),
     (

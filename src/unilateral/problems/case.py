@@ -292,7 +292,7 @@ def declared(case: str | Path) -> tuple[dict[str, Any], str]:
         if name not in names():
             known = ", ".join(names())
             raise InputError(
-                f"case '{shown(name)}' is unknown; the catalogue has {known}{meant(name, names())}"
+                f"case '{shown(name)}' is unknown; known are {known}{meant(name, names())}"
             )
     schema = resources.files("unilateral.problems") / "case.schema.yaml"
     declaration = declarations.validate(declarations.read(file, name), schema, name)
