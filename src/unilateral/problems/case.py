@@ -291,9 +291,7 @@ def declared(case: str | Path) -> tuple[dict[str, Any], str]:
         file = folder() / f"{name}.yaml"
         if name not in names():
             known = ", ".join(names())
-            raise InputError(
-                f"case '{shown(name)}' is unknown; known are {known}{meant(name, names())}"
-            )
+            raise InputError(f"case '{shown(name)}' is unknown; known are {known}{meant(name, names())}")
     schema = resources.files("unilateral.problems") / "case.schema.yaml"
     declaration = declarations.validate(declarations.read(file, name), schema, name)
     return declaration, file.name.removesuffix(".yaml").removesuffix(".yml")
