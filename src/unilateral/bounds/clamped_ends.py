@@ -48,9 +48,10 @@ def none(n: int) -> ClampedEnds:
 
 
 class Clamps(NamedTuple):
-    """What is known of clamped sides: the form, and `outflows` (n,), `bound` and `ends` of a `Bound`.
+    """What is known of clamped sides: the form, and the `outflows` (2, n) and the `ends` of a `Bound`.
 
-    `free` are the sides without multipliers that are not clamped.
+    `bound` is the bound on the functional of reactions, which is `of_fluxes` of the bounds. `free` are the
+    sides without multipliers that are not clamped.
     """
 
     form: Form
@@ -67,7 +68,7 @@ class Clamps(NamedTuple):
 
 def unclamped(n: int) -> Clamps:
     """That of a polygon with n sides, none of which is clamped."""
-    return Clamps(H1, np.zeros(n), none(n), 0.0)
+    return Clamps(H1, np.zeros((2, n)), none(n), 0.0)
 
 
 def clamped_ends(
@@ -93,10 +94,18 @@ def clamped_ends(
 
 
 def outflows(mesh: Mesh, form: Form, q: Array) -> Array:
-    """(n,) the integrals of q.n over the clamped sides, 0 on others, for q as `equilibrated` gives it."""
-    edges = form.edges(mesh)
-    through = -q[0, mesh.triangulation.boundary] * edges
-    return np.bincount(mesh.side, through, mesh.polygon.n_sides).astype(float)
+    """(2, n) the integrals of q.n over the clamped sides, 0 on others, for q as `equilibrated` gives it.
+
+    Beside them are the sums of their magnitudes on edges, which rounding is measured by.
+    """
+    through = -q[0, mesh.triangulation.boundary] * form.edges(mesh)
+    n = mesh.polygon.n_sides
+    return np.array([np.bincount(mesh.side, each, n) for each in (through, np.abs(through))])
+
+
+def place(mesh: Mesh, vertex: int) -> int:
+    """The place of that vertex of the polygon in `mesh.boundary`."""
+    return int(np.searchsorted(mesh.side, vertex))
 
 
 def inside_reach(mesh: Mesh, vertex: int, clamps: Clamps) -> Index:
@@ -121,7 +130,7 @@ def missing(mesh: Mesh, part: Index, clamps: Clamps) -> tuple[float, float]:
         if len(on_clamp) != 1 or len(held) != 2 or on_clamp == on_contact:
             continue
         reach, edges = clamps.ends.reach[vertex], np.diff(mesh.s)
-        at = int(np.flatnonzero(np.isclose(mesh.s[:-1], mesh.polygon.starts[vertex]))[0])
+        at = place(mesh, vertex)
         first = edges[at] if vertex not in clamped else edges[at - 1]
         amount = clamps.ends.product / clamps.ends.gamma[vertex] if first <= reach else np.inf
         most[0 if on_clamp[0] else 1] = max(most[0 if on_clamp[0] else 1], amount)

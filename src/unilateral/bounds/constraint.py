@@ -25,9 +25,9 @@ PARTS = 8
 JUMP = 1e-13
 """p counts as jumping at a vertex if its two values there differ by more than this times the largest |p|."""
 SLOPE = 2 * ORDER**2 * PARTS
-"""A polynomial of that degree on a PARTS-th of an edge, of size 1, rises at most so steeply per edge.
+"""The steepest slope, per edge length, of a polynomial of degree ORDER of size 1 on a PARTS-th of an edge.
 
-That is Markov's inequality.
+That is Markov's inequality. So rounding of p by an amount changes slopes by this times that amount.
 """
 ON_INTERVALS = ("edge", "x", "weight", "p", "slope", "doubt", "upper")
 """The fields of a `Constraint` that are given for each interval."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.bounds.clamped_ends import Clamps
+from unilateral.bounds.clamped_ends import Clamps, place
 from unilateral.errors import InputError
 from unilateral.fem.condense import Condensed, condense
 from unilateral.fem.form import Form
@@ -58,15 +58,14 @@ def condensed(mesh: Mesh, cells: Partition, load: Array, clamps: Clamps) -> tupl
 
 def _reached(mesh: Mesh, clamps: Clamps) -> Mesh:
     """The mesh, refined at clamped vertices until an edge there lies within reach."""
-    for vertex in np.flatnonzero(clamps.ends.reach):
-        at = int(np.argmin(np.abs(mesh.s[:-1] - mesh.polygon.starts[vertex])))
-        node, edge = mesh.boundary[at], (0 if vertex not in clamps.form.clamped else -1)
+    for vertex in np.flatnonzero(clamps.ends.reach).tolist():
+        at, edge = place(mesh, vertex), (0 if vertex not in clamps.form.clamped else -1)
         while np.diff(mesh.s)[at + edge] > clamps.ends.reach[vertex] and len(mesh.boundary) < 2 * MOST:
-            finer = _halved(mesh, np.flatnonzero((mesh.triangles == node).any(axis=1)))
+            finer = _halved(mesh, np.flatnonzero((mesh.triangles == mesh.boundary[at]).any(axis=1)))
             if finer is None:
                 break
             mesh = finer
-            at = int(np.flatnonzero(mesh.boundary == node)[0])
+            at = place(mesh, vertex)
     return mesh
 
 

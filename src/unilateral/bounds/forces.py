@@ -86,7 +86,7 @@ def forces(
     held = np.setdiff1d(np.arange(mesh.polygon.n_sides), [*free])
     sides = [np.intersect1d(held, [*part]).astype(int) for part in parts]
     values = [
-        float(cells.lengths @ (lambda_H * np.isin(cells.side, part)) + of.outflows[part].sum())
+        float(cells.lengths @ (lambda_H * np.isin(cells.side, part)) + of.outflows[0, part].sum())
         for part in sides
     ]
     lower, upper = np.zeros((2, len(parts)))
@@ -120,8 +120,8 @@ def _ends(
     above, below = (
         np.column_stack(c) for c in zip(*(_limits(of, held, each, clamps) for each in parts), strict=True)
     )
-    flows = np.array([clamps.outflows[part].sum() for part in parts])
-    doubt = SUMS * np.array([np.abs(clamps.outflows[part]).sum() for part in parts])
+    flows, magnitudes = np.array([clamps.outflows[:, part].sum(axis=1) for part in parts]).T
+    doubt = (SUMS + mesh.polygon.stretch.max()) * magnitudes
     lacking = np.array([missing(of, part, clamps) for part in parts]).T + doubt
     begin = (above > 0) | (above == 0) & (load > 0)[:, None]
     lower = flows - best.of(below, np.isfinite(below)) - lacking[0]

@@ -61,7 +61,7 @@ class Bound:
 
     `lifting` bounds ||d||_1, and `data` bounds what f - f~ and tau - tau~ can add. `unknown` is the part that
     would be 0 if f, g and tau were the polynomials by which they are enclosed; the part of that which is
-    `irreducible` hardly falls on finer meshes. `outflows` (n,) are the integrals of q.n over clamped sides.
+    `irreducible` hardly falls on finer meshes. `outflows` (2, n) are those of `clamped_ends`.
     `of_fluxes` bounds lambda - lambda_H and, on these, du/dn - q.n, as one functional on H^1: f - f~ and tau
     - tau~ count once more for u - u~. If c = 0 the square of its norm there is |v|_1^2 + ||v||_0^2 / C^2, C
     Friedrichs' constant.
@@ -190,9 +190,15 @@ def check(mesh: Mesh, cells: Partition, u_h: Array, lambda_H: Array, free: Colle
 
 
 def _of_feasible(
-    of: Layer, u_h: Array, q: Array, inside: Array, reaction: float, residual: Array, hats: Array, bubbles:
-    Array
-) -> Array:  # fmt: skip
+    of: Layer,
+    u_h: Array,
+    q: Array,
+    inside: Array,
+    reaction: float,
+    residual: Array,
+    hats: Array,
+    bubbles: Array,
+) -> Array:
     """(m,) ||grad v - q||^2 + ||v - f~ - div q||^2 for v = u_h + d, from that for u_h, `inside`.
 
     Without a reaction it is the first of both.

@@ -171,8 +171,10 @@ def _on_polygon(of: Case, certificate: Certificate) -> Iterator[str]:
     for side, (gap, flux) in enumerate(zip(found["gap"], found["lambda"], strict=True)):
         (a, b), (c, d) = polygon.point(side, 0), polygon.point(side, 1)
         at = [each for each in intervals if each["side"] == side]
-        yield f"  side {side}, ({a:.6g}, {b:.6g}) to ({c:.6g}, {d:.6g}), {_contact(at)}"
-        if closed:
+        clamped = side in of.clamped_sides
+        said = "clamped: u is given there" if clamped else _contact(at)
+        yield f"  side {side}, ({a:.6g}, {b:.6g}) to ({c:.6g}, {d:.6g}), {said}"
+        if closed and not clamped:
             yield f"    g = {'u' if gap == '0' else f'u - ({gap})'}"
             yield f"    lambda = {flux if at else 0}"
 

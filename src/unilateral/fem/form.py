@@ -23,7 +23,8 @@ from unilateral.geometry.mesh import Mesh
 class Form(NamedTuple):
     """(v, w) = (grad v, grad w)_0 + reaction (v, w)_0, the reaction 1 or 0, where v, w = 0 if `clamped`.
 
-    `friedrichs` is a number C with ||v||_0 <= C ||v||: 1, or that of Friedrichs, see `poincare`.
+    Forces are bounded with another weight in the place of the reaction. `friedrichs` is a number C with
+    ||v||_0 <= C ||v||: 1, or that of Friedrichs, see `poincare`.
     """
 
     reaction: float = 1.0

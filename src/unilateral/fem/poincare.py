@@ -18,7 +18,7 @@ so lambda is at least the least value of t^2 + lambda_h (1 - KAPPA h t)^2, which
 lambda_h is the least eigenvalue of a matrix B. That no eigenvalue of B is below mu, up to rounding, is known
 where B - mu can be factorised with positive pivots: these are the pivots of a matrix that differs from it by
 at most (n + 2) EPS trace B (N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002, theorem
-10.3).
+10.3). The entries of B are rounded, too, so that n + 16 is taken for n + 2.
 """
 
 from __future__ import annotations

@@ -227,9 +227,21 @@ def test_reactions_without_the_flux_through_the_side_are_noticed(monkeypatch) ->
     problem = ul.Problem(POLYGONS["square"], 1, [None, -1, None, None], [0, 2], c=0, u={3: 0})
     s = ul.solve(problem, h=1 / 16, H=1 / 8)
     assert s.forces().reactions[3,].lower <= -1 <= s.forces().reactions[3,].upper
-    monkeypatch.setattr(local_bounds, "outflows", lambda mesh, *_: np.zeros(mesh.polygon.n_sides))
+    monkeypatch.setattr(local_bounds, "outflows", lambda mesh, *_: np.zeros((2, mesh.polygon.n_sides)))
     again = ul.solve(problem, h=1 / 16, H=1 / 8)
     assert again.forces().reactions[3,].lower > -1
+
+
+def test_where_flow_through_a_side_cancels_its_rounding_counts(monkeypatch) -> None:
+    """As if 1e17 had flown in and out: units in its last place are 16. The width without it is < 1."""
+    problem = ul.Problem(POLYGONS["square"], 1, [None, -1, None, None], [0, 2], c=0, u={3: 0})
+    known = local_bounds.outflows
+    before = ul.solve(problem, h=1 / 16, H=1 / 8).forces().reactions[3,]
+    assert before.upper - before.lower < 1
+    more = np.array([[0.0], [1e17]])
+    monkeypatch.setattr(local_bounds, "outflows", lambda *of: known(*of) + more)
+    force = ul.solve(problem, h=1 / 16, H=1 / 8).forces().reactions[3,]
+    assert min(force.value - force.lower, force.upper - force.value) > np.spacing(1e17)
 
 
 def test_where_a_clamped_side_meets_contact_the_gap_says_whether_a_force_has_a_bound() -> None:

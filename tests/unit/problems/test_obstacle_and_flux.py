@@ -116,6 +116,51 @@ def test_g_is_within_its_doubt_of_the_polynomials(text):
     assert len(found.doubt) <= 1500
 
 
+U_AND_SLOPE = [("sin(20*t)", "20*cos(20*t)"), ("exp(t) + 1e6*t**7", "exp(t) + 7e6*t**6"), ("1/3", "0")]
+
+
+def u_on_bottom(text, slope, length=1.0):
+    """u on the clamped side 0, of that length, of a rectangle, with its derivative; the others are free."""
+    of_u, of_slope = (parse(each, ("t",), "here") for each in (text, slope))
+    rectangle = Polygon(np.array([[0, 0], [length, 0], [length, 1], [0, 1]]))
+    return enclose_obstacle(
+        rectangle,
+        lambda _, t: evaluate(of_u, {"t": t}),
+        (1, 2, 3),
+        clamped=(0,),
+        slope=lambda _, t: evaluate(of_slope, {"t": t}),
+    )
+
+
+def off(u, text, length):
+    """(k,) how far the derivatives of the polynomials are from that of u at places inside the pieces."""
+    t = sympy.Symbol("t")
+    slope = sympy.lambdify(t, sympy.diff(sympy.sympify(text, rational=True), t), "mpmath")
+    found = []
+    for k in np.flatnonzero(u.side == 0):
+        start, end = u.points[k : k + 2]
+        half, powers = (mpmath.mpf(end) - start) / 2, u.c[:, k].tolist()
+        found.append(
+            max(
+                abs(sum(n * c * x ** (n - 1) for n, c in enumerate(powers) if n) / half - slope(s) / length)
+                for x in map(mpmath.mpf, (-0.875, -0.25, 0.375, 0.9375))
+                for s in [(start + half * (1 + x)) / length]
+            )
+        )
+    return np.array(found, dtype=float)
+
+
+@pytest.mark.parametrize("length", [1.0, 8.0])
+@pytest.mark.parametrize(("text", "slope"), U_AND_SLOPE)
+def test_the_derivative_of_u_is_within_its_doubt_of_the_polynomials(text, slope, length):
+    """Derivatives by sympy, at places in mpmath; that a wrong one is noticed is the control."""
+    u = u_on_bottom(text, slope, length)
+    on, error = u.side == 0, off(u, text, length)
+    assert np.all(error <= u.steep[on])
+    assert np.all(u.steep[~on] == 0)
+    assert np.all(off(u, f"{text} + t/1000", length) > u.steep[on])
+
+
 def test_polynomials_agree_where_they_meet_and_have_their_derivatives():
     found = g_on_bottom("sin(20*t) + pos(t - 1/3, 3/2)")
     inner = found.points[1:-1][found.points[1:-1] < 1]
