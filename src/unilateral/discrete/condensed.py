@@ -12,6 +12,7 @@ from scipy.linalg.blas import dnrm2
 from unilateral.arrays import Array
 from unilateral.discrete.base import NOTHING, DiscreteProblem, DiscreteSolution
 from unilateral.discrete.loads import Load, flux_load, form_of, held_values, load_of, obstacle_means
+from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import h1_norm
 from unilateral.fem.residual_rounding import Rounded, constrained, dual_norm, loaded, residual
@@ -165,7 +166,15 @@ def discretise(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> Con
 
 
 def on_spaces(problem: Data | Sampled, spaces: MixedSpaces, load: Load | None = None) -> CondensedProblem:
-    """The problem on its spaces, with the `load` of its f if that is known."""
+    """The problem on its spaces, with the `load` of its f if that is known.
+
+    Raises InputError where S is 0.
+    """
+    if len(spaces.cells) and not spaces.operator.lambda_max:
+        raise InputError(
+            f"the mesh of '{spaces.mesh.polygon.name}' has no node in contact that is not on a clamped side;"
+            " take a smaller h"
+        )
     if is_case(problem):
         return with_solution(spaces, exact(problem, spaces))
     mesh = spaces.mesh
