@@ -25,7 +25,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind
-from unilateral.norms.dual import Bracket, dual_norm
+from unilateral.norms.dual import dual_norm
 from unilateral.norms.fortin import beta_below
 from unilateral.norms.infsup import InfSup, infsup
 from unilateral.norms.resolution import RULE, OfCells, boundary_angles, fine, of_cells, resolution, steep
@@ -88,7 +88,7 @@ def record(mesh: Mesh, cells: Partition, form: Form = H1) -> dict[str, Any]:
     if not chosen.size:
         raise InputError(f"all sides of '{mesh.polygon.name}' are clamped, so that there are no multipliers")
     try:
-        constants = _by_eigenvalues(mesh, cells, form, chosen)
+        constants = _by_eigenvalues(mesh, cells, form)
     except InputError as error:
         reason = str(error)
     return {
@@ -108,11 +108,10 @@ def record(mesh: Mesh, cells: Partition, form: Form = H1) -> dict[str, Any]:
     }
 
 
-def _by_eigenvalues(mesh: Mesh, cells: Partition, form: Form, chosen: Index) -> InfSup:
+def _by_eigenvalues(mesh: Mesh, cells: Partition, form: Form) -> InfSup:
     """Raises InputError where more memory is needed than is free, or where gmsh is not installed."""
     check_condensed(mesh, cells)
-    lower, upper = (of[np.ix_(chosen, chosen)] for of in dual_norm(cells, form=form).gram().p0)
-    return infsup(mixed_spaces(condense(mesh, form), cells).operator, Bracket(lower, upper))
+    return infsup(mixed_spaces(condense(mesh, form), cells).operator, dual_norm(cells, form=form).gram().p0)
 
 
 def _rule(mesh: Mesh, cells: Partition) -> dict[str, Any]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -107,6 +108,18 @@ def half_solved(A: sp.csr_array, F: sp.csc_array, order: Index) -> sp.csr_array:
         raise RuntimeError("SuperLU exchanged rows of a symmetric matrix")
     of_A, pivots = lu.perm_c[:n], lu.U.diagonal()
     return sp.csr_array(lu.U[:, lu.perm_c[n:]].tocsr()[of_A] / np.sqrt(pivots[of_A])[:, None])
+
+
+class Factor(NamedTuple):
+    """A symmetric positive definite matrix (n, n), and the order (n,) in which it is eliminated."""
+
+    A: sp.csr_array
+    order: Index
+
+    def products(self, F: sp.csc_array) -> Array:
+        """(k, k) F^T A^{-1} F for a sparse F (n, k)."""
+        half = half_solved(self.A, F, self.order)
+        return (half.T @ half).toarray()
 
 
 class Descent:

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from unilateral.arrays import Array
+from unilateral.arrays import Array, Index
 from unilateral.fem.form import H1, Form
 from unilateral.formulas.decimals import between
 from unilateral.geometry.mesh import Mesh
@@ -103,10 +103,15 @@ class Gram:
         return Gram(partition.points, means, lower, upper, self.oscillation)
 
     @property
+    def cells(self) -> Index:
+        """(k,) the cells that are not on clamped sides, where functionals are 0."""
+        return np.flatnonzero(np.diag(self.lower)[: self.n_cells])
+
+    @property
     def p0(self) -> Bracket:
-        """(m, m) each: Gram matrices of P0(T_H), the true one between them as quadratic forms."""
-        m = self.n_cells
-        return Bracket(self.lower[:m, :m], self.upper[:m, :m])
+        """(k, k) each: Gram matrices of P0 of the `cells`, the true one between them as quadratic forms."""
+        chosen = np.ix_(self.cells, self.cells)
+        return Bracket(self.lower[chosen], self.upper[chosen])
 
     def error(self, c: int, difference: Array) -> Bracket:
         """Bounds (k,) on ||lambda - mu_H||_{-1/2} of case c from Pi_H lambda - mu_H (k, m)."""
@@ -120,7 +125,7 @@ class Gram:
     def best_approximations(self) -> Array:
         """(c,) lower bounds on the distance of each case's lambda from P0(T_H) in ||.||_{-1/2}."""
         m = self.n_cells
-        mixed, own = self.lower[:m, m:], np.diag(self.lower)[m:]
+        mixed, own = self.lower[self.cells, m:], np.diag(self.lower)[m:]
         return _root(own - np.sum(mixed * np.linalg.solve(self.p0.lower, mixed), axis=0))
 
 

@@ -22,7 +22,8 @@ from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact_errors import cell_means
-from unilateral.norms.reference import boundary_facets, normal_fluxes
+from unilateral.norms.least_fluxes import normal_fluxes
+from unilateral.norms.reference import boundary_facets
 
 
 def flux_in(away, bary):

@@ -1,0 +1,132 @@
+"""The least energy of fluxes whose normal components are given: an upper bound on ||.||_{-1/2}.
+
+A `LeastFluxes` takes values (2 nb, k) of q.n at the starts and ends of the boundary edges, edge by edge, to
+the matrix (k, k) of the form min (||q||^2 + ||div q||^2) over BDM1, or, if c = 0, min ||q||^2 over its fluxes
+without divergence. On clamped edges q.n is free.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+import skfem
+from skfem.helpers import div, dot
+
+from unilateral.arrays import Array, Index, Mask
+from unilateral.fem.linear_systems import Factor
+from unilateral.geometry.mesh import Mesh
+
+LeastFluxes = Callable[[sp.csc_array], Array]
+
+
+class Energy(NamedTuple):
+    """The form of a symmetric matrix (n, n) that is positive definite on the unknowns `inner`."""
+
+    matrix: sp.csr_array
+    inner: Index
+    of_inner: Factor
+
+    @classmethod
+    def of(cls, matrix: sp.csr_array, given: Index, rank: Array) -> Energy:
+        """The unknowns that are not `given` are inner ones, and eliminated in the order of their `rank`."""
+        inner = np.setdiff1d(np.arange(matrix.shape[0]), given)
+        order = np.argsort(rank[inner], kind="stable")
+        return cls(matrix, inner, Factor(matrix[inner][:, inner].tocsr(), order))
+
+    def least(self, q: sp.csc_array) -> Array:
+        """(k, k) matrix of the form that is the least energy of unknowns that differ from q (n, k) inside."""
+        response = (self.matrix @ q).tocsc()
+        direct = (q.T @ response).toarray()
+        return 0.5 * (direct + direct.T) - self.of_inner.products(response.tocsr()[self.inner].tocsc())
+
+
+def with_divergence(mesh: Mesh, facet: Index, given: Mask, p2: skfem.Basis, rank: Array) -> LeastFluxes:
+    """Of BDM1, where q.n is given on some edges (nb,)."""
+    bdm1 = skfem.Basis(p2.mesh, skfem.ElementTriBDM1())
+    of_bdm1 = np.empty(bdm1.N)
+    of_bdm1[bdm1.facet_dofs] = rank[p2.facet_dofs]
+    normal, matrix = normal_fluxes(bdm1, mesh, facet), sp.csr_array(hdiv.assemble(bdm1))
+    energy = Energy.of(matrix, bdm1.facet_dofs[:, facet[given]], of_bdm1)
+    return lambda fluxes: energy.least((normal @ fluxes).tocsc())
+
+
+def without_divergence(mesh: Mesh, nodes: Index, given: Mask, K: sp.csr_array, rank: Array) -> LeastFluxes:
+    """Of the rotated gradients of functions psi in P2, which are the fluxes of BDM1 without divergence.
+
+    q.n is the derivative of psi along the boundary. So it gives psi on every arc of edges that are not
+    clamped, up to a constant. On the first arc that is 0; the others are unknowns after those of P2, whose
+    matrix of (grad v, grad w) is K (n, n). `nodes` (nb, 3) are those of `ReferenceSpaces`.
+    """
+    from_one = np.roll(np.arange(len(given)), -int(np.argmax(given & ~np.roll(given, 1))))
+    edges = from_one[given[from_one]]
+    arc = np.cumsum(np.diff(edges, prepend=edges[0] - 1) % len(given) != 1)
+    shifts = np.zeros((len(rank), arc[-1] + 1))
+    shifts[nodes[edges], arc[:, None]] = 1.0
+    psi = sp.hstack([sp.eye_array(len(rank)), sp.csr_array(shifts[:, 1:])], format="csr")
+    energy = Energy.of((psi.T @ K @ psi).tocsr(), nodes[edges], np.append(rank, np.full(arc[-1], np.inf)))
+    held = np.unique(nodes[edges])
+    at = np.searchsorted(held, nodes[edges]).T
+    to_psi = sp.eye_array(psi.shape[1], format="csc")[:, held]
+
+    def least(fluxes: sp.csc_array) -> Array:
+        ends = (np.diff(mesh.s)[edges, None] * fluxes[2 * edges + i].toarray() for i in (0, 1))
+        values = np.zeros((len(held), fluxes.shape[1]))
+        local, sums = _differences(_integrated(values, at, *ends), at[1, -1])
+        return sums.T @ energy.least((to_psi @ sp.csc_array(local)).tocsc()) @ sums
+
+    return least
+
+
+def _integrated(values: Array, at: Index, start: Array, end: Array) -> Array:
+    """psi in `values` (n, k) from the fluxes, times lengths, at the edges' starts and ends, (e, k) each.
+
+    `at` (3, e) are the places of psi at the starts, ends and midpoints of the edges.
+    """
+    values[at[1]] = np.cumsum((start + end) / 2, axis=0)
+    values[at[0]] = values[at[1]] - (start + end) / 2
+    values[at[2]] = values[at[0]] + (3 * start + end) / 8
+    return values
+
+
+def _differences(psi: Array, last: np.intp) -> tuple[Array, Array]:
+    """Columns (n, k) that are local, and `sums` (k, k), by which they are turned into those of psi (n, k).
+
+    psi is constant beyond a cell on which q.n is 1, up to the `last` place. Differences of two such columns
+    over these constants are 0 beyond both cells, which saves most of the work.
+    """
+    beyond, sums = psi[last].copy(), np.eye(psi.shape[1])
+    steps = np.flatnonzero(2 * np.abs(beyond) > np.abs(psi).max(axis=0))
+    psi[:, steps] /= beyond[steps]
+    psi[:, steps[:-1]] -= psi[:, steps[1:]]
+    sums[np.ix_(steps, steps)] = np.tri(len(steps)) * beyond[steps]
+    return psi, sums
+
+
+@skfem.BilinearForm
+def hdiv(q, r, _):  # type: ignore[no-untyped-def]
+    """(q, r) + (div q, div r)."""
+    return dot(q, r) + div(q) * div(r)
+
+
+def normal_fluxes(space: skfem.Basis, mesh: Mesh, facet: Index) -> sp.csr_array:
+    """(n, 2 nb): the unknowns of BDM1 or RT1 with given values of q.n at the ends of the boundary edges."""
+    ends = (np.array([[0.0, 1.0]]), np.array([0.5, 0.5]))
+    basis = skfem.FacetBasis(space.mesh, space.elem, facets=facet, quadrature=ends)
+    unknowns = space.facet_dofs[:, facet]
+    values = np.stack(
+        [np.sum(np.asarray(shape[0]) * np.asarray(basis.normals), axis=0) for shape in basis.basis]
+    )
+    local = basis.element_dofs[:, None] == unknowns
+    traces = np.einsum("lnp,ldn->npd", values, local.astype(float))
+    first = np.asarray(basis.global_coordinates())[:, :, 0].T
+    flipped = np.any(np.abs(first - mesh.points[mesh.boundary]) > 0.5 * np.diff(mesh.s)[:, None], axis=1)
+    traces[flipped] = traces[flipped, ::-1]
+    to_unknowns = np.linalg.inv(traces)
+    rows, columns = np.broadcast_arrays(
+        unknowns.T[:, :, None], (2 * np.arange(len(facet))[:, None] + np.arange(2))[:, None, :]
+    )
+    shape = (space.N, 2 * len(facet))
+    return sp.coo_array((to_unknowns.ravel(), (rows.ravel(), columns.ravel())), shape=shape).tocsr()
