@@ -45,10 +45,16 @@ def stored_mesh(path: str, scene: Mapping[str, Any]) -> Mesh:
 
 
 def cases(scene: Mapping[str, Any]) -> list[Case]:
-    """The scene's cases, each certified."""
+    """The scene's cases, each certified. Raises InputError unless they have one form."""
     loaded = [case.load(name, domain(scene), scene["side"]) for name in scene["cases"]]
+    first = loaded[0]
     for each in loaded:
         certify(each)
+        if (each.clamped_sides, each.reaction) != (first.clamped_sides, first.reaction):
+            raise InputError(
+                f"cases '{first.name}' and '{each.name}' differ in their clamped sides or in c; put them "
+                "into different scenes"
+            )
     return loaded
 
 

@@ -15,7 +15,7 @@ from scipy.linalg import eigh
 
 from unilateral.arrays import Array
 from unilateral.fem.condense import matrix
-from unilateral.fem.spaces import DualOperator
+from unilateral.fem.spaces import DualOperator, MixedSpaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import Bracket
@@ -37,14 +37,18 @@ OF_PAIR = (
 )
 
 
-def constants(mesh: Mesh, partition: Partition, operator: DualOperator, gram: Bracket) -> dict[str, float]:
-    """The constants of (3.4) and of Theorem 5 of one pair, and how finely the mesh resolves the cells."""
+def constants(spaces: MixedSpaces, gram: Bracket) -> dict[str, float]:
+    """The constants of (3.4) and of Theorem 5 of one pair, and how finely the mesh resolves the cells.
+
+    The bound `beta_0_certified` is not computed where a side is clamped.
+    """
+    mesh, partition, form = spaces.mesh, spaces.partition, spaces.condensed.form
     return {
         **resolution(mesh, partition)._asdict(),
-        **infsup(operator, gram)._asdict(),
-        "beta_fortin": beta_below(mesh, partition),
-        "beta_0_cellwise": cellwise(operator),
-        "beta_0_certified": certified_cellwise(mesh, partition),
+        **infsup(spaces.operator, gram)._asdict(),
+        "beta_fortin": beta_below(mesh, partition, spaces.cells, form),
+        "beta_0_cellwise": cellwise(spaces.operator),
+        "beta_0_certified": math.nan if form.clamped else certified_cellwise(mesh, partition),
         "pairing": pairing_constant(mesh.s, partition),
     }
 

@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 
 from unilateral.arrays import Array, Index
-from unilateral.discrete.base import DiscreteSolution
+from unilateral.discrete.base import DiscreteProblem, DiscreteSolution
 from unilateral.discrete.multilevel import refinements
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
@@ -24,7 +24,7 @@ from unilateral.formulas.formula import real
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.adapted import marked
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.partition import Partition, from_points, uniform
+from unilateral.geometry.partition import from_points, uniform
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind, structured
 from unilateral.norms.dual import dual_norm
@@ -120,7 +120,7 @@ def _rows(
         solution.bound()
         spent += process_time() - begin
         measured = kind == "adapted" and solution.discrete.mesh.n_nodes <= limits.of_beta
-        constants = stability(solution.discrete.mesh, solution.discrete.partition) if measured else {}
+        constants = stability(solution.discrete) if measured else {}
         yield _errors(problem, solution), constants, {"spent_seconds": spent}
         begin = process_time()
 
@@ -139,15 +139,16 @@ def _errors(problem: Case | Problem, solution: DiscreteSolution) -> Row:
     }
 
 
-def stability(mesh: Mesh, cells: Partition) -> Row:
-    """The `constants` of a mesh and its cells, and beta with an edge in each cell.
+def stability(discrete: DiscreteProblem) -> Row:
+    """The `constants` of its mesh and cells, and beta with an edge in each cell.
 
     P0 of the cells lies in that of the edges, and so one Gram matrix serves both.
     """
-    edges, condensed = from_points(mesh.polygon, mesh.s), condense(mesh)
-    gram = dual_norm(edges).gram()
+    mesh, form = discrete.mesh, discrete.form
+    edges, condensed = from_points(mesh.polygon, mesh.s), condense(mesh, form)
+    gram = dual_norm(edges, form=form).gram()
     of_cells, of_edges = (
-        constants(mesh, of, mixed_spaces(condensed, of).operator, gram.on(of).p0) for of in (cells, edges)
+        constants(mixed_spaces(condensed, of), gram.on(of).p0) for of in (discrete.partition, edges)
     )
     return of_cells | {"beta_of_edges": of_edges["beta_upper"]}
 

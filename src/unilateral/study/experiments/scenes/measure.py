@@ -11,6 +11,7 @@ import xarray as xr
 
 from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.condensed import solve, with_solution
+from unilateral.discrete.loads import form_of
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.files import write_mesh
@@ -87,12 +88,13 @@ def sweep(
 ) -> tuple[xr.Dataset, xr.Dataset]:
     """The table of results, one level long in `mesh`, and that of times and memory.
 
-    Only pairs with H/h within the two limits are solved; the rest is NaN. `gram` holds the dual norm's
-    forms for these cases, on a partition that refines those given; it is needed where beta > 0.
+    All cases have one form. Only pairs with H/h within the two limits are solved; the rest is NaN. `gram`
+    holds the dual norm's forms for these cases, on a partition that refines those given; it is needed where
+    beta > 0.
     """
     forget_peak()
     begin = time.perf_counter()
-    condensed = condense(mesh)
+    condensed = condense(mesh, form_of(cases[0], mesh))
     sigma_1 = condensed.sigma_1
     condense_seconds = time.perf_counter() - begin
     problems = ritz_projections(cases, condensed)

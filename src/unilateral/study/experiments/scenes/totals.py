@@ -11,8 +11,10 @@ import xarray as xr
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.bounds.source import enclosed
+from unilateral.discrete.condensed import with_load
+from unilateral.discrete.loads import form_of, held_values, load_of, obstacle_means
 from unilateral.fem.condense import condense
-from unilateral.fem.p1 import case_moments, coupling, load_vector
+from unilateral.fem.spaces import mixed_spaces
 from unilateral.formulas.formula import real
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -57,20 +59,17 @@ def over_errors(
     Those of lambda are over the upper bound on the error, and NaN where lambda_H is exact. `total_index_v`
     takes the sharp bound on ||u - v||_1 for one on ||u - u_h||_1, which it is not.
     """
-    condensed, loads = (
-        condense(mesh),
-        {case.name: load_vector(mesh, case_moments(case, mesh)) for case in cases},
-    )
     k = int(np.argmin([abs(partition.H / mesh.h - H_over_h) for partition in partitions]))
-    partition, B = partitions[k], coupling(mesh, partitions[k])
+    spaces = mixed_spaces(condense(mesh, form_of(cases[0], mesh)), partitions[k])
+    cells, form, partition = spaces.cells, spaces.condensed.form, spaces.partition
     indices = np.full((len(NAMES), len(cases), 1), np.nan)
     for c, case in enumerate(cases):
         of = solved.sel(case=case.name).isel(mesh=0, partition=k)
-        lambda_H = of["lambda_H"].values[: partition.n_cells]
-        total = loads[case.name]
-        total[mesh.boundary] += B.T @ lambda_H
-        f, g = enclosed(mesh, case), case.enclosed_obstacle
-        given = f, g, partition, condensed.solve(total), lambda_H
+        mu, held = of["lambda_H"].values[: len(cells)], held_values(case, mesh)
+        load, g_means = load_of(case, mesh).values, obstacle_means(case, partition)
+        on = with_load(spaces, load, None, g_means, held)
+        pair = held + spaces.response(on.of_rest[0], mu), spaces.extended(mu)
+        given = enclosed(mesh, case), case.enclosed_obstacle, partition, *pair, (), None, form
         sharp, cheap = sharp_bound(*given), local_bound(*given)
         of_u, of_lambda = float(error_in(of, "h1")), float(error_in(of, "hm12", "upper"))
         of_lambda = of_lambda if of_lambda > ZERO * float(of["u_norm"]) else np.nan

@@ -87,9 +87,10 @@ def survey(
         on = meshes_of(partitions[0].polygon, partitions, meshes, size)
         for p, (partition, mesh) in enumerate(zip(partitions, on, strict=True)):
             gram = grams.of(partition)
-            operator = mixed_spaces(condensed(mesh), partition).operator
+            spaces = mixed_spaces(condensed(mesh), partition)
+            operator = spaces.operator
             sizes_of = {"h": mesh.h, "h_over_H": mesh.h / partition.H}
-            for name, value in (sizes_of | constants(mesh, partition, operator, gram)).items():
+            for name, value in (sizes_of | constants(spaces, gram)).items():
                 values[name][k, p] = value
             if np.count_nonzero(operator.spectrum <= SINGULAR * operator.lambda_max) <= 1:
                 symmetries = _symmetries(mesh, partition, meshes[p])
