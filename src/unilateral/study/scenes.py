@@ -20,6 +20,7 @@ from unilateral.geometry.structured import structured
 from unilateral.problems import case
 from unilateral.problems.case import Case
 from unilateral.problems.case_certificate import certify
+from unilateral.problems.catalogue import names
 
 
 def domain(scene: Mapping[str, Any]) -> Polygon:
@@ -56,6 +57,11 @@ def cases(scene: Mapping[str, Any]) -> list[Case]:
                 "into different scenes"
             )
     return loaded
+
+
+def is_clamped(name: str) -> bool:
+    """Whether a case is declared with clamped sides; problems of examples are none."""
+    return name in names() and "clamped" in case.declared(name)[0]
 
 
 def partitions(scene: Mapping[str, Any]) -> list[Partition]:

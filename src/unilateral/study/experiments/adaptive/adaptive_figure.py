@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 
 from unilateral.study import style, tables
+from unilateral.study.scenes import is_clamped
 
 COLUMNS = ["case", "kind", "level", "unknowns", "error", "bound", "beta", "beta_of_edges"]
 LEFT, WIDTH, HEIGHT = (1.25, 6.95, 12.65), 4.15, 4.3
@@ -26,7 +27,8 @@ OPTIMAL, SPAN = -0.5, 8.0
 def table(errors: style.FilePath, infsup: style.FilePath) -> pd.DataFrame:
     """A row per case, kind of mesh and level: unknowns, the error, its bound, beta from below.
 
-    `beta_of_edges` is an upper bound on beta with the edges as cells. What is not known is NaN.
+    Cases with clamped sides are left out. `beta_of_edges` is an upper bound on beta with the edges as cells.
+    What is not known is NaN.
     """
     measured, constants = tables.load(errors), tables.load(infsup)
     of = xr.Dataset(
@@ -38,6 +40,7 @@ def table(errors: style.FilePath, infsup: style.FilePath) -> pd.DataFrame:
             "beta_of_edges": constants["beta_of_edges"],
         }
     )
+    of = of.sel(case=[name for name in of["case"].values if not is_clamped(name)])
     rows = of.to_dataframe(["case", "kind", "level"]).reset_index()
     return rows[rows["unknowns"].notna()].astype({"unknowns": int})[COLUMNS]
 

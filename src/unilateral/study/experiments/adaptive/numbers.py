@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from unilateral.norms.resolution import RULE
 from unilateral.study.formats import shown
+from unilateral.study.scenes import is_clamped
 
 READS = {
     "errors": "results/adaptive/errors.nc",
@@ -34,16 +35,26 @@ COLUMNS = {
 
 
 def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
-    return {"adapted": beta(of["infsup"], RULE.smallest_angle)}
+    return {"adapted": beta(with_contact(of["infsup"]), RULE.smallest_angle)}
 
 
 def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
-    return {"adapted": finest(of["errors"], of["rates"]), "adapted-savings": savings(of["errors"])}
+    measured = of["errors"].merge(of["rates"])
+    return {
+        "adapted": finest(with_contact(measured)),
+        "adapted-savings": savings(with_contact(measured)),
+        "adapted-clamped": finest(with_contact(measured, False)),
+    }
 
 
-def finest(errors: xr.Dataset, rates: xr.Dataset) -> pd.DataFrame:
+def with_contact(table: xr.Dataset, everywhere: bool = True) -> xr.Dataset:
+    """The problems without clamped sides, or the others."""
+    return table.sel(case=[name for name in table["case"].values if is_clamped(name) != everywhere])
+
+
+def finest(of: xr.Dataset) -> pd.DataFrame:
     """The finest level of each kind of mesh, by problem, and the rates on the finest pair."""
-    of, rows = errors.merge(rates), []
+    rows = []
     for case in of["case"].values:
         for kind in of["kind"].values:
             levels = of.sel(case=case, kind=kind).dropna("level", subset=["unknowns"])

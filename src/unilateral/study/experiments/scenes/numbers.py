@@ -15,6 +15,7 @@ from unilateral.study.experiments.scenes.checks import rate_of_excess
 from unilateral.study.formats import SPACES, TITLES, cells, shown
 from unilateral.study.ledger import claims
 from unilateral.study.rates import NORMS, smallest_rate
+from unilateral.study.scenes import is_clamped
 
 READS = {
     "rates": "results/{judged}/rates.nc",
@@ -37,13 +38,21 @@ def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
 
 def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
     ratio = real(study["rates"]["judged_ratio"], "judged_ratio")
+    rates_of, bounds = (with_contact(of[name]) for name in ("rates", "totals"))
     return {
-        "rates": rates(of["rates"], ratio),
-        "rates-by-case": rates_by_case(of["rates"], ratio),
+        "rates": rates(rates_of, ratio),
+        "rates-by-case": rates_by_case(rates_of, ratio),
+        "rates-clamped": rates_by_case(with_contact(of["rates"], False), ratio),
         "floors": floors(of["floors"]),
-        "totals": totals(of["totals"]),
-        "exactness": exactness(of["totals"], claims.find("F.exact").parameters),
+        "totals": totals(bounds),
+        "totals-clamped": totals(with_contact(of["totals"], False)),
+        "exactness": exactness(bounds, claims.find("F.exact").parameters),
     }
+
+
+def with_contact(scenes: Mapping[str, xr.Dataset], everywhere: bool = True) -> dict[str, xr.Dataset]:
+    """The scenes of cases without clamped sides, or the others."""
+    return {name: of for name, of in scenes.items() if is_clamped(of["case"].values[0]) != everywhere}
 
 
 def rates(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd.DataFrame:

@@ -11,11 +11,14 @@ from unilateral.study.ledger.evidence import ZERO, Evidence, Tables, worst
 from unilateral.study.stability_constants import least_pairing_constant
 
 
-def local_rule(tables: Tables, scenes: Sequence[str], least: float) -> Evidence:
+def local_rule(
+    tables: Tables, scenes: Sequence[str], least: float, cases: Sequence[str] | None = None
+) -> Evidence:
     """The smallest beta where edges are short against their cells and triangles are not flat, by RULE."""
     found = {}
     for scene in scenes:
         data = tables[f"{scene}/infsup"]
+        data = data if cases is None else data.sel(case=list(cases))
         kept = fine(data["cell_over_edge"].values) & steep(data["smallest_angle"].values)
         if kept.any():
             found[scene] = float(data["beta_lower"].values[kept].min())
