@@ -63,8 +63,8 @@ class Bound:
     would be 0 if f, g and tau were the polynomials by which they are enclosed; the part of that which is
     `irreducible` hardly falls on finer meshes. `outflows` (2, n) are those of `clamped_ends`.
     `of_fluxes` bounds lambda - lambda_H and, on these, du/dn - q.n, as one functional on H^1: f - f~ and tau
-    - tau~ count once more for u - u~. If c = 0 the square of its norm there is |v|_1^2 + ||v||_0^2 / C^2, C
-    Friedrichs' constant.
+    - tau~ count once more for u - u~. The square of its norm there is |v|_1^2 + ||v||_0^2 / C^2, C that of
+    `Form.friedrichs`.
     """
 
     u: float
@@ -120,8 +120,8 @@ def local_bound(
     of_d, of_added = of.norms(*d), lift.added(short)
     more = short.norm + root(of_added)
     distance = (1 + SUMS) * (root(of_d) + more)
-    unbalanced, of_residual = of_divergence(form, mesh.areas * residual**2, rounding)
-    inside = of_gradient + of_residual
+    unbalanced, residual = of_divergence(form, mesh.areas, residual, rounding)
+    inside = of_gradient + mesh.areas * residual**2
     defect, slack = root(inside) + rounding, 2 * short.product
     of_u = (1 + SUMS) * math.hypot(defect, distance, math.sqrt(slack))
     moved = _of_feasible(of, u_h, q, inside, form.reaction, residual, *d)
@@ -158,15 +158,15 @@ def flux_of(source: Source, u_h: Array, sigma: Array, form: Form) -> Array:
     return equilibrated(source.mesh, u_h, source.moments_on, given, form.reaction)
 
 
-def of_divergence(form: Form, squares: Array, rounding: float) -> tuple[float, Array]:
-    """What u_h - f~ - div q, with these `squares` (m,), adds to the data, and to the squares of R.
+def of_divergence(form: Form, areas: Array, residual: Array, rounding: float) -> tuple[float, Array]:
+    """What a `residual` (m,), u_h - f~ - div q, adds to the data, and what is left of it (m,).
 
-    Without a reaction f~ is taken to be -div q. The functional of what that changes has at most the norm of
-    the difference times Friedrichs' constant.
+    Beside clamped sides f~ is taken to be u_h - div q, or -div q without a reaction. The functional of what
+    that changes has at most the norm of the residual times Friedrichs' constant.
     """
-    if form.reaction:
-        return 0.0, squares
-    return form.friedrichs * (root(squares) + rounding), np.zeros_like(squares)
+    if not form.clamped:
+        return 0.0, residual
+    return form.friedrichs * (root(areas * residual**2) + rounding), np.zeros_like(residual)
 
 
 def check(mesh: Mesh, cells: Partition, u_h: Array, lambda_H: Array, free: Collection[int]) -> None:
@@ -213,7 +213,7 @@ def _of_feasible(
 
 def _of_data(source: Source, u_h: Array, form: Form = H1) -> Array:
     """(r, m) the squares whose `norm` bounds that of f - f~ as a functional."""
-    mesh, squares = source.mesh, np.empty((1 if form.reaction else 2, len(source.f_h)))
+    mesh, squares = source.mesh, np.empty((2 if form.clamped else 1, len(source.f_h)))
     for of in blocks(squares.shape[1]):
         a, b, c = source.f_h[of].T - form.reaction * u_h.take(mesh.triangles[of].T)
         more = np.sqrt(mesh.areas[of] / 36 * ((b - a) ** 2 + (c - b) ** 2 + (a - c) ** 2))

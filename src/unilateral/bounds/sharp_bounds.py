@@ -218,7 +218,7 @@ def _away(spaces: Quadratic, source: Source, u_h: Array, sigma: Array, form: For
     """The `_Away` of the flux with q.n = sigma (nb, 2) and with theta r, for w by `balanced`."""
     mesh = spaces.mesh
     w, q, residual, rounding = balanced(source, u_h, sigma, form)
-    unbalanced, _ = of_divergence(form, mesh.areas * residual**2, rounding)
+    unbalanced, residual = of_divergence(form, mesh.areas, residual, rounding)
     p, x = form.reaction * w[mesh.triangles] - source.f_h, mesh.points[mesh.triangles]
     along, by = np.roll(x, -1, axis=1) - x, np.roll(p, -1, axis=1) - p
     of_r, rest = by[..., None] * along / 12, p - p.mean(axis=1, keepdims=True)

@@ -11,7 +11,7 @@ E_T >= ||f - p||_T,
 
 d_T the diameter of T and j = 3.83.. the first zero of the Bessel function J_1: the optimal constant in
 Poincare's inequality for triangles of that diameter (Laugesen and Siudeja, J. Differential Equations 249,
-2010). If c = 0 the second products add up to at most C (sum E_T^2)^{1/2} |w|_1, C Friedrichs' constant.
+2010). Beside clamped sides the second products add up to at most C (sum E_T^2)^{1/2} ||w||, C that of `Form`.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ class Source:
         """
         free, rest = self.oscillation[of] + more, self.rest[of]
         of_mean_free = (poincare(self.mesh.longest_edges[of]) * free) ** 2
-        if not form.reaction:
+        if form.clamped:
             return np.stack([of_mean_free, (form.friedrichs * rest) ** 2])
         return np.minimum(of_mean_free + rest**2, (free + rest) ** 2)[None]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import NamedTuple
 
@@ -22,9 +23,10 @@ from unilateral.problems.sampled import Sampled
 
 
 def form_of(problem: Data | Sampled, mesh: Mesh) -> Form:
-    """The form of a problem. The mesh serves for the constant that it needs if c = 0."""
+    """The form of a problem. The mesh serves for the constant that it needs where a side is clamped."""
     clamped, reaction = problem.clamped_sides, problem.reaction
-    return Form(reaction, clamped, 1.0 if reaction else friedrichs(mesh, clamped))
+    known = 1.0 if reaction else math.inf
+    return Form(reaction, clamped, friedrichs(mesh, clamped, known) if clamped else known)
 
 
 def held_values(problem: Data | Sampled, mesh: Mesh) -> Array:

@@ -24,7 +24,7 @@ class Form(NamedTuple):
     """(v, w) = (grad v, grad w)_0 + reaction (v, w)_0, the reaction 1 or 0, where v, w = 0 if `clamped`.
 
     Forces are bounded with another weight in the place of the reaction. `friedrichs` is a number C with
-    ||v||_0 <= C ||v||: 1, or that of Friedrichs, see `poincare`.
+    ||v||_0 <= C ||v||: 1 if no side is clamped, else that of `poincare` if c = 0 or it is smaller.
     """
 
     reaction: float = 1.0

@@ -49,17 +49,18 @@ HIDDEN = 0.01
 """Rounding of an eigenvalue in units of the inverse squared diameter may be as large as this."""
 
 
-def friedrichs(mesh: Mesh, clamped: tuple[int, ...]) -> float:
-    """The constant for the `clamped` sides of the mesh's polygon.
+def friedrichs(mesh: Mesh, clamped: tuple[int, ...], known: float = math.inf) -> float:
+    """The constant for the `clamped` sides of the mesh's polygon, or one that is `known` if it is smaller.
 
-    Where the mesh, or the one it was refined from, is so fine that rounding hides the eigenvalue, gmsh makes
-    another one. Raises InputError where it is missing, or where rounding hides the eigenvalue even so.
+    Where the mesh, or the one it was refined from, is so fine that rounding hides the eigenvalue, and none is
+    known, gmsh makes another one. Raises InputError where it is missing, or where rounding hides the
+    eigenvalue even so.
     """
     given, polygon = mesh.coarse or mesh, mesh.polygon
     for coarse in (lambda: given, lambda: unstructured(polygon, polygon.diameter / 8)):
-        found = _on(coarse(), clamped)
+        found = min(mesh.growth * _on(coarse(), clamped), known)
         if found < math.inf:
-            return mesh.growth * found
+            return found
     raise InputError(
         f"polygon '{polygon.name}' is too thin for Friedrichs' inequality, whose constant c = 0 needs"
     )

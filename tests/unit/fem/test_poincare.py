@@ -48,3 +48,13 @@ def test_another_mesh_serves_where_rounding_hides_the_eigenvalue(monkeypatch):
     monkeypatch.setattr(poincare, "_on", hidden)
     assert friedrichs(structured(named("lshape"), 1 / 8), (1,)) == pytest.approx(found, rel=0.05)
     assert len(met) == 2
+
+
+def test_one_that_is_known_serves_where_it_is_smaller(monkeypatch):
+    """Then no other mesh is made either."""
+    mesh = structured(square(), 1 / 8)
+    assert friedrichs(mesh, (3,), 1.0) == friedrichs(mesh, (3,))
+    assert friedrichs(mesh, (3,), 0.5) == 0.5
+    monkeypatch.setattr(poincare, "_on", lambda mesh, clamped: math.inf)
+    monkeypatch.delattr(poincare, "unstructured")
+    assert friedrichs(mesh, (3,), 1.0) == 1.0
