@@ -8,7 +8,7 @@ import meshio
 import numpy as np
 import pytest
 
-from unilateral.errors import StorageError
+from unilateral.errors import InputError, StorageError
 from unilateral.geometry import files
 from unilateral.geometry.mesh import Mesh
 from unilateral.study import scenes
@@ -33,6 +33,13 @@ def read_with(path: Path, content: bytes) -> Mesh | None:
         return scenes.stored_mesh(str(path), SCENE)
     except StorageError:
         return None
+
+
+def test_cases_with_different_forms_are_no_scene() -> None:
+    scene = {"polygon": "square", "side": 0, "cases": ["natural", "clamped"]}
+    with pytest.raises(InputError, match="'natural' and 'clamped' differ in their clamped sides or in c"):
+        scenes.cases(scene)
+    assert [case.name for case in scenes.cases(scene | {"cases": ["clamped"]})] == ["clamped"]
 
 
 def test_no_flipped_bit_and_no_cut_changes_the_mesh(stored: Path) -> None:

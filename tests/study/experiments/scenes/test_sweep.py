@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 from conftest import discrete, load
 
-from unilateral.discrete.condensed import solve
+from unilateral.discrete.condensed import discretise, solve
 from unilateral.fem.condense import Condensed
 from unilateral.geometry import partition
 from unilateral.geometry.polygon import named
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.infsup import infsup
+from unilateral.norms.ritz import h1_distance
 from unilateral.study.experiments.scenes import measure as module
 from unilateral.study.experiments.scenes.measure import sweep
 
@@ -105,6 +106,31 @@ def test_a_run_is_the_solve_of_its_case_mesh_and_partition(tables, c, name, k, m
     for name in ("ritz_error", "ritz_boundary_error"):
         assert float(run[name]) == pytest.approx(getattr(alone.exact.ritz, name), rel=1e-9)
     assert float(run["projection_error"]) == pytest.approx(alone.exact.means.projection_error, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["clamped", "clamped_90"])
+def test_beside_a_clamped_side_a_run_is_the_solve_of_its_problem(name):
+    """With its form, in beta and in the dual norm, too: c is 0 in one of the cases."""
+    case, mesh, cells = load(name), structured(SQUARE, 1 / 8), partition.uniform(SQUARE, 1 / 4)
+    norm = dual_norm(cells, [case])
+    table, _ = sweep(mesh, [case], [cells], norm.gram([case]))
+    alone = discretise(case, mesh, cells)
+    chosen = np.flatnonzero(cells.side != case.clamped_sides[0])
+    beta = infsup(alone.spaces.operator, dual_norm(cells, form=alone.form).gram().p0)
+    solution, run = solve(alone, beta=beta.beta_lower), table.isel(case=0, mesh=0, partition=0)
+    lower, upper = norm.of_error(case, solution.lambda_H[None])
+    values = {
+        "h1_error": h1_distance(case, mesh, solution.u_h),
+        "discrete_error": solution.errors.hm12_discrete,
+        "hm12_error_lower": max(lower[0], solution.errors.hm12_discrete),
+        "hm12_error_upper": upper[0],
+        "beta_lower": beta.beta_lower,
+        "multipliers": 12,
+    }
+    for variable, value in values.items():
+        np.testing.assert_allclose(run[variable], value, rtol=1e-4, err_msg=variable)
+    np.testing.assert_allclose(run["lambda_H"][:12], solution.lambda_H[chosen], rtol=1e-9, atol=1e-12)
+    assert not np.any(solution.lambda_H[cells.side == case.clamped_sides[0]])
 
 
 @pytest.mark.parametrize("k", [2, 3])

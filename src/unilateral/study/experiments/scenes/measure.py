@@ -154,7 +154,7 @@ def _form(spaces: MixedSpaces, gram: Gram | None) -> Gram | None:
 def _empty(mesh: Mesh, cases: Sequence[Case], partitions: Sequence[Partition]) -> xr.Dataset:
     n, p = len(cases), len(partitions)
     H = np.array([partition.H for partition in partitions])
-    largest = max(partition.n_cells for partition in partitions)
+    largest, clamped = max(partition.n_cells for partition in partitions), cases[0].clamped_sides
     run, grid = ("case", "mesh", "partition"), ("mesh", "partition")
 
     def unknown(*shape: int) -> np.ndarray:
@@ -177,7 +177,7 @@ def _empty(mesh: Mesh, cases: Sequence[Case], partitions: Sequence[Partition]) -
             "boundary_unknowns": ("mesh", [len(mesh.boundary)]),
             "H": ("partition", H),
             "H_over_Hi_max": ("partition", [partition.H_over_Hi_max for partition in partitions]),
-            "multipliers": ("partition", [partition.n_cells for partition in partitions]),
+            "multipliers": ("partition", [np.count_nonzero(~np.isin(p.side, clamped)) for p in partitions]),
             "h_over_H": (grid, mesh.h / H[None]),
         },
     )
