@@ -16,6 +16,7 @@ from unilateral.discrete.choice import check_size
 from unilateral.errors import InputError, counted
 from unilateral.exchange import export as exports
 from unilateral.exchange import score as scores
+from unilateral.exchange.equation_residual import NAMES
 from unilateral.exchange.exported_folder import exported, foreign
 from unilateral.exchange.score import Rate, Scored
 from unilateral.geometry.mesh import Mesh
@@ -90,7 +91,7 @@ def score(
         found = {"case": case.name, "verdict": verdict, "rates": {n: _rate(r) for n, r in rates.items()}}
         say(dumps(found | {"solutions": [_solution(each) for each in scored]}))
     else:
-        told = [*_table(scored), *_lines(rates), scores.at_boundary(scored), *scores.sentences(scored)]
+        told = [*_table(case, scored), *_lines(rates), scores.at_boundary(scored), *scores.sentences(scored)]
         say("\n".join([*filter(None, told), f"{case.name}: {verdict}"]))
         if html is not None:
             say(f"  written: {html}, {sized(html)}")
@@ -122,9 +123,10 @@ def _numbers(found: dict[str, float]) -> dict[str, float | None]:
     return {name: None if math.isnan(value) else value for name, value in found.items()}
 
 
-def _table(scored: list[Scored]) -> Iterator[str]:
+def _table(case: Case, scored: list[Scored]) -> Iterator[str]:
     """The errors, with this project's own below them."""
-    yield f"{'level':10} {'h':>9} {'u in H1':>10} {'lambda in H^(-1/2)':>22} {'in L2':>10}  multiplier"
+    of_u = f"u in {NAMES[case.reaction][1]}"
+    yield f"{'level':10} {'h':>9} {of_u:>10} {'lambda in H^(-1/2)':>22} {'in L2':>10}  multiplier"
     for one in scored:
         rows = ((one.errors, one.given.level.name, one.given.kind), (one.own, "  own", "constant on cells"))
         for errors, name, kind in rows:

@@ -1,17 +1,20 @@
 """Functions on the boundary: those that are linear on cells, as which a multiplier is read, and the obstacle.
 
-The conditions of a case hold on all sides that are not free, and at the nodes of these.
+The conditions of a case hold on all sides that are neither free nor clamped, and at the nodes of these that
+are not clamped.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.sparse.linalg import spsolve
 
 from unilateral.arrays import Array, Index, Mask
+from unilateral.fem.form import Form
 from unilateral.fem.p1 import boundary_mass
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.geometry.mesh import Mesh
@@ -65,6 +68,10 @@ class Trace:
         np.minimum.at(lowest, cell, self.ends[own].min(axis=1))
         return bool(np.all(highest - lowest <= ROUNDING * np.abs(self.ends).max()))
 
+    def without(self, sides: Sequence[int]) -> Trace:
+        """The function that is 0 on those sides."""
+        return replace(self, ends=np.where(np.isin(self.cells.side, sides)[:, None], 0.0, self.ends))
+
     def times(self, factor: float) -> Trace:
         """The function times a factor."""
         return Trace(self.cells, factor * self.ends, None if self.nodal is None else factor * self.nodal)
@@ -106,24 +113,20 @@ def of_reactions(mesh: Mesh, reactions: Array) -> Trace:
     return continuous(mesh, np.asarray(spsolve(boundary_mass(mesh).tocsc(), reactions)))
 
 
-def held_edges(case: Case, mesh: Mesh) -> Mask:
-    """(nb,) which boundary edges lie on no free side."""
-    return ~np.isin(mesh.side, case.free_sides)
-
-
-def held_cells(case: Case, cells: Partition) -> Mask:
-    """(m,) which cells lie on no free side."""
-    return ~np.isin(cells.side, case.free_sides)
+def has_obstacle(case: Case, side: Index) -> Mask:
+    """(k,) which of the sides (k,) are neither free nor clamped."""
+    return ~np.isin(side, [*case.free_sides, *case.clamped_sides])
 
 
 def obstacle(case: Case, mesh: Mesh) -> Array:
-    """(nb,) g at the boundary nodes, NaN where both edges are free."""
-    nb, edges = len(mesh.boundary), held_edges(case, mesh)
+    """(nb,) g at the boundary nodes, NaN where both edges are free, and on clamped sides."""
+    nb, edges = len(mesh.boundary), has_obstacle(case, mesh.side)
     of_end, g = np.roll(mesh.side, 1), np.full(len(edges), np.nan)
     before = np.flatnonzero(~edges & np.roll(edges, 1))
     side, s = np.where(edges, mesh.side, of_end), mesh.s[:-1].copy()
     s[before] = mesh.s[np.where(before == 0, nb, before)]
-    held = np.flatnonzero(edges | np.roll(edges, 1))
+    clamped = Form(clamped=case.clamped_sides).fixed(mesh)[mesh.boundary]
+    held = np.flatnonzero((edges | np.roll(edges, 1)) & ~clamped)
     u, _, gap = case.boundary(side[held], s[held] - mesh.polygon.starts[side[held]])
     g[held] = u - gap
     return g

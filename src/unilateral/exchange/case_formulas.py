@@ -14,6 +14,7 @@ import sympy
 from unilateral.errors import InputError
 from unilateral.problems.atoms import D, Smooth, T, Tensor, X, Y
 from unilateral.problems.case import Case
+from unilateral.problems.fields import listed
 from unilateral.problems.polar_atoms import THETA, Polar, R
 
 DEFINITIONS = (
@@ -76,6 +77,8 @@ def module(case: Case, kind: str) -> str:
         name=case.name,
         title=case.title,
         polygon=case.polygon.name,
+        equation="-lap u + u = f" if case.reaction else "-lap u = f",
+        clamped=f", but u = g on the sides {listed(case.clamped_sides)}" if case.clamped_sides else "",
         vertices=case.polygon.vertices.tolist(),
         definitions=DEFINITIONS,
         u=found["u"],

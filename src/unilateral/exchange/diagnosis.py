@@ -16,7 +16,7 @@ from unilateral.arrays import Array
 from unilateral.discrete.condensed import CondensedProblem
 from unilateral.exchange.boundary_function import Trace, constant, of_reactions
 from unilateral.exchange.discrete_conditions import ROUNDING, conditions, mistaken, moves
-from unilateral.exchange.equation_bugs import EXPLAINS, explanations, renumbered, with_load
+from unilateral.exchange.equation_bugs import EXPLAINS, explanations, not_given, renumbered, with_load
 from unilateral.exchange.equation_residual import Fit, Residual, flux_load
 from unilateral.exchange.exported_folder import Foreign
 from unilateral.exchange.fault import Fault, either, unexplained, wrong
@@ -55,11 +55,11 @@ def judged(case: Case, given: Foreign, discrete: CondensedProblem, own: Errors, 
     exported = Residual(discrete, given.u, discrete.load)
     of, how = with_load(case, exported, mu.load(discrete.mesh) if mu else None, allowed)
     holds, remarks = of.inside <= allowed, [REMARK.format(how)] if how else []
-    found = list(_of_multiplier(case, mu, of, own)) if holds else []
+    found = list(_at_boundary(case, mu, of, own)) if holds else []
     if holds and all(each.explained for each in found):
         return Judged(found, remarks)
     told = [
-        [each.bug, *_of_multiplier(case, mu and each.multiplier(mu), each.residual, own)]
+        [each.bug, *_at_boundary(case, mu and each.multiplier(mu), each.residual, own)]
         for each in explanations(case, of, allowed)
         if mu is not None or not each.both
     ]
@@ -71,7 +71,7 @@ def judged(case: Case, given: Foreign, discrete: CondensedProblem, own: Errors, 
     if holds:
         return Judged(found, remarks)
     inside = renumbered(case, of, u_h) or _inside(of)
-    return Judged([inside, *_against_exact(mu, of, own)], [])
+    return Judged([inside, *not_given(of, allowed), *_against_exact(mu, of, own)], [])
 
 
 def _inside(of: Residual) -> Fault:
@@ -79,12 +79,13 @@ def _inside(of: Residual) -> Fault:
     return unexplained(
         "the equation does not hold inside the domain",
         "the linear solve stopped too early, the load is another one, or u is not meant as P1",
-        f"the residual is {of.inside:.2g} in H1, and largest at ({x:g}, {y:g})",
+        f"the residual is {of.inside:.2g} in {of.names[1]}, and largest at ({x:g}, {y:g})",
     )
 
 
-def _of_multiplier(case: Case, mu: Trace | None, of: Residual, own: Errors) -> Iterator[Fault]:
-    """What is wrong with the multiplier, by u's equation at the boundary, and with its conditions."""
+def _at_boundary(case: Case, mu: Trace | None, of: Residual, own: Errors) -> Iterator[Fault]:
+    """What is wrong on clamped sides, with the multiplier, by u's equation, and with its conditions."""
+    yield from not_given(of, COUNTS * own.h1)
     if mu is None:
         return
     allowed, first = _allowed(of, own), MeantMultiplier("", mu.load(of.discrete.mesh), mu)
@@ -104,7 +105,7 @@ def _of_multiplier(case: Case, mu: Trace | None, of: Residual, own: Errors) -> I
     else:
         fits = ((each, of.fitted(each.load, right)) for each in (first, *others))
         reading = next((each for each, fit in fits if fit.left <= abs(fit.factor) * allowed), first)
-        yield from _scaled(reading.fault, of.fitted(reading.load, right), allowed)
+        yield from _scaled(reading.fault, of.fitted(reading.load, right), allowed, *of.names)
     if reading.mu is not None:
         yield from _of_conditions(case, reading.mu, of, allowed)
 
@@ -114,7 +115,7 @@ def _allowed(of: Residual, own: Errors) -> float:
     return COUNTS * (own.hm12_lower if own.hm12_lower > NO_ERROR * own.h1 else own.h1) + of.inside
 
 
-def _scaled(fault: str, fit: Fit, allowed: float) -> Iterator[Fault]:
+def _scaled(fault: str, fit: Fit, allowed: float, form: str, norm: str) -> Iterator[Fault]:
     """The faults of a multiplier that has not the right scale, if it was meant as in a reading."""
     if fault:
         yield Fault(fault, "read in this way it fits u's equation up to a factor")
@@ -126,7 +127,7 @@ def _scaled(fault: str, fit: Fit, allowed: float) -> Iterator[Fault]:
         right = f"what u's equation has, to {up(fit.left / fit.size, '.1g')}"
         yield wrong("the multiplier", fit.factor, right)
     elif not fault:
-        measured = f"(u, v)_1 - <lambda, v> - (f, v) is {fit.misfit:.2g} in H1"
+        measured = f"{form} - <lambda, v> - (f, v) is {fit.misfit:.2g} in {norm}"
         yield unexplained("u and the multiplier do not fit", "", measured)
 
 
@@ -151,17 +152,17 @@ def _of_conditions(case: Case, mu: Trace, of: Residual, allowed: float) -> Itera
     """The other conditions that u has, if it has none of those that belong to mu."""
     missed = {}
     for each in conditions(case, of.discrete, mu):
-        load, bound = each.multiplier_load(of.discrete, of.load, allowed)
+        load, bound = each.multiplier_load(of.discrete.spaces.condensed, of.trace, allowed)
         missed[each.what] = of.norm(of.boundary - load) - bound
         if missed[each.what] <= allowed:
             return
     nearest = min(missed, key=lambda what: missed[what])
     most = min(allowed, EXPLAINS * missed[nearest])
-    distance = f"at least {down(missed[nearest], '.2g')} in H1"
+    distance = f"at least {down(missed[nearest], '.2g')} in {of.names[1]}"
     measured = f"u is {distance} away from the solution with u >= g {nearest}"
     found = set()
     for what, each in mistaken(case, of.discrete, mu, of.u[of.discrete.mesh.boundary]):
-        load, bound = each.multiplier_load(of.discrete, of.load, most)
+        load, bound = each.multiplier_load(of.discrete.spaces.condensed, of.trace, most)
         if of.norm(of.boundary - load) + bound <= most:
             found.add(what)
     if found:
@@ -226,9 +227,14 @@ def ahead(case: Case, mu: Trace, of: Residual, right: Array) -> Iterator[MeantMu
     That is max(0, mu_u - rho times the means of u - g), where mu_u has the `right` load (nb,). The rho > 0 is
     taken that comes nearest.
     """
+    boundary = of.discrete.mesh.boundary
+    free = ~of.discrete.spaces.condensed.fixed[boundary]
     for each in conditions(case, of.discrete, mu):
-        gap = each.means(of.u[of.discrete.mesh.boundary])
-        mu_u, on = np.linalg.lstsq(each.B.T.toarray(), right)[0], each.mu > ROUNDING * np.abs(each.mu).max()
+        gap = each.means(of.u[boundary])
+        mu_u, on = (
+            np.linalg.lstsq(each.B.T.toarray()[free], right[free])[0],
+            each.mu > ROUNDING * np.abs(each.mu).max(),
+        )
         if not gap[on].any():
             continue
         rho = -float(gap[on] @ (each.mu - mu_u)[on] / (gap[on] @ gap[on]))

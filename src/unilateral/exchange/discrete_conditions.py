@@ -20,7 +20,8 @@ import scipy.sparse as sp
 from unilateral.arrays import Array, Mask
 from unilateral.discrete.condensed import CondensedProblem
 from unilateral.errors import InputError
-from unilateral.exchange.boundary_function import Trace, constant, held_cells, held_edges, obstacle
+from unilateral.exchange.boundary_function import Trace, constant, has_obstacle, obstacle
+from unilateral.fem.condense import Condensed
 from unilateral.fem.p1 import boundary_mass, coupling
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.fem.spaces import dual_operator
@@ -49,15 +50,14 @@ class Conditions:
     s: Array
     mu: Array
 
-    def multiplier_load(
-        self, discrete: CondensedProblem, load: Array, tolerance: float
-    ) -> tuple[Array, float]:
-        """The load (nb,) of the multiplier that belongs to a load (n,), and a bound on its error in H1."""
+    def multiplier_load(self, of: Condensed, trace: Array, tolerance: float) -> tuple[Array, float]:
+        """The load (nb,) of the multiplier without which u has the `trace` (nb,).
+
+        With it comes a bound on its error in the norm of u.
+        """
         if not len(self.g):
-            return np.zeros(len(discrete.mesh.boundary)), 0.0
-        condensed = discrete.spaces.condensed
-        operator = dual_operator(condensed, self.B, self.weights)
-        found = active_set(operator, self.means(condensed.solve(load)[discrete.mesh.boundary]), tolerance)
+            return np.zeros(len(trace)), 0.0
+        found = active_set(dual_operator(of, self.B, self.weights), self.means(trace), tolerance)
         return self.B.T @ found.lambda_H, found.bound
 
     def means(self, trace: Array) -> Array:
@@ -73,28 +73,23 @@ class Conditions:
 class Equal(Conditions):
     """The conditions u = g in place of u >= g."""
 
-    def multiplier_load(
-        self, discrete: CondensedProblem, load: Array, tolerance: float
-    ) -> tuple[Array, float]:
-        condensed = discrete.spaces.condensed
-        half = dual_operator(condensed, self.B, self.weights).half
-        missing = -self.weights * self.means(condensed.solve(load)[discrete.mesh.boundary])
-        return np.asarray(condensed.cholesky.T @ np.linalg.lstsq(half.T, missing)[0]), 0.0
+    def multiplier_load(self, of: Condensed, trace: Array, tolerance: float) -> tuple[Array, float]:
+        half = dual_operator(of, self.B, self.weights).half
+        missing = -self.weights * self.means(trace)
+        return np.asarray(of.cholesky.T @ np.linalg.lstsq(half.T, missing)[0]), 0.0
 
 
 class Reversed(Conditions):
     """The conditions u <= g with multipliers <= 0."""
 
-    def multiplier_load(
-        self, discrete: CondensedProblem, load: Array, tolerance: float
-    ) -> tuple[Array, float]:
+    def multiplier_load(self, of: Condensed, trace: Array, tolerance: float) -> tuple[Array, float]:
         turned = Conditions(self.what, self.B, self.weights, -self.g, self.s, -self.mu)
-        found, bound = turned.multiplier_load(discrete, -load, tolerance)
+        found, bound = turned.multiplier_load(of, -trace, tolerance)
         return -found, bound
 
 
 def conditions(case: Case, discrete: CondensedProblem, mu: Trace) -> Iterator[Conditions]:
-    """The conditions that mu may belong to; there are none on free sides.
+    """The conditions that mu may belong to; there are none on free and clamped sides.
 
     A mu that is constant on the cells of the exported partition, or on parts of these, may belong to that.
     """
@@ -106,7 +101,7 @@ def conditions(case: Case, discrete: CondensedProblem, mu: Trace) -> Iterator[Co
             yield _on_cells(case, mesh, discrete.partition, mu)
         yield _on_cells(case, mesh, mu.cells, mu)
         return
-    edges, g = held_edges(case, mesh), obstacle(case, mesh)
+    edges, g = has_obstacle(case, mesh.side), obstacle(case, mesh)
     held = np.isfinite(g)
     mass = boundary_mass(mesh, edges)
     weights, s = np.asarray(mass.sum(axis=1)), mesh.s[:-1]
@@ -123,7 +118,7 @@ def _on_cells(case: Case, mesh: Mesh, cells: Partition, mu: Trace) -> Conditions
     found = Conditions(
         "in the means over the cells", coupling(mesh, cells), cells.lengths, means, middle, values
     )
-    return found.kept(held_cells(case, cells))
+    return found.kept(has_obstacle(case, cells.side))
 
 
 def mistaken(
@@ -140,13 +135,13 @@ def mistaken(
         yield "the conditions are reversed (u <= g and lambda <= 0)", Reversed(**fields)
         yield "g has the wrong sign", replace(each, g=-each.g)
         yield "g is taken as 0", replace(each, g=np.zeros_like(each.g))
-    yield from _counted(case, every[-1], mu)
+    yield from _counted(every[-1], mu)
     yield from _ignored(case, discrete, mu, trace)
 
 
-def _counted(case: Case, of_cells: Conditions, mu: Trace) -> Iterator[tuple[str, Conditions]]:
+def _counted(of_cells: Conditions, mu: Trace) -> Iterator[tuple[str, Conditions]]:
     """The conditions with means of g from another vertex on, where the cells are the same from there."""
-    if mu.nodal is not None or case.free_sides:
+    if mu.nodal is not None or len(of_cells.g) < mu.cells.n_cells:
         return
     given = constant(mu.cells, of_cells.g)
     for text, moved in moves(given):

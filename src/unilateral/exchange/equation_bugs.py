@@ -6,6 +6,7 @@ A bug adds c times its signature to the equation's residual. With the stiffness 
     (1 - c) K u + M u = f       the stiffness term
     K u + M u = (1 + c) f       the load, the matrix or u
     K u / 2 + 2 M u = f         areas of triangles that are twice the right ones
+    K u + c M u = f             a mass term that is not in the equation, if its coefficient is 0
 
 and c is found by least squares in the dual norm of the hats inside.
 """
@@ -24,7 +25,8 @@ from unilateral.exchange.boundary_function import Trace
 from unilateral.exchange.equation_residual import Residual, loads
 from unilateral.exchange.exported_folder import SAME
 from unilateral.exchange.fault import Fault, wrong
-from unilateral.fem.p1 import stiffness_and_mass
+from unilateral.fem.form import Form
+from unilateral.fem.p1 import h1_norm, of_rest, stiffness_and_mass
 from unilateral.problems.case import Case
 
 EXPLAINS = 0.1
@@ -92,6 +94,19 @@ def _best(found: list[Undone], most: float) -> list[Undone]:
 
 def _bugs(of: Residual) -> Iterator[Undone]:
     K_u, M_u = (each @ of.u for each in stiffness_and_mass(of.discrete.mesh))
+    yield from _of_terms(of, K_u, M_u) if of.discrete.form.reaction else _of_reaction(of, M_u)
+    yield from _of_load(of)
+    for off in not_given(of, 0.0):
+        given = np.where(of.discrete.spaces.condensed.fixed, of.discrete.held, of.u)
+        yield Undone(off, replace(of, u=given))
+
+
+def _of_reaction(of: Residual, M_u: Array) -> Iterator[Undone]:
+    c = of.share(M_u)
+    yield Undone(Fault("there is a mass term (u, v), but c = 0", f"{-c:.6g} (u, v)"), of.plus(c * M_u))
+
+
+def _of_terms(of: Residual, K_u: Array, M_u: Array) -> Iterator[Undone]:
     for term, signature in (("mass term (u, v)", M_u), ("stiffness term (grad u, grad v)", K_u)):
         c = of.share(signature)
         without = of.plus(c * signature)
@@ -99,7 +114,6 @@ def _bugs(of: Residual) -> Iterator[Undone]:
     areas = 0.5 * K_u - M_u
     fault = Fault("the triangles' areas are twice the right ones", "(grad u, grad v) / 2 + 2 (u, v) fits f")
     yield Undone(fault, of.plus(areas))
-    yield from _of_load(of)
 
 
 def _of_load(of: Residual) -> Iterator[Undone]:
@@ -111,7 +125,7 @@ def _of_load(of: Residual) -> Iterator[Undone]:
     if load.what.endswith("missing"):
         return
     if factor > 0:
-        yield Undone(wrong("the matrix of (u, v)_1", 1 / factor), scaled, lambda mu: mu.times(factor))
+        yield Undone(wrong(f"the matrix of {of.names[0]}", 1 / factor), scaled, lambda mu: mu.times(factor))
     divided = Residual(of.discrete, of.u / factor, of.load)
     yield Undone(wrong("u", factor), divided)
     yield Undone(wrong("u, like the multiplier,", factor), divided, lambda mu: mu.times(1 / factor), True)
@@ -135,6 +149,28 @@ def _exchanged(plain: Residual, most: float) -> Iterator[Undone]:
     if of.inside <= most:
         bug = Fault("x and y are exchanged", "the equation holds inside at (y, x)")
         yield Undone(bug, of, lambda mu: mu.carried(mesh, node))
+
+
+def not_given(of: Residual, allowed: float) -> Iterator[Fault]:
+    """The fault that u is not u_D at nodes of clamped sides, if that alone is an error above `allowed`.
+
+    A side is left free if the equation holds at the nodes inside it, too.
+    """
+    discrete, condensed = of.discrete, of.discrete.spaces.condensed
+    mesh, form, boundary = discrete.mesh, discrete.form, discrete.mesh.boundary
+    off = np.where(condensed.fixed, of.u - discrete.held, 0.0)
+    least = off + condensed.solve(of_rest(mesh, form, np.zeros(len(off)), off))
+    if h1_norm(mesh, least, form.reaction) <= allowed:
+        return
+    worst, ends = np.abs(off).argmax(), off[boundary] != 0
+    sides = np.unique(mesh.side[form.edges(mesh) & (ends | np.roll(ends, -1))])
+    inner = boundary[np.isin(mesh.side, sides) & np.isin(np.roll(mesh.side, 1), sides)]
+    forces = of_rest(mesh, Form(form.reaction), of.load, of.u) / np.sqrt(condensed.A.diagonal())
+    free = inner.size > 0 and np.linalg.norm(forces[inner]) <= allowed
+    how = "left free" if free else "not u_D" if of.u[inner].any() else "0, not u_D,"
+    on, (x, y) = ", ".join(map(str, sides)), mesh.points[worst]
+    what = f"u is {how} on the clamped side{'s' * (len(sides) > 1)} {on}"
+    yield Fault(what, f"u - u_D is {off[worst]:.2g} at ({x:g}, {y:g})")
 
 
 def renumbered(case: Case, plain: Residual, u_h: Array) -> Fault | None:

@@ -1,7 +1,8 @@
 """What u leaves of the equation (u, v)_1 = (f, v) on V_h, in the dual norm of V_h: an error of u in H1.
 
-On functions v that are 0 on the boundary it is what a linear solver left. On the others it is what a
-multiplier of the same discrete problem has to be, exactly: discretisation errors are no part of it.
+If c = 0, (grad u, grad v) takes the place of (u, v)_1. Functions v vanish on clamped sides, where u is what
+was handed in. On functions v that are 0 on the boundary it is what a linear solver left. On the others it is
+what a multiplier of the same discrete problem has to be, exactly: discretisation errors are no part of it.
 """
 
 from __future__ import annotations
@@ -16,8 +17,11 @@ import numpy as np
 
 from unilateral.arrays import Array
 from unilateral.discrete.condensed import CondensedProblem
-from unilateral.fem.p1 import load_vector, stiffness_and_mass
+from unilateral.fem.p1 import load_vector, of_rest, stiffness_and_mass
 from unilateral.problems.case import Case
+
+NAMES = {1.0: ("(u, v)_1", "H1"), 0.0: ("(grad u, grad v)", "|.|_1")}
+"""What the form and its norm are called, by the factor of the reaction term."""
 
 
 class Fit(NamedTuple):
@@ -38,22 +42,35 @@ class Fit(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """The residual of u (n,) on a `discrete` problem, with a `load` (n,)."""
+    """The residual of u (n,) on a `discrete` problem, with a `load` (n,), which fixed nodes do not use."""
 
     discrete: CondensedProblem
     u: Array
     load: Array
 
+    @property
+    def names(self) -> tuple[str, str]:
+        """What the form and its norm are called."""
+        return NAMES[self.discrete.form.reaction]
+
     @cached_property
     def values(self) -> Array:
-        """A u - f (n,)."""
-        return np.asarray(self.discrete.spaces.condensed.A @ self.u - self.load)
+        """A u - f (n,), 0 at fixed nodes."""
+        return -of_rest(self.discrete.mesh, self.discrete.form, self.load, self.u)
+
+    @cached_property
+    def trace(self) -> Array:
+        """(nb,) what u is on the boundary without a multiplier: A^{-1} f, and u itself at fixed nodes."""
+        condensed, mesh = self.discrete.spaces.condensed, self.discrete.mesh
+        held = np.where(condensed.fixed, self.u, 0.0)
+        free = condensed.solve(of_rest(mesh, condensed.form, self.load, held))
+        return np.asarray((held + free)[mesh.boundary])
 
     @cached_property
     def boundary(self) -> Array:
         """(nb,) <lambda_h, phi_j> of the multiplier that u's boundary values have: A_3 (u - A^{-1} f)."""
-        condensed, boundary = self.discrete.spaces.condensed, self.discrete.mesh.boundary
-        return np.asarray(condensed.A_3 @ (self.u - condensed.solve(self.load))[boundary])
+        A_3 = self.discrete.spaces.condensed.A_3
+        return np.asarray(A_3 @ (self.u[self.discrete.mesh.boundary] - self.trace))
 
     def nearer_to(self, load: Array) -> Array:
         """(nb,) `boundary` or the reactions A u - f, whichever is nearer to `load`.
@@ -105,7 +122,9 @@ class Residual:
 
     def product(self, one: Array, other: Array) -> float:
         """The product of boundary loads (nb,) from which `norm` comes."""
-        return float(one @ self.discrete.spaces.condensed.solve_boundary(other))
+        condensed = self.discrete.spaces.condensed
+        free = np.where(condensed.fixed[condensed.mesh.boundary], 0.0, other)
+        return float(one @ condensed.solve_boundary(free))
 
     def fitted(self, load: Array, right: Array) -> Fit:
         """The multiple of the right load, by 0 if that is 0, that is nearest to a boundary load (nb,)."""

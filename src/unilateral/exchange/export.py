@@ -21,8 +21,9 @@ import yaml
 
 from unilateral.arrays import Array
 from unilateral.errors import InputError, StorageError
-from unilateral.exchange.boundary_function import held_cells, held_edges, obstacle
+from unilateral.exchange.boundary_function import has_obstacle, obstacle
 from unilateral.exchange.case_formulas import DEFINITIONS, formulas
+from unilateral.fem.form import Form
 from unilateral.fem.p1 import case_moments, load_vector
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
 from unilateral.geometry import partition as partitions
@@ -31,20 +32,27 @@ from unilateral.geometry.mesh import Mesh, refine
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.case import Case
+from unilateral.problems.fields import listed
+from unilateral.solution.certificate import norms
 from unilateral.solution.tables import of_cells, write_csv
 from unilateral.system.files import hidden_beside, write_netcdf
 
 LEVEL_FILES = {
     "mesh.msh": "the mesh, for Gmsh's readers",
     "mesh.vtu": "the same, with `side` on its boundary edges",
-    "nodes.csv": "node, x, y, f, and load, its integral with the P1 hat; on the boundary arc length s and g",
+    "nodes.csv": "node, x, y, f, load, its integral with the P1 hat; on the boundary s (arc length), g, u_D",
     "quadrature.nc": "points, weights and f in the triangles; s, weights and g on the boundary edges",
     "partition.csv": "the cells of T_H by arc length and place, with the mean of g on each",
 }
-FREE = (
-    "\nOn the sides {} there is no obstacle: ∂u/∂n = 0. λ = 0 is to be handed in there.\n"
-    "Side i runs from vertex i to the next, counted from 0.\n"
-)
+FREE = "\nOn the sides {} there is no obstacle: ∂u/∂n = 0. λ = 0 is to be handed in there.\n"
+CLAMPED = """
+Clamped sides: {sides}. There u = u_D is given, in place of an obstacle and λ: {values}.
+In P1 u has the values u_D at the nodes of clamped sides, ends included: the column `u_D` of `nodes.csv`.
+In the weak form below v ≥ g means v = u_D there, and in the mixed form v = 0.
+λ is to be handed in on the other sides. What stands for it on clamped sides is not looked at; 0 will do.
+"""
+TERMS = {"of_u": " + u", "of_v": " + uv", "of_rest": " + u(v − u)"}
+"""The parts of the README's equations that belong to the reaction term."""
 
 
 def export(case: Case, coarse: Mesh, H: float, levels: int, folder: str | os.PathLike[str]) -> None:
@@ -57,10 +65,6 @@ def export(case: Case, coarse: Mesh, H: float, levels: int, folder: str | os.Pat
     is_there = InputError(f"{folder} exists already; name a new folder")
     if folder.exists():
         raise is_there
-    if case.clamped_sides:
-        raise InputError(
-            f"case '{case.name}' has clamped sides, which exported folders do not have; solve it with 'solve'"
-        )
     if not folder.parent.is_dir():
         raise InputError(f"{folder} cannot be written: there is no folder {folder.parent}")
     try:
@@ -105,9 +109,13 @@ def _problem(case: Case) -> dict[str, Any]:
         "vertices": case.polygon.vertices.tolist(),
         "side": case.side,
         "free_sides": list(case.free_sides),
+        "clamped_sides": list(case.clamped_sides),
+        "k": 1,
+        "c": int(case.reaction),
         "hypotheses": case.declaration["hypotheses"],
         "definitions": DEFINITIONS,
         **formulas(case),
+        "u_D": [str(case.values[i]) if i in case.values else None for i in range(case.polygon.n_sides)],
         "lambda_is_a_fractional_power_at": singular,
         "lambda_in_L2": case.flux_in_L2,
     }
@@ -118,19 +126,20 @@ def _write_level(case: Case, mesh: Mesh, cells: Partition, folder: Path) -> None
     for name in ("mesh.msh", "mesh.vtu"):
         write_mesh(mesh, folder / name)
     _nodes(case, mesh).to_csv(folder / "nodes.csv", index=False)
-    g_mean = np.where(held_cells(case, cells), cell_means(case, cells).g_means, np.nan)
+    g_mean = np.where(has_obstacle(case, cells.side), cell_means(case, cells).g_means, np.nan)
     write_csv(of_cells(cells, g_mean=g_mean), folder / "partition.csv")
     write_netcdf(_quadrature(case, mesh), folder / "quadrature.nc")
 
 
 def _nodes(case: Case, mesh: Mesh) -> pd.DataFrame:
-    """A row per node; s is empty inside, and g is empty inside and on free sides."""
+    """A row per node; s is empty inside, u_D but on clamped sides, and g there, inside and on free sides."""
     s, g = (np.full(mesh.n_nodes, np.nan) for _ in range(2))
     s[mesh.boundary], g[mesh.boundary] = mesh.s[:-1], obstacle(case, mesh)
-    (x, y), f = mesh.points.T, case.source(mesh.points)
+    (x, y), f, u = mesh.points.T, case.source(mesh.points), case.value_and_gradient(mesh.points)[0]
+    u_D = np.where(Form(clamped=case.clamped_sides).fixed(mesh), u, np.nan)
     load = load_vector(mesh, case_moments(case, mesh))
     return pd.DataFrame(
-        {"node": np.arange(mesh.n_nodes), "x": x, "y": y, "f": f, "load": load, "s": s, "g": g}
+        {"node": np.arange(len(x)), "x": x, "y": y, "f": f, "load": load, "s": s, "g": g, "u_D": u_D}
     )
 
 
@@ -156,7 +165,7 @@ def _quadrature(case: Case, mesh: Mesh) -> xr.Dataset:
             "side": ("boundary_point", on.side.astype(np.int32)),
             "s": ("boundary_point", on.s + case.polygon.starts[on.side]),
             "boundary_weight": ("boundary_point", on.weight),
-            "g": ("boundary_point", np.where(held_edges(case, mesh)[on.interval], u - gap, np.nan)),
+            "g": ("boundary_point", np.where(has_obstacle(case, on.side), u - gap, np.nan)),
         },
         attrs={"case": case.name, "h": mesh.h},
     )
@@ -167,6 +176,7 @@ def _readme(case: Case, found: dict[str, Any]) -> str:
     template = resources.files("unilateral.exchange") / "README.template.md"
     columns = "| {folder} | {h:.6g} | {H:.6g} | {nodes} | {cells} |"
     rows = [columns.format(**level) for level in found["levels"]]
+    values = [f"`{u}` on side {i}" for i, u in sorted(case.values.items())]
     files = [f"- `{name}`: {what}" for name, what in LEVEL_FILES.items()]
     return template.read_text(encoding="utf-8").format(
         name=case.name,
@@ -176,4 +186,8 @@ def _readme(case: Case, found: dict[str, Any]) -> str:
         files="\n".join(files),
         levels="\n".join(rows),
         free=FREE.format(", ".join(map(str, case.free_sides))) if case.free_sides else "",
+        clamped=CLAMPED.format(sides=listed(case.clamped_sides), values=", ".join(values)) if values else "",
+        norm=norms(case)["h1"],
+        c=found["c"],
+        **{name: term if case.reaction else "" for name, term in TERMS.items()},
     )

@@ -17,6 +17,7 @@ from scipy.spatial import cKDTree
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
 from unilateral.exchange.boundary_function import Trace, constant, continuous, of_reactions
+from unilateral.fem.form import Form
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.files import read_mesh, read_partition
 from unilateral.geometry.mesh import Mesh
@@ -35,11 +36,12 @@ NODAL = ("u", "multiplier", "reaction")
 
 @dataclass(frozen=True, eq=False)
 class ExportedLevel:
-    """One level of an exported folder."""
+    """One level of an exported folder, with the numbers of the sides that are clamped."""
 
     name: str
     mesh: Mesh
     cells: Partition
+    clamped: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +72,8 @@ def exported(folder: str | os.PathLike[str]) -> tuple[Case, list[ExportedLevel]]
 
 def _level(folder: Path, case: Case, name: str) -> ExportedLevel:
     mesh = read_mesh(folder / name / "mesh.vtu", case.polygon)
-    return ExportedLevel(name, mesh, read_partition(folder / name / "partition.csv", case.polygon))
+    cells = read_partition(folder / name / "partition.csv", case.polygon)
+    return ExportedLevel(name, mesh, cells, case.clamped_sides)
 
 
 def foreign(levels: list[ExportedLevel], file: str, multiplier: str | None = None) -> Foreign:
@@ -165,9 +168,8 @@ def _multiplier(
     if "multiplier" in values:
         return continuous(mesh, values["multiplier"][mesh.boundary]), "linear on edges"
     if "reaction" in values:
-        return of_reactions(
-            mesh, values["reaction"][mesh.boundary]
-        ), "reactions, made a function by the mass matrix"
+        kept = np.where(Form(clamped=level.clamped).fixed(mesh), 0.0, values["reaction"])[mesh.boundary]
+        return of_reactions(mesh, kept), "reactions, made a function by the mass matrix"
     return None, "none"
 
 

@@ -18,8 +18,10 @@ from unilateral.exchange.score import Rate, Scored, at_boundary, error_in, sente
 from unilateral.problems.case import Case
 from unilateral.solution.plot import svg
 
-TITLES = {"h1": "u in H¹", "hm12": "λ in H<sup>−1/2</sup>", "l2": "λ in L²"}
-DRAWN = {"h1": "$u$ in $H^1$", "hm12": "$\\lambda$ in $H^{-1/2}$", "l2": "$\\lambda$ in $L^2$"}
+TITLES = {"h1": "u in {}", "hm12": "λ in H<sup>−1/2</sup>", "l2": "λ in L²"}
+DRAWN = {"h1": "$u$ in {}", "hm12": "$\\lambda$ in $H^{-1/2}$", "l2": "$\\lambda$ in $L^2$"}
+NORMS = {1.0: ("H¹", "$H^1$"), 0.0: ("|·|₁", "$|\\cdot|_1$")}
+"""The norm of u in a title of HTML and in one that is drawn, by the factor of the reaction term."""
 THEIRS, OWN, EXACT = "tab:red", "tab:blue", "0.3"
 POINTS = 400
 """The exact values are drawn at this many points of each side."""
@@ -28,6 +30,10 @@ POINTS = 400
 def page(case: Case, scored: Sequence[Scored], rates: dict[str, Rate]) -> str:
     """The page: errors beside this project's own, rates, faults, and the boundary on the finest level."""
     ladder = sorted(scored, key=lambda one: -one.given.level.mesh.h)
+    titles, drawn = (
+        of | {"h1": of["h1"].format(norm)}
+        for of, norm in zip((TITLES, DRAWN), NORMS[case.reaction], strict=True)
+    )
     template = resources.files("unilateral.exchange") / "page.template.html"
     faults = [escape(sentence) for sentence in sentences(scored)]
     return Template(template.read_text(encoding="utf-8")).substitute(
@@ -37,9 +43,9 @@ def page(case: Case, scored: Sequence[Scored], rates: dict[str, Rate]) -> str:
         version=__version__,
         verdict=escape(verdict(scored, rates)),
         faults="".join(["<ul>", *(f"<li>{fault}</li>" for fault in faults), "</ul>"] if faults else []),
-        errors=_errors(ladder),
-        rates=_rates(rates),
-        errors_plot=svg(_errors_drawn(ladder, rates)),
+        errors=_errors(ladder, titles),
+        rates=_rates(rates, titles),
+        errors_plot=svg(_errors_drawn(ladder, rates, drawn)),
         boundary_plot=svg(_boundary_drawn(case, ladder[-1])),
         at_boundary=escape(at_boundary(scored)),
         h=f"{ladder[-1].given.level.mesh.h:.4g}",
@@ -53,33 +59,33 @@ def _table(head: Iterable[str], rows: Iterable[tuple[str, Iterable[str]]]) -> st
     return "\n".join(["<table>", *lines, "</table>"])
 
 
-def _errors(ladder: Sequence[Scored]) -> str:
+def _errors(ladder: Sequence[Scored], titles: dict[str, str]) -> str:
     rows = []
     for one in ladder:
         level = one.given.level
         for kind, errors, name in (("theirs", one.errors, level.name), ("own", one.own, "this project")):
             what = one.given.kind if kind == "theirs" else "constant on cells"
             rows.append((kind, [name, f"{level.mesh.h:.4g}", *texts(errors), escape(what)]))
-    return _table(["level", "h", *TITLES.values(), "multiplier"], rows)
+    return _table(["level", "h", *titles.values(), "multiplier"], rows)
 
 
-def _rates(rates: dict[str, Rate]) -> str:
+def _rates(rates: dict[str, Rate], titles: dict[str, str]) -> str:
     rows = [
-        ("rate", [TITLES[norm], f"{rate.observed:.2f}", f"{rate.own:.2f}", f"{rate.proved:g}", rate.verdict])
+        ("rate", [titles[norm], f"{rate.observed:.2f}", f"{rate.own:.2f}", f"{rate.proved:g}", rate.verdict])
         for norm, rate in rates.items()
         if rate.pairs
     ]
     return _table(["rate", "observed", "this project", "proved", ""], rows) if rows else ""
 
 
-def _errors_drawn(ladder: Sequence[Scored], rates: dict[str, Rate]) -> Figure:
+def _errors_drawn(ladder: Sequence[Scored], rates: dict[str, Rate], titles: dict[str, str]) -> Figure:
     """A panel per norm in which an error is known: both errors over h, and the proved slope above them."""
     figure = Figure(figsize=(9, 3.4), layout="constrained")
     h = np.array([one.given.level.mesh.h for one in ladder])
     both = {norm: _both(ladder, norm) for norm in TITLES}
     known = [norm for norm in TITLES if np.isfinite(both[norm]).any()]
     for axes, norm in zip(figure.subplots(1, len(known), squeeze=False)[0], known, strict=True):
-        axes.set(title=DRAWN[norm], xlabel="h", xscale="log", yscale="log")
+        axes.set(title=titles[norm], xlabel="h", xscale="log", yscale="log")
         axes.set_xticks(h, [f"{each:.3g}" for each in h])
         axes.set_xticks([], minor=True)
         lines = (("o-", THEIRS, "judged"), ("s--", OWN, "this project"))

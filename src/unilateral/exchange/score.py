@@ -85,8 +85,9 @@ def _errors(norm: DualNorm, case: Case, given: Foreign, u: Array, mu: Trace | No
     h1 = h1_distance(case, given.level.mesh, u)
     if mu is None:
         return Errors(h1, math.nan, math.nan, math.nan)
-    lower, upper = norm.of_error(case, mu.values[None], mu.cells)
-    return Errors(h1, float(lower[0]), float(upper[0]), mu.distance(case))
+    on = mu.without(case.clamped_sides)
+    lower, upper = norm.of_error(case, on.values[None], on.cells)
+    return Errors(h1, float(lower[0]), float(upper[0]), on.distance(case))
 
 
 def rates(case: Case, scored: Sequence[Scored]) -> dict[str, Rate]:
@@ -159,7 +160,7 @@ def sentences(scored: Sequence[Scored]) -> Iterator[str]:
 
 
 def at_boundary(scored: Sequence[Scored]) -> str:
-    """Where the finest solution violates the conditions most; empty where all sides are free."""
+    """Where the finest solution violates the conditions most; empty where all sides are free or clamped."""
     finest = min(scored, key=lambda each: each.given.level.mesh.h)
     return f"{finest.given.level.name}, {finest.extremes}" if finest.extremes else ""
 
@@ -217,7 +218,7 @@ class Extremes(NamedTuple):
 def extremes(case: Case, given: Foreign, discrete: CondensedProblem) -> Extremes | None:
     """The extremes for the first conditions that the multiplier may belong to, else at the nodes.
 
-    None if all sides are free. At a node lambda is its integral with the hat over that of the hat.
+    None if all sides are free or clamped. At a node lambda is its integral with the hat over that of the hat.
     """
     mesh, mu = discrete.mesh, given.multiplier
     each = next(conditions(case, discrete, mu or continuous(mesh, np.zeros(len(mesh.boundary)))))

@@ -132,6 +132,11 @@ def mixed_spaces(condensed: Condensed, partition: Partition, free: Sequence[int]
 
 
 def dual_operator(condensed: Condensed, B: sp.csr_array, H_i: Array) -> DualOperator:
-    """The dual operator for B (m, nb) of `coupling`, or of some cells, whose lengths are H_i (m,)."""
-    half = solve_triangular(condensed.cholesky, B.T.toarray(), trans="T", check_finite=False)
+    """The dual operator for B (m, nb) of `coupling`, or of some cells, whose lengths are H_i (m,).
+
+    Of B nothing is taken at fixed nodes.
+    """
+    loads = B.T.toarray()
+    loads[condensed.fixed[condensed.mesh.boundary]] = 0.0
+    half = solve_triangular(condensed.cholesky, loads, trans="T", check_finite=False)
     return DualOperator(half, H_i, condensed.mesh.polygon.area)
