@@ -1,5 +1,7 @@
 """A solver of one's own, judged: P1 and nodal constraints by scikit-fem, with a primal-dual active set.
 
+Sides may be clamped, and c may be 0.
+
     unilateral export natural --h 1/32 --H 1/16 --levels 3 --out natural
     python examples/score_scikit_fem.py natural
     unilateral score natural natural_level_?.csv
@@ -24,8 +26,8 @@ from skfem.helpers import dot, grad
 
 @BilinearForm
 def form(u, v, w):
-    """(u, v)_1."""
-    return dot(grad(u), grad(v)) + u * v
+    """(grad u, grad v) + c (u, v)."""
+    return dot(grad(u), grad(v)) + w.c * u * v
 
 
 def load(level: Path, triangles: np.ndarray, n: int) -> np.ndarray:
@@ -35,13 +37,14 @@ def load(level: Path, triangles: np.ndarray, n: int) -> np.ndarray:
     return np.bincount(triangles[rule.triangle.values].ravel(), weighted.ravel(), n)
 
 
-def signorini(A, f: np.ndarray, boundary: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """u (n,) and the reactions (n,): u >= g at the boundary nodes, a primal-dual active set."""
+def signorini(A, f: np.ndarray, g: np.ndarray, u_D: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """u (n,) and the reactions (n,): u >= g and u = u_D at the nodes that have one, an active set."""
+    boundary, clamped = (np.flatnonzero(np.isfinite(each)) for each in (g, u_D))
     active, scale = boundary, A.diagonal()
     for _ in range(100):
-        fixed = np.zeros(len(f))
-        fixed[active] = g[active]
-        u = solve(*condense(A, f, x=fixed, D=active)) if len(active) else spl.spsolve(A.tocsc(), f)
+        given, fixed = np.append(active, clamped), np.zeros(len(f))
+        fixed[active], fixed[clamped] = g[active], u_D[clamped]
+        u = solve(*condense(A, f, x=fixed, D=given)) if len(given) else spl.spsolve(A.tocsc(), f)
         reaction = np.zeros(len(f))
         reaction[active] = (A @ u - f)[active]
         now = boundary[(reaction - scale * (u - g))[boundary] > 0]
@@ -51,19 +54,19 @@ def signorini(A, f: np.ndarray, boundary: np.ndarray, g: np.ndarray) -> tuple[np
     raise RuntimeError("the active set did not settle in 100 steps")
 
 
-def solved(level: Path) -> pd.DataFrame:
+def solved(level: Path, c: float) -> pd.DataFrame:
     """x, y, u and reaction at the nodes of a level."""
     mesh, nodes = MeshTri.load(level / "mesh.vtu"), pd.read_csv(level / "nodes.csv")
     triangles = meshio.read(level / "mesh.vtu").cells_dict["triangle"]  # scikit-fem turns some of its own
-    A = form.assemble(Basis(mesh, ElementTriP1()))
-    boundary = np.flatnonzero(nodes.g.notna())
-    u, reaction = signorini(A, load(level, triangles, len(nodes)), boundary, nodes.g.to_numpy())
+    A = form.assemble(Basis(mesh, ElementTriP1()), c=c)
+    u, reaction = signorini(A, load(level, triangles, len(nodes)), nodes.g.to_numpy(), nodes.u_D.to_numpy())
     return pd.DataFrame({"x": mesh.p[0], "y": mesh.p[1], "u": u, "reaction": reaction})
 
 
 def main(folder: str) -> None:
-    for level in json.loads((Path(folder) / "problem.json").read_text())["levels"]:
-        table = solved(Path(folder) / level["folder"])
+    problem = json.loads((Path(folder) / "problem.json").read_text())
+    for level in problem["levels"]:
+        table = solved(Path(folder) / level["folder"], problem["c"])
         table.to_csv(f"{folder}_{level['folder']}.csv", index=False)
 
 

@@ -70,8 +70,9 @@ def judged(case: Case, given: Foreign, discrete: CondensedProblem, own: Errors, 
         return Judged([either([each[0] for each in best]), *best[0][1:]], [])
     if holds:
         return Judged(found, remarks)
-    inside = renumbered(case, of, u_h) or _inside(of)
-    return Judged([inside, *not_given(of, allowed), *_against_exact(mu, of, own)], [])
+    other = renumbered(case, of, u_h)
+    faults = [other] if other else [_inside(of), *not_given(of, allowed)]
+    return Judged([*faults, *_against_exact(mu, of, own)], [])
 
 
 def _inside(of: Residual) -> Fault:
@@ -104,7 +105,7 @@ def _at_boundary(case: Case, mu: Trace | None, of: Residual, own: Errors) -> Ite
         reading = meant[0]
     else:
         fits = ((each, of.fitted(each.load, right)) for each in (first, *others))
-        reading = next((each for each, fit in fits if fit.left <= abs(fit.factor) * allowed), first)
+        reading = next((each for each, fit in fits if fit.left < abs(fit.factor) * allowed), first)
         yield from _scaled(reading.fault, of.fitted(reading.load, right), allowed, *of.names)
     if reading.mu is not None:
         yield from _of_conditions(case, reading.mu, of, allowed)

@@ -33,7 +33,7 @@ from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.case import Case
 from unilateral.problems.fields import listed
-from unilateral.solution.certificate import norms
+from unilateral.solution.certificate import energy
 from unilateral.solution.tables import of_cells, write_csv
 from unilateral.system.files import hidden_beside, write_netcdf
 
@@ -46,12 +46,12 @@ LEVEL_FILES = {
 }
 FREE = "\nOn the sides {} there is no obstacle: ∂u/∂n = 0. λ = 0 is to be handed in there.\n"
 CLAMPED = """
-Clamped sides: {sides}. There u = u_D is given, in place of an obstacle and λ: {values}.
+Clamped sides: {sides}. There u = u_D is given, and there is no obstacle and no λ. u_D is {values}.
 In P1 u has the values u_D at the nodes of clamped sides, ends included: the column `u_D` of `nodes.csv`.
 In the weak form below v ≥ g means v = u_D there, and in the mixed form v = 0.
 λ is to be handed in on the other sides. What stands for it on clamped sides is not looked at; 0 will do.
 """
-TERMS = {"of_u": " + u", "of_v": " + uv", "of_rest": " + u(v − u)"}
+TERMS = {"of_u": " + u", "of_v": " + uv", "of_rest": " + u(v − u)", "of_square": " + v²"}
 """The parts of the README's equations that belong to the reaction term."""
 
 
@@ -187,7 +187,6 @@ def _readme(case: Case, found: dict[str, Any]) -> str:
         levels="\n".join(rows),
         free=FREE.format(", ".join(map(str, case.free_sides))) if case.free_sides else "",
         clamped=CLAMPED.format(sides=listed(case.clamped_sides), values=", ".join(values)) if values else "",
-        norm=norms(case)["h1"],
-        c=found["c"],
+        norm=energy(case.units, "v"),
         **{name: term if case.reaction else "" for name, term in TERMS.items()},
     )

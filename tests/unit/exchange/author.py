@@ -23,7 +23,10 @@ MATRICES = {
     "matrix doubled": (2, 2),
     "areas doubled": (0.5, 2),
 }
-"""What the stiffness and the mass matrix are multiplied by. Gradients have an area in their denominators."""
+"""What the stiffness and c times the mass matrix are multiplied by.
+
+Gradients have an area in their denominators.
+"""
 LOADS = {"load missing": 0, "half load": 0.5, "load negative": -1}
 
 
@@ -161,6 +164,13 @@ def uzawa(A, f, rows, g, lengths, held, behind):
     return solve(f + B.T @ iterates[k - behind]), mu
 
 
+def reduced(A, f, rows, g, lengths, u_D):
+    """The problem for what u is without u_D (n,), on the nodes where that is NaN; and these nodes."""
+    free, given = np.flatnonzero(np.isnan(u_D)), np.nan_to_num(u_D)
+    of_rest = f - A @ given, g - rows @ given / lengths
+    return A[free][:, free], of_rest[0][free], rows[:, free], of_rest[1], free
+
+
 def rolled(values, side, sides):
     """Values that are counted from the vertex at which so many sides end; or back, if negative."""
     return np.roll(values, -int(np.sign(sides) * (side < abs(sides)).sum()))
@@ -170,7 +180,9 @@ def solved(level, bug="", method="cells"):
     """Tables of x, y, u and perhaps a multiplier at the nodes, and of cells or None; with a bug."""
     K, M = matrices(level)
     of_K, of_M = MATRICES.get(bug, (1, 1))
-    A, f = of_K * K + of_M * M, load(level, bug, M)
+    c = 1 if bug == "mass term added" else of_M * level.problem["c"]
+    A, f, u_D = of_K * K + c * M, load(level, bug, M), level.nodes.u_D.to_numpy()
+    u_D = {"clamped side left free": u_D * np.nan, "clamped values not set": 0 * u_D}.get(bug, u_D)
     rows, g, lengths = of_means(level) if method == "cells" else of_nodes(level)
     side = level.cells.side.to_numpy() if method == "cells" else level.side_of_nodes
     held = np.isfinite(g)
@@ -180,15 +192,19 @@ def solved(level, bug="", method="cells"):
     if bug in ("wrong corner of g", "wrong corner of all"):
         g = rolled(g, side, -1)
         held = np.isfinite(g)
+    A, f, rows, g, free = reduced(A, f, rows, g, lengths, u_D)
+    held &= rows.sum(axis=1) > 0
     if bug.startswith("stopped early"):
         u, mu = uzawa(A, f, rows, g, lengths, held, bug.endswith("behind"))
     elif bug == "conditions turned around":
         u, mu = (-each for each in contact(A, -f, rows, -g, lengths, held))
     else:
         u, mu = contact(A, f, rows, g, lengths, held, bug != "Dirichlet everywhere")
+    whole = np.nan_to_num(u_D)
+    whole[free] = u
     if bug in ("wrong corner", "wrong corner of all"):
         mu = rolled(mu, side, 1)
-    return handed_in(level, bug, method, u, -mu if bug == "lambda negative" else mu)
+    return handed_in(level, bug, method, whole, -mu if bug == "lambda negative" else mu)
 
 
 def handed_in(level, bug, method, u, mu):
@@ -198,6 +214,8 @@ def handed_in(level, bug, method, u, mu):
         u = 2 * u
     if bug == "nodes shuffled":
         u = random.permutation(u)
+    if bug == "clamped node spoilt":
+        u[np.flatnonzero(level.nodes.u_D.notna())[3:4]] += 0.01 * np.abs(u).max()
     if bug == "x and y exchanged":
         x, y = y, x
     if bug == "noise":

@@ -1,0 +1,239 @@
+"""Cases with clamped sides as files: what these say, right solutions of them, and spoilt ones."""
+
+import importlib.util
+import json
+import re
+from functools import cache
+
+import author
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from conftest import ROOT
+from scipy.sparse.linalg import spsolve
+
+import unilateral as ul
+from unilateral.cli import main
+from unilateral.exchange.boundary_function import constant
+from unilateral.exchange.case_formulas import DEFINITIONS, module
+from unilateral.exchange.exported_folder import exported, foreign
+from unilateral.exchange.score import score
+from unilateral.fem.p1 import stiffness_and_mass
+
+CASES = {"clamped": (2, 0), "clamped_270": (1, 0), "clamped_90": (3, 1)}
+"""The side that is clamped, and c."""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A case on two levels, h = 1/8 and 1/16, H = 2h."""
+
+    @cache
+    def made(name):
+        out = tmp_path_factory.mktemp("clamped") / name
+        assert main(["export", name, "--h", "1/16", "--H", "1/8", "--levels", "2", "--out", str(out)]) == 0
+        return out
+
+    return made
+
+
+@pytest.fixture(scope="module")
+def own(folder):
+    """The case, the finest level and this project's solution there."""
+
+    @cache
+    def solved(name):
+        case, levels = exported(folder(name))
+        return case, levels, ul.solve(case, H=levels[-1].cells.H, mesh=levels[-1].mesh)
+
+    return solved
+
+
+@pytest.fixture
+def scored(own, tmp_path):
+    """The score of u and columns beside it at the nodes, and of values on the cells."""
+
+    def scoring(name, u, cells=None, **nodal):
+        case, levels, _ = own(name)
+        x, y = levels[-1].mesh.points.T
+        pd.DataFrame({"x": x, "y": y, "u": u, **nodal}).to_csv(tmp_path / "u.csv", index=False)
+        if cells is None:
+            return score(case, foreign(levels, str(tmp_path / "u.csv")))
+        s = levels[-1].cells.points
+        table = pd.DataFrame({"start": s[:-1], "end": s[1:], "multiplier": cells})
+        table.to_csv(tmp_path / "cells.csv", index=False)
+        return score(case, foreign(levels, str(tmp_path / "u.csv"), str(tmp_path / "cells.csv")))
+
+    return scoring
+
+
+def clamped_nodes(mesh, side):
+    """The nodes of a side, its ends included."""
+    at = np.flatnonzero(mesh.side == side)
+    return mesh.boundary[np.append(at, at[-1] + 1) % len(mesh.boundary)]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_files_tell_what_is_given_where(folder, name):
+    """u_D by its formula at the clamped nodes alone; no g there, and none on cells and edges of the side."""
+    (side, c), problem = CASES[name], json.loads((folder(name) / "problem.json").read_text())
+    assert [problem[key] for key in ("clamped_sides", "free_sides", "k", "c")] == [[side], [], 1, c]
+    assert [i for i, formula in enumerate(problem["u_D"]) if formula is not None] == [side]
+    case, (*_, level) = exported(folder(name))
+    nodes, cells = (pd.read_csv(folder(name) / f"level_1/{file}.csv") for file in ("nodes", "partition"))
+    on = clamped_nodes(level.mesh, side)
+    assert (np.flatnonzero(nodes.u_D.notna()) == np.sort(on)).all()
+    names = {"x": nodes.x[on], "y": nodes.y[on]}
+    exec(DEFINITIONS, names)
+    np.testing.assert_allclose(nodes.u_D[on], eval(problem["u_D"][side], names), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(
+        nodes.u_D[on], case.value_and_gradient(level.mesh.points[on])[0], rtol=0, atol=1e-15
+    )
+    others = np.setdiff1d(level.mesh.boundary, on)
+    assert (np.flatnonzero(nodes.g.notna()) == others).all()
+    assert (cells.g_mean.isna() == (cells.side == side)).all()
+    rule = xr.load_dataset(folder(name) / "level_1/quadrature.nc")
+    assert (np.isnan(rule.g) == (rule.side == side)).all()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_readme_and_the_modules_tell_the_problem(folder, name):
+    """The equation, what is given, and the norm of errors; without clamped sides none of it is there."""
+    (side, c), text = CASES[name], (folder(name) / "README.md").read_text()
+    assert f"Clamped sides: {side}. There u = u_D is given, and there is no obstacle and no λ." in text
+    assert ("−Δu + u = f in Ω" in text, "−Δu = f in Ω" in text) == (c == 1, c == 0)
+    assert ("u in |v|_1 = (∫ |∇v|²)^(1/2)." if c == 0 else "u in ||v||_1 = (∫ |∇v|² + v²)^(1/2).") in text
+    assert "{" not in text
+    for kind in ("python", "ufl"):
+        head = module(exported(folder(name))[0], kind).split('"""')[1]
+        equation = "-lap u + u = f" if c else "-lap u = f"
+        assert f"{equation}; on the boundary" in head
+        assert f"but u = g on the sides {side}.\n" in head
+    assert "clamped" not in module(ul.case("natural"), "python")
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("ending", [".nc", ".vtu"])
+def test_this_projects_own_solution_scores_its_own_errors(own, run, folder, tmp_path, name, ending):
+    """By `Solution.errors`, which never saw a file; the norm of u is named."""
+    _, _, solution = own(name)
+    solution.save(tmp_path / f"own{ending}")
+    code, out, _ = run("score", folder(name), tmp_path / f"own{ending}")
+    assert (code, out.splitlines()[-1].partition(";")[0]) == (0, f"{name}: no fault was found")
+    assert ("u in |.|_1" in out, "u in H1" in out) == (CASES[name][1] == 0, CASES[name][1] == 1)
+    code, out, _ = run("score", folder(name), tmp_path / f"own{ending}", "--json")
+    (one,) = json.loads(out)["solutions"]
+    # On edges the same function takes other quadrature points; `dual` rounds 1e-9 of the norm of lambda.
+    tolerance = 1e-12 if ending == ".nc" else 1e-6
+    assert one["errors"] == pytest.approx(solution.errors._asdict(), rel=tolerance)
+    assert one["own_errors"] == pytest.approx(solution.errors._asdict(), rel=1e-12)
+
+
+def driver():
+    spec = importlib.util.spec_from_file_location("driver", ROOT / "examples/score_scikit_fem.py")
+    found = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(found)
+    return found
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_scikit_fem_solves_what_is_exported(folder, tmp_path, run, name):
+    """Another code with constraints at nodes: no fault, and u is as near as the nearest function nearly is.
+
+    A problem with another right-hand side, or without u_D, would be told.
+    """
+    _, levels = exported(folder(name))
+    for level in levels:
+        table = driver().solved(folder(name) / level.name, CASES[name][1])
+        table.to_csv(tmp_path / f"{level.name}.csv", index=False)
+    code, out, _ = run("score", folder(name), *(tmp_path / f"{level.name}.csv" for level in levels), "--json")
+    assert code == 0
+    for one in json.loads(out)["solutions"]:
+        assert (one["faults"], one["remarks"]) == ([], [])
+        assert one["errors"]["h1"] <= 1.05 * one["own_errors"]["h1"]
+        assert one["errors"]["hm12_upper"] > 0
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_nothing_is_asked_of_a_multiplier_on_clamped_sides(own, scored, name):
+    """Whatever stands there, on cells or as reactions at nodes, changes no error and is no fault."""
+    _, levels, solution = own(name)
+    mesh, cells, mu = levels[-1].mesh, levels[-1].cells, solution.multiplier
+    right = scored(name, solution.u, mu)
+    at = scored(name, solution.u, np.where(cells.side == CASES[name][0], 7.0, mu))
+    assert (at.errors, at.faults) == (right.errors, [])
+    reactions = np.zeros(mesh.n_nodes)
+    reactions[mesh.boundary] = constant(cells, mu).load(mesh)
+    plain = scored(name, solution.u, reaction=reactions)
+    reactions[clamped_nodes(mesh, CASES[name][0])] = 7.0
+    other = scored(name, solution.u, reaction=reactions)
+    assert other.errors == plain.errors
+    on = cells.side != CASES[name][0]
+    spoilt = scored(name, solution.u, np.where(on, mu + 7.0, mu))
+    assert spoilt.errors.l2 > 2 * right.errors.l2
+    assert spoilt.faults != []
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("size", [1.0, 0.01])
+def test_a_spoilt_value_at_a_clamped_node_is_named_with_its_place(own, scored, name, size):
+    """It alone: the equation holds where u_D takes its place. With a thousandth of 1 % u passes."""
+    _, levels, solution = own(name)
+    mesh = levels[-1].mesh
+    node = clamped_nodes(mesh, CASES[name][0])[2]
+    u, (x, y) = solution.u.copy(), mesh.points[node]
+    u[node] += size * np.abs(u).max()
+    for cells in (None, solution.multiplier):
+        (fault,) = scored(name, u, cells).faults
+        assert fault.startswith(f"u is not u_D on the clamped side {CASES[name][0]}: u - u_D is ")
+        assert fault.endswith(f" at ({x:g}, {y:g})")
+        measured = float(re.search(r"u - u_D is (\S+) at", fault)[1])
+        assert measured == pytest.approx(size * np.abs(solution.u).max(), rel=0.05)
+    u[node] = solution.u[node] + 1e-5 * np.abs(u).max()
+    assert scored(name, u, solution.multiplier).faults == []
+
+
+def test_values_of_another_solution_are_named_once(own, scored):
+    """u_D + 1 on the side, with the u that belongs to it by sparse elimination: inside nothing is wrong."""
+    _, levels, solution = own("clamped")
+    mesh = levels[-1].mesh
+    K = stiffness_and_mass(mesh)[0]
+    on = clamped_nodes(mesh, 2)
+    inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
+    more = np.zeros(mesh.n_nodes)
+    more[on] = 1.0
+    more[inside] = spsolve(K[inside][:, inside].tocsc(), -(K @ more)[inside])
+    (fault,) = scored("clamped", solution.u + more).faults
+    assert fault.startswith("u is not u_D on the clamped side 2: u - u_D is 1 at ")
+
+
+@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("method", author.METHODS)
+@pytest.mark.filterwarnings("ignore:Matrix is exactly singular")
+def test_a_clamped_side_that_is_left_free_is_named(own, folder, tmp_path, run, name, method):
+    """Also for `clamped_270`, where no such solution exists: f pushes u up, and c is 0, so that u is huge."""
+    u, _ = author.solved(author.read(folder(name), "level_1"), "clamped side left free", method)
+    u.to_csv(tmp_path / "u.csv", index=False)
+    code, out, _ = run("score", folder(name), tmp_path / "u.csv", "--json")
+    (one,) = json.loads(out)["solutions"]
+    said = f"u is left free on the clamped side {CASES[name][0]}: u - u_D is "
+    assert (code, sum(fault.startswith(said) for fault in one["faults"])) == (1, 1)
+    assert len(one["faults"]) == (2 if name == "clamped_270" else 1)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_spoilt_multiplier_is_named(own, scored, name):
+    _, _, solution = own(name)
+    u, mu = solution.u, solution.multiplier
+    for wrong, said in (
+        (-mu, "the multiplier has the wrong sign: -1 times"),
+        (2 * mu, "the wrong scale: 2 "),
+    ):
+        (fault,) = scored(name, u, wrong).faults
+        assert said in fault
+    wave = np.where(np.arange(len(mu)) % 2, 1.1, 0.9)
+    (fault,) = scored(name, u, wave * mu).faults
+    form, norm = ("(u, v)_1", "H1") if CASES[name][1] else ("(grad u, grad v)", "|.|_1")
+    assert f"{form} - <lambda, v> - (f, v) is " in fault
+    assert fault.endswith(f" in {norm}")
