@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from unilateral.arrays import Array
+from unilateral.arrays import Array, Mask
 from unilateral.exchange.boundary_function import Trace
 from unilateral.exchange.equation_residual import Residual, loads
 from unilateral.exchange.exported_folder import SAME
@@ -157,26 +157,31 @@ def _exchanged(plain: Residual, most: float) -> Iterator[Undone]:
 def not_given(of: Residual, allowed: float) -> Iterator[Fault]:
     """The fault that u is not u_D at nodes of clamped sides, if that alone is an error above `allowed` in H1.
 
-    Constants have no energy if c = 0, so that is no measure. On a side that is left free the equation holds at
-    the nodes inside it, too.
+    The energy would be no measure: if c = 0, constants have none.
     """
     discrete, condensed = of.discrete, of.discrete.spaces.condensed
-    mesh, form, boundary = discrete.mesh, discrete.form, discrete.mesh.boundary
+    mesh, form = discrete.mesh, discrete.form
     off = np.where(condensed.fixed, of.u - discrete.held, 0.0)
     least = off + condensed.solve(of_rest(mesh, form, np.zeros(len(off)), off))
     if h1_norm(mesh, least) <= allowed:
         return
     worst = np.abs(off).argmax()
-    ends = np.abs(off[boundary]) > EXACT * abs(off[worst])
+    ends = np.abs(off[mesh.boundary]) > EXACT * abs(off[worst])
     sides = np.unique(mesh.side[form.edges(mesh) & (ends | np.roll(ends, -1))])
-    edges = np.isin(mesh.side, sides)
-    inner, every = boundary[edges & np.roll(edges, 1)], boundary[edges | np.roll(edges, 1)]
-    forces = of_rest(mesh, Form(form.reaction), of.load, of.u) / np.sqrt(condensed.A.diagonal())
-    free = inner.size > 0 and np.linalg.norm(forces[inner]) <= allowed + ROUNDED * abs(off[worst])
-    how = "left free" if free else "not u_D" if of.u[every].any() else "0, not u_D,"
+    how = _how(of, np.isin(mesh.side, sides), allowed + ROUNDED * abs(off[worst]))
     on, (x, y) = ", ".join(map(str, sides)), mesh.points[worst]
     what = f"u is {how} on the clamped side{'s' * (len(sides) > 1)} {on}"
     yield Fault(what, f"u - u_D is {off[worst]:.2g} at ({x:g}, {y:g})")
+
+
+def _how(of: Residual, edges: Mask, allowed: float) -> str:
+    """What u is on those edges (nb,): left free if the equation holds at the nodes inside the sides, too."""
+    mesh, A = of.discrete.mesh, of.discrete.spaces.condensed.A
+    inner, every = (mesh.boundary[at] for at in (edges & np.roll(edges, 1), edges | np.roll(edges, 1)))
+    forces = of_rest(mesh, Form(of.discrete.form.reaction), of.load, of.u) / np.sqrt(A.diagonal())
+    if inner.size and np.linalg.norm(forces[inner]) <= allowed:
+        return "left free"
+    return "not u_D" if of.u[every].any() else "0, not u_D,"
 
 
 def renumbered(case: Case, plain: Residual, u_h: Array) -> Fault | None:

@@ -119,8 +119,9 @@ def test_this_projects_own_solution_scores_its_own_errors(own, run, folder, tmp_
     """By `Solution.errors`, which never saw a file; the norm of u is named."""
     _, _, solution = own(name)
     solution.save(tmp_path / f"own{ending}")
-    code, out, _ = run("score", folder(name), tmp_path / f"own{ending}")
-    assert (code, out.splitlines()[-1].partition(";")[0]) == (0, f"{name}: no fault was found")
+    code, out, _ = run("score", folder(name), tmp_path / f"own{ending}", "--html", tmp_path / "own.html")
+    assert (code, f"{name}: no fault was found; " in out) == (0, True)
+    assert ("u in |·|₁" if CASES[name][1] == 0 else "u in H¹") in (tmp_path / "own.html").read_text()
     assert ("u in |.|_1" in out, "u in H1" in out) == (CASES[name][1] == 0, CASES[name][1] == 1)
     code, out, _ = run("score", folder(name), tmp_path / f"own{ending}", "--json")
     (one,) = json.loads(out)["solutions"]
