@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from unilateral import __version__
 from unilateral.arrays import Array
-from unilateral.exchange.boundary_function import obstacle
+from unilateral.exchange.boundary_function import has_obstacle, obstacle
 from unilateral.exchange.score import Rate, Scored, at_boundary, error_in, sentences, texts, verdict
 from unilateral.problems.case import Case
 from unilateral.solution.plot import svg
@@ -115,7 +115,7 @@ def _boundary_drawn(case: Case, one: Scored) -> Figure:
     _, flux, gap = case.boundary(side, t)
     of_u = one.given.u[mesh.boundary] - obstacle(case, mesh)
     bottom.plot(mesh.s, np.append(of_u, of_u[0]), color=THEIRS, label="judged")
-    bottom.plot(s, gap, "--", color=EXACT, label="exact")
+    bottom.plot(s, np.where(has_obstacle(case, side), gap, np.nan), "--", color=EXACT, label="exact")
     if mu is not None:
         ends = np.column_stack([mu.cells.points[:-1], mu.cells.points[1:]]).ravel()
         top.plot(ends, mu.ends.ravel(), color=THEIRS, label="judged")
