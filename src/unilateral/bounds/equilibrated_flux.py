@@ -7,18 +7,16 @@ flux through the edges opposite to a, and
     q_a.n   = a linear function with the integral of psi_a sigma, on boundary edges at a,
 
 nearest to psi_a grad u_h in L2. On clamped edges q_a.n is free. If the form has no reaction, u_h is left out
-of u_h - f. The sum of the hats is 1 and that of their gradients 0, whence div q.
-Divergence and flux of a patch fit together because (u_h, psi_a) = (f, psi_a) + <sigma, psi_a>; what is left
-of that equation is spread evenly over the patch, and is found again in div q. At clamped edges they always
-fit (Braess and Schoeberl, Math.
-Comp. 77, 2008; Ern and Vohralik, SIAM J. Numer. Anal. 53, 2015).
+of u_h - f. The sum of the hats is 1 and that of their gradients 0, whence div q. Divergence and flux of a
+patch fit together because (u_h, psi_a) = (f, psi_a) + <sigma, psi_a>; what is left of that equation is spread
+evenly over the patch, and is found again in div q. At clamped edges they always fit (Braess and Schoeberl,
+Math. Comp. 77, 2008; Ern and Vohralik, SIAM J. Numer. Anal. 53, 2015).
 
 The triangles T_0, T_1, .. of a patch are anticlockwise around a, T_j = (a, b_j, b_{j+1}). The flux into T_j
 through the spoke from a to b_j, times its length, is linear, with the values F_j + z_j at a and F_j - z_j at
 b_j. The divergence determines F_{j+1} - F_j; the unknowns are all z_j and, where no flux into the patch is
 given, F_0. They solve a periodic tridiagonal system with a border, which is eliminated for many patches at
-once. A spoke has a
-number: 2 e + i goes from end i of edge e to the other one.
+once. A spoke has a number: 2 e + i goes from end i of edge e to the other one.
 
 q is given by its values on edges. So whatever rounding does to these values, q is in H(div), with that q.n up
 to their rounding.
@@ -45,8 +43,7 @@ class _Numbers(NamedTuple):
     """Numbers of the triangles T_j (k, p) of p patches.
 
     `area` is T, `d` is the integral of div q_a. With b and c for b_j and b_{j+1}, `bb`, `cc` and `bc` are T
-    times |grad psi_b|^2, |grad psi_c|^2 and grad psi_b . grad psi_c. `slope` (k + 1, p) is
-    u_h(b_j) - u_h(a).
+    times |grad psi_b|^2, |grad psi_c|^2 and grad psi_b . grad psi_c. `slope` (k + 1, p) is u_h(b_j) - u_h(a).
     """
 
     area: Array

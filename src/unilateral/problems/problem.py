@@ -37,8 +37,8 @@ class Problem(Rebuilt):
 
     `f` is a formula in x, y. `g` has one per side, which is not used on free sides; on `clamped_sides` it is
     what u is there. `q` has one per side, which is 0 on those that are not free; if `q` is empty, the flux is
-    0. Arrays that are `nodal` take their
-    place. The `title` is one line that says what problem it is. What is enclosed is told by `Data`.
+    0. Arrays that are `nodal` take their place. The `title` is one line that says what problem it is. What is
+    enclosed is told by `Data`.
     """
 
     name: str

@@ -56,10 +56,10 @@ class Bounds(NamedTuple):
     """Guaranteed bounds: ||u - u_h||_1 <= u and ||lambda - lambda_H||_{-1/2} <= multiplier.
 
     With coefficients ||v||_1 is the energy norm (k |v|_1^2 + c ||v||_0^2)^{1/2}, and the other norm is its
-    dual; `unknown` is the part of both that comes from how well f, g
-    and q could be enclosed. `relative_u` is `u` over a guaranteed lower bound on ||u||_1, rounded up, and
-    `relative_multiplier` is `multiplier` over one on ||lambda||_{-1/2}. Both are NaN where that lower bound
-    is 0: there the error may be as large as the solution.
+    dual; `unknown` is the part of both that comes from how well f, g and q could be enclosed. `relative_u` is
+    `u` over a guaranteed lower bound on ||u||_1, rounded up, and `relative_multiplier` is `multiplier` over
+    one on ||lambda||_{-1/2}. Both are NaN where that lower bound is 0: there the error may be as large as the
+    solution.
     """
 
     u: float
