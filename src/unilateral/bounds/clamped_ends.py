@@ -114,24 +114,29 @@ def inside_reach(mesh: Mesh, vertex: int, clamps: Clamps) -> Index:
     edges = np.flatnonzero(mesh.side == (vertex if forward else (vertex - 1) % mesh.polygon.n_sides))
     edges = edges if forward else edges[::-1]
     within = np.cumsum(np.diff(mesh.s)[edges]) <= clamps.ends.reach[vertex]
-    inner = edges[1:][within[1:]] if forward else edges[:-1][within[1:]]
-    return inner
+    return edges[1:][within[1:]] if forward else edges[:-1][within[1:]]
+
+
+def conflicts(part: Index, clamps: Clamps) -> list[tuple[int, int]]:
+    """The vertices between a clamped side and one with contact at which the part ends.
+
+    Each comes with the bound for which w cannot pass from one side to the other: 0 is that below, 1 above.
+    """
+    found, n = [], len(clamps.ends.reach)
+    for vertex in range(n):
+        pair = {vertex, (vertex - 1) % n}
+        inside, clamped = pair & {*part.tolist()}, pair & {*clamps.form.clamped}
+        if len(inside) == len(clamped) == 1 and not pair & {*clamps.free}:
+            found.append((vertex, int(inside != clamped)))
+    return found
 
 
 def missing(mesh: Mesh, part: Index, clamps: Clamps) -> tuple[float, float]:
-    """What the bounds below and above lack where the part ends at a vertex between clamp and contact."""
-    clamped, n, most = {*clamps.form.clamped}, mesh.polygon.n_sides, [0.0, 0.0]
-    for vertex in range(n):
-        pair = vertex, (vertex - 1) % n
-        on_clamp, on_contact = (
-            [side in part for side in pair if (side in clamped) == kind] for kind in (True, False)
-        )
-        held = [side for side in pair if side not in clamps.free]
-        if len(on_clamp) != 1 or len(held) != 2 or on_clamp == on_contact:
-            continue
-        reach, edges = clamps.ends.reach[vertex], np.diff(mesh.s)
-        at = place(mesh, vertex)
-        first = edges[at] if vertex not in clamped else edges[at - 1]
-        amount = clamps.ends.product / clamps.ends.gamma[vertex] if first <= reach else np.inf
-        most[0 if on_clamp[0] else 1] = max(most[0 if on_clamp[0] else 1], amount)
+    """What the bounds below and above lack where they conflict at the end of the part."""
+    most, edges = [0.0, 0.0], np.diff(mesh.s)
+    for vertex, which in conflicts(part, clamps):
+        first = edges[place(mesh, vertex) - (vertex in clamps.form.clamped)]
+        known = first <= clamps.ends.reach[vertex]
+        amount = clamps.ends.product / clamps.ends.gamma[vertex] if known else np.inf
+        most[which] = max(most[which], amount)
     return most[0], most[1]

@@ -36,7 +36,7 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
-from unilateral.bounds.clamped_ends import Clamps, inside_reach, missing, unclamped
+from unilateral.bounds.clamped_ends import Clamps, conflicts, inside_reach, missing, unclamped
 from unilateral.bounds.flux_residuals import SUMS
 from unilateral.bounds.force_mesh import condensed, extended
 from unilateral.fem.condense import Condensed
@@ -137,13 +137,9 @@ def _limits(mesh: Mesh, held: Index, part: Index, clamps: Clamps) -> tuple[Array
     at_on, at_off = on | np.roll(on, 1), off | np.roll(off, 1)
     c = np.where(at_on | at_off, 0.0, -np.inf)
     above, below = c + at_on, c - ~at_off
-    n, clamped = mesh.polygon.n_sides, np.isin(mesh.side, clamps.form.clamped)
-    for vertex in np.flatnonzero(clamps.ends.reach).tolist():
-        near = inside_reach(mesh, vertex, clamps)
-        side_before = (vertex - 1) % n in part
-        if side_before != (vertex in part):
-            clamped_in = vertex in part if vertex in clamps.form.clamped else side_before
-            (below if clamped_in else above)[near] -= 1.0
+    for vertex, which in conflicts(part, clamps):
+        (below, above)[which][inside_reach(mesh, vertex, clamps)] -= 1.0
+    clamped = np.isin(mesh.side, clamps.form.clamped)
     own = clamped & on
     value = (own | np.roll(own, 1)).astype(float)
     exact = clamped | np.roll(clamped, 1)

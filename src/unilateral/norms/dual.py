@@ -217,6 +217,13 @@ class Errors(NamedTuple):
         return f"Errors: ||u - u_h||_1 = {self.h1:.4g}, {of_lambda}"
 
 
+class ErrorsWithoutReaction(Errors):
+    """Errors where c = 0, of cases, which have k = 1: that of u is in the norm |v|_1."""
+
+    def __repr__(self) -> str:
+        return super().__repr__().replace("||u - u_h||_1", "|u - u_h|_1")
+
+
 def errors(
     case: Case, mesh: Mesh, u_h: Array, cells: Partition, lambda_H: Array, unique: bool, dual: bool
 ) -> Errors:
@@ -224,14 +231,13 @@ def errors(
 
     That in H^{-1/2} is judged only if `dual`, and those of lambda only if lambda_H is `unique`.
     """
-    h1 = h1_distance(case, mesh, u_h)
-    if not unique:
-        return Errors(h1, math.nan, math.nan, math.nan)
-    l2 = cell_means(case, cells).l2_error(lambda_H)
-    if not dual:
-        return Errors(h1, math.nan, math.nan, l2)
-    bounds = dual_norm(cells, [case]).of_error(case, lambda_H[None])
-    return Errors(h1, float(bounds.lower[0]), float(bounds.upper[0]), l2)
+    h1, l2, bounds = h1_distance(case, mesh, u_h), math.nan, (math.nan, math.nan)
+    if unique:
+        l2 = cell_means(case, cells).l2_error(lambda_H)
+    if unique and dual:
+        lower, upper = dual_norm(cells, [case]).of_error(case, lambda_H[None])
+        bounds = float(lower[0]), float(upper[0])
+    return (Errors if case.reaction else ErrorsWithoutReaction)(h1, *bounds, l2)
 
 
 def _root(squares: Array) -> Array:

@@ -15,6 +15,7 @@ import sympy
 
 import unilateral as ul
 from unilateral.bounds import feasible, local_bounds
+from unilateral.bounds.clamped_ends import conflicts, unclamped
 from unilateral.fem.form import Form, decoupled
 from unilateral.fem.p1 import gradients, stiffness_and_mass
 from unilateral.fem.quadrature import symmetric
@@ -354,3 +355,34 @@ def test_a_solver_of_a_case_with_other_data_keeps_its_clamped_sides() -> None:
     assert s.problem.reaction == 0
     x = s.mesh.points[np.isclose(s.mesh.points[:, 1], 1), 0]
     assert np.allclose(s.u_at(np.column_stack([x, np.ones_like(x)])), np.cos(np.pi * x) / 2, atol=1e-12)
+
+
+def test_errors_name_the_norm_that_they_are_in() -> None:
+    """|u - u_h|_1 where c = 0, as the bounds and the command line have it; control: c = 1."""
+    without, with_c = (
+        ul.solve(name, h=1 / 8, H=1 / 4).true_errors(dual=False) for name in ("clamped", "natural")
+    )
+    assert repr(without).startswith("Errors: |u - u_h|_1 = ")
+    assert repr(with_c).startswith("Errors: ||u - u_h||_1 = ")
+
+
+@pytest.mark.parametrize(
+    ("part", "free", "found"),
+    [
+        ([3], [], [(0, 0), (3, 0)]),
+        ([0], [], [(0, 1)]),
+        ([2], [], [(3, 1)]),
+        ([2, 3], [], [(0, 0)]),
+        ([2, 3], [0], []),
+        ([3, 0, 2], [], []),
+        ([1], [], []),
+    ],
+)
+def test_one_bound_conflicts_where_a_part_ends_between_clamp_and_contact(part, free, found) -> None:
+    """On a square clamped at side 3; vertex 0 is where sides 3 and 0 meet.
+
+    w = 1 on the part. If that is the clamp, w is too large beside it for the bound below; if it is the side
+    with contact, w = 0 on the clamp is too small for the one above. Free sides have no force.
+    """
+    clamps = unclamped(4)._replace(form=Form(0.0, (3,)), free=free)
+    assert conflicts(np.array(part), clamps) == found
