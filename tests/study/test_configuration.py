@@ -251,7 +251,7 @@ SAID = [
     ),
     (
         ("scenes.quick.side", 4),
-        "scenes.quick.cases[0]: case 'natural': 'square' has the sides 0 to 3, not 4",
+        "scenes.quick.cases[0]: case 'natural': the polygon has the sides 0 to 3, not 4",
     ),
     (
         ("rates.cases.vertex", REMOVED),
@@ -367,7 +367,7 @@ def test_a_pattern_holds_to_the_very_end_and_says_what_it_asks_for():
     ("contents", "said"),
     [
         (("stop: 1\n", "stop: 1\n"), r"1\.yaml, field stop: .*0\.yaml has it, too; leave one of them out"),
-        (("stop: 1\nstop: 2\n",), r"0\.yaml is not a YAML file: the field 'stop' is given twice"),
+        (("stop: 1\nstop: 2\n",), r"0\.yaml: 'stop' is given twice, again in line 2; give it once"),
         (("stop: [1\n",), r"0\.yaml is not a YAML file: "),
         (("",), r"0\.yaml has no fields; it has to hold a mapping"),
         (("- 1\n",), r"0\.yaml has no fields; it has to hold a mapping"),

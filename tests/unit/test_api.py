@@ -406,10 +406,13 @@ def test_what_does_not_fit_together_is_refused(arguments, message):
         (lambda: ul.load("a\0.yaml"), "is no name"),
         (lambda: ul.case(None), "None is no name; give a text such as 'natural'"),
         (lambda: ul.case("natural", SQUARE), "is no name; give a text such as 'square'"),
-        (lambda: ul.case("natural", side="a"), "side: 'a' is no side; sides are whole numbers, from 0 on"),
-        (lambda: ul.case("natural", side=1.5), "side: 1.5 is no side"),
-        (lambda: ul.case("natural", free_sides=3), "free_sides: it is 3; it has to be a list of sides"),
-        (lambda: ul.case("natural", free_sides=[1.0]), "free_sides: 1.0 is no side"),
+        (lambda: ul.case("natural", side="a"), "side: the polygon has the sides 0 to 3, not 'a'; a side"),
+        (lambda: ul.case("natural", side=1.5), "side: the polygon has the sides 0 to 3, not 1.5"),
+        (lambda: ul.case("natural", free_sides=3), "free sides: it is 3; it has to be a list of sides"),
+        (
+            lambda: ul.case("natural", free_sides=[1.0]),
+            "free sides: the polygon has the sides 0 to 3, not 1.0",
+        ),
         (lambda: ul.Stop(fraction="x"), "fraction is 'x'; it has to be a number"),
         (lambda: ul.Stop(fraction=True), "fraction is True; it has to be a number"),
         (lambda: ul.Stop(fraction=None), "fraction is None; it has to be a number"),
@@ -452,12 +455,15 @@ def test_a_limit_that_leaves_no_result_is_an_error_of_its_own():
     assert issubclass(ul.BudgetError, ul.InputError)
 
 
+NO_SIDES = (-1, 4, 1.5, "1", "left", True, None)
+
+
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
         ({"f": "x+"}, "problem, field f: 'x+' is not a formula in x, y"),
         ({"f": None}, "problem, field f: there is no formula; write 0 where there is none"),
-        ({"g": None}, "there is no formula, and side 0 is not free"),
+        ({"g": None}, "there is no formula, and side 0 is neither free nor clamped"),
         ({"g": [0, 0]}, "problem, field g: 2 formulas for 4 sides"),
         ({"g": [np.hypot, 0]}, "problem, field g: 2 formulas for 4 sides"),
         (
@@ -496,19 +502,59 @@ def test_a_limit_that_leaves_no_result_is_an_error_of_its_own():
         ({"g": {0: 0}}, "field g: it is {0: 0}"),
         ({"free_sides": 3}, "field free_sides: it is 3; it has to be a list of sides, such as [0, 2]"),
         ({"free_sides": "1"}, "field free_sides: it is '1'; it has to be a list of sides"),
-        ({"free_sides": ["1"]}, "field free_sides: '1' is no side; sides are whole numbers, from 0 on"),
-        ({"free_sides": [1.5]}, "field free_sides: 1.5 is no side"),
-        ({"free_sides": [True]}, "field free_sides: True is no side"),
-        ({"free_sides": [-1]}, "-1 is less than the minimum of 0"),
+        ({"free_sides": ["1"]}, "field free_sides: the polygon has the sides 0 to 3, not '1'; a side"),
+        ({"free_sides": [1.5]}, "field free_sides: the polygon has the sides 0 to 3, not 1.5"),
+        ({"free_sides": [True]}, "field free_sides: the polygon has the sides 0 to 3, not True"),
+        ({"free_sides": [-1]}, "field free_sides: the polygon has the sides 0 to 3, not -1"),
+        *[
+            ({"u": {side: 0}}, f"field u: the polygon has the sides 0 to 3, not {side!r}")
+            for side in NO_SIDES
+        ],
+        (
+            {"u": {1: 0}, "free_sides": [1]},
+            "field free_sides: side 1 is clamped; leave it out, or take it out",
+        ),
+        ({"u": {1: 0}, "g": [0] * 4}, "field g[1]: side 1 is clamped; write null, or take it out of u"),
+        ({"u": {1: 0}, "q": [None, np.hypot, None, None]}, "field q[1]: side 1 is clamped; write null"),
+        (
+            {"u": {1: "None"}},
+            "field u[1]: 'None' is no formula; write what u is there, such as 0, or leave the",
+        ),
+        ({"u": {1: lambda x, y: np.inf}}, "field u[1]: the function is inf at (1, 0)"),
         ({"k": math.nan}, "field k: it is nan; it has to be a finite number"),
         ({"k": lambda x, y: 1}, "field k: it is <function"),
         ({"c": None}, "field c: it is null; it has to be an exact number"),
         ({"name": None}, "name is None; it has to be a text"),
         ({"name": ""}, "name is ''; it has to be a text"),
-        ({"f": np.hypot, "g": [None, 0, 0, 0]}, "there is no formula, and side 0 is not free"),
+        (
+            {"f": np.hypot, "g": [None, 0, 0, 0]},
+            "there is no formula, and side 0 is neither free nor clamped",
+        ),
     ],
 )
 def test_a_bad_problem_is_refused_in_one_sentence(fields, message):
     given = {"polygon": SQUARE, "f": -1, "g": 0} | fields
     with pytest.raises(ul.InputError, match=re.escape(message)):
         ul.Problem(**given)
+
+
+@pytest.mark.parametrize("k", [1, 2])
+def test_a_given_u_that_is_infinite_inside_a_side_is_named(k):
+    """Around (1/2, 0) on side 0; control: the same function as a g is named g."""
+
+    def pole(x, y):
+        return np.where(abs(x - 0.5) < 0.1, -np.inf, -1)
+
+    for field, data in (("u", {"g": -9, "u": {0: pole}}), ("g", {"g": [pole, -1, -1, -1]})):
+        problem = ul.Problem(SQUARE, -1, **data, k=k)
+        with pytest.raises(ul.InputError, match=rf"field {field}\[0\]: the function is -inf at \(0"):
+            ul.solve(problem, h=1 / 8, H=1 / 4)
+
+
+def test_parts_of_the_boundary_are_sides_that_there_are():
+    """Control: each side once, in any order."""
+    s = ul.solve(ul.Problem(SQUARE, -1, 0), **SIZES)
+    for sides, said in (([4], "not 4"), ([-1], "not -1"), ([1, 1], "side 1 is given twice; give it once")):
+        with pytest.raises(ul.InputError, match=f"sides: .*{said}"):
+            s.force(sides=sides)
+    assert s.force(sides=[2, 1]) == s.force(sides=[1, 2])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
+from collections import Counter
 from collections.abc import Iterable
 from decimal import Decimal
 from fractions import Fraction
@@ -55,27 +56,29 @@ def number(given: Any, where: str) -> Any:
     return given
 
 
-def sides(given: object, where: str) -> list[int]:
-    """The numbers of sides; None is none."""
+def sides(given: object, n: int, where: str) -> list[int]:
+    """The numbers of some of n sides; None is none."""
     try:
-        if given is None:
-            return []
-        if not isinstance(given, Iterable) or isinstance(given, str):
+        if not isinstance(given, Iterable | None) or isinstance(given, str):
             raise TypeError
-        return [side(each, where) for each in given]
+        found = [side(each, n, where) for each in ([] if given is None else given)]
     except TypeError:
         raise InputError(
             f"{where}: it is {shown(repr(given))}; it has to be a list of sides, such as [0, 2]"
         ) from None
+    twice = [each for each, times in Counter(found).items() if times > 1]
+    if twice:
+        raise InputError(f"{where}: side {twice[0]} is given twice; give it once")
+    return found
 
 
-def side(given: Any, where: str) -> int:
-    """The number of a side."""
+def side(given: Any, n: int, where: str) -> int:
+    """The number of one of n sides."""
+    found, kind = -1, ""
     try:
-        if isinstance(given, bool):
-            raise TypeError
-        return operator.index(given)
+        found = operator.index(None if isinstance(given, bool) else given)
     except TypeError:
-        raise InputError(
-            f"{where}: {shown(repr(given))} is no side; sides are whole numbers, from 0 on"
-        ) from None
+        kind = "; a side is a whole number"
+    if not 0 <= found < n:
+        raise InputError(f"{where}: the polygon has the sides 0 to {n - 1}, not {shown(repr(given))}{kind}")
+    return found

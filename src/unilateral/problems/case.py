@@ -30,6 +30,7 @@ from unilateral.formulas.taylor import Model, joined
 from unilateral.formulas.taylor_enclosures import Steps
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
+from unilateral.problems import arguments
 from unilateral.problems.atoms import Along, Smooth, T
 from unilateral.problems.cantor_atom import Cantor
 from unilateral.problems.case_builder import Atom, Builder, constants_of
@@ -273,8 +274,7 @@ def declared_on(
     where = f"case '{name}'"
     if declaration["polygons"] != "any" and polygon.name not in declaration["polygons"]:
         raise InputError(f"{where} is for {', '.join(declaration['polygons'])}, not for '{polygon.name}'")
-    if not 0 <= side < polygon.n_sides:
-        raise InputError(f"{where}: '{polygon.name}' has the sides 0 to {polygon.n_sides - 1}, not {side}")
+    arguments.side(side, polygon.n_sides, where)
     constants = constants_of(declaration, polygon, where)
     build = Builder(where, polygon, side, constants)
     atoms = tuple(build.atom(entry, f"{where}, u[{i}]") for i, entry in enumerate(declaration["u"]))

@@ -17,6 +17,7 @@ import numpy as np
 from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.formulas.formula import compile_numpy
+from unilateral.problems import arguments
 from unilateral.problems.case import Case
 from unilateral.problems.problem import contact_sides
 
@@ -184,9 +185,7 @@ def with_free_sides(case: Case, free: Sequence[int]) -> Case:
     Raises InputError for sides that do not exist or have contact, and if all sides would be free.
     """
     contact, n = {side for side, _, _ in certify(case).contact}, case.polygon.n_sides
-    for side in free:
-        if not 0 <= side < n:
-            raise InputError(f"free sides: '{case.polygon.name}' has the sides 0 to {n - 1}, not {side}")
+    for side in arguments.sides(free, n, "free sides"):
         if side in case.values:
             raise InputError(f"free sides: case '{case.name}' is clamped on side {side}")
         if side in contact:

@@ -20,9 +20,11 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import arguments, nodal, problem_file
 from unilateral.problems.data import is_case
+from unilateral.problems.data_checks import check, check_vertices
 from unilateral.problems.nodal import Nodal, NodalTrace, NodalTraces
 from unilateral.problems.problem import Problem, contact_sides
-from unilateral.problems.sampled import Function, Sampled, check_arguments, check_vertices
+from unilateral.problems.sampled import Function, Sampled, check_arguments
+from unilateral.problems.side_fields import ends_of, on_sides, plain, trace
 from unilateral.system.copies import Rebuilt
 from unilateral.system.files import path_of
 from unilateral.system.optional import require
@@ -82,9 +84,9 @@ def case(
         polygon = "square" if polygons == "any" else polygons[0]
     on = polygon if isinstance(polygon, Polygon) else str(path_of(polygon, "square"))
     domain = problem_file.polygon_of(on) if isinstance(on, str) else on
-    found = cases.load(given, domain, arguments.side(side, "side"))
+    found = cases.load(given, domain, arguments.side(side, domain.n_sides, "side"))
     certify(found)
-    free = arguments.sides(free_sides, "free_sides")
+    free = arguments.sides(free_sides, domain.n_sides, "free sides")
     return with_free_sides(found, free) if free else found
 
 
@@ -134,10 +136,10 @@ def bare(
     vertices = arguments.vertices(polygon, f"{name}, field polygon")
     fields = {
         "polygon": vertices.tolist(),
-        "free_sides": arguments.sides(free_sides, f"{name}, field free_sides"),
+        "free_sides": arguments.sides(free_sides, len(vertices), f"{name}, field free_sides"),
         "k": arguments.number(k, f"{name}, field k"),
         "c": arguments.number(c, f"{name}, field c"),
-        "u": {str(arguments.side(side, f"{name}, field u")): 0 for side in clamped},
+        "u": {str(side): 0 for side in arguments.sides(clamped, len(vertices), f"{name}, field u")},
     }
     found = problem_file.made(fields | {"f": 0, "g": 0}, name, name)
     return replace(found, polygon=mesh.polygon, nodal=Nodal(mesh)) if mesh else found
@@ -198,7 +200,7 @@ def with_data(
     found = Problem(f=formulas[0], g=formulas[1], q=formulas[2], title=title, **common)
     if isinstance(of, Problem) and q is None:
         vars(found)["enclosed_flux"] = of.enclosed_flux
-    problem_file.check(found, name)
+    check(found, name)
     return found
 
 
@@ -221,7 +223,9 @@ def _read_sides(
         given = _checked(given, where)
     # The same checks of sides as for formulas, with a number in place of the others.
     numbers = [_placeholder(each) for each in ([given] if listed is None else listed)]
-    found: list[Read] = [*problem_file.on_sides(field, numbers[0] if listed is None else numbers, of, where)]
+    to_read = numbers[0] if listed is None else numbers
+    on = ends_of(of.polygon), of.free_sides, of.clamped_sides
+    found: list[Read] = [*on_sides(field, to_read, *on, where)]
     for side in kept:
         found[side] = _read(of.g[side])
     for side in of.free_sides if field == "q" else contact_sides(of.polygon, of.free_sides, kept):
@@ -239,11 +243,9 @@ def _read_trace(of: Problem | Sampled, given: Given, mesh: Mesh | None, side: in
     given = _checked(given, where)
     if nodal.is_array(given):
         return nodal.trace(mesh, given, side, where)
-    return (
-        given
-        if callable(given)
-        else problem_file.trace(given, problem_file.ends_of(of.polygon)[side], side, where)
-    )
+    if callable(given):
+        return given
+    return trace(plain(given, where, "u"), ends_of(of.polygon)[side], side, where)
 
 
 def _on(sides: Sequence[int], traces: NodalTraces) -> dict[int, NodalTrace]:

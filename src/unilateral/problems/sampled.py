@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -17,11 +17,6 @@ from unilateral.problems.units import Units
 from unilateral.system.copies import Rebuilt
 
 Function = Callable[[Array, Array], Array]
-JUMP = 2.0**-26
-"""A jump up to this part of the largest |g| at a vertex may come from rounding.
-
-This allows for functions that keep half of the digits.
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +67,11 @@ class Sampled(Rebuilt):
         functions = {i: self.q[i] for i in self.free_sides if self.q}
         return self._on_sides(functions, self.nodal.q, "q", side, s)
 
+    def place(self, field: str, side: int) -> str:
+        """The place of g or q on a side, as messages name it; what stands in g on clamped sides is u."""
+        named = "u" if field == "g" and side in self.clamped_sides else field
+        return f"{self.name}, field {named}[{side}]"
+
     def _on_sides(
         self, functions: Mapping[int, Function], traces: NodalTraces, name: str, side: Index, s: Array
     ) -> Array:
@@ -81,7 +81,7 @@ class Sampled(Rebuilt):
             if i in traces:
                 numbers[here] = traces[i].at(s[here] / self.polygon.lengths[i])
             else:
-                numbers[here] = values(functions[i], points[here], f"{self.name}, field {name}[{i}]")
+                numbers[here] = values(functions[i], points[here], self.place(name, i))
         return numbers
 
     @property
@@ -89,52 +89,6 @@ class Sampled(Rebuilt):
         """(k,) the arc lengths of the nodes inside the sides where g is given by arrays."""
         starts, lengths = self.polygon.starts, self.polygon.lengths
         return np.concatenate([[], *(starts[i] + lengths[i] * of.cuts for i, of in self.nodal.g.items())])
-
-
-def check_vertices(of: Sampled) -> None:
-    """Raises InputError where g or u jumps at a vertex, or u < g: then no u in H^1 has that trace."""
-    n, v, traces = of.polygon.n_sides, of.polygon.vertices, of.nodal.g
-    held = [side for side in range(n) if side not in of.free_sides]
-    ends = {
-        i: traces[i].values[[0, -1]]
-        if i in traces
-        else values(of.g[i], v[[i, (i + 1) % n]], f"{of.name}, field g[{i}]")
-        for i in held
-    }
-    largest = max((float(np.abs(each).max()) for each in ends.values()), default=0.0)
-    for side, before in ((side, (side - 1) % n) for side in held if (side - 1) % n in ends):
-        values_there = (before, ends[before][1]), (side, ends[side][0])
-        check_vertex(of.name, of.polygon, of.clamped_sides, *values_there, JUMP * largest)
-
-
-def check_vertex(
-    name: str,
-    polygon: Polygon,
-    clamped: Collection[int],
-    last: tuple[int, float],
-    first: tuple[int, float],
-    allowed: float,
-) -> None:
-    """Raises InputError unless what is given on two sides fits together at the vertex between them.
-
-    `last` is a side and what is given at its end, `first` the next one and what is given where it begins.
-    Both are g or both u, and alike; or u is at least g. They may be off by what is `allowed`.
-    """
-    (before, end), (side, start) = last, first
-    if (before in clamped) == (side in clamped):
-        if abs(start - end) > allowed:
-            raise InputError(
-                f"{name}, field {'u' if side in clamped else 'g'}: it jumps at vertex {side}, from {end:.6g} "
-                f"on side {before} to {start:.6g} on side {side}; it has to be continuous"
-            )
-        return
-    (of_u, u), (of_g, g) = (last, first) if before in clamped else (first, last)
-    if u < g - allowed:
-        x, y = polygon.vertices[side]
-        raise InputError(
-            f"{name}, field u: at vertex {side}, ({x:.6g}, {y:.6g}), u is {u:.6g} on side {of_u}, which is "
-            f"clamped, but g is {g:.6g} on side {of_g}; u >= g has to hold there"
-        )
 
 
 def check_arguments(function: Function, where: str) -> None:

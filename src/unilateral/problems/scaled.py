@@ -133,7 +133,7 @@ def _scaled_functions(of: Sampled) -> Sampled:
     """The problem for v with functions; messages on what they refuse name the user's points."""
     f = _moved(of, of.f, f"{of.name}, field f", of.units.load)
     g, q = (
-        tuple(_moved(of, each, f"{of.name}, field {name}[{i}]", unit) for i, each in enumerate(functions))
+        tuple(_moved(of, each, of.place(name, i), unit) for i, each in enumerate(functions))
         for name, functions, unit in (("g", of.g, of.units.value), ("q", of.q, of.units.flux))
     )
     nodal = of.nodal.scaled(of.units.load, of.units.value, of.units.flux)

@@ -285,9 +285,7 @@ class Solution:
         array([3.68,  nan])
         """
         cells, polygon, s = self.partition, self.mesh.polygon, floats(t, "t")
-        side = arguments.side(side, "side")
-        if not 0 <= side < polygon.n_sides:
-            raise InputError(f"side {side}: the sides of '{polygon.name}' are 0 to {polygon.n_sides - 1}")
+        side = arguments.side(side, polygon.n_sides, "side")
         of = np.flatnonzero(cells.side == side)
         starts = cells.points[of] - polygon.starts[side]
         on = (s >= 0) & (s <= polygon.lengths[side])
@@ -423,7 +421,7 @@ class Solution:
         n, clamped = self.polygon.n_sides, self.problem.clamped_sides
         if sides is None:
             return self._forces(sharp, [[side for side in range(n) if side not in clamped]])[0]
-        part = arguments.sides(sides, "sides")
+        part = arguments.sides(sides, n, "sides")
         for row in clamped_rows(n, clamped):
             if 0 < len({*row} & {*part}) < len(row):
                 raise InputError(

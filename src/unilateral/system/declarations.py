@@ -27,6 +27,8 @@ MAX_DEPTH = 10
 """Lists and fields are at most this deep in each other; no schema needs half of it."""
 MAX_DIGITS = 18
 """Whole numbers have at most this many digits: any of these fits into 64 bits."""
+INTEGER = re.compile(rf"[-+]?(0|[1-9][0-9]{{0,{MAX_DIGITS - 1}}})\Z")
+"""What is read as a whole number."""
 WRITE = {"integer": "a whole number such as 3", "boolean": "true or false"}
 
 
@@ -79,7 +81,8 @@ def validate(declaration: Any, schema: Traversable, name: str) -> dict[str, Any]
 
     fault = best_match(_validator(schema).iter_errors(declaration))  # type: ignore[arg-type]
     if fault is not None:
-        place = ", field " + shown(fault.json_path.removeprefix("$.")) if fault.path else ""
+        path = fault.json_path.removeprefix("$.").replace("['", "[").replace("']", "]")
+        place = f", field {shown(path)}" if fault.path else ""
         raise InputError(f"{name}{place}: {_said(fault)}")
     return declaration
 
@@ -169,7 +172,7 @@ class _Loader(Composer, CParser, SafeConstructor, Resolver):
             if not isinstance(key, yaml.ScalarNode):
                 raise _RefusedError(f"the name of the field {_line(key)} is not a text")
             if key.value in seen:
-                raise yaml.YAMLError(f"the field '{shown(key.value)}' is given twice")
+                raise _RefusedError(f"'{shown(key.value)}' is given twice, again {_line(key)}; give it once")
             seen.add(key.value)
             key.tag = "tag:yaml.org,2002:str"
         return super().construct_mapping(node, deep)
@@ -181,11 +184,11 @@ class _WithFloats(_Loader):
 
 _WithFloats.yaml_implicit_resolvers = {}
 for _tag, _pattern, _first in (
-    ("null", "~|null|", ["~", "n", ""]),
-    ("bool", "true|false", ["t", "f"]),
-    ("int", f"[-+]?(0|[1-9][0-9]{{0,{MAX_DIGITS - 1}}})", list("-+0123456789")),
+    ("null", re.compile(r"(~|null|)\Z"), ["~", "n", ""]),
+    ("bool", re.compile(r"(true|false)\Z"), ["t", "f"]),
+    ("int", INTEGER, list("-+0123456789")),
 ):
     for _loader in (_Loader, _WithFloats):
-        _loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"({_pattern})\Z"), _first)
+        _loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", _pattern, _first)
 _FLOAT = re.compile(r"[-+]?([0-9]+\.[0-9]*|\.[0-9]+|[0-9]+(?=[eE]))([eE][-+]?[0-9]+)?\Z")
 _WithFloats.add_implicit_resolver("tag:yaml.org,2002:float", _FLOAT, list("-+.0123456789"))

@@ -16,9 +16,9 @@ from unilateral.bounds import flux_residuals
 from unilateral.bounds.flux_residuals import UNDERFLOW
 from unilateral.errors import InputError
 from unilateral.geometry.mesh import Mesh
-from unilateral.problems import problem_file
+from unilateral.problems import data_checks
 from unilateral.problems.atoms import X
-from unilateral.problems.problem_file import LARGEST, SMALLEST
+from unilateral.problems.data_checks import LARGEST, SMALLEST
 
 
 def square(length: float) -> list[list[float]]:
@@ -88,7 +88,7 @@ def test_data_beyond_are_refused() -> None:
 @pytest.mark.parametrize("size", [2.0**-560, 2.0**-900])
 def test_squares_that_vanish_are_bounded(size: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Were such data not refused, and as they may be on a part of the polygon. Control: nothing is added."""
-    monkeypatch.setattr(problem_file, "ALMOST_ZERO", 1.0)
+    monkeypatch.setattr(data_checks, "ALMOST_ZERO", 1.0)
 
     def found() -> ul.Solution:
         of = problem("cosine", repr(size))

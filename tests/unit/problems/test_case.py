@@ -403,7 +403,7 @@ def test_bad_fields_are_named(declared, changed, said):
     [
         *[("natural", "square", side, "on 'square' at (") for side in (1, 2, 3)],  # there is lambda > 0 below
         ("natural", "lshape", 0, "is for square, not for 'lshape'"),
-        *[("thirds", "square", side, f"'square' has the sides 0 to 3, not {side}") for side in (4, -1)],
+        *[("thirds", "square", side, f"the polygon has the sides 0 to 3, not {side}") for side in (4, -1)],
         ("unnatural", "square", 0, "case 'unnatural' is unknown; known are borderline_0.05,"),
         ("nowhere.yaml", "square", 0, "there is no file nowhere.yaml"),
     ],

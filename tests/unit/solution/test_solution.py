@@ -104,12 +104,14 @@ def test_what_cannot_be_evaluated_is_refused(shelter):
             with pytest.raises(ul.InputError, match=r"points: .* has to be an array of real numbers"):
                 at(of)
     for side in ("a", None, 1.5, True, [0, 1]):
-        with pytest.raises(ul.InputError, match=r"side: .* is no side; sides are whole numbers, from 0 on"):
+        with pytest.raises(
+            ul.InputError, match=r"side: the polygon has .* 0 to 4, not .*; a side is a whole n"
+        ):
             shelter.lambda_at(side, 0)
     for t in ("a", 1j, [[0], [0, 1]]):
         with pytest.raises(ul.InputError, match=r"t: .* has to be an array of real numbers"):
             shelter.lambda_at(0, t)
-    with pytest.raises(ul.InputError, match="side 5: the sides of 'shelter' are 0 to 4"):
+    with pytest.raises(ul.InputError, match="side: the polygon has the sides 0 to 4, not 5"):
         shelter.lambda_at(5, 0)
 
 

@@ -67,9 +67,9 @@ REFUSED = {
     "fields": ("".join(f"k{i}: 1\n" for i in range(12_000)), "it has more than 10000 values"),
     "bytes": ("#" * 200_001, "own.yaml has more than 200000 bytes"),
     "a list as a name": ("? [1]\n: 2", "the name of the field in line 1 is not a text"),
-    "a field twice": ("b: 1\nb: 2", "the field 'b' is given twice"),
-    "a long field twice": (f"? {'b' * 1000}\n: 1\n" * 2, f"the field '{'b' * 57}...' is given twice"),
-    "a number twice": ("1: 1\n'1': 2", "the field '1' is given twice"),
+    "a field twice": ("b: 1\nb: 2", ": 'b' is given twice, again in line 2; give it once"),
+    "a long field twice": (f"? {'b' * 1000}\n: 1\n" * 2, f"'{'b' * 57}...' is given twice"),
+    "a number twice": ("1: 1\n'1': 2", "'1' is given twice, again in line 2"),
 }
 
 

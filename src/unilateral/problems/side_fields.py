@@ -1,0 +1,128 @@
+"""The fields of a problem that are given by sides: free_sides, g, q and u, with formulas in x and y."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from fractions import Fraction
+from typing import Any
+
+from unilateral.errors import InputError
+from unilateral.formulas.expression import ZERO, Expression, atoms_in, has_root, variable
+from unilateral.formulas.expression import number as exact
+from unilateral.formulas.formula import kinks, parse, substituted
+from unilateral.formulas.grammar import NO_LOG, NO_ROOT
+from unilateral.geometry.polygon import Polygon
+from unilateral.problems import arguments
+from unilateral.system.declarations import INTEGER
+
+Ends = tuple[list[Expression], list[Expression]]
+NOTHING = ("none", "null", "nil")
+"""What people write for no formula, in small or large letters."""
+INSTEAD = {
+    "f": "write 0 where there is none",
+    "g": "in a list write null for a side that is named in free_sides or in u",
+    "q": "write 0 where there is none, or in a list null",
+    "u": "write what u is there, such as 0, or leave the side out",
+}
+"""What to write in place of such a word."""
+
+
+def without_contact(
+    declaration: dict[str, Any], n: int, where: str
+) -> tuple[tuple[int, ...], dict[int, Any]]:
+    """The free sides of n, and what u is on each clamped one, in their order.
+
+    Raises InputError, beginning with `where`, for what is no side, is given twice or is both.
+    """
+    free, given = declaration.get("free_sides", []), declaration.get("u", {})
+    free = arguments.sides(free, n, f"{where}, field free_sides")
+    keys = [int(key) if INTEGER.match(key) else key for key in given]
+    clamped = dict(zip(arguments.sides(keys, n, f"{where}, field u"), given.values(), strict=True))
+    for side in free:
+        _check_not_clamped(side, clamped, f"{where}, field free_sides", "leave it out")
+    return tuple(sorted(free)), dict(sorted(clamped.items()))
+
+
+def _check_not_clamped(side: int, clamped: Collection[int], where: str, instead: str) -> None:
+    if side in clamped:
+        raise InputError(f"{where}: side {side} is clamped; {instead}, or take it out of u")
+
+
+def on_sides(
+    field: str, given: Any, ends: list[Ends], free: Collection[int], clamped: Collection[int], where: str
+) -> list[Expression]:
+    """The field g or q on every side as a formula in x, y, 0 on sides without one; see `problem_file.made`.
+
+    One formula is for all sides that have one. The sides lie between the `ends`.
+    """
+    listed, sides = isinstance(given, list), range(len(ends))
+    if listed and len(given) != len(ends):
+        raise InputError(
+            f"{where}: {len(given)} formulas for {len(ends)} sides; give one for all, or one per side"
+        )
+    places = [f"{where}[{side}]" if listed else where for side in sides]
+    for side in sides if listed else ():
+        _check_listed(field, given[side], side, free, clamped, places[side])
+    each = [plain(given[side], places[side], field) for side in sides] if listed else []
+    formulas = each or [plain(given, where, field)] * len(ends)
+    if field == "q":
+        if not listed and not free and formulas[0].rational != 0:
+            raise InputError(f"{where}: no side is free; name those with a given flux in free_sides")
+        return [formulas[side] if side in free else ZERO for side in sides]
+    without = {*free, *clamped}
+    return [
+        ZERO if side in without else trace(formulas[side], ends[side], side, places[side]) for side in sides
+    ]
+
+
+def _check_listed(
+    field: str, text: object, side: int, free: Collection[int], clamped: Collection[int], where: str
+) -> None:
+    """Raises InputError for a formula of a list that its side has no use for, and for one that is missing."""
+    if text is not None:
+        _check_not_clamped(side, clamped, where, "write null")
+    if text is not None and field == "q" and side not in free:
+        raise InputError(f"{where}: side {side} is not free; write null, or name it in free_sides")
+    if text is None and field == "g" and side not in {*free, *clamped}:
+        raise InputError(
+            f"{where}: there is no formula, and side {side} is neither free nor clamped; write one, or name "
+            "the side in free_sides or in u"
+        )
+
+
+def trace(formula: Expression, ends: Ends, side: int, where: str) -> Expression:
+    """g or u on a side between two `ends`, a formula in x, y that is Lipschitz there, or InputError."""
+    if not atoms_in(formula, "pos"):
+        return formula
+    (x0, y0), (x1, y1) = ends
+    t = variable("t")
+    on_side = {"x": x0 + t * (x1 - x0), "y": y0 + t * (y1 - y0)}
+    along = substituted(formula, on_side, f"{where}, on side {side}")
+    try:
+        powers = [k for t, k in kinks(along, "t") if 0 <= t <= 1]
+    except ValueError as error:
+        raise InputError(f"{where}: {error}") from None
+    if any(k < 1 for k in powers):
+        raise InputError(f"{where}: a power of pos below 1 on side {side}; it must be Lipschitz")
+    return formula
+
+
+def ends_of(polygon: Polygon) -> list[Ends]:
+    """The exact coordinates of the two ends of every side."""
+    vertices = [[exact(Fraction(repr(x))) for x in vertex] for vertex in polygon.vertices.tolist()]
+    return [*zip(vertices, vertices[1:] + vertices[:1], strict=True)]
+
+
+def plain(text: object, where: str, field: str) -> Expression:
+    """A formula in x, y without logarithms and roots, 0 for None.
+
+    Raises InputError for a word that says that there is no formula, too.
+    """
+    if isinstance(text, str) and text.strip().lower() in NOTHING:
+        raise InputError(f"{where}: '{text}' is no formula; {INSTEAD[field]}")
+    formula = parse(0 if text is None else text, ("x", "y"), where)
+    if atoms_in(formula, "log"):
+        raise InputError(f"{where}: {NO_LOG}")
+    if has_root(formula):
+        raise InputError(f"{where}: {NO_ROOT}")
+    return formula
