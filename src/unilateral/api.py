@@ -35,6 +35,7 @@ from unilateral.problems.scaled import scaled
 from unilateral.solution.sizes import KINDS, Size, check_kind, number
 from unilateral.solution.solution import Solution
 from unilateral.solution.solver import Solver, check_stop, tell_faults
+from unilateral.solution.summary import LINEAR
 from unilateral.solvers.stop import Stop
 from unilateral.system.files import path_of
 
@@ -208,6 +209,10 @@ def solve(
         raise InputError(f"'{problem.name}': f, g and q must be formulas, or no accuracy can be guaranteed")
     if not isinstance(norm, str) or norm not in NORMS:
         raise InputError(f"the norm '{norm}' is none of {', '.join(NORMS)}")
+    if norm == "hm12" and not problems.contact_sides(
+        problem.polygon, problem.free_sides, problem.clamped_sides
+    ):
+        raise InputError(f"'{problem.name}': {LINEAR}; ask for an accuracy of u, in the norm h1")
     if not 0 < accuracy < math.inf:
         raise InputError(f"the accuracy {accuracy:g} must be a positive number, such as 1e-2")
     if accuracy >= 1 and not absolute:

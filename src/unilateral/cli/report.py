@@ -122,11 +122,8 @@ def _errors(found: dict[str, Any], unique: bool, names: Named) -> dict[str, str]
         dual = " is left out, because it takes longer than the solve; in Python: s.errors"
     if not _unknown(found["hm12_error_upper"]):
         dual += f", <= {number('hm12_error_upper', up)}"
-    return {
-        names.h1: f" = {number('h1_error')}",
-        names.hm12: dual,
-        "||lambda - lambda_H||_0": f" = {number('l2_error')}",
-    }
+    of_lambda = {names.hm12: dual, "||lambda - lambda_H||_0": f" = {number('l2_error')}"}
+    return {names.h1: f" = {number('h1_error')}"} | (of_lambda if found["multipliers"] else {})
 
 
 def level_head(name: str, first: Level, units: Units) -> str:

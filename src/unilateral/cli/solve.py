@@ -234,7 +234,7 @@ def _tell_faults(search: Search) -> None:
 def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float]] | None:
     """The forces over the boundary and over each side with multipliers, and the reactions on clamped sides.
 
-    None for more than SIDES sides.
+    None for more than SIDES sides, and where all are free.
     """
     n_sides, cells = found.mesh.polygon.n_sides, found.partition
     if n_sides > SIDES:
@@ -243,4 +243,4 @@ def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float]] | None:
     forces = found.forces(sharp)
     sides = {f"side_{i}": forces.sides[i]._asdict() for i in held}
     rows = {"_".join(["reaction", *map(str, row)]): of._asdict() for row, of in forces.reactions.items()}
-    return ({"boundary": forces.whole._asdict()} if sides or not rows else {}) | sides | rows
+    return ({"boundary": forces.whole._asdict()} | sides if sides else {}) | rows or None

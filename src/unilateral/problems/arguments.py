@@ -6,6 +6,7 @@ import math
 import operator
 from collections import Counter
 from collections.abc import Iterable
+from contextlib import suppress
 from decimal import Decimal
 from fractions import Fraction
 from typing import Any
@@ -74,11 +75,9 @@ def sides(given: object, n: int, where: str) -> list[int]:
 
 def side(given: Any, n: int, where: str) -> int:
     """The number of one of n sides."""
-    found, kind = -1, ""
-    try:
-        found = operator.index(None if isinstance(given, bool) else given)
-    except TypeError:
-        kind = "; a side is a whole number"
+    found, kind = -1, "; a side is a whole number"
+    with suppress(TypeError):
+        found, kind = (found, kind) if isinstance(given, bool) else (operator.index(given), "")
     if not 0 <= found < n:
         raise InputError(f"{where}: the polygon has the sides 0 to {n - 1}, not {shown(repr(given))}{kind}")
     return found

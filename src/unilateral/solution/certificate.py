@@ -59,7 +59,7 @@ class Bounds(NamedTuple):
     dual; `unknown` is the part of both that comes from how well f, g and q could be enclosed. `relative_u` is
     `u` over a guaranteed lower bound on ||u||_1, rounded up, and `relative_multiplier` is `multiplier` over
     one on ||lambda||_{-1/2}. Both are NaN where that lower bound is 0: there the error may be as large as the
-    solution.
+    solution. `multiplier` is NaN where no side carries contact.
     """
 
     u: float
@@ -74,11 +74,14 @@ class Bounds(NamedTuple):
         >>> Bounds(0.0123456, 0.25, 0.0, 0.045678)
         Bounds: ||u - u_h||_1 <= 0.01235 (4.6 %), ||lambda - lambda_H||_-1/2 <= 0.25, guaranteed
         """
-        of_u, of_lambda = (
-            up(bound, ".4g") + f" ({percent(part)})" * (part < math.inf)
-            for bound, part in ((self.u, self.relative_u), (self.multiplier, self.relative_multiplier))
+        of = {"||u - u_h||_1": (self.u, self.relative_u)}
+        of["||lambda - lambda_H||_-1/2"] = self.multiplier, self.relative_multiplier
+        known = (
+            f"{name} <= {up(bound, '.4g')}" + f" ({percent(part)})" * (part < math.inf)
+            for name, (bound, part) in of.items()
+            if not math.isnan(bound)
         )
-        return f"Bounds: ||u - u_h||_1 <= {of_u}, ||lambda - lambda_H||_-1/2 <= {of_lambda}, guaranteed"
+        return f"Bounds: {', '.join(known)}, guaranteed"
 
 
 class BoundsWithoutReaction(Bounds):

@@ -148,7 +148,7 @@ def accuracy(solution: Solution) -> str:
 
 def force(solution: Solution, of: Shown) -> str:
     """The force over the boundary in words, between guaranteed numbers where there is a bound."""
-    if of.accuracy in ("", NO_BOUND):
+    if of.accuracy in ("", NO_BOUND) or of.free.all():
         return ""
     goal = solution.search.best.goal if solution.search else None
     whole = solution.force(goal is not None and goal.sharp)

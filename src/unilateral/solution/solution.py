@@ -316,15 +316,15 @@ class Solution:
         """A guaranteed lower bound on the inf-sup constant of (3.4) in H^(-1/2), by Theorem 5's proof.
 
         The algebraic error of lambda_H in that norm is at most the algebraic bound over it. It is 0, which
-        says nothing, where a cell has no node well inside. Its time is proportional to the unknowns: about
-        twenty seconds per million.
+        says nothing, where a cell has no node well inside, and NaN where no side carries contact. Its time is
+        proportional to the unknowns: about twenty seconds per million.
 
         >>> import unilateral as ul
         >>> 0.4 < ul.solve("natural", h=1 / 16, H=1 / 8).beta < 0.74
         True
         """
         of = self.solved.discrete
-        return beta_below(of.mesh, of.partition, of.cells, of.form)
+        return beta_below(of.mesh, of.partition, of.cells, of.form) if len(of.cells) else math.nan
 
     @property
     def believed(self) -> bool:
@@ -346,10 +346,11 @@ class Solution:
 
         Without `dual` the one in H^{-1/2} is NaN, because on large meshes it costs more than a solve.
         """
-        case, lambda_H = self.solved.discrete.data, self.multiplier
+        of, case = self.solved.discrete, self.solved.discrete.data
         if not is_case(case):
             return None
-        return errors(case, self.mesh, self.u, self.partition, lambda_H, self.solved.discrete.unique, dual)
+        judged = of.unique and len(of.cells) > 0
+        return errors(case, self.mesh, self.u, self.partition, self.multiplier, judged, dual)
 
     @property
     def bounds(self) -> Bounds | None:
@@ -386,7 +387,8 @@ class Solution:
         of_u, of_lambda = (self.solved.size(norm, sharp) for norm in ("h1", "hm12"))
         parts = relative(bound.u, of_u), relative(bound.lambda_, of_lambda)
         kind = Bounds if self.units.reaction else BoundsWithoutReaction
-        return kind(bound.u, bound.lambda_, bound.unknown, *parts)
+        of_multiplier = bound.lambda_ if len(self.solved.discrete.cells) else math.nan
+        return kind(bound.u, of_multiplier, bound.unknown, *parts)
 
     def too_large(self, sharp: bool) -> str:
         """Says that bounds that are not yet computed take more memory than is free; else empty."""

@@ -5,7 +5,7 @@ import re
 
 import numpy as np
 import pytest
-from conftest import discrete, load
+from conftest import ROOT, discrete, load
 from typed import FINER, KEYS, OWN_CASE, PROBLEM, SIZES, solve_json
 
 from unilateral.bounds.local_bounds import local_bound
@@ -306,16 +306,56 @@ LINEAR = "no side carries contact, so the problem is linear and has no multiplie
 
 def test_a_problem_without_contact_is_solved_and_said_to_be_linear(run, tmp_path):
     """The norm is named as c = 0 has it, and rows that would say nothing are left out."""
-    file = tmp_path / "linear.yaml"
-    file.write_text(
-        "{polygon: [[0, 0], [1, 0], [1, 1], [0, 1]], f: 1, g: [null, null, null, null], free_sides: [0], "
-        "u: {1: 0, 2: 0, 3: null}, k: 2, c: 0}"
-    )
-    code, out, err = run("solve", str(file), "--h", "1/8", "--H", "1/4")
+    file = linear(tmp_path)
+    code, out, err = run("solve", file, "--h", "1/8", "--H", "1/4")
     assert (code, err) == (0, "")
     assert LINEAR in out
     assert "k^(1/2) |u - u_h|_1 <= " in out
     assert "reaction, side 1 2 3" in out
     assert "||u" not in out
     assert "lambda" not in out
-    assert LINEAR in run("check", str(file))[1]
+    assert LINEAR in run("check", file)[1]
+
+
+def linear(folder, rest="free_sides: [0], u: {1: 0, 2: 0, 3: null}, k: 2, c: 0", g="null"):
+    file = folder / "linear.yaml"
+    square, none = "polygon: [[0, 0], [1, 0], [1, 1], [0, 1]], f: 1", f"g: [{g}, null, null, null]"
+    file.write_text(f"{{{square}, {none}, {rest}}}")
+    return str(file)
+
+
+@pytest.mark.parametrize("rest", ["u: {1: 0}, free_sides: [0, 2, 3], c: 0", "free_sides: [0, 1, 2, 3]"])
+def test_what_only_multipliers_have_is_null_where_there_are_none(run, tmp_path, rest):
+    """Control: with an obstacle, which is far away, numbers are there, among them forces of 0."""
+    sizes = "--h", "1/8", "--H", "1/4", "--json"
+    names = "beta", "hm12_algebraic_bound", "hm12_bound"
+    found = json.loads(run("solve", linear(tmp_path, rest), *sizes)[1])
+    assert [found[name] for name in names] == [None] * 3
+    assert [*(found["forces"] or {})] == ["reaction_1"] * ("u" in rest[:2])
+    found = json.loads(run("solve", linear(tmp_path, rest.replace("[0, ", "["), g="-9"), *sizes)[1])
+    assert all(isinstance(found[name], float) for name in names)
+    assert found["forces"]["boundary"]["value"] == found["forces"]["side_0"]["value"] == 0
+
+
+def test_an_accuracy_of_multipliers_is_refused_where_there_are_none(run, tmp_path):
+    """Control: one of u is reached."""
+    asked = "solve", linear(tmp_path), "--accuracy", "0.5"
+    said = f"unilateral: 'linear': {LINEAR}; ask for an accuracy of u, in the norm h1\n"
+    for more in ((), ("--absolute",), ("--dry-run",)):
+        assert run(*asked, "--norm", "hm12", *more) == (2, "", said)
+    assert "  certified: k^(1/2) |u - u_h|_1 <= " in run(*asked)[1]
+
+
+def test_errors_of_multipliers_are_not_printed_where_there_are_none(run, tmp_path):
+    """Of a case whose sides are clamped and free; control: on its free side there may be multipliers."""
+    file = tmp_path / "own.yaml"
+    given = (ROOT / "manufactured/clamped.yaml").read_text()
+    start, _, rest = given.partition("  - { atom: tensor")
+    rest = rest.partition("\n")[2].partition("gap:")[0] + "gap: { sides: [], elsewhere: 1 }\nclamped:"
+    sides = "".join(f"\n  - {{ side: {i}, u: cos(pi*x)*y**2/2 }}" for i in (1, 2, 3))
+    file.write_text(start + rest + sides + "\nc: 0" + given.partition("\nc: 0")[2])
+    case = "solve", str(file), "--h", "1/8", "--H", "1/4"
+    assert "||lambda - lambda_H||_-1/2  >= " in run(*case)[1]
+    out = run(*case, "--free-sides", "0")[1]
+    assert re.search(r"\|u - u_h\|_1 += ", out)
+    assert "lambda" not in out
