@@ -132,7 +132,7 @@ def conflicts(part: Index, clamps: Clamps) -> list[tuple[int, int]]:
 
 
 def missing(mesh: Mesh, part: Index, clamps: Clamps) -> tuple[float, float]:
-    """What the bounds below and above lack where they conflict at the end of the part."""
+    """What the bounds below and above lack for their `conflicts`, at the ends of the part."""
     most, edges = [0.0, 0.0], np.diff(mesh.s)
     for vertex, which in conflicts(part, clamps):
         first = edges[place(mesh, vertex) - (vertex in clamps.form.clamped)]

@@ -157,21 +157,23 @@ def drawn(problem: Problem) -> Figure:
 
 
 def _draw_polygon(axes: Axes, problem: Problem) -> None:
+    from unilateral.solution.plot_domain import CLAMPED as HATCHED
+
     polygon, v = problem.polygon, problem.polygon.vertices
-    grid = np.meshgrid(
-        *(np.linspace(a, b, POINTS) for a, b in zip(v.min(axis=0), v.max(axis=0), strict=True))
-    )
-    f = np.where(
-        polygon.contains(np.stack(grid, axis=-1)), compile_numpy([problem.f], "xy")(*grid)[0], np.nan
-    )
+    grid = np.meshgrid(*np.linspace(v.min(axis=0), v.max(axis=0), POINTS).T)
+    inside = polygon.contains(np.stack(grid, axis=-1))
+    f = np.where(inside, compile_numpy([problem.f], "xy")(*grid)[0], np.nan)
     field = axes.pcolormesh(*grid, f, shading="nearest", rasterized=True, alpha=0.6)
     axes.figure.colorbar(field, cax=axes.inset_axes((1.03, 0, 0.04, 1)), label="f")
     for side in range(polygon.n_sides):
         ends = v[[side, (side + 1) % polygon.n_sides]]
-        axes.plot(*ends.T, **{"linewidth": 2} | _look(problem, side))
-        axes.annotate(str(side), ends.mean(axis=0), 9 * polygon.normals[side], textcoords="offset points",
-                      ha="center", va="center")  # fmt: skip
-    title = "f, and the sides' numbers; dashed: free" + "; thick: clamped" * bool(problem.clamped_sides)
+        clamped = side in problem.clamped_sides
+        axes.plot(*ends.T, **HATCHED if clamped else _look(problem, side) | {"linewidth": 2})
+        away = (18 if clamped else 9) * polygon.normals[side]
+        axes.annotate(
+            str(side), ends.mean(axis=0), away, textcoords="offset points", ha="center", va="center"
+        )
+    title = "f, and the sides' numbers; dashed: free" + "; hatched: clamped" * bool(problem.clamped_sides)
     axes.use_sticky_edges = False
     axes.margins(0.12)
     axes.set(aspect="equal", xlabel="x", ylabel="y", title=title)

@@ -229,7 +229,7 @@ def errors(
 ) -> Errors:
     """The errors of u_h (n,) and lambda_H (m,), which is constant on the cells.
 
-    That in H^{-1/2} is judged only if `dual`, and those of lambda only if there is one lambda_H, `unique`.
+    That in H^{-1/2} is judged only if `dual`, and those of lambda only if lambda_H is `unique`.
     """
     h1, l2, bounds = h1_distance(case, mesh, u_h), math.nan, (math.nan, math.nan)
     if unique:

@@ -16,9 +16,7 @@ SMALLEST, LARGEST = 1e-140, 1e140
 For the squares of errors see `flux_residuals.underflow`.
 """
 POWER = 2
-"""Where the root of the polygon's area is above 1, in units of (k/c)^{1/2}, data are multiplied by this
-power of it.
-"""
+"""Data are multiplied by this power of the root of the area in units of (k/c)^{1/2}, if that is above 1."""
 ALMOST_ZERO = 1e-320
 """Interval arithmetic makes at most this of 0, in the user's units."""
 ROUND_OFF = 1e-12
@@ -54,14 +52,10 @@ def check(problem: Problem, name: str) -> None:
 
 def check_vertices(of: Sampled) -> None:
     """Raises InputError where g or u jumps at a vertex, or u < g: then no u in H^1 has that trace."""
-    n, v, traces = of.polygon.n_sides, of.polygon.vertices, of.nodal.g
-    ends = {
-        i: traces[i].values[[0, -1]]
-        if i in traces
-        else values(of.g[i], v[[i, (i + 1) % n]], of.place("g", i))
-        for i in range(n)
-        if i not in of.free_sides
-    }
+    n, v = of.polygon.n_sides, of.polygon.vertices
+    ends = {i: trace.values[[0, -1]] for i, trace in of.nodal.g.items()}
+    for i in {*range(n)} - {*of.free_sides, *ends}:
+        ends[i] = values(of.g[i], v[[i, (i + 1) % n]], of.place("g", i))
     largest = max((float(np.abs(each).max()) for each in ends.values()), default=0.0)
     for vertex in _between(of):
         _check_vertex(of, of.name, vertex, ends[(vertex - 1) % n][1], ends[vertex][0], JUMP * largest)

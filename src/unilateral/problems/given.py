@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Number
@@ -182,22 +182,15 @@ def with_data(
         traces,
         of.nodal.q if q is None else _traces(of_q),
     )
-    common: dict[str, Any] = {
-        "name": name,
-        "polygon": of.polygon,
-        "free_sides": of.free_sides,
-        "units": of.units,
-        "nodal": arrays,
-        "clamped_sides": of.clamped_sides,
-    }
-    if any(callable(each) for each in (of_f, *of_g, *of_q)):
-        f_, g_, q_ = _function(of_f), tuple(map(_function, of_g)), tuple(map(_function, of_q))
-        sampled = Sampled(f=f_, g=g_, q=q_, **common)
-        check_vertices(sampled)
-        return sampled
-    formulas = _formula(of_f), tuple(map(_formula, of_g)), tuple(map(_formula, of_q))
-    title = of.title if isinstance(of, Problem) else ""
-    found = Problem(f=formulas[0], g=formulas[1], q=formulas[2], title=title, **common)
+    kept = ("name", "polygon", "free_sides", "units", "clamped_sides")
+    fields: dict[str, Any] = {field: getattr(of, field) for field in kept} | {"nodal": arrays}
+    sampled = any(callable(each) for each in (of_f, *of_g, *of_q))
+    held: Callable[[Any], Any] = _function if sampled else _formula
+    fields |= {"f": held(of_f), "g": tuple(map(held, of_g)), "q": tuple(map(held, of_q))}
+    if sampled:
+        check_vertices(functions := Sampled(**fields))
+        return functions
+    found = Problem(title=of.title, **fields)
     if isinstance(of, Problem) and q is None:
         vars(found)["enclosed_flux"] = of.enclosed_flux
     check(found, name)
@@ -216,20 +209,17 @@ def _read_sides(
 ) -> list[Read]:
     """(n sides,) g or q on each side, 0 on those that have none; one is for all sides."""
     where, kept = f"{of.name}, field {field}", of.clamped_sides if field == "g" else ()
-    listed = None
-    if isinstance(given, Sequence) and not isinstance(given, str | bytes):
-        listed = [_checked(each, f"{where}[{side}]") for side, each in enumerate(given)]
-    else:
-        given = _checked(given, where)
+    listed = [*given] if isinstance(given, Sequence) and not isinstance(given, str | bytes) else None
+    places = [where] if listed is None else [f"{where}[{side}]" for side in range(len(listed))]
+    read = [*map(_checked, [given] if listed is None else listed, places)]
     # The same checks of sides as for formulas, with a number in place of the others.
-    numbers = [_placeholder(each) for each in ([given] if listed is None else listed)]
-    to_read = numbers[0] if listed is None else numbers
+    numbers = [1 if callable(each) or nodal.is_array(each) else each for each in read]
     on = ends_of(of.polygon), of.free_sides, of.clamped_sides
-    found: list[Read] = [*on_sides(field, to_read, *on, where)]
+    found: list[Read] = [*on_sides(field, numbers[0] if listed is None else numbers, *on, where)]
     for side in kept:
         found[side] = _read(of.g[side])
     for side in of.free_sides if field == "q" else contact_sides(of.polygon, of.free_sides, kept):
-        each, place = (given, where) if listed is None else (listed[side], f"{where}[{side}]")
+        each, place = (read[0], where) if listed is None else (read[side], places[side])
         if nodal.is_array(each):
             found[side] = nodal.trace(mesh, each, side, place)
         elif callable(each):
@@ -265,10 +255,6 @@ def _checked(given: Any, where: str) -> Given:
         f"{where}: it is {shown(repr(given))}; it has to be a formula, a function or an array of values "
         "at nodes"
     )
-
-
-def _placeholder(given: Given | Sequence[Given]) -> object:
-    return 1 if callable(given) or nodal.is_array(given) else given
 
 
 def _traces(of: Sequence[Read]) -> dict[int, NodalTrace]:

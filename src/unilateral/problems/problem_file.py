@@ -94,11 +94,9 @@ def made(declaration: Any, where: str, name: str | None = None) -> Problem:
         polygon = Polygon(np.array([[rounded(x) for x in vertex] for vertex in corners]), name)
     except InputError as error:
         raise InputError(f"{where}, field polygon: {error}") from None
-    units = Units(
-        _coefficient(declaration.get("k", 1), f"{where}, field k"),
-        _coefficient(declaration.get("c", 1), f"{where}, field c", or_0=True),
-    )
+    k, c = (_coefficient(declaration.get(of, 1), f"{where}, field {of}", or_0=of == "c") for of in "kc")
     free, clamped = without_contact(declaration, polygon.n_sides, where)
+    units = Units(k, c)
     if not (clamped or units.reaction):
         raise InputError(
             f"{where}, field c: it is 0 and no side is clamped, so that u is not unique; clamp a side in the "

@@ -27,25 +27,20 @@ INSTEAD = {
 """What to write in place of such a word."""
 
 
-def without_contact(
-    declaration: dict[str, Any], n: int, where: str
-) -> tuple[tuple[int, ...], dict[int, Any]]:
+def without_contact(of: dict[str, Any], n: int, where: str) -> tuple[tuple[int, ...], dict[int, Any]]:
     """The free sides of n, and what u is on each clamped one, in their order.
 
     Raises InputError, beginning with `where`, for what is no side, is given twice or is both.
     """
-    free, given = declaration.get("free_sides", []), declaration.get("u", {})
-    free = arguments.sides(free, n, f"{where}, field free_sides")
+    free = arguments.sides(of.get("free_sides"), n, f"{where}, field free_sides")
+    given = of.get("u", {})
     keys = [int(key) if INTEGER.match(key) else key for key in given]
     clamped = dict(zip(arguments.sides(keys, n, f"{where}, field u"), given.values(), strict=True))
-    for side in free:
-        _check_not_clamped(side, clamped, f"{where}, field free_sides", "leave it out")
+    for side in {*free} & {*clamped}:
+        raise InputError(
+            f"{where}, field free_sides: side {side} is clamped; leave it out, or take it out of u"
+        )
     return tuple(sorted(free)), dict(sorted(clamped.items()))
-
-
-def _check_not_clamped(side: int, clamped: Collection[int], where: str, instead: str) -> None:
-    if side in clamped:
-        raise InputError(f"{where}: side {side} is clamped; {instead}, or take it out of u")
 
 
 def on_sides(
@@ -55,39 +50,34 @@ def on_sides(
 
     One formula is for all sides that have one. The sides lie between the `ends`.
     """
-    listed, sides = isinstance(given, list), range(len(ends))
-    if listed and len(given) != len(ends):
-        raise InputError(
-            f"{where}: {len(given)} formulas for {len(ends)} sides; give one for all, or one per side"
-        )
-    places = [f"{where}[{side}]" if listed else where for side in sides]
-    for side in sides if listed else ():
-        _check_listed(field, given[side], side, free, clamped, places[side])
-    each = [plain(given[side], places[side], field) for side in sides] if listed else []
-    formulas = each or [plain(given, where, field)] * len(ends)
-    if field == "q":
-        if not listed and not free and formulas[0].rational != 0:
-            raise InputError(f"{where}: no side is free; name those with a given flux in free_sides")
-        return [formulas[side] if side in free else ZERO for side in sides]
-    without = {*free, *clamped}
-    return [
-        ZERO if side in without else trace(formulas[side], ends[side], side, places[side]) for side in sides
-    ]
+    n, listed = len(ends), isinstance(given, list)
+    on = {*free} if field == "q" else {*range(n)} - {*free, *clamped}
+    if listed and len(given) != n:
+        raise InputError(f"{where}: {len(given)} formulas for {n} sides; give one for all, or one per side")
+    texts = enumerate(given if listed else [])
+    read = [_listed(field, text, side, on, clamped, f"{where}[{side}]") for side, text in texts]
+    read = read or [plain(given, where, field)] * n
+    if field == "q" and not (listed or free) and read[0].rational != 0:
+        raise InputError(f"{where}: no side is free; name those with a given flux in free_sides")
+    if field == "g":
+        read = [trace(read[side], ends[side], side, where) if side in on else ZERO for side in range(n)]
+    return [formula if side in on else ZERO for side, formula in enumerate(read)]
 
 
-def _check_listed(
-    field: str, text: object, side: int, free: Collection[int], clamped: Collection[int], where: str
-) -> None:
-    """Raises InputError for a formula of a list that its side has no use for, and for one that is missing."""
-    if text is not None:
-        _check_not_clamped(side, clamped, where, "write null")
-    if text is not None and field == "q" and side not in free:
+def _listed(
+    field: str, text: object, side: int, on: Collection[int], clamped: Collection[int], where: str
+) -> Expression:
+    """A formula of a list. Raises InputError for one that its side cannot have, and where one is missing."""
+    if text is not None and side in clamped:
+        raise InputError(f"{where}: side {side} is clamped; write null, or take it out of u")
+    if text is not None and field == "q" and side not in on:
         raise InputError(f"{where}: side {side} is not free; write null, or name it in free_sides")
-    if text is None and field == "g" and side not in {*free, *clamped}:
+    if text is None and field == "g" and side in on:
         raise InputError(
             f"{where}: there is no formula, and side {side} is neither free nor clamped; write one, or name "
             "the side in free_sides or in u"
         )
+    return plain(text, where, field)
 
 
 def trace(formula: Expression, ends: Ends, side: int, where: str) -> Expression:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from unilateral.solution.solution import Solution
 
-CONTACT, OBSTACLE, GAP, FREE = "#d62728", "#222222", "#1f77b4", "#888888"
+CONTACT, OBSTACLE, GAP, FREE, CLAMPED = "#d62728", "#222222", "#1f77b4", "#888888", "#000000"
 HEIGHT, FLATTEST, FAR = 0.6, 0.1, 1.3
 """The height of the surface over the longer side of the domain, and the least ratio of the domain's sides.
 
@@ -27,15 +27,11 @@ The eye is FAR times the diagonal of what is seen away.
 """
 BELOW, ROOM = 1.0, 0.05
 """The obstacle is shown down to BELOW times the height of the surface below that; there is some ROOM."""
+STROKES, SHORT = 60, 0.04
+"""About STROKES strokes would go around the boundary, SHORT times the domain's shorter side long and deep."""
 LEGEND = {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"}
-BAR = {
-    "title": {"text": "u<sub>h</sub>", "side": "top"},
-    "orientation": "h",
-    "thickness": 12,
-    "len": 0.6,
-    "y": 0,
-    "yanchor": "top",
-}
+TITLE = {"text": "u<sub>h</sub>", "side": "top"}
+BAR = {"title": TITLE, "orientation": "h", "thickness": 12, "len": 0.6, "y": 0, "yanchor": "top"}
 VALUES = "{} = %{{z:.4g}}<br>x = %{{x:.4g}}<br>y = %{{y:.4g}}<extra></extra>"
 GREY = {"fillcolor": "#eeeeee", "line_width": 0, "layer": "below"}
 
@@ -82,26 +78,15 @@ def surface(of: Shown) -> Figure:
 
     nodes, triangles = of.surface
     (x, y), u, (i, j, k) = of.mesh.points[nodes].T, of.u[nodes], triangles.T.astype(np.int32)
-    mesh = go.Mesh3d(
-        x=x,
-        y=y,
-        z=u,
-        i=i,
-        j=j,
-        k=k,
-        intensity=u,
-        cmin=of.limits[0],
-        cmax=of.limits[1],
-        colorscale="Viridis",
-        colorbar=BAR,
-        lighting={"ambient": 0.8, "specular": 0.1},
-        hovertemplate=VALUES.format("u<sub>h</sub>"),
-    )
+    look: Any = {"cmin": of.limits[0], "cmax": of.limits[1], "colorscale": "Viridis", "colorbar": BAR}
+    look |= {"lighting": {"ambient": 0.8, "specular": 0.1}, "hovertemplate": VALUES.format("u<sub>h</sub>")}
+    mesh = go.Mesh3d(x=x, y=y, z=u, i=i, j=j, k=k, intensity=u, **look)
     contact = _line(_contact(of), CONTACT, 9, "contact")
     obstacle = _line(_obstacle(of), OBSTACLE, 4, "obstacle g, mean over each cell without contact")
+    clamped = [_line(_clamped(of), CLAMPED, 5, "clamped")] if of.clamped else []
     margin = {"l": 0, "r": 0, "t": 0, "b": 50}
     layout = {"template": "none", "margin": margin, "legend": LEGEND, "scene": _scene(of)}
-    return go.Figure([mesh, contact, obstacle], layout)
+    return go.Figure([mesh, contact, obstacle, *clamped], layout)
 
 
 def _scene(of: Shown) -> dict[str, Any]:
@@ -132,13 +117,30 @@ def _line(points: Array, colour: str, width: float, name: str) -> Any:
 
 def _contact(of: Shown) -> Array:
     """(k, 3) the intervals of contact with u_h, NaN between them."""
-    s, polygon, parts = of.mesh.s, of.mesh.polygon, [np.empty((0, 3))]
-    trace = np.append(of.u[of.mesh.boundary], of.u[of.mesh.boundary[0]])
+    parts = [np.empty((0, 3))]
     for each in of.contact.intervals:
-        start, end = polygon.starts[each.side] + np.array([each.start, each.end])
-        at = np.concatenate([[start], s[(s > start) & (s < end)], [end]])
-        places = polygon.at(np.full(len(at), each.side), at - polygon.starts[each.side])
-        parts += [np.column_stack([places, np.interp(at, s, trace)]), np.full((1, 3), np.nan)]
+        start, end = of.mesh.polygon.starts[each.side] + np.array([each.start, each.end])
+        inner = of.mesh.s[(of.mesh.s > start) & (of.mesh.s < end)]
+        parts += [_on_side(of, each.side, np.concatenate([[start], inner, [end]])), np.full((1, 3), np.nan)]
+    return np.concatenate(parts)
+
+
+def _on_side(of: Shown, side: int, s: Array) -> Array:
+    """(k, 3) points at arc lengths s (k,) of a side, with u_h."""
+    polygon, trace = of.mesh.polygon, np.append(of.u[of.mesh.boundary], of.u[of.mesh.boundary[0]])
+    places = polygon.at(np.full(len(s), side), s - polygon.starts[side])
+    return np.column_stack([places, np.interp(s, of.mesh.s, trace)])
+
+
+def _clamped(of: Shown) -> Array:
+    """(k, 3) clamped sides at the height of u_h, with oblique strokes outside, and NaN between them."""
+    polygon, parts, long = of.mesh.polygon, [], SHORT * np.ptp(of.mesh.points, axis=0).min()
+    for side in of.clamped:
+        n, (start, end) = int(STROKES * polygon.lengths[side] / polygon.perimeter), polygon.starts[side:][:2]
+        feet = _on_side(of, side, np.linspace(start, end, n + 2))
+        along = (feet[-1] - feet[0])[:2] / polygon.lengths[side]
+        tips = feet + np.append(long * (polygon.normals[side] - along), 0.0)
+        parts += [np.stack([feet, tips, feet], axis=1).reshape(-1, 3), np.full((1, 3), np.nan)]
     return np.concatenate(parts)
 
 
@@ -165,21 +167,14 @@ def along(of: Shown) -> Figure:
         lines.append((given, 1, "given flux q", {"color": FREE, "dash": "dash"}, None))
     for values, row, name, look, fill in lines:
         value = f"side %{{customdata}}, s = %{{x:.4g}}<br>{name} = %{{y:.4g}}<extra></extra>"
-        line = go.Scatter(
-            x=s,
-            y=np.repeat(values, 2),
-            line=look | {"width": 1.5},
-            fill=fill,
-            name=name,
-            customdata=sides,
-            hovertemplate=value,
-            mode="lines",
-        )
+        of_line: Any = {"line": look | {"width": 1.5}, "fill": fill, "name": name, "hovertemplate": value}
+        line = go.Scatter(x=s, y=np.repeat(values, 2), customdata=sides, mode="lines", **of_line)
         figure.add_trace(line, row=row, col=1)
     for start in polygon.starts:
         figure.add_vline(start, line={"color": "#cccccc", "width": 1}, layer="below")
     for side in np.unique(cells.side[of.free]):
-        figure.add_vrect(*polygon.starts[[side, side + 1]], **GREY)
+        named = {"annotation_text": "clamped", "annotation_textangle": -90} if side in of.clamped else {}
+        figure.add_vrect(*polygon.starts[[side, side + 1]], **GREY, **named)
     figure.update_xaxes(range=[0, polygon.perimeter], zeroline=False)
     figure.update_xaxes(title="arc length from vertex 0, anticlockwise", row=2, col=1)
     figure.update_yaxes(automargin=True, rangemode="tozero")

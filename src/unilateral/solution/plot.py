@@ -110,17 +110,16 @@ def _scaled(axes: Axes, nothing: str) -> None:
 
 
 def _free(above: Axes, below: Axes, of: Shown) -> None:
-    """Sides without contact in grey, free ones with the flux that is given there."""
+    """Sides without contact in grey, clamped ones hatched, free ones with the flux that is given there."""
     s, polygon = of.contact.partition.points, of.mesh.polygon
     for side in np.unique(of.contact.partition.side[of.free]):
         start, end = polygon.starts[[side, side + 1]]
+        hatch = "///" if side in of.clamped else None
         for axes in (above, below):
-            axes.axvspan(start, end, color="0.93", zorder=-1)
-        if end - start >= APART * polygon.perimeter:
+            axes.axvspan(start, end, facecolor="0.93", edgecolor="0.8", linewidth=0, hatch=hatch, zorder=-1)
+        if end - start >= APART * polygon.perimeter and not hatch:
             place: Any = {"transform": below.get_xaxis_transform(), "ha": "center", "va": "center"}
-            below.text(
-                (start + end) / 2, 0.25, "clamped" if side in of.clamped else "free", color=FREE, **place
-            )
+            below.text((start + end) / 2, 0.25, "free", color=FREE, **place)
     if of.flux.any():
         given = np.where(of.free, of.flux, np.nan)
         above.stairs(given, s, baseline=None, color=FREE, linestyle="dashed", label="given flux q")

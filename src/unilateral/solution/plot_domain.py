@@ -10,7 +10,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection, TriMesh
 from matplotlib.colorbar import Colorbar
 from matplotlib.colors import LogNorm, Normalize
-from matplotlib.patheffects import withStroke
+from matplotlib.patheffects import withStroke, withTickedStroke
 from matplotlib.ticker import FixedLocator, MaxNLocator
 from matplotlib.tri import Triangulation
 
@@ -34,6 +34,9 @@ LEVELS = 12
 """At most this many levels of u_h have a line."""
 APART = 0.07
 """The numbers of sides are at least this fraction of the perimeter apart."""
+OUTSIDE = withTickedStroke(spacing=6, angle=-135, length=1.4)
+CLAMPED: Any = {"color": "k", "linewidth": 1.5, "path_effects": [OUTSIDE], "clip_on": False, "zorder": 2}
+"""Oblique strokes, as for walls: to the right of a side as one goes anticlockwise, which is outside."""
 
 
 def domain(axes: Axes, of: Shown) -> None:
@@ -94,15 +97,19 @@ def numbered(of: Shown) -> list[int]:
 
 
 def _outline(axes: Axes, of: Shown) -> None:
-    """The contact set in red, clamped sides thick, free ones dashed, others solid, and numbers at sides."""
-    polygon, clamped = of.mesh.polygon, [*of.clamped]
-    free = np.setdiff1d(of.contact.partition.side[of.free], clamped)
+    """The contact set in red, clamped sides hatched, free ones dashed, others solid, and numbers at sides."""
+    polygon = of.mesh.polygon
+    free = np.setdiff1d(of.contact.partition.side[of.free], of.clamped)
     sides = np.stack([polygon.vertices, np.roll(polygon.vertices, -1, axis=0)], axis=1)
     held = np.delete(np.arange(polygon.n_sides), free)
     for these, look in ((held, {"colors": "k"}), (free, {"colors": FREE, "linestyles": "dashed"})):
         axes.add_collection(LineCollection([*sides[these]], linewidths=1.2, zorder=2, **look))
-    if clamped:
-        axes.add_collection(LineCollection([*sides[clamped]], linewidths=4, colors="k", zorder=3))
+    for side in of.clamped:
+        axes.plot(*sides[side].T, **CLAMPED, label="clamped" if side == of.clamped[0] else None)
+    if of.clamped:
+        axes.legend(
+            loc="upper right", bbox_to_anchor=(1.15, 0), fontsize="small", borderaxespad=2, frameon=False
+        )
     lines = [(each.first, each.last) for each in of.contact.intervals]
     axes.add_collection(LineCollection(lines, colors=CONTACT, linewidths=4, capstyle="butt", zorder=3))
     for side in numbered(of):

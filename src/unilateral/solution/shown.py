@@ -74,13 +74,12 @@ class Shown:
 
     @property
     def where(self) -> str:
-        """Where the contact is, in words, and that sides are clamped."""
-        clamped = "; clamped in black" if self.clamped else ""
+        """Where the contact is, in words."""
         if self.contact.full:
             return "contact everywhere, in red"
         if not self.contact.intervals:
-            return f"no contact{clamped}"
-        return f"contact in red, length {self.contact.length:.4g}{clamped}"
+            return "no contact"
+        return f"contact in red, length {self.contact.length:.4g}"
 
     @property
     def no_gap(self) -> str:

@@ -37,11 +37,18 @@ def page(solution, tmp_path_factory):
     return path
 
 
+def data(path, name):
+    """What the file holds of a picture."""
+    text = path.read_text(encoding="utf-8")
+    (found,) = re.findall(
+        rf'<script type="application/json" id="{name}-data">(.*?)</script>', text, re.DOTALL
+    )
+    return json.loads(found)
+
+
 def traces(path, name):
     """The traces of a picture in the file, by their names, with plain arrays."""
-    text = path.read_text(encoding="utf-8")
-    (data,) = re.findall(rf'<script type="application/json" id="{name}-data">(.*?)</script>', text, re.DOTALL)
-    found = json.loads(data)["data"]
+    found = data(path, name)["data"]
     return {of.get("name", of["type"]): {key: array(value) for key, value in of.items()} for of in found}
 
 
@@ -204,3 +211,31 @@ def test_without_webgl_a_sentence_stands_in_place_of_the_surface(browser, page):
     assert browser.shows("#boundary", "given flux q")
     assert red(colours(browser)) == 0
     assert not browser.driver.find_element("css selector", "#views").is_displayed()
+
+
+def test_clamped_sides_are_hatched_outside(tmp_path):
+    """At the height of u there, which is x/2 and 0; control: without such sides there is no such line."""
+    problem = ul.Problem(SQUARE, -1, [None, -1, None, None], [2], u={0: "x/2", 3: 0}, c=0)
+    s = ul.solve(problem, h=1 / 8, H=1 / 4)
+    s.save(tmp_path / "clamped.html")
+    line = traces(tmp_path / "clamped.html", "surface")["clamped"]
+    x, y, z = (np.asarray(line[axis], dtype=float) for axis in "xyz")
+    breaks = np.flatnonzero(np.isnan(x))
+    assert len(breaks) == 2
+    for part, across, height in (
+        (slice(0, breaks[0]), y, x / 2),
+        (slice(breaks[0] + 1, breaks[1]), x, 0 * x),
+    ):
+        feet, tips = across[part][0::3], across[part][1::3]
+        assert len(tips) == len(feet) > 10
+        np.testing.assert_allclose(feet, 0, atol=1e-12)
+        assert np.all(tips < -0.01)
+        np.testing.assert_allclose(z[part][0::3], height[part][0::3], atol=1e-12)
+        np.testing.assert_array_equal(z[part][0::3], z[part][1::3])
+    said = [each["text"] for each in data(tmp_path / "clamped.html", "boundary")["layout"]["annotations"]]
+    assert said == ["clamped"] * 4
+
+
+def test_without_clamped_sides_no_line_is_called_so(page):
+    assert "clamped" not in traces(page, "surface")
+    assert "annotations" not in data(page, "boundary")["layout"]

@@ -6,6 +6,7 @@ import re
 import numpy as np
 import pytest
 from conftest import DATA
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 import unilateral as ul
@@ -243,3 +244,46 @@ def test_the_colour_bar_is_as_high_as_its_panel(height):
     (bar,) = panel.child_axes
     heights = [axes.get_window_extent().height for axes in (panel, bar)]
     assert heights[0] == pytest.approx(heights[1], rel=1e-6)
+
+
+@pytest.fixture(scope="module")
+def half_clamped():
+    """A square clamped at sides 0 and 3, in contact on side 1; side 2 is free."""
+    return ul.solve(ul.Problem(SQUARE, -1, [None, -1, None, None], [2], u={0: 0, 3: 0}, c=0), **SIZES)
+
+
+def ink(s, outside):
+    """(n,) how many black dots a picture of the domain has beside each side, up to so far `outside` of it."""
+    page = Figure(figsize=(4, 4), dpi=100)
+    axes = s.plot(page.subplots())
+    axes.set_axis_off()
+    canvas = FigureCanvasAgg(page)
+    canvas.draw()
+    black = np.asarray(canvas.buffer_rgba())[::-1, :, :3].max(axis=2) < 64
+    found, polygon = [], s.polygon
+    for side in range(polygon.n_sides):
+        s_ = np.linspace(0.05, 0.95, 400) * polygon.lengths[side]
+        on = polygon.at(np.full(len(s_), side), s_)
+        away = [on + share * outside * polygon.normals[side] for share in (0.5, 0.75, 1.0)]
+        x, y = axes.transData.transform(np.concatenate(away)).astype(int).T
+        found.append(int(black[y, x].sum()))
+    return np.array(found)
+
+
+def test_clamped_sides_are_hatched_outside(half_clamped):
+    """In black, as for walls, so that they are seen without colours; control: inside, and other sides."""
+    outside, inside = ink(half_clamped, 0.015), ink(half_clamped, -0.015)
+    assert np.all((outside > 100) == [True, False, False, True])
+    assert np.all(outside[[1, 2]] == 0)
+    assert np.all(inside == 0)
+
+
+def test_a_legend_says_what_hatches_mean(half_clamped):
+    """Beside the domain, and along the boundary by hatches; control: nothing is clamped."""
+    top, *along = half_clamped.plot().axes
+    assert [text.get_text() for text in top.get_legend().get_texts()] == ["clamped"]
+    for axes in along:
+        spans = {patch.get_x(): patch.get_hatch() for patch in axes.patches if hasattr(patch, "get_x")}
+        assert spans == {0: "///", 2: None, 3: "///"}
+    top, *_ = ul.solve(ul.case("natural"), **SIZES).plot().axes
+    assert top.get_legend() is None
