@@ -206,7 +206,7 @@ def solve(
             "polygon, for an accuracy chooses the mesh"
         )
     if isinstance(problem, Sampled):
-        raise InputError(f"'{problem.name}': f, g and q must be formulas, or no accuracy can be guaranteed")
+        raise InputError(f"'{problem.name}': f, g, q and u must be formulas, or no accuracy is guaranteed")
     if not isinstance(norm, str) or norm not in NORMS:
         raise InputError(f"the norm '{norm}' is none of {', '.join(NORMS)}")
     if norm == "hm12" and not problems.contact_sides(

@@ -47,7 +47,7 @@ def test_functions_give_the_solution_of_their_formulas():
     assert of_functions.bounds is None
     assert of_functions.errors is None
     assert of_formulas.bounds.u > 0
-    with pytest.raises(ul.InputError, match="f, g and q must be formulas, or no accuracy can be guaranteed"):
+    with pytest.raises(ul.InputError, match="f, g, q and u must be formulas, or no accuracy is guar"):
         ul.solve(functions, accuracy=0.1)
 
 

@@ -32,14 +32,12 @@ def without_contact(of: dict[str, Any], n: int, where: str) -> tuple[tuple[int, 
 
     Raises InputError, beginning with `where`, for what is no side, is given twice or is both.
     """
-    free = arguments.sides(of.get("free_sides"), n, f"{where}, field free_sides")
-    given = of.get("u", {})
+    given, of_free = of.get("u", {}), f"{where}, field free_sides"
+    free = arguments.sides(of.get("free_sides"), n, of_free)
     keys = [int(key) if INTEGER.match(key) else key for key in given]
     clamped = dict(zip(arguments.sides(keys, n, f"{where}, field u"), given.values(), strict=True))
     for side in {*free} & {*clamped}:
-        raise InputError(
-            f"{where}, field free_sides: side {side} is clamped; leave it out, or take it out of u"
-        )
+        raise InputError(f"{of_free}: side {side} is clamped; leave it out, or take it out of u")
     return tuple(sorted(free)), dict(sorted(clamped.items()))
 
 

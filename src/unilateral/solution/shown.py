@@ -87,9 +87,10 @@ class Shown:
         held = ~self.free
         if np.nan_to_num(self.gap).any():
             return ""
-        where = "on all sides with an obstacle" if self.clamped else "on all sides that are not free"
-        if held.all() or not held.any():
-            where = "everywhere"
+        if not held.any():
+            return "no side has an obstacle"
+        some = "on all sides with an obstacle" if self.clamped else "on all sides that are not free"
+        where = "everywhere" if held.all() else some
         return f"{'in contact' if (self.contact.lambda_H[held] > 0).all() else 'u = g'} {where}"
 
 

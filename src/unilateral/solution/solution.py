@@ -251,7 +251,7 @@ class Solution:
         c u_h - f. It is the flux that the `bounds` rest on: k^(-1/2) times the L2 norm of its error is at
         most `bounds.multiplier`. On each triangle it is linear. On edges it is taken as `grad_at`.
 
-        Raises InputError for another shape, and where f, g or q is a function.
+        Raises InputError for another shape, and where f, g, q or u is a function.
 
         >>> import unilateral as ul
         >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
@@ -261,7 +261,7 @@ class Solution:
         q, of_v = self.solved.flux, self.solved.discrete.mesh
         if q is None:
             raise InputError(
-                "there is no equilibrated flux, for f, g or q is a function; take k * s.grad_at(points)"
+                "there is no equilibrated flux, for f, g, q or u is a function; take k * s.grad_at(points)"
             )
         return self.units.flux * self._at(points, partial(flux, of_v, self.solved.u_h, q))
 

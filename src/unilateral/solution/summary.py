@@ -61,7 +61,7 @@ def rows(of: Solution) -> dict[str, str]:
 def _bounded(of: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, str]:
     """The rows of guaranteed errors and of the force."""
     if bounds is None:
-        why = "f, g or q is a function" if isinstance(of.problem, Sampled) else "there is no bound"
+        why = "f, g, q or u is a function" if isinstance(of.problem, Sampled) else "there is no bound"
         return {"error of u": f"unknown, for {why}", "force": f"{of.solved.force * of.units.force:.4g}"}
     names = sizes(of.units)
     parts = {"error of u": (bounds.u, bounds.relative_u, names.h1)}

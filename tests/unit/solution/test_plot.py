@@ -287,3 +287,15 @@ def test_a_legend_says_what_hatches_mean(half_clamped):
         assert spans == {0: "///", 2: None, 3: "///"}
     top, *_ = ul.solve(ul.case("natural"), **SIZES).plot().axes
     assert top.get_legend() is None
+
+
+@pytest.mark.parametrize("u", [{}, {1: 0}])
+def test_without_an_obstacle_no_contact_is_claimed(u):
+    """Neither a gap nor contact; control: with an obstacle on one side there is contact on it."""
+    sides = [side for side in range(4) if side not in u]
+    page = ul.solve(ul.Problem(SQUARE, -1, None, sides, u=u), **SIZES).plot()
+    said = [text.get_text() for axes in page.axes for text in axes.texts]
+    assert {"no contact", "no side has an obstacle"} <= {*said}
+    assert not any("in contact" in each for each in said)
+    page = ul.solve(ul.Problem(SQUARE, -1, [0, None, None, None], sides[1:], u=u), **SIZES).plot()
+    assert any("in contact on all sides" in text.get_text() for axes in page.axes for text in axes.texts)

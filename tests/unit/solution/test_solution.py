@@ -258,5 +258,5 @@ def test_the_flux_is_balanced(k):
 
 def test_functions_have_no_equilibrated_flux():
     s = ul.solve(ul.Problem(SQUARE, f=lambda x, y: -1, g=0), **SIZES)
-    with pytest.raises(ul.InputError, match=r"for f, g or q is a function; take k \* s\.grad_at\(points\)"):
+    with pytest.raises(ul.InputError, match=r"for f, g, q or u is a function; take k \* s\.grad_at"):
         s.flux_at((0.5, 0.5))
