@@ -19,6 +19,7 @@ from unilateral.solution.plot_domain import APART, CONTACT, FREE, TALLEST, domai
 from unilateral.solution.shown import Shown
 
 GAP = "tab:blue"
+CLAMPED: Any = {"facecolor": "0.93", "edgecolor": "0.8", "linewidth": 0, "hatch": "///"}
 DOTS = 150
 """Dots per inch of what has as many parts as the mesh."""
 STYLE: Any = {
@@ -114,10 +115,10 @@ def _free(above: Axes, below: Axes, of: Shown) -> None:
     s, polygon = of.contact.partition.points, of.mesh.polygon
     for side in np.unique(of.contact.partition.side[of.free]):
         start, end = polygon.starts[[side, side + 1]]
-        hatch = "///" if side in of.clamped else None
+        clamped = side in of.clamped
         for axes in (above, below):
-            axes.axvspan(start, end, facecolor="0.93", edgecolor="0.8", linewidth=0, hatch=hatch, zorder=-1)
-        if end - start >= APART * polygon.perimeter and not hatch:
+            axes.axvspan(start, end, zorder=-1, **CLAMPED if clamped else {"color": "0.93"})
+        if end - start >= APART * polygon.perimeter and not clamped:
             place: Any = {"transform": below.get_xaxis_transform(), "ha": "center", "va": "center"}
             below.text((start + end) / 2, 0.25, "free", color=FREE, **place)
     if of.flux.any():
