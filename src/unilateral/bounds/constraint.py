@@ -130,14 +130,16 @@ def constraint(obstacle: Obstacle, mesh: Mesh, on: Mask, clamped: Mask | None = 
         doubt=obstacle.doubt[piece] + 2 * rounding[edge] + rise.max(axis=1)[edge],
         upper=obstacle.upper[piece],
         clamped=clamped,
-        steep=_steep(obstacle.steep[piece], edge, 2 * half, (rounding + rise.max(axis=1)) / lengths, clamped),
+        steep=_steep(obstacle, piece, edge, 2 * half, (rounding + rise.max(axis=1)) / lengths, clamped),
     )
 
 
-def _steep(doubt: Array, edge: Index, length: Array, of_p: Array, clamped: Mask) -> Array:
-    """(nb,) L2 norms on clamped edges, from the `doubt` (K,) on intervals and that of p (nb,)."""
+def _steep(obstacle: Obstacle, piece: Index, edge: Index, length: Array, of_p: Array, clamped: Mask) -> Array:
+    """(nb,) L2 norms on clamped edges, from the doubt on intervals of pieces (K,) and that of p (nb,)."""
     known = np.where(clamped, SLOPE * of_p, 0.0)[edge]
-    return np.sqrt(np.bincount(edge, length * (doubt + known) ** 2, len(of_p)))
+    squares = length * (obstacle.steep[piece] + known) ** 2
+    squares += np.minimum(length, 2 * obstacle.reach) * (obstacle.kinks[piece] + known) ** 2
+    return np.sqrt(np.bincount(edge, squares, len(of_p)))
 
 
 def _at_ends(on_edges: Array, unknowns: Index, on: Mask) -> tuple[Array, Array, Mask]:

@@ -41,10 +41,16 @@ class Obstacle(Piecewise):
     """g, -inf on sides that are free. Where two pieces meet on a side their polynomials agree.
 
     On clamped sides it is the given u, the derivative of which, by the arc length, is within `steep` (k,) of
-    the polynomials'; that is 0 on all others.
+    the polynomials'. Within `reach` of a piece's ends, as far as places may be rounded, it may be that of the
+    next piece, and is within `kinks` (k,). Both are 0 on all other sides.
     """
 
     steep: Array
+    kinks: Array
+
+    @property
+    def reach(self) -> float:
+        return PLACES * float(np.spacing(self.points[-1]))
 
     def means(self, points: Array) -> Array:
         """(m,) the polynomials' means between the arc lengths `points` (m + 1,) of the perimeter."""
@@ -101,23 +107,30 @@ def enclose_obstacle(
     rounding = pieces.rounding(points)
     doubt = _of_neighbours(rad + np.abs(gap) + rounding, side)
     bounds = lower - rounding, _of_neighbours(upper, side) + rounding
-    return Obstacle(polygon, points, side, c, doubt, *bounds, _steep(polygon, pieces, points, clamped, slope))
+    steep = _steep(polygon, pieces, points, clamped, slope)
+    return Obstacle(polygon, points, side, c, doubt, *bounds, *steep)
 
 
 def _steep(
     polygon: Polygon, of: IntervalPieces, points: Array, clamped: Sequence[int], slope: SideModel | None
 ) -> Array:
-    """(k,) how far the derivatives of the polynomials may be from that of u on `clamped` sides."""
-    steep, at = np.zeros(len(of.side)), np.flatnonzero(np.isin(of.side, clamped))
+    """(2, k) how far the derivatives of the polynomials may be from that of u on `clamped` sides.
+
+    The second row is for places near the ends of a piece, see `Obstacle.kinks`.
+    """
+    found, at = np.zeros((2, len(of.side))), np.flatnonzero(np.isin(of.side, clamped))
     if not at.size or slope is None:
-        return steep
+        return found
     exact = on_intervals(slope, of.side[at], of.start[at], of.end[at])
     k, half, length = np.arange(ORDER + 1.0), 0.5 * np.diff(points)[at], polygon.lengths[of.side[at]]
     rises = np.roll(k[:, None] * of.c[:, at], -1, axis=0) / half
     moved = 2 * PLACES * np.spacing(points[-1]) / half
     rounding = np.abs(rises).sum(axis=0) * 16 * EPS + k @ np.abs(rises) * moved
-    steep[at] = np.abs(exact.c / length - rises).sum(axis=0) + exact.rad / length + rounding
-    return steep
+    steep = np.abs(exact.c / length - rises).sum(axis=0) + exact.rad / length + rounding
+    jumps = np.abs((SIGNS @ rises)[1:] - rises.sum(axis=0)[:-1]) + steep[1:] + steep[:-1]
+    jumps[np.diff(of.side[at]) != 0] = 0.0
+    found[:, at] = steep, np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps))
+    return found
 
 
 def _of_neighbours(values: Array, side: Index) -> Array:

@@ -6,6 +6,7 @@ import math
 import os
 import statistics
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,7 @@ import sympy
 import unilateral as ul
 from unilateral.bounds import feasible, local_bounds
 from unilateral.bounds.clamped_ends import conflicts, unclamped
+from unilateral.bounds.constraint import constraint
 from unilateral.fem.form import Form, decoupled
 from unilateral.fem.p1 import gradients, stiffness_and_mass
 from unilateral.fem.quadrature import symmetric
@@ -207,6 +209,25 @@ def test_what_nodes_do_not_see_of_u_on_a_clamped_side_is_in_the_bounds(c, monkey
     monkeypatch.setattr(feasible, "_short", without)
     s = ul.solve(unseen(c), h=1 / 4, H=1 / 2)
     assert s.bounds.u < math.sqrt(4 * math.pi)
+
+
+def test_a_kink_beside_which_places_are_rounded_counts() -> None:
+    """Where pieces meet u_D' jumps by 1e6; within units in the last place either may be meant.
+
+    Control: without that.
+    """
+    corners = [(0.1, 0.1), (1.1, 0.1), (1.1, 0.8), (0.1, 0.8)]
+    problem = ul.Problem(corners, 0, [None, -1e9, None, None], [0, 2], u={3: "1e6*pos(y - 1/2, 1)"}, c=0)
+    kinked, mesh = problem.enclosed_obstacle, unstructured(problem.polygon, 1 / 8)
+    known = replace(kinked, steep=np.zeros_like(kinked.steep))
+
+    def norm(of) -> float:
+        clamped = np.isin(mesh.side, [3])
+        return constraint(of, mesh, clamped, clamped).steep.max()
+
+    least = 1e6 * math.sqrt(2 * 8 * np.spacing(problem.polygon.perimeter))
+    assert least <= norm(known) <= norm(kinked)
+    assert norm(replace(known, kinks=known.steep)) < 0.1 * least
 
 
 @pytest.mark.parametrize(("c", "square"), [(0, 1 / 3), (1, 1 - math.tanh(1))])
