@@ -121,7 +121,7 @@ def _unknown(problem: Problem, order: Order) -> dict[str, Any]:
     """The same of a problem file; `error` is the bound on w's."""
     mesh = mesh_of(order)
     source, cells = enclosed(mesh, problem), {k: partition(mesh, k) for k in OTHER}
-    load = load_vector(mesh, source.moments)
+    load = load_vector(mesh, source.moments())
     means = {k: obstacle_means(problem, cells[k]) for k in OTHER}
     w = grid(mesh, hierarchy(mesh), load, means[CELLS], CELLS).solve(CONVERGED)
     bound = local_bound(source, problem.enclosed_obstacle, cells[CELLS], w.u, w.lambda_H)

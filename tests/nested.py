@@ -8,11 +8,16 @@ from functools import cache
 import numpy as np
 import scipy.sparse as sp
 
+from unilateral.discrete.loads import form_of, load_of
+from unilateral.discrete.multilevel import MultilevelProblem, nested_spaces, on_levels
 from unilateral.fem.hierarchy import FinerSpace, Hierarchy, hierarchy
 from unilateral.fem.p1 import stiffness_and_mass
 from unilateral.geometry.mesh import Mesh, from_arrays, refine, refine_some, unstructured, with_boundary
+from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon, named
 from unilateral.geometry.structured import structured
+from unilateral.problems.data import Data
+from unilateral.problems.sampled import Sampled
 
 FLAT = Polygon(np.array([[0.0, 0.0], [1.0, 0.0], [3.0, 0.3], [0.4, 0.25]]), "flat")
 SLANTED = Polygon(np.array([[0, 0], [3, 1], [2.5, 2], [4, 4], [0.5, 3]]), "slanted")
@@ -30,6 +35,12 @@ class Nested:
     @property
     def mesh(self) -> Mesh:
         return self.meshes[-1]
+
+
+def multilevel(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> MultilevelProblem | None:
+    """The problem on the levels of a mesh; None as for `nested_spaces`."""
+    spaces = nested_spaces(mesh, partition, problem.free_sides, form=form_of(problem, mesh))
+    return on_levels(problem, spaces, load_of(problem, mesh)) if spaces else None
 
 
 def levels_of(meshes: list[Mesh]) -> Nested:

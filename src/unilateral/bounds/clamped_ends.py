@@ -114,8 +114,7 @@ def inside_reach(mesh: Mesh, vertex: int, clamps: Clamps) -> Index:
     edges = np.flatnonzero(mesh.side == (vertex if forward else (vertex - 1) % mesh.polygon.n_sides))
     edges = edges if forward else edges[::-1]
     within = np.cumsum(np.diff(mesh.s)[edges]) <= clamps.ends.reach[vertex]
-    inner = edges[1:][within[1:]] if forward else edges[:-1][within[1:]]
-    return inner
+    return edges[1:][within[1:]] if forward else edges[:-1][within[1:]]
 
 
 def missing(mesh: Mesh, part: Index, clamps: Clamps) -> tuple[float, float]:

@@ -155,7 +155,7 @@ def local_bound(
 def flux_of(source: Source, u_h: Array, sigma: Array, form: Form) -> Array:
     """The flux by `equilibrated` with q.n = sigma (nb, 2) on the edges that are not clamped."""
     given = np.where(form.edges(source.mesh)[:, None], math.nan, sigma)
-    return equilibrated(source.mesh, u_h, source.moments_on, given, form.reaction)
+    return equilibrated(source.mesh, u_h, source.moments, given, form.reaction)
 
 
 def of_divergence(form: Form, squares: Array, rounding: float) -> tuple[float, Array]:
@@ -217,5 +217,5 @@ def _of_data(source: Source, u_h: Array, form: Form = H1) -> Array:
     for of in blocks(squares.shape[1]):
         a, b, c = source.f_h[of].T - form.reaction * u_h.take(mesh.triangles[of].T)
         more = np.sqrt(mesh.areas[of] / 36 * ((b - a) ** 2 + (c - b) ** 2 + (a - c) ** 2))
-        squares[:, of] = source.squares_with(more, form, of)
+        squares[:, of] = source.squares(form, more, of)
     return squares

@@ -106,7 +106,7 @@ def sharp_bound(
     eta = math.hypot(away.norm(of_v) + short_of_v.norm + added_to_v, math.sqrt(2 * short_of_v.product))
     eta *= 1 + SUMS
     most = (1 + SUMS) * math.hypot(away.norm(of_u), math.sqrt(2 * short.product), distance)
-    data = source.distance_with(0.0, form) + tau.distance + away.unbalanced
+    data = source.distance(form) + tau.distance + away.unbalanced
     data = (1 + SUMS) * data + underflow(mesh, form)
     of_lambda = min(distance + most, eta) + flux.distance(mesh) + data
     return SharpBound(

@@ -71,11 +71,13 @@ class DiscreteProblem(ABC):
     def lambda_norm(self, lambda_H: Array) -> float:
         """A lower bound on ||lambda_H||_{-1/2,h}, lambda_H (m,), which is at most ||lambda_H||_{-1/2}."""
 
-    @abstractmethod
     def solved(self, stop: Stop) -> DiscreteSolution:
-        """(u_h, lambda_H) with an algebraic bound up to `stop.tolerance`, else a fraction of other errors."""
+        """(u_h, lambda_H) with an algebraic bound up to `stop.tolerance`, else a fraction of other errors.
 
-    @abstractmethod
+        This, `iterated` and `continued` raise InputError for what is kept of a problem, see `KeptProblem`.
+        """
+        raise InputError(KEPT)
+
     def iterated(
         self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
     ) -> DiscreteSolution:
@@ -83,10 +85,11 @@ class DiscreteProblem(ABC):
 
         `total` predicts the bound on its total error.
         """
+        raise InputError(KEPT)
 
-    @abstractmethod
     def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
         """The solution, iterated on to a smaller tolerance."""
+        raise InputError(KEPT)
 
     def errors(self, lambda_H: Array) -> ExactErrors | None:
         """The true errors of lambda_H (m,) and its u_h, where the exact solution is known on these spaces."""
@@ -130,17 +133,6 @@ class KeptProblem(DiscreteProblem):
     def lambda_norm(self, lambda_H: Array) -> float:
         """That of the solution."""
         return self.facts.lambda_norm
-
-    def solved(self, stop: Stop) -> DiscreteSolution:
-        raise InputError(KEPT)
-
-    def iterated(
-        self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
-    ) -> DiscreteSolution:
-        raise InputError(KEPT)
-
-    def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
-        raise InputError(KEPT)
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,11 +6,11 @@ import math
 from typing import TYPE_CHECKING
 
 from unilateral.discrete.base import DiscreteProblem
-from unilateral.discrete.condensed import CondensedProblem, on_spaces
+from unilateral.discrete.condensed import on_spaces
 from unilateral.discrete.loads import Load, form_of, load_of
 from unilateral.errors import InputError
 from unilateral.fem.condense import REFINED, condense
-from unilateral.fem.form import H1, Form
+from unilateral.fem.form import Form
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -75,13 +75,7 @@ def discretised(problem: Data | Sampled, spaces: Spaces, load: Load | None = Non
     return on_levels(problem, spaces, load or load_of(problem, spaces.mesh))
 
 
-def condensed(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> CondensedProblem:
-    """The problem condensed to the boundary. Raises InputError where more memory is needed than is free."""
-    form = form_of(problem, mesh)
-    return on_spaces(problem, condensed_spaces(mesh, partition, problem.free_sides, form))
-
-
-def condensed_spaces(mesh: Mesh, partition: Partition, free: tuple[int, ...], form: Form = H1) -> MixedSpaces:
+def condensed_spaces(mesh: Mesh, partition: Partition, free: tuple[int, ...], form: Form) -> MixedSpaces:
     """The spaces condensed to the boundary. Raises InputError where more memory is needed than is free."""
     check_condensed(mesh, partition)
     return mixed_spaces(condense(mesh, form), partition, free)

@@ -17,7 +17,7 @@ from scipy.linalg.blas import dnrm2
 from unilateral.arrays import Array, Index
 from unilateral.bounds.source import enclosed
 from unilateral.discrete.base import AIM, DiscreteProblem, DiscreteSolution
-from unilateral.discrete.loads import Load, flux_load, form_of, held_values, load_of, obstacle_means
+from unilateral.discrete.loads import Load, flux_load, form_of, held_values, obstacle_means
 from unilateral.fem.form import H1, Form
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
 from unilateral.fem.nested_cells import Cells, nested_cells
@@ -137,12 +137,6 @@ class NestedSpaces:
     free: tuple[int, ...]
     levels: Hierarchy
     nested: list[Cells]
-
-
-def multilevel(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> MultilevelProblem | None:
-    """The problem on the levels of a mesh; None as for `nested_spaces`."""
-    spaces = nested_spaces(mesh, partition, problem.free_sides, form=form_of(problem, mesh))
-    return on_levels(problem, spaces, load_of(problem, mesh)) if spaces else None
 
 
 def nested_spaces(

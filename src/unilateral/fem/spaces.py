@@ -102,11 +102,6 @@ class MixedSpaces:
             return 1.0
         return math.sqrt(STEKLOV_GUARD * self.condensed.sigma_1 * max(self.operator.lambda_min, 0.0))
 
-    @property
-    def whole_B(self) -> sp.csr_array:
-        """B (m, nb), with what it is at fixed nodes."""
-        return coupling(self.mesh, self.partition)[self.cells] if self.condensed.form.clamped else self.B
-
     def extended(self, lambda_H: Array) -> Array:
         """lambda_H (m,) as a function on all cells, 0 on free sides."""
         on_all = np.zeros(self.partition.n_cells)

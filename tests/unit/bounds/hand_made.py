@@ -96,7 +96,7 @@ def given_to(problem, mesh, cells, u_h, lambda_H, free=()):
 
 def u_of(problem, mesh, cells, lambda_H):
     """u_h by (5.1); (f, v) = (f_h, v) for v in V_h."""
-    of_f = load_vector(mesh, enclosed(mesh, problem).moments)
+    of_f = load_vector(mesh, enclosed(mesh, problem).moments())
     of_f[mesh.boundary] += coupling(mesh, cells).T @ lambda_H
     return condense(mesh).solve(of_f)
 

@@ -135,7 +135,7 @@ def indices(of, mesh):
     cells = partitions.uniform(data.polygon, data.polygon.lengths.max())
     source, flux = enclosed(on, data), given(data.enclosed_flux, on)
     solve = sla.splu(sum(stiffness_and_mass(on)).tocsc()).solve
-    discrete = solve(load_vector(on, source.moments) + edge_load(on, flux.ends))
+    discrete = solve(load_vector(on, source.moments()) + edge_load(on, flux.ends))
     found = []
     with mp.workdps(50):
         at_nodes = of.at(digits(mesh.points)).astype(float) / units.value
