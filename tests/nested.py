@@ -39,7 +39,7 @@ class Nested:
 
 def multilevel(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> MultilevelProblem | None:
     """The problem on the levels of a mesh; None as for `nested_spaces`."""
-    spaces = nested_spaces(mesh, partition, problem.free_sides, form=form_of(problem, mesh))
+    spaces = nested_spaces(mesh, partition, form=form_of(problem, mesh))
     return on_levels(problem, spaces, load_of(problem, mesh)) if spaces else None
 
 

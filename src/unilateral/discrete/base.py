@@ -174,7 +174,7 @@ class DiscreteSolution:
         """(2, E) the flux of the cheap bound, as `equilibrated` gives it, where f, g and q are formulas."""
         if self._given is None:
             return None
-        source, _, cells, u_h, lambda_H, _, tau, form = self._given
+        source, _, cells, u_h, lambda_H, tau, form = self._given
         return flux_of(source, u_h, edge_flux(source.mesh, cells, lambda_H).ends + tau.ends, form)
 
     @property
@@ -215,7 +215,7 @@ class DiscreteSolution:
         return sharp_bound(*of) if of else None
 
     @cached_property
-    def _given(self) -> tuple[Source, Obstacle, Partition, Array, Array, tuple[int, ...], Given, Form] | None:
+    def _given(self) -> tuple[Source, Obstacle, Partition, Array, Array, Given, Form] | None:
         """The arguments of both bounds; None where f, g and q are no formulas."""
         discrete, data = self.discrete, self.discrete.data
         if data is None:
@@ -223,7 +223,7 @@ class DiscreteSolution:
         source = discrete.source or source_of(discrete.mesh, data)
         pair = discrete.partition, self.u_h, self.lambda_H
         flux = given(data.enclosed_flux, discrete.mesh, discrete.form)
-        return source, data.enclosed_obstacle, *pair, data.free_sides, flux, discrete.form
+        return source, data.enclosed_obstacle, *pair, flux, discrete.form
 
     @cached_property
     def u_norm(self) -> float:

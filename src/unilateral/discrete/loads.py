@@ -24,7 +24,7 @@ from unilateral.problems.sampled import Sampled
 def form_of(problem: Data | Sampled, mesh: Mesh) -> Form:
     """The form of a problem. The mesh serves for the constant that it needs if c = 0."""
     clamped, reaction = problem.clamped_sides, problem.reaction
-    return Form(reaction, clamped, 1.0 if reaction else friedrichs(mesh, clamped))
+    return Form(reaction, clamped, 1.0 if reaction else friedrichs(mesh, clamped), problem.free_sides)
 
 
 def held_values(problem: Data | Sampled, mesh: Mesh) -> Array:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -115,12 +114,12 @@ class MixedSpaces:
         return self.condensed.solve(total)
 
 
-def mixed_spaces(condensed: Condensed, partition: Partition, free: Sequence[int] = ()) -> MixedSpaces:
-    """The spaces on a mesh and a partition; `free` sides, and those that are clamped, have no multiplier.
+def mixed_spaces(condensed: Condensed, partition: Partition) -> MixedSpaces:
+    """The spaces on a mesh and a partition, with multipliers where the form has them.
 
     Raises InputError if the partition belongs to another polygon than the mesh.
     """
-    cells = np.flatnonzero(~np.isin(partition.side, [*free, *condensed.form.clamped]))
+    cells = np.flatnonzero(condensed.form.held(partition.side))
     B = coupling(condensed.mesh, partition)[cells]
     B.data[condensed.fixed[condensed.mesh.boundary[B.indices]]] = 0.0
     return MixedSpaces(condensed, partition, cells, B, dual_operator(condensed, B, partition.lengths[cells]))

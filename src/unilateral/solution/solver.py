@@ -185,7 +185,7 @@ class Solver:
         """The dual operator of the condensed problem. Raises InputError where memory does not suffice."""
         of = self._spaces
         if not isinstance(of, MixedSpaces):
-            of = condensed_spaces(of.mesh, of.partition, of.free, of.levels.form)
+            of = condensed_spaces(of.mesh, of.partition, of.levels.form)
         return of.operator
 
 

@@ -15,6 +15,7 @@ from nested import alone
 from unilateral.discrete.condensed import CondensedProblem, with_load
 from unilateral.fem import residual_rounding
 from unilateral.fem.condense import condense
+from unilateral.fem.form import Form
 from unilateral.fem.functional_norm import dual_norm
 from unilateral.fem.hierarchy import FinerSpace, hierarchy
 from unilateral.fem.nested_cells import nested_cells
@@ -67,16 +68,16 @@ class Both:
 
 def on_levels(mesh: Mesh, partition: Partition, g: Array, free: tuple[int, ...] = ()) -> Multigrid:
     """The problem with the load `of` and the cell means g (cells,)."""
-    levels = hierarchy(mesh)
-    cells = nested_cells(levels, partition, free)
+    levels = hierarchy(mesh, form=Form(free=free))
+    cells = nested_cells(levels, partition)
     assert cells is not None
-    held = ~np.isin(partition.side, free)
+    held = levels.form.held(partition.side)
     return multigrid(levels, cells, by_parts(mesh, of), (partition.lengths * g)[held])
 
 
 def both(mesh: Mesh, partition: Partition, g: Array, free: tuple[int, ...] = ()) -> Both:
     """The same problem in both ways."""
-    spaces, load = mixed_spaces(condense(mesh), partition, free), by_parts(mesh, of)
+    spaces, load = mixed_spaces(condense(mesh, Form(free=free)), partition), by_parts(mesh, of)
     trace = spaces.condensed.solve(load)[mesh.boundary]
     return Both(on_levels(mesh, partition, g, free), with_load(spaces, load, trace, g))
 

@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from unilateral.bounds.boundary_flux import nothing
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.bounds.source import enclosed
 from unilateral.fem.condense import condense
+from unilateral.fem.form import H1
 from unilateral.fem.p1 import case_moments, coupling, load_vector
 from unilateral.formulas.formula import real
 from unilateral.geometry.mesh import Mesh
@@ -70,7 +72,7 @@ def over_errors(
         total = loads[case.name]
         total[mesh.boundary] += B.T @ lambda_H
         f, g = enclosed(mesh, case), case.enclosed_obstacle
-        given = f, g, partition, condensed.solve(total), lambda_H
+        given = f, g, partition, condensed.solve(total), lambda_H, nothing(mesh), H1
         sharp, cheap = sharp_bound(*given), local_bound(*given)
         of_u, of_lambda = float(error_in(of, "h1")), float(error_in(of, "hm12", "upper"))
         of_lambda = of_lambda if of_lambda > ZERO * float(of["u_norm"]) else np.nan
