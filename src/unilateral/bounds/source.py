@@ -32,7 +32,7 @@ from unilateral.bounds.source_pieces import (
     with_gaps,
 )
 from unilateral.fem.form import H1, Form
-from unilateral.fem.p1 import linear_moments
+from unilateral.fem.p1 import linear_moments, load_vector
 from unilateral.fem.p2 import linear_squares
 from unilateral.fem.poincare import J
 from unilateral.fem.splitting import quarter
@@ -72,10 +72,7 @@ class Source:
     @property
     def load(self) -> Array:
         """(n,) values of (f_h, phi_i)."""
-        load, nodes = np.zeros(self.mesh.n_nodes), self.mesh.triangles
-        for of in blocks(len(nodes)):
-            np.add.at(load, nodes[of].ravel(), self.moments(of).ravel())
-        return load
+        return load_vector(self.mesh, self.moments())
 
     def moments(self, of: slice = slice(None)) -> Array:
         """(k, 3) the moments of f_h, and so of p, with the hats of some triangles, or of all."""

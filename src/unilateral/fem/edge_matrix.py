@@ -11,8 +11,6 @@ node. That gives the diagonal. Then entries off the diagonal that belong to `fix
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import scipy.sparse as sp
 
@@ -35,16 +33,14 @@ def elements(points: Array, nodes: Int32) -> tuple[Array, Array]:
     return stiffness, area
 
 
-class Assembled(NamedTuple):
-    """A (n, n), each row beginning with the diagonal, the `sums` (n,) of its rows, and the lumped `mass`."""
+def matrix(
+    tri: Triangulation, points: Array, reaction: float = 1.0, fixed: Mask | None = None
+) -> tuple[sp.csr_array, Array, Array]:
+    """The matrix A of those triangles and of a form, in which some nodes (n,) may be `fixed`.
 
-    A: sp.csr_array
-    sums: Array
-    mass: Array
-
-
-def matrix(tri: Triangulation, points: Array, reaction: float = 1.0, fixed: Mask | None = None) -> Assembled:
-    """The matrix of those triangles and of a form, in which some nodes (n,) may be `fixed`."""
+    A (n, n) has rows that begin with the diagonal. With it come the sums (n,) of its rows, and the lumped
+    mass (n,).
+    """
     n, mass, beside = tri.n, np.zeros(tri.n), np.zeros(len(tri.ends))
     for of in blocks(len(tri.nodes)):
         stiffness, area = elements(points, tri.nodes[of])
@@ -61,7 +57,7 @@ def matrix(tri: Triangulation, points: Array, reaction: float = 1.0, fixed: Mask
         sums[fixed], beside[cut] = diagonal[fixed], 0.0
     every, (a, b) = np.arange(n, dtype=np.int32), tri.ends.T
     places = np.concatenate([every, a, b]), np.concatenate([every, b, a])
-    return Assembled(_once(np.concatenate([diagonal, beside, beside]), *places, (n, n)), sums, mass)
+    return _once(np.concatenate([diagonal, beside, beside]), *places, (n, n)), sums, mass
 
 
 def some_rows(

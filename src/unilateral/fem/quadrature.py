@@ -150,7 +150,9 @@ def triangle_rules(mesh: Mesh, case: Case, degree: int | None = None) -> Iterato
     fine = mesh.h <= FINE * min([mesh.polygon.lengths.min(), *radii])
     of_whole, of_pieces = degree or (FINE_DEGREE if fine else DEGREE), degree or DEGREE
     for block in blocks(len(regular)):
-        yield _on_whole(mesh, regular[block], *symmetric(of_whole))
+        index = regular[block]
+        whole = np.broadcast_to(np.eye(3), (len(index), 3, 3))
+        yield _place(mesh, whole, index, *symmetric(of_whole))
     for block in blocks(len(split.parent)):
         yield _place(mesh, split.corners[block], split.parent[block], *symmetric(of_pieces))
     for apart in split.singular:
@@ -190,13 +192,6 @@ def collapsed(n: int, grading: int = 1) -> tuple[Array, Array]:
     weight = 0.5 * rho * grading * tau ** (grading - 1) * w[:, None] * v
     points = np.stack(np.broadcast_arrays(1 - rho, rho * (1 - across), rho * across), axis=-1)
     return points.reshape(-1, 3), weight.ravel()
-
-
-def _on_whole(mesh: Mesh, index: Index, points: Array, weights: Array) -> TriangleRule:
-    """The rule with barycentric points (q, 3) on the triangles `index` (k,) themselves."""
-    places = points @ mesh.points[mesh.triangles[index]]
-    everywhere = np.broadcast_to(points, (len(index), *points.shape))
-    return TriangleRule(index, everywhere, np.outer(mesh.areas[index], weights), places.reshape(-1, 2))
 
 
 def _place(mesh: Mesh, corners: Array, index: Index, points: Array, weights: Array) -> TriangleRule:
