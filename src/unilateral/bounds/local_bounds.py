@@ -40,7 +40,7 @@ import numpy as np
 
 from unilateral.arrays import Array, blocks
 from unilateral.bounds.boundary_flux import Given, edge_flux
-from unilateral.bounds.clamped_ends import ClampedEnds, clamped_ends, none, outflows
+from unilateral.bounds.clamped_ends import ClampedEnds, clamped_ends, outflows
 from unilateral.bounds.equilibrated_flux import equilibrated
 from unilateral.bounds.feasible import lifting
 from unilateral.bounds.flux_residuals import SUMS, defects, misfit, root, underflow
@@ -120,10 +120,8 @@ def local_bound(
     eta = (1 + SUMS) * math.hypot(root(moved) + rounding + more, math.sqrt(slack))
     of_data = _of_data(source, u_h, form)
     data = (1 + SUMS) * (norm(of_data) + tau.distance + unbalanced) + underflow(mesh, form)
-    ends = none(mesh.polygon.n_sides)
-    if form.clamped:
-        energy = mesh.growth * (root(moved) + rounding + more + data)
-        ends = clamped_ends(mesh, form, lift, u_h, flux, slack + (1 + SUMS) * energy**2 / 4)
+    energy = mesh.growth * (root(moved) + rounding + more + data)
+    ends = clamped_ends(mesh, form, lift, u_h, flux, slack + (1 + SUMS) * (energy * energy) / 4)
     doubt, shares = root(of_added) + tau.unknown, inside + of_data.sum(axis=0)
     shares[of.triangles] += of_d + of_added
     np.add.at(shares, mesh.boundary_triangles, short.squares + 2 * short.slack + tau.squares.sum(axis=0))
@@ -174,11 +172,9 @@ def check(mesh: Mesh, cells: Partition, u_h: Array, lambda_H: Array, form: Form)
             raise InputError(f"{name} must hold {n} finite numbers; it has the shape {np.shape(values)}")
     if np.min(lambda_H) < 0:
         raise InputError(f"lambda_H has the value {np.min(lambda_H):.4g}; it must not be negative")
-    loaded = np.flatnonzero(~form.held(cells.side) & (lambda_H > 0))
-    if loaded.size:
-        raise InputError(
-            f"lambda_H is not 0 on side {cells.side[loaded[0]]}, which has no contact; it must be"
-        )
+    at = np.flatnonzero(~form.held(cells.side) & (lambda_H > 0))
+    if at.size:
+        raise InputError(f"lambda_H is not 0 on side {cells.side[at[0]]}, which has no contact; it must be")
 
 
 def _of_feasible(

@@ -189,9 +189,8 @@ class DiscreteSolution:
         """
         of = self.discrete
         data = of.data if believed else None
-        problem = KeptProblem(
-            of.mesh, of.partition, of.cells, NO_LOAD, of.g_means, self.facts, data=data, form=of.form
-        )
+        spaces = of.mesh, of.partition, of.cells
+        problem = KeptProblem(*spaces, NO_LOAD, of.g_means, self.facts, data=data, form=of.form)
         found = replace(self, discrete=problem)
         bounds = ("_local_bound", "_sharp_bound")
         if believed:

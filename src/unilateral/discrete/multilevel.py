@@ -96,11 +96,8 @@ class MultilevelProblem(DiscreteProblem):
         return self._solution(self.grids.solve(tolerance, begin, stop.fraction, IN_L2 * total))
 
     def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
-        start, in_L2 = (
-            (solution.u_h - self.held, solution.result.lambda_H > 0),
-            IN_L2 * tolerance / stop.fraction,
-        )
-        more = self._solution(self.grids.solve(tolerance, start, in_L2=in_L2))
+        start = solution.u_h - self.held, solution.result.lambda_H > 0
+        more = self._solution(self.grids.solve(tolerance, start, in_L2=IN_L2 * tolerance / stop.fraction))
         return replace(more, result=more.result.after(solution.result))
 
     def lambda_norm(self, lambda_H: Array) -> float:

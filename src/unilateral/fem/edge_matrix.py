@@ -61,16 +61,14 @@ def matrix(
 
 
 def some_rows(
-    points: Array, nodes: Int32, chosen: Int32, n: int, reaction: float = 1.0, fixed: Mask | None = None
+    points: Array, nodes: Int32, chosen: Int32, n: int, reaction: float, fixed: Mask
 ) -> sp.csr_array:
     """(k, n) the rows of the nodes (k,) alone, from the triangles with those nodes (T, 3); see `matrix`."""
     parts = [_rows(points, nodes, chosen[of], n, reaction, fixed) for of in blocks(len(chosen), ROWS)]
     return sp.vstack(parts, format="csr") if parts else sp.csr_array((0, n))
 
 
-def _rows(
-    points: Array, nodes: Int32, chosen: Int32, n: int, reaction: float, fixed: Mask | None
-) -> sp.csr_array:
+def _rows(points: Array, nodes: Int32, chosen: Int32, n: int, reaction: float, fixed: Mask) -> sp.csr_array:
     """(k, n) the rows of some nodes (k,), as in `some_rows`.
 
     Each edge from an inner node leads to the next node of one triangle and to the last node of another.
@@ -89,8 +87,7 @@ def _rows(
         columns = np.concatenate([corners[(i + to) % 3][here] for i, here in enumerate(at)])
         values = np.concatenate([beside[(i + opposite) % 3][here] for i, here in enumerate(at)])
         np.subtract.at(diagonal, rows, values)
-        if fixed is not None:
-            values = np.where(fixed[columns] | fixed[chosen[rows]], 0.0, values)
+        values = np.where(fixed[columns] | fixed[chosen[rows]], 0.0, values)
         off_diagonal = off_diagonal + _once(values, rows, columns, shape)
     return off_diagonal + _once(diagonal, np.arange(len(chosen), dtype=np.int32), chosen, shape)
 

@@ -147,9 +147,9 @@ class Recursive:
         for part in pair:
             at = rank[np.searchsorted(nodes, part.nodes)]
             K[0, at[:, None], at] += part.K
-        nodes, met = nodes[order], met[order]
+        inner, outer = np.split(nodes[order], [i])
         return CondensedPart(
-            nodes[i:], met[i:], self._eliminated(K, nodes[None, None, :i], nodes[None, None, i:])[0]
+            outer, met[order][i:], self._eliminated(K, inner[None, None], outer[None, None])[0]
         )
 
     def _eliminated(self, K: Array, inner: Index, outer: Index) -> Array:

@@ -142,12 +142,10 @@ class Exact:
 
     def errors(self, spaces: MixedSpaces, mu: Array) -> ExactErrors:
         """The errors of (u(mu), mu) for mu (m,); those of lambda are not judged where beta is 0."""
-        difference = self.boundary_load(spaces, mu)
-        h1, share, dual = self.ritz.h1_error(difference)
+        h1, share, dual = self.ritz.h1_error(self.boundary_load(spaces, mu))
         if spaces.operator.singular:
             return ExactErrors(h1, math.nan, math.nan, share)
-        l2 = self.means.l2_error(spaces.extended(mu))
-        return ExactErrors(h1, dual, l2, share)
+        return ExactErrors(h1, dual, self.means.l2_error(spaces.extended(mu)), share)
 
 
 def exact(case: Case, spaces: MixedSpaces) -> Exact:

@@ -48,8 +48,7 @@ def _angles(mesh: Mesh, start: Index, end: Index) -> Array:
 
 def jumps(mesh: Mesh) -> sp.csr_array:
     """(edges, 2m) all J_e from |T|^{1/2} grad w_T, the components of a triangle one after the other."""
-    ends = (np.roll(mesh.triangles, -k, 1) for k in (1, 2))
-    start, end = (mesh.points[nodes] for nodes in ends)
+    start, end = (mesh.points[np.roll(mesh.triangles, -k, 1)] for k in (1, 2))
     entries = (start - end) / (2 * np.sqrt(mesh.areas))[:, None, None]
     edges, components = mesh.opposite_edges, 2 * np.arange(len(mesh.triangles))[:, None]
     rows = np.concatenate([edges, edges]).ravel()
