@@ -205,13 +205,11 @@ class DiscreteSolution:
 
     @cached_property
     def _local_bound(self) -> LocalBound | None:
-        of = self._given
-        return local_bound(*of) if of else None
+        return local_bound(*self._given) if self._given else None
 
     @cached_property
     def _sharp_bound(self) -> SharpBound | None:
-        of = self._given
-        return sharp_bound(*of) if of else None
+        return sharp_bound(*self._given) if self._given else None
 
     @cached_property
     def _given(self) -> tuple[Source, Obstacle, Partition, Array, Array, Given, Form] | None:
