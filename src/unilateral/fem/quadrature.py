@@ -140,10 +140,10 @@ def triangle_rules(mesh: Mesh, case: Case, degree: int | None = None) -> Iterato
 
     If no `degree` is given it is DEGREE, or FINE_DEGREE on whole triangles of a fine mesh, see FINE.
     """
-    split = split_triangles(mesh, case)
+    corners, parent, singular = split_triangles(mesh, case)
     special = np.zeros(len(mesh.triangles), dtype=bool)
-    special[split.parent] = True
-    for apart in split.singular:
+    special[parent] = True
+    for apart in singular:
         special[apart.parent] = True
     regular = np.flatnonzero(~special)
     radii = [4 * kink.radius for kink in case.kinks() if kink.radius]
@@ -153,9 +153,9 @@ def triangle_rules(mesh: Mesh, case: Case, degree: int | None = None) -> Iterato
         index = regular[block]
         whole = np.broadcast_to(np.eye(3), (len(index), 3, 3))
         yield _place(mesh, whole, index, *symmetric(of_whole))
-    for block in blocks(len(split.parent)):
-        yield _place(mesh, split.corners[block], split.parent[block], *symmetric(of_pieces))
-    for apart in split.singular:
+    for block in blocks(len(parent)):
+        yield _place(mesh, corners[block], parent[block], *symmetric(of_pieces))
+    for apart in singular:
         points, weights = collapsed(of_pieces, apart.grading)
         rule = _place(mesh, apart.corners, apart.parent, points, weights)
         edges = apart.corners[:, 1:] @ mesh.points[mesh.triangles[apart.parent]] - apart.point[:, None]
