@@ -18,10 +18,12 @@ from benchmarks.peers.driver import Clock, order, report
 from benchmarks.plan import OTHER
 from benchmarks.problem import grid, mesh_of, partition
 from unilateral.arrays import Array
+from unilateral.bounds.boundary_flux import nothing
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.source import enclosed
 from unilateral.discrete.condensed import with_load
 from unilateral.fem.condense import Condensed, by_sparse, condense, matrix
+from unilateral.fem.form import H1, Form
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
 from unilateral.fem.linear_systems import dissected
 from unilateral.fem.macro_elements import Recursive
@@ -76,9 +78,9 @@ def linear(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
     clock.skip()
     mesh = mesh_of(of)
     clock.lap("mesh")
-    levels = hierarchy(mesh)
+    levels = hierarchy(mesh, form=Form(free=tuple(range(mesh.polygon.n_sides))))
     clock.lap("assembly")
-    cells = nested_cells(levels, partition(mesh, of["H_over_h"]), range(mesh.polygon.n_sides))
+    cells = nested_cells(levels, partition(mesh, of["H_over_h"]))
     assert cells is not None
     found = multigrid(levels, cells, load, none).solve(tolerance_of(data, of))
     clock.lap("solve")
@@ -90,7 +92,7 @@ def bound(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
     problem, (mesh, _, found) = problem_file.load(of["case"]), from_nothing(clock, data, of)
     given = enclosed(mesh, problem), problem.enclosed_obstacle, partition(mesh, of["H_over_h"])
     clock.skip()
-    local_bound(*given, found.u, found.lambda_H)
+    local_bound(*given, found.u, found.lambda_H, nothing(mesh), H1)
     clock.lap("bound")
     result = {"way": "bound", "H_over_h": of["H_over_h"], "phases": clock.phases, **counts(found)}
     return mesh.points, [result], [found.u]

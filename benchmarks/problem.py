@@ -25,11 +25,13 @@ import numpy as np
 from benchmarks.peers.driver import matched
 from benchmarks.plan import CELLS, OTHER
 from unilateral.arrays import Array
+from unilateral.bounds.boundary_flux import nothing
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.source import enclosed
 from unilateral.discrete.condensed import obstacle_means
 from unilateral.errors import InputError
 from unilateral.fem.edge_matrix import matrix
+from unilateral.fem.form import H1
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
 from unilateral.fem.nested_cells import nested_cells
 from unilateral.fem.p1 import by_parts, case_moments, load_vector
@@ -121,10 +123,11 @@ def _unknown(problem: Problem, order: Order) -> dict[str, Any]:
     """The same of a problem file; `error` is the bound on w's."""
     mesh = mesh_of(order)
     source, cells = enclosed(mesh, problem), {k: partition(mesh, k) for k in OTHER}
-    load = load_vector(mesh, source.moments)
+    load = load_vector(mesh, source.moments())
     means = {k: obstacle_means(problem, cells[k]) for k in OTHER}
     w = grid(mesh, hierarchy(mesh), load, means[CELLS], CELLS).solve(CONVERGED)
-    bound = local_bound(source, problem.enclosed_obstacle, cells[CELLS], w.u, w.lambda_H)
+    pair = cells[CELLS], w.u, w.lambda_H
+    bound = local_bound(source, problem.enclosed_obstacle, *pair, nothing(mesh), H1)
     on_sides = np.stack(compile_numpy(problem.g, "xy")(*mesh.points[mesh.boundary].T))
     g = on_sides[mesh.side, np.arange(len(mesh.boundary))]
     known = {"load": load, "obstacle": g, "w": w.u, "error": bound.u}

@@ -28,7 +28,8 @@ from unilateral.accuracy.level import (
 from unilateral.accuracy.watch import ENCLOSING, Watch
 from unilateral.bounds.source import enclosed
 from unilateral.discrete.base import AIM, DiscreteProblem, DiscreteSolution
-from unilateral.discrete.choice import condensed, wants_multigrid
+from unilateral.discrete.choice import check_condensed, wants_multigrid
+from unilateral.discrete.condensed import discretise
 from unilateral.errors import InputError
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -121,7 +122,8 @@ def _on(problem: Data, of: AdaptedMesh, stop: Stop, last: DiscreteSolution | Non
         from unilateral.discrete.multilevel import after  # and with it PyAMG
 
         return after(last, problem, of)
-    found = condensed(problem, of.mesh, of.partition)
+    check_condensed(of.mesh, of.partition)
+    found = discretise(problem, of.mesh, of.partition)
     return found if found.source else replace(found, source=enclosed(of.mesh, problem))
 
 

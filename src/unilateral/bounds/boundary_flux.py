@@ -64,8 +64,7 @@ class EdgeFlux(NamedTuple):
 
     def distance(self, mesh: Mesh) -> float:
         """A bound on ||lambda_H - sigma||_{-1/2}."""
-        bound = oscillation_bound(mesh, self.rest[:, None], self.constant)
-        return (1 + SUMS) * bound.item()
+        return (1 + SUMS) * oscillation_bound(mesh, self.rest[:, None], self.constant).item()
 
 
 def edge_flux(mesh: Mesh, cells: Partition, lambda_H: Array) -> EdgeFlux:

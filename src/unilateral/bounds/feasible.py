@@ -32,7 +32,7 @@ import numpy as np
 from unilateral.arrays import Array, Mask
 from unilateral.bounds.boundary_flux import EdgeFlux
 from unilateral.bounds.constraint import ROUNDING, Constraint, bernstein_bounds, constraint
-from unilateral.fem.form import H1, Form
+from unilateral.fem.form import Form
 from unilateral.fem.p2 import Layer, layer
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.obstacle_and_flux import Obstacle
@@ -206,13 +206,11 @@ class Lifting(NamedTuple):
         return (np.sqrt(of_added) + of_either) ** 2
 
 
-def lifting(
-    mesh: Mesh, obstacle: Obstacle, u_h: Array, flux: EdgeFlux, held: Mask, form: Form = H1
-) -> Lifting:
-    """The lifting for u_h (n,), with g on the edges `held` (nb,), and u_D on those that the form clamps."""
+def lifting(mesh: Mesh, obstacle: Obstacle, u_h: Array, flux: EdgeFlux, form: Form) -> Lifting:
+    """The lifting for u_h (n,), with g on edges with multipliers, and u_D on those that the form clamps."""
     clamped = form.edges(mesh)
-    g = constraint(obstacle, mesh, held | clamped, clamped)
-    contact = in_contact(g, _trace(u_h[mesh.boundary], np.zeros(len(held))), flux.push)
+    g = constraint(obstacle, mesh, form.held(mesh.side) | clamped, clamped)
+    contact = in_contact(g, _trace(u_h[mesh.boundary], np.zeros(len(clamped))), flux.push)
     contact[g.unknowns[clamped]] = True
     return Lifting(layer(mesh), g, contact, flux.ends)
 

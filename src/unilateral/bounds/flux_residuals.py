@@ -71,7 +71,7 @@ def defects(source: Source, u_h: Array, q: Array, reaction: float = 1.0) -> tupl
     mesh, sizes, stretched = source.mesh, 0.0, _stretched(source.mesh, q)
     squares, residual = np.empty((2, len(mesh.triangles)))
     for of in blocks(len(squares)):
-        area, node, moments = mesh.areas[of], mesh.triangles[of].T, source.moments_on(of).T
+        area, node, moments = mesh.areas[of], mesh.triangles[of].T, source.moments(of).T
         u, (first, last) = u_h.take(node), flows(mesh, q, of)
         squares[of] = linear_squares(area, _misfit(mesh, node, u, (first, last), area).transpose(2, 1, 0))
         flow, steep, over = _sum(first) + _sum(last), mesh.longest_edges[of] / area, 1 / area

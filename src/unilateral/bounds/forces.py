@@ -102,21 +102,14 @@ def forces(
 
 
 def _ends(
-    mesh: Mesh,
-    cells: Partition,
-    lambda_H: Array,
-    bound: float,
-    held: Index,
-    parts: list[Index],
-    clamps: Clamps,
+    mesh: Mesh, cells: Partition, lambda_H: Array, E: float, held: Index, parts: list[Index], clamps: Clamps
 ) -> tuple[Array, Array]:
     """(k,), (k,) numbers below and above the forces over k parts, each some of the sides `held`."""
-    load = lambda_H / max(bound, LEAST * float(cells.lengths @ lambda_H), TINY)
+    load = lambda_H / max(E, LEAST * float(cells.lengths @ lambda_H), TINY)
     of, space = condensed(mesh, cells, load, clamps)
     pairing, load = (coupling(of, cells).T @ np.column_stack([lambda_H, load])).T
-    clamped = np.isin(of.side, clamps.form.clamped)
-    exact = clamped | np.roll(clamped, 1)
-    best = Best(of, space, pairing, bound, load, exact, clamps.weight)
+    exact = clamps.form.fixed(of)[of.boundary]
+    best = Best(of, space, pairing, E, load, exact, clamps.weight)
     above, below = (
         np.column_stack(c) for c in zip(*(_limits(of, held, each, clamps) for each in parts), strict=True)
     )

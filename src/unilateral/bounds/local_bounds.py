@@ -34,20 +34,19 @@ of the polygon itself. What that changes of differences is added like rounding, 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 
 from unilateral.arrays import Array, blocks
-from unilateral.bounds.boundary_flux import Given, edge_flux, nothing
-from unilateral.bounds.clamped_ends import ClampedEnds, clamped_ends, none, outflows
+from unilateral.bounds.boundary_flux import Given, edge_flux
+from unilateral.bounds.clamped_ends import ClampedEnds, clamped_ends, outflows
 from unilateral.bounds.equilibrated_flux import equilibrated
 from unilateral.bounds.feasible import lifting
 from unilateral.bounds.flux_residuals import SUMS, defects, misfit, root, underflow
 from unilateral.bounds.source import Source, norm
 from unilateral.errors import InputError
-from unilateral.fem.form import H1, Form
+from unilateral.fem.form import Form
 from unilateral.fem.p2 import Layer, linear_squares, slopes_at_nodes, squares
 from unilateral.geometry import exact_mesh
 from unilateral.geometry.mesh import Mesh
@@ -92,29 +91,22 @@ class LocalBound(Bound):
 
 
 def local_bound(
-    source: Source,
-    obstacle: Obstacle,
-    cells: Partition,
-    u_h: Array,
-    lambda_H: Array,
-    free: Collection[int] = (),
-    given: Given | None = None,
-    form: Form = H1,
+    source: Source, obstacle: Obstacle, cells: Partition, u_h: Array, lambda_H: Array, tau: Given, form: Form
 ) -> LocalBound:
-    """Bounds for any u_h (n,) in V_h and lambda_H (m,) in Lambda_H, which is 0 on the `free` sides.
+    """Bounds for any u_h (n,) in V_h and lambda_H (m,) in Lambda_H, which is 0 on free and on clamped sides.
 
-    On these the flux is 0 unless it is `given`. lambda_H is 0, too, on sides that the form clamps, and u_h
-    has there the values of the obstacle's polynomials at nodes.
+    On the free ones the flux is tau. On the clamped ones u_h has the values of the obstacle's polynomials at
+    nodes.
 
     The nearer (u_h, lambda_H) is to the discrete solution, the sharper they are. Raises InputError if the
-    arrays do not fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on a free side.
+    arrays do not fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on such a side.
     """
-    mesh, without = source.mesh, [*free, *form.clamped]
-    check(mesh, cells, u_h, lambda_H, without)
-    flux, held, tau = edge_flux(mesh, cells, lambda_H), ~np.isin(mesh.side, without), given or nothing(mesh)
+    mesh = source.mesh
+    check(mesh, cells, u_h, lambda_H, form)
+    flux = edge_flux(mesh, cells, lambda_H)
     q = flux_of(source, u_h, flux.ends + tau.ends, form)
-    lift = lifting(mesh, obstacle, u_h, flux, held, form)
-    *of_boundary, short = lift.lifted(u_h[mesh.boundary], np.zeros(len(held)))
+    lift = lifting(mesh, obstacle, u_h, flux, form)
+    *of_boundary, short = lift.lifted(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
     of, d = lift.of, lift.of.function(*of_boundary)
     of_gradient, residual, rounding = defects(source, u_h, q, form.reaction)
     of_d, of_added = of.norms(*d), lift.added(short)
@@ -124,21 +116,19 @@ def local_bound(
     inside = of_gradient + mesh.areas * residual**2
     defect, slack = root(inside) + rounding, 2 * short.product
     of_u = (1 + SUMS) * math.hypot(defect, distance, math.sqrt(slack))
-    moved = _of_feasible(of, u_h, q, inside, form.reaction, residual, *d)
+    moved = _of_feasible(of, u_h, q, inside, form.reaction, residual, d)
     eta = (1 + SUMS) * math.hypot(root(moved) + rounding + more, math.sqrt(slack))
     of_data = _of_data(source, u_h, form)
     data = (1 + SUMS) * (norm(of_data) + tau.distance + unbalanced) + underflow(mesh, form)
-    ends = none(mesh.polygon.n_sides)
-    if form.clamped:
-        energy = mesh.growth * (root(moved) + rounding + more + data)
-        ends = clamped_ends(mesh, form, lift, u_h, flux, slack + (1 + SUMS) * energy**2 / 4)
+    energy = mesh.growth * (root(moved) + rounding + more + data)
+    ends = clamped_ends(mesh, form, lift, u_h, flux, slack + (1 + SUMS) * (energy * energy) / 4)
     doubt, shares = root(of_added) + tau.unknown, inside + of_data.sum(axis=0)
     shares[of.triangles] += of_d + of_added
     np.add.at(shares, mesh.boundary_triangles, short.squares + 2 * short.slack + tau.squares.sum(axis=0))
     of_lambda = mesh.growth * (min(distance + of_u, eta) + flux.distance(mesh) + data)
     return LocalBound(
         u=mesh.growth * (of_u + data),
-        lambda_=of_lambda if held.any() else 0.0,
+        lambda_=of_lambda if form.held(mesh.side).any() else 0.0,
         lifting=distance,
         data=data,
         unknown=form.friedrichs * source.unknown + doubt,
@@ -155,7 +145,7 @@ def local_bound(
 def flux_of(source: Source, u_h: Array, sigma: Array, form: Form) -> Array:
     """The flux by `equilibrated` with q.n = sigma (nb, 2) on the edges that are not clamped."""
     given = np.where(form.edges(source.mesh)[:, None], math.nan, sigma)
-    return equilibrated(source.mesh, u_h, source.moments_on, given, form.reaction)
+    return equilibrated(source.mesh, u_h, source.moments, given, form.reaction)
 
 
 def of_divergence(form: Form, areas: Array, residual: Array, rounding: float) -> tuple[float, Array]:
@@ -169,8 +159,8 @@ def of_divergence(form: Form, areas: Array, residual: Array, rounding: float) ->
     return form.friedrichs * (root(areas * residual**2) + rounding), np.zeros_like(residual)
 
 
-def check(mesh: Mesh, cells: Partition, u_h: Array, lambda_H: Array, free: Collection[int]) -> None:
-    """Raises InputError unless u_h is in V_h, lambda_H in Lambda_H, lambda_H >= 0, and 0 on the `free` sides.
+def check(mesh: Mesh, cells: Partition, u_h: Array, lambda_H: Array, form: Form) -> None:
+    """Raises InputError unless u_h is in V_h, lambda_H in Lambda_H, lambda_H >= 0, and 0 where it has to be.
 
     It is raised, too, where the mesh is too far from the exact one.
     """
@@ -182,28 +172,19 @@ def check(mesh: Mesh, cells: Partition, u_h: Array, lambda_H: Array, free: Colle
             raise InputError(f"{name} must hold {n} finite numbers; it has the shape {np.shape(values)}")
     if np.min(lambda_H) < 0:
         raise InputError(f"lambda_H has the value {np.min(lambda_H):.4g}; it must not be negative")
-    loaded = np.flatnonzero(np.isin(cells.side, [*free]) & (lambda_H > 0))
-    if loaded.size:
-        raise InputError(
-            f"lambda_H is not 0 on side {cells.side[loaded[0]]}, which has no contact; it must be"
-        )
+    at = np.flatnonzero(~form.held(cells.side) & (lambda_H > 0))
+    if at.size:
+        raise InputError(f"lambda_H is not 0 on side {cells.side[at[0]]}, which has no contact; it must be")
 
 
 def _of_feasible(
-    of: Layer,
-    u_h: Array,
-    q: Array,
-    inside: Array,
-    reaction: float,
-    residual: Array,
-    hats: Array,
-    bubbles: Array,
+    of: Layer, u_h: Array, q: Array, inside: Array, reaction: float, residual: Array, d: tuple[Array, Array]
 ) -> Array:
     """(m,) ||grad v - q||^2 + ||v - f~ - div q||^2 for v = u_h + d, from that for u_h, `inside`.
 
     Without a reaction it is the first of both.
     """
-    here = of.triangles
+    here, (hats, bubbles) = of.triangles, d
     gradient = misfit(of.mesh, u_h, q, here) + slopes_at_nodes(of.slopes, hats, bubbles)
     moved = inside.copy()
     of_values = squares(of.areas, hats + residual[here, None], bubbles)
@@ -211,11 +192,11 @@ def _of_feasible(
     return moved
 
 
-def _of_data(source: Source, u_h: Array, form: Form = H1) -> Array:
+def _of_data(source: Source, u_h: Array, form: Form) -> Array:
     """(r, m) the squares whose `norm` bounds that of f - f~ as a functional."""
     mesh, squares = source.mesh, np.empty((2 if form.clamped else 1, len(source.f_h)))
     for of in blocks(squares.shape[1]):
         a, b, c = source.f_h[of].T - form.reaction * u_h.take(mesh.triangles[of].T)
         more = np.sqrt(mesh.areas[of] / 36 * ((b - a) ** 2 + (c - b) ** 2 + (a - c) ** 2))
-        squares[:, of] = source.squares_with(more, form, of)
+        squares[:, of] = source.squares(form, more, of)
     return squares

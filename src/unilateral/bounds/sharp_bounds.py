@@ -34,13 +34,12 @@ and lambda_H. What rounding and the exact mesh may do to the sums over triangles
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.bounds.boundary_flux import Given, edge_flux, nothing
+from unilateral.bounds.boundary_flux import Given, edge_flux
 from unilateral.bounds.clamped_ends import outflows
 from unilateral.bounds.feasible import Lifting, Missing, lifting
 from unilateral.bounds.flux_residuals import ROUNDING, SUMS, defects, misfit, root, underflow
@@ -77,23 +76,16 @@ class SharpBound(Bound):
 
 
 def sharp_bound(
-    source: Source,
-    obstacle: Obstacle,
-    cells: Partition,
-    u_h: Array,
-    lambda_H: Array,
-    free: Collection[int] = (),
-    given: Given | None = None,
-    form: Form = H1,
+    source: Source, obstacle: Obstacle, cells: Partition, u_h: Array, lambda_H: Array, tau: Given, form: Form
 ) -> SharpBound:
     """Bounds for what `local_bound` takes, which raises InputError likewise.
 
     The nearer (u_h, lambda_H) is to the discrete solution, the sharper they are.
     """
-    mesh, without = source.mesh, [*free, *form.clamped]
-    check(mesh, cells, u_h, lambda_H, without)
-    flux, held, tau = edge_flux(mesh, cells, lambda_H), ~np.isin(mesh.side, without), given or nothing(mesh)
-    spaces, lift = quadratic(mesh), lifting(mesh, obstacle, u_h, flux, held, form)
+    mesh = source.mesh
+    check(mesh, cells, u_h, lambda_H, form)
+    flux, spaces = edge_flux(mesh, cells, lambda_H), quadratic(mesh)
+    lift = lifting(mesh, obstacle, u_h, flux, form)
     away = _away(spaces, source, u_h, flux.ends + tau.ends, form)
     of_u = spaces.of_hats(u_h - away.w)
     of_lifted, short = _lifted(lift, away, of_u)
@@ -106,12 +98,12 @@ def sharp_bound(
     eta = math.hypot(away.norm(of_v) + short_of_v.norm + added_to_v, math.sqrt(2 * short_of_v.product))
     eta *= 1 + SUMS
     most = (1 + SUMS) * math.hypot(away.norm(of_u), math.sqrt(2 * short.product), distance)
-    data = source.distance_with(0.0, form) + tau.distance + away.unbalanced
+    data = source.distance(form) + tau.distance + away.unbalanced
     data = (1 + SUMS) * data + underflow(mesh, form)
     of_lambda = min(distance + most, eta) + flux.distance(mesh) + data
     return SharpBound(
         u=mesh.growth * (_leg(most, max(distance - eta, 0.0)) + data),
-        lambda_=mesh.growth * of_lambda if held.any() else 0.0,
+        lambda_=mesh.growth * of_lambda if form.held(mesh.side).any() else 0.0,
         lifting=distance,
         data=data,
         unknown=form.friedrichs * source.unknown + doubt,

@@ -32,7 +32,7 @@ from unilateral.bounds.source_pieces import (
     with_gaps,
 )
 from unilateral.fem.form import H1, Form
-from unilateral.fem.p1 import linear_moments
+from unilateral.fem.p1 import linear_moments, load_vector
 from unilateral.fem.p2 import linear_squares
 from unilateral.fem.poincare import J
 from unilateral.fem.splitting import quarter
@@ -70,38 +70,22 @@ class Source:
     seen: Seen | None = None
 
     @property
-    def moments(self) -> Array:
-        """(m, 3) the moments of f_h, and so of p, with the triangles' hats."""
-        return self.moments_on(slice(None))
-
-    @property
     def load(self) -> Array:
         """(n,) values of (f_h, phi_i)."""
-        load, nodes = np.zeros(self.mesh.n_nodes), self.mesh.triangles
-        for of in blocks(len(nodes)):
-            np.add.at(load, nodes[of].ravel(), self.moments_on(of).ravel())
-        return load
+        return load_vector(self.mesh, self.moments())
 
-    def moments_on(self, of: slice) -> Array:
-        """(k, 3) the `moments` on some triangles."""
+    def moments(self, of: slice = slice(None)) -> Array:
+        """(k, 3) the moments of f_h, and so of p, with the hats of some triangles, or of all."""
         return linear_moments(self.mesh.areas[of], self.f_h[of])
 
-    @property
-    def distance(self) -> float:
-        """A bound on the norm of f - f_h in the dual of H^1."""
-        return self.distance_with(0.0)
+    def distance(self, form: Form = H1) -> float:
+        """A bound on the norm of f - f_h in the dual of the form's functions, H^1 by default."""
+        return norm(self.squares(form))
 
-    def distance_with(self, more: Array | float, form: Form = H1) -> float:
-        """The same for f - f_h plus a function with mean 0 and the norm `more` (m,) on every triangle.
-
-        Functions are those of the form.
-        """
-        return norm(self.squares_with(more, form))
-
-    def squares_with(self, more: Array | float, form: Form = H1, of: slice = slice(None)) -> Array:
+    def squares(self, form: Form, more: Array | float = 0.0, of: slice = slice(None)) -> Array:
         """(r, k) the parts of some triangles in that bound, which is the `norm` of all of them.
 
-        `more` (k,) is on these triangles.
+        On these triangles f - f_h may have a part of mean 0 and the norm `more` (k,) in addition.
         """
         free, rest = self.oscillation[of] + more, self.rest[of]
         of_mean_free = (poincare(self.mesh.longest_edges[of]) * free) ** 2

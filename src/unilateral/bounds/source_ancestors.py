@@ -86,7 +86,7 @@ def joined(several: Sequence[Polynomials]) -> Polynomials:
 
 def whole(corners: Array, size: float, data: Data) -> Polynomials:
     """f on triangles with those corners (k, 3, 2), of a mesh of that `rounded_size`."""
-    known = [none()]
+    known = []
     for of in blocks(len(corners)):
         c, rad, ordered = on_triangles(corners[of], size, data)
         frame = _frame(*ordered.transpose(1, 2, 0))

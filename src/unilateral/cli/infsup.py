@@ -50,7 +50,8 @@ def run(
     """Print what is found; the exit code."""
     domain = domain_of(polygon) if polygon else None
     of = _mesh(mesh, h, domain.polygon if domain else None)
-    found = record(of, _cells(of.polygon, cells or "", H), form_of(domain, of) if domain else H1)
+    form = form_of(domain, of)._replace(free=()) if domain else H1
+    found = record(of, _cells(of.polygon, cells or "", H), form)
     say(text(found) if json else "\n".join(lines(found)))
     return 0
 

@@ -71,11 +71,13 @@ class DiscreteProblem(ABC):
     def lambda_norm(self, lambda_H: Array) -> float:
         """A lower bound on ||lambda_H||_{-1/2,h}, lambda_H (m,), which is at most ||lambda_H||_{-1/2}."""
 
-    @abstractmethod
     def solved(self, stop: Stop) -> DiscreteSolution:
-        """(u_h, lambda_H) with an algebraic bound up to `stop.tolerance`, else a fraction of other errors."""
+        """(u_h, lambda_H) with an algebraic bound up to `stop.tolerance`, else a fraction of other errors.
 
-    @abstractmethod
+        This, `iterated` and `continued` raise InputError for what is kept of a problem, see `KeptProblem`.
+        """
+        raise InputError(KEPT)
+
     def iterated(
         self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
     ) -> DiscreteSolution:
@@ -83,10 +85,11 @@ class DiscreteProblem(ABC):
 
         `total` predicts the bound on its total error.
         """
+        raise InputError(KEPT)
 
-    @abstractmethod
     def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
         """The solution, iterated on to a smaller tolerance."""
+        raise InputError(KEPT)
 
     def errors(self, lambda_H: Array) -> ExactErrors | None:
         """The true errors of lambda_H (m,) and its u_h, where the exact solution is known on these spaces."""
@@ -131,17 +134,6 @@ class KeptProblem(DiscreteProblem):
         """That of the solution."""
         return self.facts.lambda_norm
 
-    def solved(self, stop: Stop) -> DiscreteSolution:
-        raise InputError(KEPT)
-
-    def iterated(
-        self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
-    ) -> DiscreteSolution:
-        raise InputError(KEPT)
-
-    def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
-        raise InputError(KEPT)
-
 
 @dataclass(frozen=True, eq=False)
 class DiscreteSolution:
@@ -182,7 +174,7 @@ class DiscreteSolution:
         """(2, E) the flux of the cheap bound, as `equilibrated` gives it, where f, g and q are formulas."""
         if self._given is None:
             return None
-        source, _, cells, u_h, lambda_H, _, tau, form = self._given
+        source, _, cells, u_h, lambda_H, tau, form = self._given
         return flux_of(source, u_h, edge_flux(source.mesh, cells, lambda_H).ends + tau.ends, form)
 
     @property
@@ -197,9 +189,8 @@ class DiscreteSolution:
         """
         of = self.discrete
         data = of.data if believed else None
-        problem = KeptProblem(
-            of.mesh, of.partition, of.cells, NO_LOAD, of.g_means, self.facts, data=data, form=of.form
-        )
+        spaces = of.mesh, of.partition, of.cells
+        problem = KeptProblem(*spaces, NO_LOAD, of.g_means, self.facts, data=data, form=of.form)
         found = replace(self, discrete=problem)
         bounds = ("_local_bound", "_sharp_bound")
         if believed:
@@ -214,16 +205,14 @@ class DiscreteSolution:
 
     @cached_property
     def _local_bound(self) -> LocalBound | None:
-        of = self._given
-        return local_bound(*of) if of else None
+        return local_bound(*self._given) if self._given else None
 
     @cached_property
     def _sharp_bound(self) -> SharpBound | None:
-        of = self._given
-        return sharp_bound(*of) if of else None
+        return sharp_bound(*self._given) if self._given else None
 
     @cached_property
-    def _given(self) -> tuple[Source, Obstacle, Partition, Array, Array, tuple[int, ...], Given, Form] | None:
+    def _given(self) -> tuple[Source, Obstacle, Partition, Array, Array, Given, Form] | None:
         """The arguments of both bounds; None where f, g and q are no formulas."""
         discrete, data = self.discrete, self.discrete.data
         if data is None:
@@ -231,7 +220,7 @@ class DiscreteSolution:
         source = discrete.source or source_of(discrete.mesh, data)
         pair = discrete.partition, self.u_h, self.lambda_H
         flux = given(data.enclosed_flux, discrete.mesh, discrete.form)
-        return source, data.enclosed_obstacle, *pair, data.free_sides, flux, discrete.form
+        return source, data.enclosed_obstacle, *pair, flux, discrete.form
 
     @cached_property
     def u_norm(self) -> float:

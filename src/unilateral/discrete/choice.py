@@ -6,11 +6,11 @@ import math
 from typing import TYPE_CHECKING
 
 from unilateral.discrete.base import DiscreteProblem
-from unilateral.discrete.condensed import CondensedProblem, on_spaces
+from unilateral.discrete.condensed import on_spaces
 from unilateral.discrete.loads import Load, form_of, load_of
 from unilateral.errors import InputError
 from unilateral.fem.condense import REFINED, condense
-from unilateral.fem.form import H1, Form
+from unilateral.fem.form import Form
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -51,11 +51,11 @@ def cheapest(problem: Data | Sampled, mesh: Mesh, partition: Partition, stop: St
     Else they are condensed ones. An algorithm or a rho that is asked for decides. Raises InputError where
     multigrid is asked for but not possible.
     """
-    form, free = form_of(problem, mesh), problem.free_sides
+    form = form_of(problem, mesh)
     if wants_multigrid(stop, mesh.n_nodes):
         from unilateral.discrete.multilevel import nested_spaces  # and with it PyAMG
 
-        nested = nested_spaces(mesh, partition, free, form=form)
+        nested = nested_spaces(mesh, partition, form=form)
         if nested:
             return nested
         if stop.algorithm == "multigrid":
@@ -63,7 +63,7 @@ def cheapest(problem: Data | Sampled, mesh: Mesh, partition: Partition, stop: St
                 f"multigrid needs a mesh of '{mesh.polygon.name}' made by refinement, with nodes at the "
                 "ends of all cells and two edges or more in each; take H = 2h or 4h, or another algorithm"
             )
-    return condensed_spaces(mesh, partition, free, form)
+    return condensed_spaces(mesh, partition, form)
 
 
 def discretised(problem: Data | Sampled, spaces: Spaces, load: Load | None = None) -> DiscreteProblem:
@@ -75,16 +75,10 @@ def discretised(problem: Data | Sampled, spaces: Spaces, load: Load | None = Non
     return on_levels(problem, spaces, load or load_of(problem, spaces.mesh))
 
 
-def condensed(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> CondensedProblem:
-    """The problem condensed to the boundary. Raises InputError where more memory is needed than is free."""
-    form = form_of(problem, mesh)
-    return on_spaces(problem, condensed_spaces(mesh, partition, problem.free_sides, form))
-
-
-def condensed_spaces(mesh: Mesh, partition: Partition, free: tuple[int, ...], form: Form = H1) -> MixedSpaces:
+def condensed_spaces(mesh: Mesh, partition: Partition, form: Form) -> MixedSpaces:
     """The spaces condensed to the boundary. Raises InputError where more memory is needed than is free."""
     check_condensed(mesh, partition)
-    return mixed_spaces(condense(mesh, form), partition, free)
+    return mixed_spaces(condense(mesh, form), partition)
 
 
 def check_condensed(mesh: Mesh, partition: Partition) -> None:

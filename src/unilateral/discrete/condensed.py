@@ -160,9 +160,7 @@ def with_solution(spaces: MixedSpaces, exact: Exact) -> CondensedProblem:
 
 def discretise(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> CondensedProblem:
     """The problem on one mesh and one partition, factorised, without multipliers on its free sides."""
-    return on_spaces(
-        problem, mixed_spaces(condense(mesh, form_of(problem, mesh)), partition, problem.free_sides)
-    )
+    return on_spaces(problem, mixed_spaces(condense(mesh, form_of(problem, mesh)), partition))
 
 
 def on_spaces(problem: Data | Sampled, spaces: MixedSpaces, load: Load | None = None) -> CondensedProblem:

@@ -26,7 +26,8 @@ def form_of(problem: Data | Sampled, mesh: Mesh) -> Form:
     """The form of a problem. The mesh serves for the constant that it needs where a side is clamped."""
     clamped, reaction = problem.clamped_sides, problem.reaction
     known = 1.0 if reaction else math.inf
-    return Form(reaction, clamped, friedrichs(mesh, clamped, known) if clamped else known)
+    C = friedrichs(mesh, clamped, known) if clamped else known
+    return Form(reaction, clamped, C, problem.free_sides)
 
 
 def held_values(problem: Data | Sampled, mesh: Mesh) -> Array:

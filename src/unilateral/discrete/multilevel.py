@@ -17,7 +17,7 @@ from scipy.linalg.blas import dnrm2
 from unilateral.arrays import Array, Index
 from unilateral.bounds.source import enclosed
 from unilateral.discrete.base import AIM, DiscreteProblem, DiscreteSolution
-from unilateral.discrete.loads import Load, flux_load, form_of, held_values, load_of, obstacle_means
+from unilateral.discrete.loads import Load, flux_load, form_of, held_values, obstacle_means
 from unilateral.fem.form import H1, Form
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
 from unilateral.fem.nested_cells import Cells, nested_cells
@@ -42,12 +42,11 @@ MOST_COARSE = 50_000
 class MultilevelProblem(DiscreteProblem):
     """(P_h*) on nested spaces. f and g are enclosed where the `data` are formulas.
 
-    The iteration begins at the `guess` (n,), which is 0 at fixed nodes, by default on coarser levels. `free`
-    are the sides without multipliers. Each cell has a node inside, so lambda_H is `unique`. No lower bound on
-    `beta` is known, so it is set to 1: algebraic bounds are then in ||.||_{-1/2,h}.
+    The iteration begins at the `guess` (n,), which is 0 at fixed nodes, by default on coarser levels. Each
+    cell has a node inside, so lambda_H is `unique`. No lower bound on `beta` is known, so it is set to 1:
+    algebraic bounds are then in ||.||_{-1/2,h}.
     """
 
-    free: tuple[int, ...]
     guess: Array | None = None
 
     @property
@@ -61,7 +60,7 @@ class MultilevelProblem(DiscreteProblem):
     @cached_property
     def grids(self) -> Multigrid:
         """The levels, which are made again if they are asked for after they were forgotten."""
-        spaces = nested_spaces(self.mesh, self.partition, self.free, hierarchy(self.mesh, form=self.form))
+        spaces = nested_spaces(self.mesh, self.partition, hierarchy(self.mesh, form=self.form))
         assert spaces is not None
         return self.on_grids(spaces)
 
@@ -97,11 +96,8 @@ class MultilevelProblem(DiscreteProblem):
         return self._solution(self.grids.solve(tolerance, begin, stop.fraction, IN_L2 * total))
 
     def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
-        start, in_L2 = (
-            (solution.u_h - self.held, solution.result.lambda_H > 0),
-            IN_L2 * tolerance / stop.fraction,
-        )
-        more = self._solution(self.grids.solve(tolerance, start, in_L2=in_L2))
+        start = solution.u_h - self.held, solution.result.lambda_H > 0
+        more = self._solution(self.grids.solve(tolerance, start, in_L2=IN_L2 * tolerance / stop.fraction))
         return replace(more, result=more.result.after(solution.result))
 
     def lambda_norm(self, lambda_H: Array) -> float:
@@ -127,30 +123,16 @@ class MultilevelProblem(DiscreteProblem):
 
 @dataclass(frozen=True, eq=False)
 class NestedSpaces:
-    """The spaces on the `levels` of a mesh, with the cells of the last levels; see `nested_cells`.
-
-    There are no multipliers on the sides `free`.
-    """
+    """The spaces on the `levels` of a mesh, with the cells of the last levels; see `nested_cells`."""
 
     mesh: Mesh
     partition: Partition
-    free: tuple[int, ...]
     levels: Hierarchy
     nested: list[Cells]
 
 
-def multilevel(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> MultilevelProblem | None:
-    """The problem on the levels of a mesh; None as for `nested_spaces`."""
-    spaces = nested_spaces(mesh, partition, problem.free_sides, form=form_of(problem, mesh))
-    return on_levels(problem, spaces, load_of(problem, mesh)) if spaces else None
-
-
 def nested_spaces(
-    mesh: Mesh,
-    partition: Partition,
-    free: tuple[int, ...] = (),
-    known: Hierarchy | None = None,
-    form: Form = H1,
+    mesh: Mesh, partition: Partition, known: Hierarchy | None = None, form: Form = H1
 ) -> NestedSpaces | None:
     """The spaces on the levels of a mesh, which may be `known`, or else those for a form.
 
@@ -161,21 +143,20 @@ def nested_spaces(
     if known is None and (not mesh.steps or coarse.n_nodes > MOST_COARSE):
         return None
     levels = known or hierarchy(mesh, form=form)
-    nested = nested_cells(levels, partition, [*free, *levels.form.clamped])
-    return None if nested is None else NestedSpaces(mesh, partition, free, levels, nested)
+    nested = nested_cells(levels, partition)
+    return None if nested is None else NestedSpaces(mesh, partition, levels, nested)
 
 
 def on_levels(
     problem: Data | Sampled, spaces: NestedSpaces, load: Load, guess: Array | None = None
 ) -> MultilevelProblem:
     """The problem on its spaces, with the `load` of its f; the iteration begins at the `guess` (n,)."""
-    mesh, partition = spaces.mesh, spaces.partition
-    form = spaces.levels.form
-    cells = np.flatnonzero(~np.isin(partition.side, [*spaces.free, *form.clamped]))
+    mesh, partition, form = spaces.mesh, spaces.partition, spaces.levels.form
+    cells = np.flatnonzero(form.held(partition.side))
     means, values = obstacle_means(problem, partition), load.values + flux_load(problem, mesh)
     data = None if isinstance(problem, Sampled) else problem
     discrete = MultilevelProblem(
-        mesh, partition, cells, values, means, spaces.free, guess, data=data, source=load.source,
+        mesh, partition, cells, values, means, guess, data=data, source=load.source,
         form=form, held=_held(problem, mesh, form),
     )  # fmt: skip
     vars(discrete)["grids"] = discrete.on_grids(spaces)
@@ -213,7 +194,7 @@ def after(last: DiscreteSolution | None, problem: Data, of: AdaptedMesh) -> Mult
         for level in levels.levels:
             if level.n > len(last.u_h):
                 level.prolong(guess)
-    spaces = nested_spaces(mesh, of.partition, problem.free_sides, levels)
+    spaces = nested_spaces(mesh, of.partition, levels)
     assert spaces is not None
     return on_levels(problem, spaces, Load(source.load, source), guess)
 

@@ -11,8 +11,6 @@ node. That gives the diagonal. Then entries off the diagonal that belong to `fix
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import scipy.sparse as sp
 
@@ -35,16 +33,14 @@ def elements(points: Array, nodes: Int32) -> tuple[Array, Array]:
     return stiffness, area
 
 
-class Assembled(NamedTuple):
-    """A (n, n), each row beginning with the diagonal, the `sums` (n,) of its rows, and the lumped `mass`."""
+def matrix(
+    tri: Triangulation, points: Array, reaction: float = 1.0, fixed: Mask | None = None
+) -> tuple[sp.csr_array, Array, Array]:
+    """The matrix A of those triangles and of a form, in which some nodes (n,) may be `fixed`.
 
-    A: sp.csr_array
-    sums: Array
-    mass: Array
-
-
-def matrix(tri: Triangulation, points: Array, reaction: float = 1.0, fixed: Mask | None = None) -> Assembled:
-    """The matrix of those triangles and of a form, in which some nodes (n,) may be `fixed`."""
+    A (n, n) has rows that begin with the diagonal. With it come the sums (n,) of its rows, and the lumped
+    mass (n,).
+    """
     n, mass, beside = tri.n, np.zeros(tri.n), np.zeros(len(tri.ends))
     for of in blocks(len(tri.nodes)):
         stiffness, area = elements(points, tri.nodes[of])
@@ -61,20 +57,18 @@ def matrix(tri: Triangulation, points: Array, reaction: float = 1.0, fixed: Mask
         sums[fixed], beside[cut] = diagonal[fixed], 0.0
     every, (a, b) = np.arange(n, dtype=np.int32), tri.ends.T
     places = np.concatenate([every, a, b]), np.concatenate([every, b, a])
-    return Assembled(_once(np.concatenate([diagonal, beside, beside]), *places, (n, n)), sums, mass)
+    return _once(np.concatenate([diagonal, beside, beside]), *places, (n, n)), sums, mass
 
 
 def some_rows(
-    points: Array, nodes: Int32, chosen: Int32, n: int, reaction: float = 1.0, fixed: Mask | None = None
+    points: Array, nodes: Int32, chosen: Int32, n: int, reaction: float, fixed: Mask
 ) -> sp.csr_array:
     """(k, n) the rows of the nodes (k,) alone, from the triangles with those nodes (T, 3); see `matrix`."""
     parts = [_rows(points, nodes, chosen[of], n, reaction, fixed) for of in blocks(len(chosen), ROWS)]
     return sp.vstack(parts, format="csr") if parts else sp.csr_array((0, n))
 
 
-def _rows(
-    points: Array, nodes: Int32, chosen: Int32, n: int, reaction: float, fixed: Mask | None
-) -> sp.csr_array:
+def _rows(points: Array, nodes: Int32, chosen: Int32, n: int, reaction: float, fixed: Mask) -> sp.csr_array:
     """(k, n) the rows of some nodes (k,), as in `some_rows`.
 
     Each edge from an inner node leads to the next node of one triangle and to the last node of another.
@@ -93,8 +87,7 @@ def _rows(
         columns = np.concatenate([corners[(i + to) % 3][here] for i, here in enumerate(at)])
         values = np.concatenate([beside[(i + opposite) % 3][here] for i, here in enumerate(at)])
         np.subtract.at(diagonal, rows, values)
-        if fixed is not None:
-            values = np.where(fixed[columns] | fixed[chosen[rows]], 0.0, values)
+        values = np.where(fixed[columns] | fixed[chosen[rows]], 0.0, values)
         off_diagonal = off_diagonal + _once(values, rows, columns, shape)
     return off_diagonal + _once(diagonal, np.arange(len(chosen), dtype=np.int32), chosen, shape)
 

@@ -1,5 +1,7 @@
 """The bilinear form of a problem, and the functions it is for: those that vanish on clamped sides.
 
+It also says where multipliers are: on sides that are neither clamped nor free.
+
 With c > 0 the scaled problem (`problems.units`) has the form (., .)_1 of (1.1). With c = 0 it is
 (grad ., grad .)_0, a scalar product of functions that vanish on a side. Their ||v|| = (v, v)^{1/2} is the
 energy norm in both cases.
@@ -16,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 
-from unilateral.arrays import Array, Mask
+from unilateral.arrays import Array, Index, Mask
 from unilateral.geometry.mesh import Mesh
 
 
@@ -24,17 +26,23 @@ class Form(NamedTuple):
     """(v, w) = (grad v, grad w)_0 + reaction (v, w)_0, the reaction 1 or 0, where v, w = 0 if `clamped`.
 
     Forces are bounded with another weight in the place of the reaction. `friedrichs` is a number C with
-    ||v||_0 <= C ||v||: 1 if no side is clamped, else that of `poincare` if c = 0 or it is smaller.
+    ||v||_0 <= C ||v||: 1 if no side is clamped, else that of `poincare` if c = 0 or it is smaller. There are
+    no multipliers on `free` sides.
     """
 
     reaction: float = 1.0
     clamped: tuple[int, ...] = ()
     friedrichs: float = 1.0
+    free: tuple[int, ...] = ()
 
     @property
     def of_H1(self) -> float:
         """A number C with ||v||_1 <= C ||v||."""
         return 1.0 if self.reaction else math.hypot(1.0, self.friedrichs)
+
+    def held(self, side: Index) -> Mask:
+        """(k,) on which of these sides (k,) there are multipliers."""
+        return ~np.isin(side, self.clamped + self.free)
 
     def edges(self, mesh: Mesh) -> Mask:
         """(nb,) which boundary edges are clamped."""

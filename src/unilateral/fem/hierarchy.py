@@ -212,7 +212,7 @@ def _rows(level: FinerSpace, points: Array, nodes: Int32, reaction: float, fixed
     """The rows of a level whose triangles have those nodes (T, 3)."""
     of_form = reaction, fixed[: level.n]
     if level.step.after:
-        return matrix(level.step.after, points, *of_form).A
+        return matrix(level.step.after, points, *of_form)[0]
     assert level.smoothed is not None
     return some_rows(points, nodes, level.smoothed, level.n, *of_form)
 

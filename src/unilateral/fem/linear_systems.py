@@ -24,6 +24,7 @@ except ModuleNotFoundError:  # there are no wheels for Windows
 NONE = np.empty(0, dtype=np.intp)
 DIRECT = 10_000
 """A matrix with at most this many unknowns is factorised."""
+SYMMETRIC = {"SymmetricMode": True}
 SMOOTHING = ("jacobi", {"omega": 4 / 3, "weighting": "local"})
 """How PyAMG smooths prolongations; its default begins with random numbers."""
 MOST_STEPS = 200
@@ -51,12 +52,7 @@ def dissected(A: sp.csr_array, boundary: Index = NONE) -> Sparse:
 
 def factorise(A: sp.csr_array, order: Index) -> SuperLU:
     """The factors of A (n, n), in its precision, with the unknowns in that order."""
-    return splu(
-        A[order][:, order].tocsc(),
-        permc_spec="NATURAL",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
+    return splu(A[order][:, order].tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0, options=SYMMETRIC)
 
 
 def elimination_order(A: sp.csr_array, boundary: Index = NONE) -> Index:
@@ -74,7 +70,7 @@ def elimination_order(A: sp.csr_array, boundary: Index = NONE) -> Index:
     if not np.any(off):
         return np.concatenate([interior, boundary])
     if not pymetis:
-        first = splu(inner.tocsc(), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
+        first = splu(inner.tocsc(), permc_spec="MMD_AT_PLUS_A", options=SYMMETRIC)
         return np.concatenate([interior[np.argsort(first.perm_c)], boundary])
     rows, neighbours = graph.row[off], graph.col[off]
     starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=len(interior)))])

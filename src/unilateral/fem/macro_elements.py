@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import cho_solve, cholesky, solve_triangular
 
-from unilateral.arrays import Array, Index, Mask
+from unilateral.arrays import Array, Index
 from unilateral.fem.form import H1, Form
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.refinement import Triangulation, refined
@@ -86,7 +86,8 @@ class Recursive:
         ]
         root = self._joined(parts, mesh.points, uses)
         order = np.argsort(root.nodes)[np.argsort(np.argsort(mesh.boundary))]
-        self.A_3 = np.where(self._coupled, root.K[np.ix_(order, order)], 0.0)
+        coupled = ~(self.fixed[:, None] | self.fixed) | np.eye(len(order), dtype=bool)
+        self.A_3 = np.where(coupled, root.K[np.ix_(order, order)], 0.0)
         self.cholesky = cholesky(self.A_3)
 
     def solve(self, rhs: Array) -> Array:
@@ -99,11 +100,6 @@ class Recursive:
         for stage in reversed(self.stages):
             stage.expand(x)
         return x.T.reshape(rhs.shape)
-
-    @property
-    def _coupled(self) -> Mask:
-        """(nb, nb) where A_3 is not 0: on the diagonal, and where neither node is fixed."""
-        return ~(self.fixed[:, None] | self.fixed) | np.eye(len(self.fixed), dtype=bool)
 
     def _macro_elements(self, mesh: Mesh, reaction: float) -> tuple[Index, Array]:
         """The nodes (s, p, 3m) around the coarse triangles, and the matrix (s, 3m, 3m) of each shape."""
@@ -151,9 +147,9 @@ class Recursive:
         for part in pair:
             at = rank[np.searchsorted(nodes, part.nodes)]
             K[0, at[:, None], at] += part.K
-        nodes, met = nodes[order], met[order]
+        inner, outer = np.split(nodes[order], [i])
         return CondensedPart(
-            nodes[i:], met[i:], self._eliminated(K, nodes[None, None, :i], nodes[None, None, i:])[0]
+            outer, met[order][i:], self._eliminated(K, inner[None, None], outer[None, None])[0]
         )
 
     def _eliminated(self, K: Array, inner: Index, outer: Index) -> Array:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -39,14 +38,14 @@ class Cells:
         return np.unique(self.B[chosen].indices)
 
 
-def nested_cells(of: Hierarchy, partition: Partition, free: Sequence[int] = ()) -> list[Cells] | None:
-    """The cells of the last levels, for as many levels as have cells, without the cells on `free` sides.
+def nested_cells(of: Hierarchy, partition: Partition) -> list[Cells] | None:
+    """The cells of the last levels, for as many levels as have cells, on sides where there are multipliers.
 
     A level's cells are the smallest unions of finer ones with at least two of its edges; where refinement was
     not uniform only the last level has cells. None where a point of the partition is no node, or a cell has
     one edge only.
     """
-    s, chosen = of.s, ~np.isin(partition.side, free)
+    s, chosen = of.s, of.form.held(partition.side)
     place = np.searchsorted(0.5 * (s[1:] + s[:-1]), partition.points)
     ends, side = np.column_stack([place[:-1], place[1:]])[chosen], partition.side[chosen]
     apart = float(np.max(np.abs(s[place] - partition.points)))

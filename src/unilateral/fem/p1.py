@@ -53,8 +53,7 @@ def from_elements(unknowns: Index, entries: Array, n: int) -> sp.csr_array:
 
 def load_vector(mesh: Mesh, moments: Array) -> Array:
     """(n,) values of (f, phi_i), from the moments (m, 3) of f against each triangle's hats."""
-    values = np.bincount(mesh.triangles.ravel(), moments.ravel(), len(mesh.points))
-    return values.astype(float)
+    return np.bincount(mesh.triangles.ravel(), moments.ravel(), len(mesh.points)).astype(float)
 
 
 def parts(mesh: Mesh) -> Iterator[Mesh]:

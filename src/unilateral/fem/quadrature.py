@@ -140,20 +140,22 @@ def triangle_rules(mesh: Mesh, case: Case, degree: int | None = None) -> Iterato
 
     If no `degree` is given it is DEGREE, or FINE_DEGREE on whole triangles of a fine mesh, see FINE.
     """
-    split = split_triangles(mesh, case)
+    corners, parent, singular = split_triangles(mesh, case)
     special = np.zeros(len(mesh.triangles), dtype=bool)
-    special[split.parent] = True
-    for apart in split.singular:
+    special[parent] = True
+    for apart in singular:
         special[apart.parent] = True
     regular = np.flatnonzero(~special)
     radii = [4 * kink.radius for kink in case.kinks() if kink.radius]
     fine = mesh.h <= FINE * min([mesh.polygon.lengths.min(), *radii])
     of_whole, of_pieces = degree or (FINE_DEGREE if fine else DEGREE), degree or DEGREE
     for block in blocks(len(regular)):
-        yield _on_whole(mesh, regular[block], *symmetric(of_whole))
-    for block in blocks(len(split.parent)):
-        yield _place(mesh, split.corners[block], split.parent[block], *symmetric(of_pieces))
-    for apart in split.singular:
+        index = regular[block]
+        whole = np.broadcast_to(np.eye(3), (len(index), 3, 3))
+        yield _place(mesh, whole, index, *symmetric(of_whole))
+    for block in blocks(len(parent)):
+        yield _place(mesh, corners[block], parent[block], *symmetric(of_pieces))
+    for apart in singular:
         points, weights = collapsed(of_pieces, apart.grading)
         rule = _place(mesh, apart.corners, apart.parent, points, weights)
         edges = apart.corners[:, 1:] @ mesh.points[mesh.triangles[apart.parent]] - apart.point[:, None]
@@ -190,13 +192,6 @@ def collapsed(n: int, grading: int = 1) -> tuple[Array, Array]:
     weight = 0.5 * rho * grading * tau ** (grading - 1) * w[:, None] * v
     points = np.stack(np.broadcast_arrays(1 - rho, rho * (1 - across), rho * across), axis=-1)
     return points.reshape(-1, 3), weight.ravel()
-
-
-def _on_whole(mesh: Mesh, index: Index, points: Array, weights: Array) -> TriangleRule:
-    """The rule with barycentric points (q, 3) on the triangles `index` (k,) themselves."""
-    places = points @ mesh.points[mesh.triangles[index]]
-    everywhere = np.broadcast_to(points, (len(index), *points.shape))
-    return TriangleRule(index, everywhere, np.outer(mesh.areas[index], weights), places.reshape(-1, 2))
 
 
 def _place(mesh: Mesh, corners: Array, index: Index, points: Array, weights: Array) -> TriangleRule:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -102,11 +101,6 @@ class MixedSpaces:
             return 1.0
         return math.sqrt(STEKLOV_GUARD * self.condensed.sigma_1 * max(self.operator.lambda_min, 0.0))
 
-    @property
-    def whole_B(self) -> sp.csr_array:
-        """B (m, nb), with what it is at fixed nodes."""
-        return coupling(self.mesh, self.partition)[self.cells] if self.condensed.form.clamped else self.B
-
     def extended(self, lambda_H: Array) -> Array:
         """lambda_H (m,) as a function on all cells, 0 on free sides."""
         on_all = np.zeros(self.partition.n_cells)
@@ -120,12 +114,12 @@ class MixedSpaces:
         return self.condensed.solve(total)
 
 
-def mixed_spaces(condensed: Condensed, partition: Partition, free: Sequence[int] = ()) -> MixedSpaces:
-    """The spaces on a mesh and a partition; `free` sides, and those that are clamped, have no multiplier.
+def mixed_spaces(condensed: Condensed, partition: Partition) -> MixedSpaces:
+    """The spaces on a mesh and a partition, with multipliers where the form has them.
 
     Raises InputError if the partition belongs to another polygon than the mesh.
     """
-    cells = np.flatnonzero(~np.isin(partition.side, [*free, *condensed.form.clamped]))
+    cells = np.flatnonzero(condensed.form.held(partition.side))
     B = coupling(condensed.mesh, partition)[cells]
     B.data[condensed.fixed[condensed.mesh.boundary[B.indices]]] = 0.0
     return MixedSpaces(condensed, partition, cells, B, dual_operator(condensed, B, partition.lengths[cells]))

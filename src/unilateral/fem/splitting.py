@@ -35,7 +35,10 @@ ON_CORNER = 1e-10
 
 @dataclass(frozen=True)
 class Apart:
-    """Pieces as in `Split` whose first corner is a singular `point` (k, 2), which has that `grading`."""
+    """Pieces of the triangles `parent` (k,), by their `corners` (k, 3, 3).
+
+    The first corner is a singular `point` (k, 2), which has that `grading`.
+    """
 
     corners: Array
     parent: Index
@@ -43,21 +46,12 @@ class Apart:
     grading: int
 
 
-@dataclass(frozen=True)
-class Split:
-    """Pieces of the triangles `parent` (k,), by their `corners` (k, 3, 3).
+def split_triangles(mesh: Mesh, case: Case) -> tuple[Array, Index, list[Apart]]:
+    """The pieces of all triangles that a kink crosses or that lie at a singular point of the case.
 
-    `singular` are the pieces at singular points, for each grading. Every triangle that occurs is covered
-    once; those that do not occur need no splitting.
+    They are given by their corners (k, 3, 3) in the triangles (k,); those at singular points stand apart, for
+    each grading. Every triangle that occurs is covered once; those that do not occur need no splitting.
     """
-
-    corners: Array
-    parent: Index
-    singular: list[Apart]
-
-
-def split_triangles(mesh: Mesh, case: Case) -> Split:
-    """The pieces of all triangles that a kink crosses or that lie at a singular point of the case."""
     points, kinks = _singular_points(case), case.kinks()
     parent = _concerned(mesh, [point for point, _ in points], kinks)
     corners = np.broadcast_to(np.eye(3), (len(parent), 3, 3))
@@ -89,7 +83,7 @@ def split_triangles(mesh: Mesh, case: Case) -> Split:
     for grading, parts in apart.items():
         pieces, of, first = (np.concatenate(each) for each in zip(*parts, strict=True))
         singular.append(Apart(pieces, of, first, grading))
-    return Split(corners, parent, singular)
+    return corners, parent, singular
 
 
 def _concerned(mesh: Mesh, points: list[Array], kinks: list[Kink]) -> Index:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from fractions import Fraction
-from functools import reduce
-from operator import add, mul
 
 from unilateral.formulas.exact_numbers import apply
 from unilateral.formulas.expression import ONE, ZERO, Atom, Expression, Power, number, product
@@ -24,8 +22,7 @@ OUTER: dict[str, Callable[..., Expression]] = {
 
 def derivative(of: Expression, name: str) -> Expression:
     """The derivative of a formula without logarithms and roots by the variable of that name."""
-    terms = (_of_product(c, powers, name) for powers, c in of.terms)
-    return reduce(add, terms, ZERO)
+    return sum((_of_product(c, powers, name) for powers, c in of.terms), ZERO)
 
 
 def _of_product(c: Fraction, powers: tuple[Power, ...], name: str) -> Expression:
@@ -34,10 +31,10 @@ def _of_product(c: Fraction, powers: tuple[Power, ...], name: str) -> Expression
         for i, (base, k) in enumerate(powers)
         if name in base.variables
     )
-    return reduce(add, parts, ZERO)
+    return sum(parts, ZERO)
 
 
 def _of_base(base: Atom | Expression, name: str) -> Expression:
     if isinstance(base, Expression):
         return derivative(base, name)
-    return mul(OUTER[base.name](*base.args), derivative(base.args[0], name)) if base.args else number(1)
+    return OUTER[base.name](*base.args) * derivative(base.args[0], name) if base.args else number(1)

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array, Mask
+from unilateral.fem.p1 import coupling
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.fem.spaces import MixedSpaces
 from unilateral.geometry.partition import Partition
@@ -135,18 +136,16 @@ class Exact:
     def ritz_means(self, spaces: MixedSpaces) -> float:
         """||Pi_H(u - z_h)||_0 on the cells with a multiplier."""
         u_means = (self.means.gap_means + self.means.g_means)[spaces.cells]
-        lengths = spaces.operator.H_i
-        of_z = spaces.whole_B @ self.ritz.values / lengths
+        lengths, B = spaces.operator.H_i, coupling(spaces.mesh, spaces.partition)[spaces.cells]
+        of_z = B @ self.ritz.values / lengths
         return math.sqrt(lengths @ (u_means - of_z) ** 2)
 
     def errors(self, spaces: MixedSpaces, mu: Array) -> ExactErrors:
         """The errors of (u(mu), mu) for mu (m,); those of lambda are not judged where beta is 0."""
-        difference = self.boundary_load(spaces, mu)
-        h1, share, dual = self.ritz.h1_error(difference)
+        h1, share, dual = self.ritz.h1_error(self.boundary_load(spaces, mu))
         if spaces.operator.singular:
             return ExactErrors(h1, math.nan, math.nan, share)
-        l2 = self.means.l2_error(spaces.extended(mu))
-        return ExactErrors(h1, dual, l2, share)
+        return ExactErrors(h1, dual, self.means.l2_error(spaces.extended(mu)), share)
 
 
 def exact(case: Case, spaces: MixedSpaces) -> Exact:

@@ -98,11 +98,11 @@ def majorant(mesh: Mesh, partition: Partition, cells: Index, form: Form = H1) ->
     chosen, deltas = inner_nodes(mesh.s, partition)
     knots = np.unique(np.concatenate([chosen[deltas > 0], _ends_at_nodes(mesh, partition)]))
     W = extended(mesh, knots)[:, np.searchsorted(knots, chosen[cells])]
-    jumped, slopes, whole = deviations(mesh, form), _slopes(mesh), _means(mesh, partition)
+    jumped, slopes, (whole, cut) = deviations(mesh, form), _slopes(mesh), _means(mesh, partition)
     scale, at_corners = np.repeat(np.sqrt(mesh.areas / 3), 3), W[mesh.triangles.ravel()]
     pairing = (coupling(mesh, partition)[cells] @ W[mesh.boundary]).tocsc()
     pairing = 2 * sp.diags_array(pairing.diagonal()) - pairing
-    averaged, means = slopes @ jumped, whole.of_values[cells] @ jumped
+    averaged, means = slopes @ jumped, whole[cells] @ jumped
     averaged.setdiag(averaged.diagonal() + 1)
     return Majorant(
         without_signs(averaged),
@@ -110,7 +110,7 @@ def majorant(mesh: Mesh, partition: Partition, cells: Index, form: Form = H1) ->
         without_signs(slopes @ at_corners),
         without_signs(at_corners, scale),
         without_signs(means),
-        whole.of_cut[cells],
+        cut[cells],
         pairing.tocsc(),
     )
 
@@ -138,14 +138,7 @@ def _slopes(mesh: Mesh) -> sp.csr_array:
     return sp.csr_array((entries.ravel(), columns.ravel(), np.arange(0, 6 * m + 1, 3)), shape=(2 * m, 3 * m))
 
 
-class Means(NamedTuple):
-    """Integrals over cells `of_values` (cells, 3m) at corners, and bounds `of_cut` edges (cells, k)."""
-
-    of_values: sp.csr_array
-    of_cut: sp.csr_array
-
-
-def _means(mesh: Mesh, partition: Partition) -> Means:
+def _means(mesh: Mesh, partition: Partition) -> tuple[sp.csr_array, sp.csr_array]:
     """(cells, 3m) minus the integrals of A I v - I v from its values at corners, and (cells, k) `cut`.
 
     With w = v - I v and a part of an edge e that is the share p of it, the integral of w over the part is at
@@ -165,7 +158,7 @@ def _means(mesh: Mesh, partition: Partition) -> Means:
     size = np.sqrt(lengths * shares * (1 - shares))[part] * np.sqrt(trace_constants(mesh, KAPPA))[edge[part]]
     _, column = np.unique(triangle[part], return_inverse=True)
     cut = sp.coo_array((size, (cell[part], column)), shape=(partition.n_cells, max(len(part), 1)))
-    return Means(whole, cut.tocsr())
+    return whole, cut.tocsr()
 
 
 def norm(of: Majorant, rows: sp.csr_array, W_rows: sp.csr_array, steps: int = STEPS) -> float:

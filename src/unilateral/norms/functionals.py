@@ -93,5 +93,4 @@ def _of_values(spaces: ReferenceSpaces, rule: BoundaryRule, values: Array) -> Fu
     rest = values - (1 - x)[:, None] * at_start[edge] - x[:, None] * at_end[edge]
     squares = summed(rule.weight[:, None] * rest**2)
     fluxes = np.stack([at_start, at_end], axis=1).reshape(-1, values.shape[1])
-    left_over = oscillation_bound(mesh, squares)
-    return Functionals(sp.csc_array(loads), sp.csc_array(fluxes), left_over)
+    return Functionals(sp.csc_array(loads), sp.csc_array(fluxes), oscillation_bound(mesh, squares))

@@ -56,9 +56,8 @@ def boundary_nodes(partition: Partition, singular: Iterable[float], edges_per_ce
         for sign, end in ((1, ends[i % len(ends)]), (-1, ends[i - 1])):
             nodes.append(p + sign * (end * halves)[end * halves >= shortest])
     nodes += _graded_to_shorter_neighbours(cuts[:-1], ends)
-    return _near_shorter_edges(
-        polygon, _halved(polygon, np.unique(np.concatenate(nodes) % polygon.perimeter))
-    )
+    s = np.unique(np.concatenate(nodes) % polygon.perimeter)
+    return _near_shorter_edges(polygon, _halved(polygon, s))
 
 
 def _check_cells(partition: Partition, shortest: float) -> None:

@@ -15,8 +15,6 @@ everything that Aw differs from w by is a sum of these jumps over the edges at a
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 import scipy.sparse as sp
 
@@ -25,20 +23,13 @@ from unilateral.fem.form import H1, Form
 from unilateral.geometry.mesh import Mesh
 
 
-class Rings(NamedTuple):
+def rings(mesh: Mesh) -> tuple[Index, Index]:
     """The triangles around all nodes, those of a node one after another, anticlockwise.
 
-    At a boundary node they begin with the one at the boundary edge that starts there. Entry i (3m,) is the
-    corner `corner[i]` of a triangle: corner 3 t + k is node k of triangle t. The ring of node a has the
-    entries from `start[a]` to `start[a + 1]`.
+    They are told by corners: corner 3 t + k is node k of triangle t. Of the corners (3m,) the ring of node a
+    has those from `start[a]` to `start[a + 1]`. At a boundary node they begin with the one at the boundary
+    edge that starts there. Found by the directions in which edges leave the nodes.
     """
-
-    corner: Index
-    start: Index
-
-
-def rings(mesh: Mesh) -> Rings:
-    """The rings of a mesh, by the directions in which its edges leave the nodes."""
     node, following = mesh.triangles.ravel(), np.roll(mesh.triangles, -1, axis=1).ravel()
     first = np.full(mesh.n_nodes, -1)
     first[mesh.boundary] = np.roll(mesh.boundary, -1)
@@ -46,7 +37,7 @@ def rings(mesh: Mesh) -> Rings:
     turned = np.where(following == first[node], 0.0, np.mod(angle, 2 * np.pi))
     corner = np.lexsort([turned, node])
     start = np.concatenate([[0], np.cumsum(np.bincount(node, minlength=mesh.n_nodes))])
-    return Rings(corner, start)
+    return corner, start
 
 
 def _angles(mesh: Mesh, start: Index, end: Index) -> Array:
@@ -57,8 +48,7 @@ def _angles(mesh: Mesh, start: Index, end: Index) -> Array:
 
 def jumps(mesh: Mesh) -> sp.csr_array:
     """(edges, 2m) all J_e from |T|^{1/2} grad w_T, the components of a triangle one after the other."""
-    ends = (np.roll(mesh.triangles, -k, 1) for k in (1, 2))
-    start, end = (mesh.points[nodes] for nodes in ends)
+    start, end = (mesh.points[np.roll(mesh.triangles, -k, 1)] for k in (1, 2))
     entries = (start - end) / (2 * np.sqrt(mesh.areas))[:, None, None]
     edges, components = mesh.opposite_edges, 2 * np.arange(len(mesh.triangles))[:, None]
     rows = np.concatenate([edges, edges]).ravel()
@@ -69,7 +59,7 @@ def jumps(mesh: Mesh) -> sp.csr_array:
 
 def deviations(mesh: Mesh, form: Form = H1) -> sp.csr_array:
     """(3m, 2m) the values of Aw - w_T at the corners of all T from |T|^{1/2} grad w_T."""
-    return _of_jumps(mesh, rings(mesh), _first_shares(mesh, form)) @ jumps(mesh)
+    return _of_jumps(mesh, *rings(mesh), _first_shares(mesh, form)) @ jumps(mesh)
 
 
 def _first_shares(mesh: Mesh, form: Form) -> Array:
@@ -79,7 +69,7 @@ def _first_shares(mesh: Mesh, form: Form) -> Array:
     return shares
 
 
-def _of_jumps(mesh: Mesh, of: Rings, shares: Array) -> sp.csr_array:
+def _of_jumps(mesh: Mesh, corner: Index, start: Index, shares: Array) -> sp.csr_array:
     """(3m, edges) the values of Aw - w_T at the corners of all T from the jumps.
 
     Let J_1, ..., J_k be the jumps on the way round an inner node, from T to T. Their sum is 0, and Aw - w_T
@@ -87,8 +77,8 @@ def _of_jumps(mesh: Mesh, of: Rings, shares: Array) -> sp.csr_array:
     the last one. If the first one has a share s of Aw, Aw - w_T is 1 - s times the sum of those after T, less
     s times the sum of those before it.
     """
-    node = mesh.triangles.ravel()[of.corner]
-    size, place = np.diff(of.start)[node], np.arange(len(node)) - of.start[node]
+    node = mesh.triangles.ravel()[corner]
+    size, place = np.diff(start)[node], np.arange(len(node)) - start[node]
     outer = np.zeros(mesh.n_nodes, dtype=bool)
     outer[mesh.boundary] = True
     outer = outer[node]
@@ -96,12 +86,12 @@ def _of_jumps(mesh: Mesh, of: Rings, shares: Array) -> sp.csr_array:
     ends = np.concatenate([[0], np.cumsum(counts)])
     l = np.arange(ends[-1]) - np.repeat(ends[:-1], counts)  # noqa: E741
     size, place, outer, node = (np.repeat(each, counts) for each in (size, place, outer, node))
-    entry = of.start[node] + np.where(outer, np.maximum(l - 1, 0), (place + l) % size)
+    entry = start[node] + np.where(outer, np.maximum(l - 1, 0), (place + l) % size)
     values = np.where(outer, np.where(l <= place, 0.0, 1.0) - shares[node], (size - 1 - 2 * l) / (2 * size))
-    edges = _edges(mesh, of.corner[entry], outer & (l == 0))
-    in_order = np.empty(len(of.corner), dtype=np.intp)
-    shape = (len(of.corner), len(mesh.triangulation.ends))
-    in_order[of.corner] = np.arange(len(of.corner))
+    edges = _edges(mesh, corner[entry], outer & (l == 0))
+    in_order = np.empty(len(corner), dtype=np.intp)
+    shape = (len(corner), len(mesh.triangulation.ends))
+    in_order[corner] = np.arange(len(corner))
     return sp.csr_array((values, edges, ends), shape=shape)[in_order]
 
 

@@ -85,26 +85,24 @@ def ritz_projections(
     the range of floating point.
     """
     mesh, boundary = condensed.mesh, condensed.mesh.boundary
-    interpolants = [case.value_and_gradient(mesh.points)[0] for case in cases]
-    for case, values in zip(cases, interpolants, strict=True):
+    at_nodes = [case.value_and_gradient(mesh.points)[0] for case in cases]
+    for case, values in zip(cases, at_nodes, strict=True):
         _check_size(case, float(np.abs(values).max()))
     form, fixed = condensed.form, condensed.fixed
-    seen = [
-        moments(case, mesh, v, degree, form.reaction) for case, v in zip(cases, interpolants, strict=True)
-    ]
+    seen = [moments(case, mesh, v, degree, form.reaction) for case, v in zip(cases, at_nodes, strict=True)]
     f, residual = (np.array(each) for each in list(zip(*seen, strict=True))[:2])
     traces = [_trace(case, mesh) for case in cases]
     flux = np.array([hat_load(mesh, rule, of_lambda) for rule, _, of_lambda in traces])
     total = f.copy()
     total[:, boundary] += flux
-    held = np.where(fixed, interpolants, 0.0)
+    held = np.where(fixed, at_nodes, 0.0)
     if form.clamped:
         total = np.array([of_rest(mesh, form, *each) for each in zip(total, held, strict=True)])
         residual, flux = np.where(fixed, 0.0, residual), np.where(fixed[boundary], 0.0, flux)
     z_h = condensed.solve(total.T).T
     on_boundary = z_h[:, boundary]
     z_h += held
-    values, difference = z_h[:, boundary], z_h - interpolants
+    values, difference = z_h[:, boundary], z_h - at_nodes
     A_difference = (condensed.for_products[0] @ difference.T).T
     defect = condensed.solve((residual - A_difference).T)[boundary].T
     trace = on_boundary - condensed.solve_boundary(flux.T).T

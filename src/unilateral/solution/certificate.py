@@ -8,13 +8,11 @@ from dataclasses import asdict
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from unilateral.accuracy.level import Summary
 from unilateral.formulas.decimals import percent, up
 from unilateral.formulas.exact_numbers import rounded
 from unilateral.formulas.expression import ONE
 from unilateral.norms.dual import Errors
 from unilateral.problems.units import Units
-from unilateral.solution.contact import Contact
 
 if TYPE_CHECKING:
     from unilateral.problems.given import AnyProblem
@@ -98,7 +96,8 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
     """
     solved, search, units = solution.solved, solution.search, solution.units
     discrete, result, goal = solved.discrete, solved.result, search.best.goal if search else None
-    mesh, cells = discrete.mesh, discrete.partition
+    mesh, cells, contact = discrete.mesh, discrete.partition, solution.contact
+    levels = search.summaries if search else ()
     length, norm = units.length, goal.norm if goal else "h1"
     known = bounds or Bounds(*(math.nan,) * 3)
     beta = solution.beta if mesh.n_nodes <= QUICK else math.nan
@@ -137,8 +136,13 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
         "hm12_relative_bound": known.relative_multiplier,
         "enclosure": known.unknown,
         "total_bound": known.multiplier if norm == "hm12" else known.u,
-        "levels": [_level(level, length) for level in search.summaries] if search else [],
-        "contact": _contact(solution.contact),
+        "levels": [each._asdict() | {"h": length * each.h, "H": length * each.H} for each in levels],
+        "contact": {
+            "full": contact.full,
+            "length": contact.length,
+            "lengths": contact.lengths.tolist(),
+            "intervals": [each._asdict() for each in contact.intervals],
+        },
         "versions": {"python": platform.python_version()}
         | {name: version(name) for name in ("unilateral", "numpy", "scipy")},
     }
@@ -147,16 +151,3 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
 def relative(bound: float, size: float) -> float:
     """A bound over a lower bound on the solution's norm, rounded up; NaN where that is 0 or unknown."""
     return math.nextafter(bound / size, math.inf) if size > 0 else math.nan
-
-
-def _level(level: Summary, length: float) -> dict[str, float]:
-    return level._asdict() | {"h": length * level.h, "H": length * level.H}
-
-
-def _contact(contact: Contact) -> dict[str, Any]:
-    return {
-        "full": contact.full,
-        "length": contact.length,
-        "lengths": contact.lengths.tolist(),
-        "intervals": [each._asdict() for each in contact.intervals],
-    }

@@ -436,7 +436,8 @@ class Solution:
         error, free, clamps = bounds.multiplier if bounds else math.inf, self.problem.free_sides, None
         if discrete.form.clamped:
             n, known, local = self.polygon.n_sides, of.bound(sharp) if bounds else None, of.bound(False)
-            clamps = Clamps(discrete.form, np.full(n, math.nan), none(n), math.inf, free)
+            unknown = np.where(np.isin(np.arange(n), discrete.form.clamped), math.nan, np.zeros((2, n)))
+            clamps = Clamps(discrete.form, unknown, none(n), math.inf, free)
             if known and isinstance(local, LocalBound):
                 clamps = Clamps(discrete.form, known.outflows, local.ends, known.of_fluxes, free)
         found = forces(discrete.mesh, discrete.partition, of.lambda_H, error, parts, free, clamps)

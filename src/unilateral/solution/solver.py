@@ -36,6 +36,9 @@ from unilateral.solvers.stop import Stop
 if TYPE_CHECKING:
     from unilateral.problems.given import AnyProblem
 
+OnSides = Given | Sequence[Given]
+"""What is given for all sides, or for each."""
+
 
 class Solver:
     """A problem on given sizes, to be solved for many f, g and q.
@@ -67,7 +70,7 @@ class Solver:
         free_sides: Sequence[int] = (),
         k: Coefficient = 1,
         c: Coefficient = 1,
-        q: Given | Sequence[Given] = None,
+        q: OnSides = None,
         u: Mapping[int, Given] | None = None,
     ) -> None:
         check_kind(mesh)
@@ -95,12 +98,7 @@ class Solver:
         pair = meshes.similar(self.mesh, on), partitions.similar(self.partition, on)
         self._spaces = cheapest(self._data, *pair, self.stop)
 
-    def __call__(
-        self,
-        f: Given = None,
-        g: Given | Sequence[Given] = None,
-        q: Given | Sequence[Given] = None,
-    ) -> Solution:
+    def __call__(self, f: Given = None, g: OnSides = None, q: OnSides = None) -> Solution:
         """The solution for another f, g or q; what is not given is that of the problem.
 
         They are given as in `Problem`; arrays (n,) have a value for each of `mesh.points`. Raises InputError
@@ -110,12 +108,7 @@ class Solver:
         tell_faults(found, self.own_mesh)
         return found
 
-    def found(
-        self,
-        f: Given = None,
-        g: Given | Sequence[Given] = None,
-        q: Given | Sequence[Given] = None,
-    ) -> Solution:
+    def found(self, f: Given = None, g: OnSides = None, q: OnSides = None) -> Solution:
         """The same without warnings."""
         problem, discrete = self._discrete(f, g, q)
         with warnings.catch_warnings(action="ignore", category=IterationWarning):  # `tell_faults` tells it
@@ -123,12 +116,7 @@ class Solver:
         solved.forget()
         return Solution(solved, problem)
 
-    def matrices(
-        self,
-        f: Given = None,
-        g: Given | Sequence[Given] = None,
-        q: Given | Sequence[Given] = None,
-    ) -> Matrices:
+    def matrices(self, f: Given = None, g: OnSides = None, q: OnSides = None) -> Matrices:
         """The discrete problem's matrices, load and means of g, in the units of the problem."""
         problem, discrete = self._discrete(f, g, q)
         return matrices(problem.units, self.mesh, self.partition, discrete, lambda: self._operator)
@@ -139,9 +127,7 @@ class Solver:
             f"h = {self.mesh.h:.4g}, H = {self.partition.H:.4g}"
         )
 
-    def _discrete(
-        self, f: Given, g: Given | Sequence[Given], q: Given | Sequence[Given]
-    ) -> tuple[AnyProblem, DiscreteProblem]:
+    def _discrete(self, f: Given, g: OnSides, q: OnSides) -> tuple[AnyProblem, DiscreteProblem]:
         """The problem with that f, g and q, and the discrete one."""
         problem = self._with(f, g, q)
         data = self._data if problem is self.problem else scaled(problem)
@@ -159,7 +145,7 @@ class Solver:
             self._last = formula, load_of(data, self._spaces.mesh)
         return self._last[1]
 
-    def _with(self, f: Given, g: Given | Sequence[Given], q: Given | Sequence[Given]) -> AnyProblem:
+    def _with(self, f: Given, g: OnSides, q: OnSides) -> AnyProblem:
         of = self.problem
         missing = [name for name, given in (("f", f), ("g", g)) if given is None]
         if missing and not self.has_data:
@@ -185,7 +171,7 @@ class Solver:
         """The dual operator of the condensed problem. Raises InputError where memory does not suffice."""
         of = self._spaces
         if not isinstance(of, MixedSpaces):
-            of = condensed_spaces(of.mesh, of.partition, of.free, of.levels.form)
+            of = condensed_spaces(of.mesh, of.partition, of.levels.form)
         return of.operator
 
 

@@ -41,9 +41,7 @@ def active_set(operator: DualOperator, offset: Array, tolerance: float) -> DualR
         bound, applications = energy_bound(operator, offset, lambda_H), 1
     else:
         bound, applications = residual_bound(operator, offset, lambda_H, 1 / operator.lambda_max), 2
-    result = DualResult(
-        lambda_H, math.nan, applications, bound, bound <= tolerance, math.nan, algorithm="active_set"
-    )
+    result = DualResult(lambda_H, math.nan, applications, bound, bound <= tolerance, math.nan, "active_set")
     warn_unless_converged(result, tolerance)
     return result
 

@@ -62,7 +62,8 @@ class Grid:
 class Run:
     """Conjugate gradients for the cells `active` (m,), from u (n,), which changes in place.
 
-    `rz` is r . z, and `first_rz` its first value; `multiplier` belongs to the active cells.
+    `rz` is r . z, and `first_rz` its first value; `multiplier` belongs to the active cells. `steps` are the
+    numbers alpha and beta of each step.
     """
 
     def __init__(self, grid: Grid, active: Mask, u: Array) -> None:
@@ -111,13 +112,6 @@ class Run:
         cells, allowed = self.grid.cells, ROUNDING * np.max(np.abs(self.u))
         below = cells.B @ self.u - self.grid.d < -allowed * cells.lengths
         return np.where(self.active, self.lambda_H > 0, below)
-
-    def ritz(self) -> Array:
-        """Approximate eigenvalues of the preconditioned matrix, by Lanczos' method from the steps."""
-        alpha, beta = np.array(self.steps).reshape(-1, 2).T
-        diagonal = 1 / alpha + np.append(0, beta / alpha)[:-1]
-        beside = np.sqrt(beta[:-1]) / alpha[:-1]
-        return np.linalg.eigvalsh(np.diag(diagonal) + np.diag(beside, -1))
 
     def _advance(self) -> None:
         A_p = self.grid.of.A @ self.p

@@ -27,14 +27,13 @@ Where nothing bounds t, as |p|_S >= 1, it is FAR times 1 or |q|_S, whichever is 
 """
 
 
-def least(S: Array, l: Array, c: Array, active: Mask, exact: Mask | None = None) -> Array:  # noqa: E741
+def least(S: Array, l: Array, c: Array, active: Mask, exact: Mask) -> Array:  # noqa: E741
     """The best v (n, k) with v >= c, one for each column of c (n, k), which is -inf where there is no bound.
 
     v = c in the unknowns that are `exact` (n,). S (n, n) is positive definite, and l is (n,). The iteration
     begins with the `active` sets (n, k), where c is finite. Where they do not settle, v is the best one that
     was met. A constant is never better, if nothing is exact.
     """
-    exact = np.zeros(len(l), dtype=bool) if exact is None else exact
     active = active | exact[:, None]
     usual = 2 * np.count_nonzero(active, axis=1) <= active.shape[1]
     begin = np.where(np.isfinite(c), c, 0.0) if exact.any() else np.ones_like(c) * c.max(axis=0)

@@ -61,7 +61,7 @@ class MultigridResult:
     """u (n,), lambda_H (m,) and which cells are `active` (m,).
 
     `bound` is a guaranteed bound on ||u - u_h||_1 and on ||lambda_H - exact||_{-1/2,h}. `counts` has the
-    level of every step, and its iterations of conjugate gradients. `ritz` are the last run's Ritz values.
+    level of every step, and its iterations of conjugate gradients. `steps` are those of the last `Run`.
     """
 
     u: Array
@@ -69,7 +69,7 @@ class MultigridResult:
     active: Mask
     bound: float
     counts: list[tuple[int, int]]
-    ritz: Array
+    steps: list[tuple[float, float]]
     rz: float
     tolerance: float
 
@@ -109,7 +109,7 @@ class Multigrid:
         lambda_H = np.maximum(run.lambda_H, 0)
         bound = algebraic_bound(self.finest, u, lambda_H) if ends.bound is None else ends.bound
         return MultigridResult(
-            u, lambda_H, run.active, bound, counts, run.ritz(), run.rz, ends.tolerance or 0.0
+            u, lambda_H, run.active, bound, counts, run.steps, run.rz, ends.tolerance or 0.0
         )
 
     def _nested_iteration(self, counts: list[tuple[int, int]]) -> tuple[Array, Mask]:

@@ -9,8 +9,10 @@ from conftest import discrete
 from known_solutions import Pressed, Trial, h1_errors
 
 from unilateral.bounds import source
+from unilateral.bounds.boundary_flux import nothing
 from unilateral.discrete.condensed import solve
 from unilateral.fem.condense import condense
+from unilateral.fem.form import Form
 from unilateral.fem.p1 import coupling, h1_norm, load_vector
 from unilateral.formulas.symbolic import evaluate
 from unilateral.geometry import mesh as meshes
@@ -91,12 +93,12 @@ def enclosed(mesh, problem):
 def given_to(problem, mesh, cells, u_h, lambda_H, free=()):
     """What both bounds take."""
     g = problem.enclosed_obstacle if isinstance(problem, Case) else problem.enclosed(free)
-    return enclosed(mesh, problem), g, cells, u_h, lambda_H, free
+    return enclosed(mesh, problem), g, cells, u_h, lambda_H, nothing(mesh), Form(free=free)
 
 
 def u_of(problem, mesh, cells, lambda_H):
     """u_h by (5.1); (f, v) = (f_h, v) for v in V_h."""
-    of_f = load_vector(mesh, enclosed(mesh, problem).moments)
+    of_f = load_vector(mesh, enclosed(mesh, problem).moments())
     of_f[mesh.boundary] += coupling(mesh, cells).T @ lambda_H
     return condense(mesh).solve(of_f)
 

@@ -13,6 +13,7 @@ from skfem.quadrature import get_quadrature_tri
 from unilateral.bounds.boundary_flux import given as given_flux
 from unilateral.bounds.source import enclosed
 from unilateral.fem.condense import condense
+from unilateral.fem.form import Form
 from unilateral.fem.p1 import coupling
 from unilateral.fem.splitting import quarter
 from unilateral.formulas import formula
@@ -185,7 +186,7 @@ def trials(of, solved, pairs):
         rest = moments - to_mesh @ pair[1]
         dual = np.sqrt(max(rest @ on_mesh.solve_boundary(rest), 0.0))
         of_lambda = max(dual, abs(rest.sum()) / np.sqrt(mesh.polygon.area)) / (1 + OF_MOMENTS) - of.doubt
-        given = source, problem.enclosed_obstacle, cells, *pair, problem.free_sides, tau
+        given = source, problem.enclosed_obstacle, cells, *pair, tau, Form(free=problem.free_sides)
         yield Trial(given, error, of_lambda)
 
 

@@ -16,7 +16,7 @@ from known_solutions import Catalogued, Feature, Known, Tried, fluxes
 from random_polygons import columns, distances, over_a_base, star, wedge
 
 from unilateral.accuracy.levels import two_edges_per_cell
-from unilateral.discrete.choice import condensed
+from unilateral.discrete.condensed import discretise
 from unilateral.discrete.multilevel import after
 from unilateral.fem.p1 import h1_norm
 from unilateral.formulas.expression import ZERO
@@ -58,9 +58,9 @@ def solutions(problem, rng):
     polygon, stop = problem.polygon, Stop()
     H = polygon.lengths.max() / rng.integers(1, 5)
     mesh, cells = uniform(polygon, H, rng.random())
-    found = condensed(problem, mesh, cells).solved(stop)
+    found = discretise(problem, mesh, cells).solved(stop)
     yield found
-    yield condensed(problem, mesh, partitions.shifted(polygon, 1.3 * H, rng.random())).solved(stop)
+    yield discretise(problem, mesh, partitions.shifted(polygon, 1.3 * H, rng.random())).solved(stop)
     of = adapted(mesh)
     for _ in range(ADAPTED):
         of = refined(of, marked(of.mesh, found.shares))

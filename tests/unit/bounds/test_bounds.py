@@ -17,9 +17,11 @@ from hand_made import (
 from known_solutions import Feature
 
 from unilateral.bounds import feasible, local_bounds, sharp_bounds
+from unilateral.bounds.boundary_flux import nothing
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.errors import InputError
+from unilateral.fem.form import H1
 from unilateral.formulas.taylor import number
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -270,8 +272,9 @@ def test_a_steep_obstacle_below_u_h_costs_nothing(problem_of, depth):
             g=f"[1, 1, 1, '1 - {depth}*(1 - 1000*x)*1000*x', 1]",
         )
         mesh, cells = meshes.unstructured(problem.polygon, 0.5), partitions.uniform(problem.polygon, 1.0)
-        given = enclosed(mesh, problem), problem.enclosed_obstacle, cells
-        return local_bound(*given, np.full(mesh.n_nodes, 0.99), np.zeros(cells.n_cells)).lifting
+        pair = np.full(mesh.n_nodes, 0.99), np.zeros(cells.n_cells)
+        given = enclosed(mesh, problem), problem.enclosed_obstacle, cells, *pair, nothing(mesh), H1
+        return local_bound(*given).lifting
 
     assert lifting(depth) == pytest.approx(lifting(1), rel=1e-6)
 

@@ -14,7 +14,7 @@ from known_solutions import fluxes
 from mpmath import mp, mpf
 
 from unilateral.bounds import local_bounds, sharp_bounds
-from unilateral.bounds.boundary_flux import given
+from unilateral.bounds.boundary_flux import given, nothing
 from unilateral.bounds.equilibrated_flux import flows
 from unilateral.bounds.flux_residuals import defects, misfit
 from unilateral.bounds.forces import forces
@@ -22,6 +22,7 @@ from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.bounds.source import Source, enclosed
 from unilateral.errors import InputError
+from unilateral.fem.form import H1, Form
 from unilateral.fem.p1 import edge_load, load_vector, stiffness_and_mass
 from unilateral.fem.p2 import linear_squares, quadratic
 from unilateral.formulas.expression import number as exact_number
@@ -135,14 +136,14 @@ def indices(of, mesh):
     cells = partitions.uniform(data.polygon, data.polygon.lengths.max())
     source, flux = enclosed(on, data), given(data.enclosed_flux, on)
     solve = sla.splu(sum(stiffness_and_mass(on)).tocsc()).solve
-    discrete = solve(load_vector(on, source.moments) + edge_load(on, flux.ends))
+    discrete = solve(load_vector(on, source.moments()) + edge_load(on, flux.ends))
     found = []
     with mp.workdps(50):
         at_nodes = of.at(digits(mesh.points)).astype(float) / units.value
         for u_h in (at_nodes, discrete):
             pair = cells, u_h, np.zeros(cells.n_cells)
             bounds = [
-                bound(source, data.enclosed_obstacle, *pair, data.free_sides, flux).u
+                bound(source, data.enclosed_obstacle, *pair, flux, Form(free=data.free_sides)).u
                 for bound in (local_bound, sharp_bound)
             ]
             error = true_error(of, mesh, units.value * u_h)
@@ -269,7 +270,7 @@ def test_both_bounds_are_multiplied_by_the_growth(bound, monkeypatch):
     found = []
     for growth in (1.0, 1.5):
         monkeypatch.setattr(Mesh, "growth", growth)
-        bounds = bound(source, problem.enclosed_obstacle, cells, *pair)
+        bounds = bound(source, problem.enclosed_obstacle, cells, *pair, nothing(mesh), H1)
         found.append([bounds.u, bounds.lambda_, forces(mesh, cells, 0 * pair[1], 0.1, [range(4)])[0].upper])
     np.testing.assert_allclose(found[1], 1.5 * np.array(found[0]), rtol=1e-12)
 
@@ -301,7 +302,7 @@ def test_meshes_that_rounding_distorts_have_no_bound(place, refused):
     middle = polygon.vertices[step.ends].mean(axis=1)
     mesh = meshes.from_arrays(polygon, np.concatenate([polygon.vertices, middle]), of.nodes)
     cells = partitions.uniform(polygon, 1)
-    given = mesh, cells, np.zeros(mesh.n_nodes), np.zeros(cells.n_cells), ()
+    given = mesh, cells, np.zeros(mesh.n_nodes), np.zeros(cells.n_cells), H1
     if not refused:
         local_bounds.check(*given)
         return

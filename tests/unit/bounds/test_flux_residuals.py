@@ -67,7 +67,7 @@ def shares(mesh):
         )
         for q in fluxes(mesh, u, moments):
             squares, residual, allowed = defects(
-                SimpleNamespace(mesh=mesh, moments_on=moments.__getitem__), u, q
+                SimpleNamespace(mesh=mesh, moments=moments.__getitem__), u, q
             )
             exact = linear_squares(of.areas, misfit(of, u.astype(MORE), q.astype(MORE), slice(None)))
             yield abs(np.sqrt(squares.sum()) - np.sqrt(exact.sum())) / allowed
@@ -89,7 +89,7 @@ def test_rounding_is_added():
     problem = Manufactured(square(), "1000000 + x", "1")
     mesh = structured(square(), 1 / 16)
     u_h, source = 1e6 + mesh.points[:, 0], enclosed(mesh, problem)
-    q = equilibrated(mesh, u_h, source.moments_on, of_x(mesh))
+    q = equilibrated(mesh, u_h, source.moments, of_x(mesh))
     squares, residual, rounding = defects(source, u_h, q)
     assert 0 < np.sqrt(squares.sum() + mesh.areas @ residual**2) <= rounding < 1e-4
 

@@ -122,7 +122,7 @@ def test_a_bound_that_is_too_small_is_noticed(one, share, bound, name):
 def test_a_bound_without_what_f_h_leaves_is_noticed(one, bound, monkeypatch):
     """Control: where peaks are not seen it is below errors."""
     monkeypatch.setattr(
-        source.Source, "squares_with", lambda self, more, form=None, of=slice(None): 0 * self.rest[None, of]
+        source.Source, "squares", lambda self, form, more=0.0, of=slice(None): 0 * self.rest[None, of]
     )
     assert violations(one, bound)
 

@@ -15,7 +15,7 @@ from conftest import ROOT
 from known_solutions import h1_errors
 from skfem.helpers import dot, grad
 
-from unilateral.discrete.choice import condensed
+from unilateral.discrete.condensed import discretise
 from unilateral.formulas.expression import number
 from unilateral.formulas.symbolic import plain
 from unilateral.geometry.mesh import from_arrays
@@ -138,7 +138,7 @@ def index(points, triangles, n):
     mesh = from_arrays(square(), points, triangles)
     f = u - u.diff(X, 2) - u.diff(Y, 2)
     problem = Problem("moved", square(), plain(f), (number(-10),) * 4, ())
-    solved = condensed(problem, mesh, uniform(square(), 2 / n)).solved(Stop())
+    solved = discretise(problem, mesh, uniform(square(), 2 / n)).solved(Stop())
     return solved.bound().u / h1_errors(u, mesh, [solved.u_h])[0]
 
 

@@ -14,6 +14,7 @@ from unilateral.bounds import sharp_bounds as bounds
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.fem import linear_systems
+from unilateral.fem.form import H1
 from unilateral.fem.p2 import quadratic
 from unilateral.fem.quadrature import boundary_rule
 from unilateral.geometry import mesh as meshes
@@ -176,9 +177,9 @@ def test_the_steps_go_to_the_best_potential_and_the_best_flux(monkeypatch):
     problem, mesh, cells, u_h, lambda_H = of_full_contact(4)
     monkeypatch.setattr(bounds, "ENOUGH", 1e-13)
     of_source, flux = enclosed(mesh, problem), bounds.edge_flux(mesh, cells, lambda_H)
-    spaces, every = quadratic(mesh), np.ones(len(mesh.boundary), dtype=bool)
+    spaces = quadratic(mesh)
     away = bounds._away(spaces, of_source, u_h, flux.ends)
-    lift, found = feasible.lifting(mesh, problem.enclosed(), u_h, flux, every), []
+    lift, found = feasible.lifting(mesh, problem.enclosed(), u_h, flux, H1), []
     load_of_v = spaces.load(of_source.f_h)
     for most in (1, 50):
         monkeypatch.setattr(bounds, "MOST_STEPS", most)

@@ -8,10 +8,12 @@ import pytest
 from conftest import ROOT, discrete, load
 from typed import FINER, KEYS, OWN_CASE, PROBLEM, SIZES, solve_json
 
+from unilateral.bounds.boundary_flux import nothing
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.source import enclosed
 from unilateral.cli.streams import sized
 from unilateral.discrete import condensed
+from unilateral.fem.form import H1
 from unilateral.formulas.decimals import between, down, up
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.fortin import beta_below
@@ -43,8 +45,8 @@ def test_json_has_the_library_s_numbers(run):
     alone, of = discrete("natural", 16, 8), load("natural")
     solution = condensed.solve(alone)
     lower, upper = dual_norm(alone.spaces.partition, [of]).of_error(of, solution.lambda_H[None])
-    given = alone.spaces.partition, solution.u_h, solution.lambda_H
     mesh = alone.exact.ritz.condensed.mesh
+    given = alone.spaces.partition, solution.u_h, solution.lambda_H, nothing(mesh), H1
     bound = local_bound(enclosed(mesh, of), of.enclosed_obstacle, *given)
     expected = {
         "problem": "natural",

@@ -270,6 +270,20 @@ def test_forces_and_reactions_lie_in_their_intervals(sharp) -> None:
     assert both.lower <= 2.0 <= both.upper
 
 
+def test_without_bounds_forces_are_not_negative_and_nothing_is_known_of_reactions() -> None:
+    """f is once a formula and once a function: the same f, and so the same discrete force."""
+    data = {"free_sides": [0, 2], "c": 0, "u": {3: "y"}, "q": [-1, None, 1, None]}
+    of_both = [
+        ul.Problem(POLYGONS["square"], f, [None, "1 + y", None, None], **data)
+        for f in (-2, lambda x, y: 0 * x - 2)
+    ]
+    known, found = (ul.solve(of, h=1 / 8, H=1 / 4, stop=ul.Stop(tolerance=1e-10)).forces() for of in of_both)
+    assert found.whole.value == pytest.approx(known.whole.value, abs=1e-8)
+    assert found.whole[1:] == (0.0, math.inf)
+    assert math.isnan(found.reactions[3,].value)
+    assert found.reactions[3,][1:] == (-math.inf, math.inf)
+
+
 def test_reactions_without_the_flux_through_the_side_are_noticed(monkeypatch) -> None:
     """Control: u = x(1 - x/2) has the reaction -1 at x = 0."""
     problem = ul.Problem(POLYGONS["square"], 1, [None, -1, None, None], [0, 2], c=0, u={3: 0})

@@ -8,13 +8,13 @@ from functools import partial
 import numpy as np
 import pytest
 from conftest import DATA, interior_point
-from nested import alone
+from nested import alone, multilevel
 
 import unilateral as ul
 from unilateral.bounds.source import enclosed
 from unilateral.discrete import base, choice
 from unilateral.discrete.condensed import CondensedProblem, discretise
-from unilateral.discrete.multilevel import MultilevelProblem, after, multilevel, refinements
+from unilateral.discrete.multilevel import MultilevelProblem, after, refinements
 from unilateral.fem.p1 import h1_norm, load_vector
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.adapted import adapted, refined
@@ -141,8 +141,8 @@ def test_f_is_enclosed_once(monkeypatch, made):
     problem = FORMULAS["one's own"]()
     found = made(problem)
     solved, source = found.solved(EXACTLY), found.source
-    np.testing.assert_array_equal(load_vector(found.mesh, source.moments), found.load)
-    np.testing.assert_array_equal(source.moments, enclosed(found.mesh, problem).moments)
+    np.testing.assert_array_equal(load_vector(found.mesh, source.moments()), found.load)
+    np.testing.assert_array_equal(source.moments(), enclosed(found.mesh, problem).moments())
     monkeypatch.setattr(base, "source_of", None)
     assert solved.bound().residual <= 1e-9
     assert solved.bound().u >= solved.bound().flux > 0.01
@@ -344,7 +344,7 @@ def test_refinements_are_the_solutions_on_ever_finer_meshes():
     anew = multilevel(problem, last.discrete.mesh, last.discrete.partition).solved(EXACTLY)
     moved = anew.u_h - last.u_h
     assert np.sqrt(moved @ (last.discrete.grids.finest.of.A @ moved)) <= last.result.bound + 1e-9
-    np.testing.assert_allclose(last.discrete.source.moments, anew.discrete.source.moments, rtol=1e-12)
+    np.testing.assert_allclose(last.discrete.source.moments(), anew.discrete.source.moments(), rtol=1e-12)
 
 
 @pytest.mark.parametrize("steps", [1, 2])

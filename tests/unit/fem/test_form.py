@@ -86,7 +86,7 @@ def test_all_levels_are_decoupled_and_functionals_are_bounded(form, adapted):
 
 def test_a_level_that_is_not_decoupled_is_noticed():
     mesh = refine(structured(square(), 1 / 4))
-    whole = edge_matrix.matrix(mesh.triangulation, mesh.points).A
+    whole = edge_matrix.matrix(mesh.triangulation, mesh.points)[0]
     assert abs(whole - matrix(mesh, FORMS[0])).max() > 0.1
 
 

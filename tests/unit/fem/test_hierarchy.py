@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import scipy.sparse as sp
 from nested import Nested, assembled, coarse, made, prolongation
 
+from unilateral.fem.form import Form
 from unilateral.fem.hierarchy import FinerSpace, Hierarchy, hierarchy
 from unilateral.fem.nested_cells import Cells, nested_cells
 from unilateral.fem.p1 import coupling
@@ -181,7 +183,8 @@ def partition_of(of: Hierarchy, polygon: Polygon, every: int) -> Partition:
 
 def cells_of(name: str, refinements: int, every: int, free: tuple[int, ...] = ()) -> list[Cells]:
     found = made(name, "uniform", refinements)
-    cells = nested_cells(found.of, partition_of(found.of, found.mesh.polygon, every), free)
+    levels = replace(found.of, form=Form(free=free))
+    cells = nested_cells(levels, partition_of(found.of, found.mesh.polygon, every))
     assert cells is not None
     return cells
 

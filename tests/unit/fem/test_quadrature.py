@@ -12,7 +12,6 @@ from scipy.integrate import quad
 from unilateral.discrete.condensed import solve, with_solution
 from unilateral.fem import quadrature
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
-from unilateral.fem.splitting import Split
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import named, square
@@ -151,12 +150,12 @@ def test_without_splitting_the_singularity_shows(harmonic_at, monkeypatch):
 def test_points_of_one_grading_share_a_rule():
     """In `violates_jjj` the generations 1, 3, 5 and 7 have 1 + 4 + 16 + 64 points where contact begins."""
     case = load("violates_jjj")
-    (apart,) = quadrature.split_triangles(structured(square(), 1 / 8), case).singular
+    _, _, (apart,) = quadrature.split_triangles(structured(square(), 1 / 8), case)
     assert len(np.unique(apart.point, axis=0)) == len(case.flux_singular()) == 85
 
 
 def unsplit(mesh, case):
-    return Split(np.empty((0, 3, 3)), np.empty(0, dtype=np.intp), [])
+    return np.empty((0, 3, 3)), np.empty(0, dtype=np.intp), []
 
 
 def test_the_source_of_thirds():

@@ -288,7 +288,7 @@ def test_fewer_cells_may_have_a_larger_bound_but_never_a_smaller_one():
     some = np.flatnonzero(cells.side == 0)
     assert beta_below(mesh, cells, some) >= beta_below(mesh, cells)
     assert beta_below(mesh, cells, some[:0]) == 1
-    spaces = mixed_spaces(condense(mesh), cells, free=(1, 2, 3))
+    spaces = mixed_spaces(condense(mesh, Form(free=(1, 2, 3))), cells)
     forms = [form[np.ix_(some, some)] for form in gram(cells)]
     square_of = eigh(spaces.operator.D, forms[0], eigvals_only=True)[0]
     assert beta_below(mesh, cells, some) <= sqrt(square_of)

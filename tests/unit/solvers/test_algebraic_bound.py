@@ -8,12 +8,13 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from flint import acb_mat, arb, arb_mat, ctx
+from nested import multilevel
 
 import unilateral as ul
 from unilateral.arrays import Array, Mask
 from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.condensed import CondensedProblem, discretise
-from unilateral.discrete.multilevel import after, multilevel
+from unilateral.discrete.multilevel import after
 from unilateral.fem import residual_rounding
 from unilateral.fem.spaces import DualOperator
 from unilateral.geometry.adapted import adapted, refined

@@ -11,6 +11,7 @@ from unilateral.solvers.least_norm import least
 
 S = condense(structured(square(), 1 / 8)).A_3
 N = len(S)
+NONE = np.zeros(N, dtype=bool)
 
 
 def bounds(rng, k):
@@ -29,7 +30,7 @@ def test_v_is_optimal(force, start):
     rng = np.random.default_rng(3)
     c, load = bounds(rng, 6), force * rng.random(N) * (rng.random(N) < 0.5) / N
     active = np.isfinite(c) & {"all": True, "none": False, "some": rng.random(c.shape) < 0.5}[start]
-    v = least(S, load, c, active)
+    v = least(S, load, c, active, NONE)
     assert np.all(v >= c)
     for w, low in zip(v.T, c.T, strict=True):
         norm = np.sqrt(w @ S @ w)
@@ -47,7 +48,9 @@ def test_one_unknown():
     """l v + s |v| over v >= c: c where c > 0, 0 where l <= s and c <= 0, and c where l > s."""
     for load, c, expected in ((0.5, 1.0, 1.0), (0.5, -1.0, 0.0), (3.0, -1.0, -1.0), (2.0, 0.0, 0.0)):
         for active in (True, False):
-            found = least(np.array([[4.0]]), np.array([load]), np.array([[c]]), np.array([[active]]))
+            found = least(
+                np.array([[4.0]]), np.array([load]), np.array([[c]]), np.array([[active]]), NONE[:1]
+            )
             assert found == pytest.approx(expected, abs=1e-12), (load, c, active)
 
 
@@ -59,7 +62,7 @@ def test_sets_that_do_not_settle_leave_the_best_one(monkeypatch):
     values = [of_least._values(S, load, constant)]
     for steps in range(4):
         monkeypatch.setattr(of_least, "MOST_STEPS", steps)
-        v = least(S, load, c, np.isfinite(c) & (rng.random(c.shape) < 0.5))
+        v = least(S, load, c, np.isfinite(c) & (rng.random(c.shape) < 0.5), NONE)
         assert np.all(v >= c)
         values.append(of_least._values(S, load, v))
         assert np.all(values[-1] <= values[0] + 1e-12)

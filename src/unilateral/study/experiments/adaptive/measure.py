@@ -140,11 +140,11 @@ def _errors(problem: Case | Problem, solution: DiscreteSolution) -> Row:
 
 
 def stability(discrete: DiscreteProblem) -> Row:
-    """The `constants` of its mesh and cells, and beta with an edge in each cell.
+    """The `constants` of its mesh and cells, also on free sides, and beta with an edge in each cell.
 
     P0 of the cells lies in that of the edges, and so one Gram matrix serves both.
     """
-    mesh, form = discrete.mesh, discrete.form
+    mesh, form = discrete.mesh, discrete.form._replace(free=())
     edges, condensed = from_points(mesh.polygon, mesh.s), condense(mesh, form)
     gram = dual_norm(edges, form=form).gram()
     of_cells, of_edges = (

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from unilateral.bounds.boundary_flux import nothing
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.bounds.source import enclosed
@@ -69,7 +70,7 @@ def over_errors(
         load, g_means = load_of(case, mesh).values, obstacle_means(case, partition)
         on = with_load(spaces, load, None, g_means, held)
         pair = held + spaces.response(on.of_rest[0], mu), spaces.extended(mu)
-        given = enclosed(mesh, case), case.enclosed_obstacle, partition, *pair, (), None, form
+        given = enclosed(mesh, case), case.enclosed_obstacle, partition, *pair, nothing(mesh), form
         sharp, cheap = sharp_bound(*given), local_bound(*given)
         of_u, of_lambda = float(error_in(of, "h1")), float(error_in(of, "hm12", "upper"))
         of_lambda = of_lambda if of_lambda > ZERO * float(of["u_norm"]) else np.nan
