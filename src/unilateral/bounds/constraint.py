@@ -149,12 +149,10 @@ def _at_ends(on_edges: Array, unknowns: Index, on: Mask) -> tuple[Array, Array, 
     something by rounding, that is added to p linearly along its edge, or else w (`feasible`) would not
     vanish at the vertex. If it lacks more, p jumps.
     """
-    on_edges = np.where(on[:, None], on_edges, -np.inf)
     at_unknowns = np.full(unknowns.max() + 1, -np.inf)
-    np.maximum.at(at_unknowns, unknowns, on_edges)
-    lacking = np.where(
-        on[:, None], at_unknowns[unknowns[:, :2]] - np.where(on[:, None], on_edges, 0)[:, :2], np.inf
-    )
+    np.maximum.at(at_unknowns, unknowns[on], on_edges[on])
+    lacking = np.full((len(on), 2), np.inf)
+    lacking[on] = at_unknowns[unknowns[on, :2]] - on_edges[on, :2]
     jumps = np.any(lacking > JUMP * np.max(np.abs(on_edges[on]), initial=0.0), axis=1)
     rise = np.where(jumps[:, None], 0.0, lacking)
     at_unknowns[unknowns[:, 2]] += rise.mean(axis=1)

@@ -96,9 +96,8 @@ def ritz_projections(
     total = f.copy()
     total[:, boundary] += flux
     held = np.where(fixed, at_nodes, 0.0)
-    if form.clamped:
-        total = np.array([of_rest(mesh, form, *each) for each in zip(total, held, strict=True)])
-        residual, flux = np.where(fixed, 0.0, residual), np.where(fixed[boundary], 0.0, flux)
+    total = np.array([of_rest(mesh, form, *each) for each in zip(total, held, strict=True)])
+    residual, flux = np.where(fixed, 0.0, residual), np.where(fixed[boundary], 0.0, flux)
     z_h = condensed.solve(total.T).T
     on_boundary = z_h[:, boundary]
     z_h += held
