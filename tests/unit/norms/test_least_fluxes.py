@@ -77,3 +77,16 @@ def test_bounds_on_cells_graded_to_a_vertex_are_as_near_each_other_as_for_c_1(sm
         return ratios.max()
 
     assert excess(0.0) < 1.1 * excess(1.0)
+
+
+def test_psi_is_the_integral_of_the_flux():
+    """At ends and midpoints of 3 edges, against Simpson's rule, which is exact for linear functions."""
+    start, end = np.random.default_rng(4).standard_normal((2, 3, 2))
+    at = np.array([[0, 1, 2], [1, 2, 3], [4, 5, 6]])
+    psi = least_fluxes._integrated(np.zeros((7, 2)), at, start, end)
+    quarter, middle = 0.75 * start + 0.25 * end, 0.5 * (start + end)
+    halves = (start + 4 * quarter + middle) / 12
+    wholes = (start + 4 * middle + end) / 6
+    before = np.vstack([np.zeros((1, 2)), np.cumsum(wholes, axis=0)])
+    assert np.allclose(psi[:4], before, atol=1e-15)
+    assert np.allclose(psi[4:], before[:-1] + halves, atol=1e-15)
