@@ -180,7 +180,8 @@ def lines(found: dict[str, Any]) -> Iterator[str]:
         "Theorem 5": f"{_theorem_5(found)}: {constants}",
     }
     if found["clamped_sides"]:
-        rows = {"clamped": f"sides {listed(found['clamped_sides'])}, without multipliers"} | rows
+        clamped = found["clamped_sides"]
+        rows = {"clamped": f"side{'s' * (len(clamped) > 1)} {listed(clamped)}, without multipliers"} | rows
     yield f"{found['polygon']}: h = {h:.6g}, H = {H:.6g}, h/H = {h / H:.4g}"
     yield from (f"  {name:17} {value}" for name, value in rows.items())
     for what, wrong in ((CELL, rule["cells"]), (TRIANGLE, rule["triangles"])):

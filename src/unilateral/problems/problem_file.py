@@ -72,7 +72,8 @@ def domain_of(name: str) -> Problem:
         raise InputError(f"{name}: the field polygon is missing; it lists the vertices, anticlockwise")
     given = declaration.get("u")
     clamped = given if isinstance(given, dict) else {}
-    fields = {"u": dict.fromkeys(clamped, 0), "c": 0 if str(declaration.get("c")) == "0" else 1}
+    c = number(declaration.get("c", 1), f"{name}, field c")
+    fields = {"u": dict.fromkeys(clamped, 0), "c": 0 if c == ZERO else 1}
     return made({"polygon": declaration["polygon"], "f": 0, "g": 0} | fields, name, file.name)
 
 

@@ -164,3 +164,16 @@ def test_a_problem_file_says_which_sides_are_clamped(run, tmp_path, c):
     code, _, err = run("infsup", *sizes)
     assert code == 2
     assert "all sides of 'own.yaml' are clamped, so that there are no multipliers" in err
+
+
+def test_however_it_is_written_c_is_0(run, tmp_path):
+    """Control: c = 1 has other constants."""
+    file, found = tmp_path / "own.yaml", {}
+    for c in ("0", "0.0", "1 - 1", "1"):
+        file.write_text(
+            "{polygon: [[0, 0], [1, 0], [1, 1], [0, 1]], f: 1, g: [null, -1, -1, -1], u: {0: 0}, "
+            f'c: "{c}"}}'
+        )
+        out = run("infsup", "--polygon", str(file), "--h", "1/4", "--H", "1/2", "--json")[1]
+        found[c] = json.loads(out)["beta_0"]
+    assert found["0"] == found["0.0"] == found["1 - 1"] != found["1"]
