@@ -174,12 +174,12 @@ ROWS = []
 
 
 def on_levels(rate=(NAN,) * 4, share=0.005, index=1.2, asymptotic=1.0):
-    """Of four cases on uniform meshes, which are bad, and adapted ones; the first level is not asymptotic."""
+    """Of five cases on uniform meshes, which are bad, and adapted ones; the first level is not asymptotic."""
     values = {"error_rate": [NAN, *rate], "share": [9, *[share] * 4], "index": [9, *[index] * 4]}
-    both = {name: np.array([[9 * np.ones(5), of]] * 4) for name, of in values.items()}
-    both["asymptotic"] = np.array([[[0.0, *(asymptotic,) * 4]] * 2] * 4)
+    both = {name: np.array([[9 * np.ones(5), of]] * 5) for name, of in values.items()}
+    both["asymptotic"] = np.array([[[0.0, *(asymptotic,) * 4]] * 2] * 5)
     given = {name: (("case", "kind", "level"), each) for name, each in both.items()}
-    cases = ["reentrant", "violates_j", "singular", "thirds"]
+    cases = ["reentrant", "violates_j", "singular", "thirds", "clamped_270"]
     return table(**given, kind=["uniform", "adapted"], case=cases)
 
 
@@ -971,8 +971,13 @@ def eigenvalues(*ratio):
     return table(lambda_min=[[2.0, 1.0, 0.5]], lambda_max=[[2.0, 4.0, 4.0]], h_over_H=[ratio])
 
 
-def local(ratios, angles):
-    return table(beta_lower=[[0.9, 0.5, 0.25]], cell_over_edge=[ratios], smallest_angle=[angles])
+def adapted(ratios, angles):
+    """Three levels, the same for every case without clamped sides; for one with them beta is 0."""
+    cases = ["reentrant", "violates_j", "singular", "thirds", "step", "clamped_270"]
+    beta, ratio, angle = np.zeros((6, 3)), np.full((6, 3), 3.0), np.full((6, 3), 45.0)
+    beta[:5], ratio[:5], angle[:5] = [0.9, 0.5, 0.25], ratios, angles
+    of = {"beta_lower": beta, "cell_over_edge": ratio, "smallest_angle": angle}
+    return table(**{name: (("case", "level"), each) for name, each in of.items()}, case=cases)
 
 
 def inner_nodes(deltas, ratios=(1.0, 1, 1), angles=(45.0, 45, 45)):
@@ -1006,11 +1011,11 @@ ROWS += [
     ("3.1c", eigenvalues(0.5, 0.75, 2), 0.125),
     ("3.1c", eigenvalues(0.5, 0.5, 0.5), "is not known of square"),
     # The local rule asks for short edges, a cell of 2 edges to round-off, and for angles of 20 degrees.
-    ("A.beta", local([2.0, 1.9, 3.0], [45.0, 45, 19]), 0.9),
-    ("A.beta", local([2.0, 2.0, 3.0], [45.0, 20, 19]), (0.5, False)),
-    ("A.beta", local([2.0, 1.9, 3.0], [45.0, 45, 20]), (0.25, False)),
-    ("A.beta", local([2 - 1e-10, 1, 1], [45.0, 45, 45]), 0.9),
-    ("A.beta", local([1.0, 1, 1], [45.0, 45, 45]), "nothing of which to find the smallest"),
+    ("A.beta", adapted([2.0, 1.9, 3.0], [45.0, 45, 19]), 0.9),
+    ("A.beta", adapted([2.0, 2.0, 3.0], [45.0, 20, 19]), (0.5, False)),
+    ("A.beta", adapted([2.0, 1.9, 3.0], [45.0, 45, 20]), (0.25, False)),
+    ("A.beta", adapted([2 - 1e-10, 1, 1], [45.0, 45, 45]), 0.9),
+    ("A.beta", adapted([1.0, 1, 1], [45.0, 45, 45]), "nothing of which to find the smallest"),
     # The rule of inner nodes asks for delta, comparable cells and no flat triangles.
     ("T.node", inner_nodes([0.5, 0.5, 0.5]), (0.3, False)),
     ("T.node", inner_nodes([0.5, 0.25, 0.1]), 0.6 / 0.75),

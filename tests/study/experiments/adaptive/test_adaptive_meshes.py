@@ -1,5 +1,7 @@
 """Uniform meshes beside adapted ones: levels on a tiny configuration, rates and tables by hand."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -8,6 +10,7 @@ from numpy.testing import assert_allclose
 
 from unilateral.discrete.condensed import discretise
 from unilateral.fem.condense import condense
+from unilateral.fem.form import H1
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
@@ -71,7 +74,7 @@ def test_one_gram_matrix_serves_the_cells_and_their_edges():
     At H = h, with an even number of edges, beta is 0.
     """
     mesh, cells = structured(square(), 1 / 4), uniform(square(), 1 / 2)
-    found = adaptive.stability(mesh, cells)
+    found = adaptive.stability(SimpleNamespace(mesh=mesh, partition=cells, form=H1))
     spaces = mixed_spaces(condense(mesh), cells)
     own = infsup(spaces.operator, dual_norm(cells).gram().p0)
     assert found["beta_lower"] == pytest.approx(own.beta_lower, rel=5e-3)
@@ -142,7 +145,7 @@ def test_of_a_case_without_a_start_nothing_is_asymptotic():
 def test_the_table_has_the_finest_level_of_each_kind():
     errors = levels(N, N**-0.5, 2 * N**-0.5, 10)
     errors["unknowns"][0, 0, 3] = np.nan
-    rows = adaptive_tables.finest(errors, adaptive.rates_over(errors, 3))
+    rows = adaptive_tables.finest(errors.merge(adaptive.rates_over(errors, 3)))
     assert rows["problem"].tolist() == ["`c`"] * 2
     assert rows["meshes"].tolist() == ["uniform", "adapted"]
     assert rows["unknowns"].tolist() == ["40", "100"]
@@ -150,9 +153,8 @@ def test_the_table_has_the_finest_level_of_each_kind():
     assert rows["bound / error"].tolist() == ["2.00", "2.00"]
     assert rows["rate, error"].tolist() == ["0.50", "0.50"]
     unknown = levels(N, N * np.nan, 1 / N, np.nan)
-    assert set(adaptive_tables.finest(unknown, adaptive.rates_over(unknown, 3))[r"$\Vert u-u_h\Vert_1$"]) == {
-        "–"
-    }
+    rows = adaptive_tables.finest(unknown.merge(adaptive.rates_over(unknown, 3)))
+    assert set(rows[r"$\Vert u-u_h\Vert_1$"]) == {"–"}
 
 
 def test_savings_are_those_at_the_bound_of_the_finest_uniform_mesh():
