@@ -254,8 +254,8 @@ class DiscreteSolution:
     def balance(self) -> float:
         """|int u_h - int f - int lambda_H|, by (2.1) with v = 1.
 
-        It is 0 up to rounding, or by multigrid up to its stop. Beside clamped sides, where v = 1 does not vanish,
-        it is NaN.
+        It is 0 up to rounding, or by multigrid up to its stop. Beside clamped sides it is NaN: v = 1 does not
+        vanish there.
         """
         if self.discrete.form.clamped:
             return math.nan
