@@ -166,16 +166,15 @@ def standing(done: Sequence[Level]) -> list[Level]:
 def contradict(a: Level, b: Level) -> bool:
     """Whether two levels' bounds cannot both hold: for ||u||_1, the integral of u or that of lambda.
 
-    |int v| <= |Omega|^{1/2} ||v||_0, and |<mu, 1>| <= |Omega|^{1/2} ||mu||_{-1/2} if no side is clamped: 1 is
-    then among the functions of which mu is a functional.
+    |int v| <= |Omega|^{1/2} ||v||_0, and |<mu, 1>| <= |Omega|^{1/2} ||mu||_{-1/2}. Beside clamped sides only
+    ||u||_1 tells: u - u_h need not vanish there, as Friedrichs' inequality asks, and 1 does not.
     """
-    form = a.solved.discrete.form
-    root = form.friedrichs * math.sqrt(a.partition.polygon.area)
+    root = math.inf if a.solved.discrete.form.clamped else math.sqrt(a.partition.polygon.area)
     of_u, of_lambda = (sum(each.solved.total(norm, each.goal.sharp) for each in (a, b)) for norm in NORMS)
     apart = (
         (a.solved.u_norm, b.solved.u_norm, of_u),
         (a.solved.u_integral, b.solved.u_integral, root * of_u),
-        (a.solved.force, b.solved.force, math.inf if form.clamped else root * of_lambda),
+        (a.solved.force, b.solved.force, root * of_lambda),
     )
     rounding = (1 + SUMS) * math.prod(each.solved.discrete.mesh.growth for each in (a, b)) - 1
     return any(abs(x - y) > (1 + SUMS) * bound + rounding * max(abs(x), abs(y)) for x, y, bound in apart)

@@ -13,7 +13,6 @@ which is small: where v - g is at least gamma, the integral of lambda is at most
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
@@ -50,15 +49,13 @@ def none(n: int) -> ClampedEnds:
 class Clamps(NamedTuple):
     """What is known of clamped sides: the form, and the `outflows` (2, n) and the `ends` of a `Bound`.
 
-    `bound` is the bound on the functional of reactions, which is `of_fluxes` of the bounds. `free` are the
-    sides without multipliers that are not clamped.
+    `bound` is the bound on the functional of reactions, which is `of_fluxes` of the bounds.
     """
 
     form: Form
     outflows: Array
     ends: ClampedEnds
     bound: float
-    free: Collection[int] = ()
 
     @property
     def weight(self) -> float:
@@ -126,7 +123,7 @@ def conflicts(part: Index, clamps: Clamps) -> list[tuple[int, int]]:
     for vertex in range(n):
         pair = {vertex, (vertex - 1) % n}
         inside, clamped = pair & {*part.tolist()}, pair & {*clamps.form.clamped}
-        if len(inside) == len(clamped) == 1 and not pair & {*clamps.free}:
+        if len(inside) == len(clamped) == 1 and not pair & {*clamps.form.free}:
             found.append((vertex, int(inside != clamped)))
     return found
 

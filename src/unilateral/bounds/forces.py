@@ -73,18 +73,16 @@ def forces(
     lambda_H: Array,
     bound: float,
     parts: Sequence[Collection[int]],
-    free: Collection[int] = (),
     clamps: Clamps | None = None,
 ) -> list[Force]:
     """The force over each of the `parts`, which are numbers of sides, with the reactions on clamped ones.
 
-    lambda_H (m,) >= 0 are the values on the cells, and `bound` is a bound on ||lambda - lambda_H||_{-1/2};
-    `free` sides have no constraint. If the bound is infinite, no force has an upper bound. Of the `mesh` that
+    lambda_H (m,) >= 0 are the values on the cells, and `bound` is a bound on ||lambda - lambda_H||_{-1/2}. By
+    default all sides have contact. If the bound is infinite, no force has an upper bound. Of the `mesh` that
     lambda_H was computed on only the coarsest level is used, where that suffices.
     """
     of = clamps or unclamped(mesh.polygon.n_sides)
-    held = np.setdiff1d(np.arange(mesh.polygon.n_sides), [*free])
-    sides = [np.intersect1d(held, [*part]).astype(int) for part in parts]
+    sides = [np.setdiff1d([*part], of.form.free).astype(int) for part in parts]
     values = [
         float(cells.lengths @ (lambda_H * np.isin(cells.side, part)) + of.outflows[0, part].sum())
         for part in sides
@@ -94,7 +92,7 @@ def forces(
     for some, error in ((np.flatnonzero(signed), of.bound), (np.flatnonzero(~signed), bound)):
         some = some[[sides[k].size > 0 for k in some]]
         if some.size and error < np.inf:
-            lower[some], upper[some] = _ends(mesh, cells, lambda_H, error, held, [sides[k] for k in some], of)
+            lower[some], upper[some] = _ends(mesh, cells, lambda_H, error, [sides[k] for k in some], of)
         elif some.size:
             lower[some], upper[some] = -np.inf, np.inf
     lower[~signed] = np.maximum(lower[~signed], 0.0)
@@ -102,16 +100,16 @@ def forces(
 
 
 def _ends(
-    mesh: Mesh, cells: Partition, lambda_H: Array, E: float, held: Index, parts: list[Index], clamps: Clamps
+    mesh: Mesh, cells: Partition, lambda_H: Array, E: float, parts: list[Index], clamps: Clamps
 ) -> tuple[Array, Array]:
-    """(k,), (k,) numbers below and above the forces over k parts, each some of the sides `held`."""
+    """(k,), (k,) numbers below and above the forces over k parts, each some sides that are not free."""
     load = lambda_H / max(E, LEAST * float(cells.lengths @ lambda_H), TINY)
     of, space = condensed(mesh, cells, load, clamps)
     pairing, load = (coupling(of, cells).T @ np.column_stack([lambda_H, load])).T
     exact = clamps.form.fixed(of)[of.boundary]
     best = Best(of, space, pairing, E, load, exact, clamps.weight)
     above, below = (
-        np.column_stack(c) for c in zip(*(_limits(of, held, each, clamps) for each in parts), strict=True)
+        np.column_stack(c) for c in zip(*(_limits(of, each, clamps) for each in parts), strict=True)
     )
     flows, magnitudes = np.array([clamps.outflows[:, part].sum(axis=1) for part in parts]).T
     doubt = (SUMS + mesh.polygon.stretch.max()) * magnitudes
@@ -121,12 +119,12 @@ def _ends(
     return lower, flows + best.of(above, begin) + lacking[1]
 
 
-def _limits(mesh: Mesh, held: Index, part: Index, clamps: Clamps) -> tuple[Array, Array]:
+def _limits(mesh: Mesh, part: Index, clamps: Clamps) -> tuple[Array, Array]:
     """(nb,), (nb,) c at the boundary nodes, for w in the upper bound and for -w in the lower one.
 
     It is -inf where w is free. At nodes on clamped sides it is what w, or -w, is.
     """
-    on, off = np.isin(mesh.side, part), np.isin(mesh.side, np.setdiff1d(held, part))
+    on, off = np.isin(mesh.side, part), ~np.isin(mesh.side, [*clamps.form.free, *part])
     at_on, at_off = on | np.roll(on, 1), off | np.roll(off, 1)
     c = np.where(at_on | at_off, 0.0, -np.inf)
     above, below = c + at_on, c - ~at_off

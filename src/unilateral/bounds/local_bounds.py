@@ -121,7 +121,8 @@ def local_bound(
     of_data = _of_data(source, u_h, form)
     data = (1 + SUMS) * (norm(of_data) + tau.distance + unbalanced) + underflow(mesh, form)
     energy = mesh.growth * (root(moved) + rounding + more + data)
-    ends = clamped_ends(mesh, form, lift, u_h, flux, slack + (1 + SUMS) * (energy * energy) / 4)
+    product = slack + (1 + SUMS) * (energy * energy) / 4  # energy**2 would raise what is infinite here
+    ends = clamped_ends(mesh, form, lift, u_h, flux, product)
     doubt, shares = root(of_added) + tau.unknown, inside + of_data.sum(axis=0)
     shares[of.triangles] += of_d + of_added
     np.add.at(shares, mesh.boundary_triangles, short.squares + 2 * short.slack + tau.squares.sum(axis=0))

@@ -72,8 +72,10 @@ def table(
     rows |= _contact(found["contact"]) if found["multipliers"] else {"contact": LINEAR}
     for name, force in (found["forces"] or {}).items():
         guaranteed = between(force["lower"], force["upper"], DIGITS, "and")
-        label = name.replace("_", ", side ", 1) if name.startswith("reaction") else f"force, {name}"
-        rows[label.replace("_", " ")] = f"{force['value']:{DIGITS}}, between {guaranteed}"
+        kind, *row = name.split("_")
+        of_row = f"reaction, side{'s' * (len(row) > 1)} {', '.join(row)}"
+        label = of_row if kind == "reaction" else f"force, {name.replace('_', ' ')}"
+        rows[label] = f"{force['value']:{DIGITS}}, between {guaranteed}"
     if doubt:
         rows["lambda_H"] = doubt
     rows["time and memory"] = f"{found['seconds']:.2f} s, {found['peak_mb']:.0f} MB"

@@ -132,7 +132,7 @@ def _write_level(case: Case, mesh: Mesh, cells: Partition, folder: Path) -> None
 
 
 def _nodes(case: Case, mesh: Mesh) -> pd.DataFrame:
-    """A row per node; s is empty inside, u_D but on clamped sides, and g there, inside and on free sides."""
+    """A row per node. Inside s, g and u_D are empty; on the boundary a node has g, or u_D, or neither."""
     s, g = (np.full(mesh.n_nodes, np.nan) for _ in range(2))
     s[mesh.boundary], g[mesh.boundary] = mesh.s[:-1], obstacle(case, mesh)
     (x, y), f, u = mesh.points.T, case.source(mesh.points), case.value_and_gradient(mesh.points)[0]

@@ -46,14 +46,13 @@ times d_T^2/|T|. All other sums are of numbers >= 0.
 """
 
 
-def beta_below(mesh: Mesh, partition: Partition, cells: Index | None = None, form: Form = H1) -> float:
-    """A guaranteed lower bound on beta for the multipliers on the `cells` (k,), by default on all.
+def beta_below(mesh: Mesh, partition: Partition, form: Form = H1) -> float:
+    """A guaranteed lower bound on beta for the functions, the norm and the multipliers of the form.
 
-    It is for functions and norms of the form. P v vanishes on clamped sides, as v does.
-
-    It is 0, which says nothing, where a cell has no node well inside or a triangle is too thin.
+    P v vanishes on clamped sides, as v does. The bound is 0, which says nothing, where a cell has no node
+    well inside or a triangle is too thin.
     """
-    cells = np.arange(partition.n_cells) if cells is None else cells
+    cells = np.flatnonzero(form.held(partition.side))
     if not len(cells):
         return 1.0
     delta, aspect = inner_nodes(mesh.s, partition)[1][cells].min(), mesh.longest_edges**2 / mesh.areas

@@ -34,7 +34,6 @@ from unilateral.norms.dual import Errors, errors
 from unilateral.norms.fortin import beta_below
 from unilateral.problems import arguments
 from unilateral.problems.data import is_case
-from unilateral.problems.fields import listed
 from unilateral.problems.units import Units
 from unilateral.solution import summary, tables
 from unilateral.solution.certificate import Bounds, BoundsWithoutReaction, record, relative
@@ -78,11 +77,14 @@ class Forces(NamedTuple):
     reactions: Mapping[tuple[int, ...], Force] = MappingProxyType({})
 
     def __repr__(self) -> str:
-        shown = ", ".join(f"{i}: {plus_minus(*force)}" for i, force in enumerate(self.sides[:SHOWN]))
-        more = f" and {len(self.sides) - SHOWN} more" if len(self.sides) > SHOWN else ""
-        clamped = (f"{listed(row)}: {plus_minus(*force)}" for row, force in self.reactions.items())
-        reactions = "; reactions on sides " + ", ".join(clamped) if self.reactions else ""
-        return f"Forces: {plus_minus(*self.whole)}; on sides {shown}{more}{reactions}; guaranteed"
+        clamped = {side for row in self.reactions for side in row}
+        sides = [f"{i}: {plus_minus(*each)}" for i, each in enumerate(self.sides) if i not in clamped]
+        more = f" and {len(sides) - SHOWN} more" if len(sides) > SHOWN else ""
+        shown = [f"on sides {', '.join(sides[:SHOWN])}{more}"] if sides else []
+        for row, force in self.reactions.items():
+            on = f"side{'s' * (len(row) > 1)} {' and '.join(map(str, row))}"
+            shown.append(f"reaction on {on}: {plus_minus(*force)}")
+        return f"Forces: {'; '.join([plus_minus(*self.whole), *shown])}; guaranteed"
 
 
 def clamped_rows(n: int, clamped: Sequence[int]) -> list[list[int]]:
@@ -324,7 +326,7 @@ class Solution:
         True
         """
         of = self.solved.discrete
-        return beta_below(of.mesh, of.partition, of.cells, of.form) if len(of.cells) else math.nan
+        return beta_below(of.mesh, of.partition, of.form) if len(of.cells) else math.nan
 
     @property
     def believed(self) -> bool:
@@ -433,14 +435,14 @@ class Solution:
 
     def _forces(self, sharp: bool, parts: list[list[int]]) -> list[Force]:
         bounds, of, discrete = self._bounds(sharp), self.solved, self.solved.discrete
-        error, free, clamps = bounds.multiplier if bounds else math.inf, self.problem.free_sides, None
-        if discrete.form.clamped:
-            n, known, local = self.polygon.n_sides, of.bound(sharp) if bounds else None, of.bound(False)
-            unknown = np.where(np.isin(np.arange(n), discrete.form.clamped), math.nan, np.zeros((2, n)))
-            clamps = Clamps(discrete.form, unknown, none(n), math.inf, free)
+        form, n, error = discrete.form, self.polygon.n_sides, bounds.multiplier if bounds else math.inf
+        unknown = np.where(np.isin(np.arange(n), form.clamped), math.nan, np.zeros((2, n)))
+        clamps = Clamps(form, unknown, none(n), math.inf)
+        if form.clamped and bounds:
+            known, local = of.bound(sharp), of.bound(False)
             if known and isinstance(local, LocalBound):
-                clamps = Clamps(discrete.form, known.outflows, local.ends, known.of_fluxes, free)
-        found = forces(discrete.mesh, discrete.partition, of.lambda_H, error, parts, free, clamps)
+                clamps = Clamps(form, known.outflows, local.ends, known.of_fluxes)
+        found = forces(discrete.mesh, discrete.partition, of.lambda_H, error, parts, clamps)
         return [in_units(force, self.units.force) for force in found]
 
     def cells(self) -> pd.DataFrame:

@@ -60,7 +60,7 @@ def cases(scene: Mapping[str, Any]) -> list[Case]:
 
 
 def is_clamped(name: str) -> bool:
-    """Whether a case is declared with clamped sides; problems of examples are none."""
+    """Whether this is a case that is declared with clamped sides; the name may be that of an example, too."""
     return name in names() and "clamped" in case.declared(name)[0]
 
 

@@ -46,7 +46,7 @@ def constants(spaces: MixedSpaces, gram: Bracket) -> dict[str, float]:
     return {
         **resolution(mesh, partition)._asdict(),
         **infsup(spaces.operator, gram)._asdict(),
-        "beta_fortin": beta_below(mesh, partition, spaces.cells, form),
+        "beta_fortin": beta_below(mesh, partition, form),
         "beta_0_cellwise": cellwise(spaces.operator),
         "beta_0_certified": math.nan if form.clamped else certified_cellwise(mesh, partition),
         "pairing": pairing_constant(mesh.s, partition),

@@ -15,6 +15,7 @@ from unilateral.bounds.force_mesh import LIGHT, MOST, extended, small_mesh
 from unilateral.bounds.forces import forces
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
+from unilateral.fem.form import Form
 from unilateral.fem.p1 import coupling, stiffness_and_mass
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -161,7 +162,7 @@ def test_a_free_side_has_no_force_and_hinders_no_other():
     mesh, cells = structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
     lambda_H = np.where(cells.side == 0, 1.0, 0.0)
     held = forces(mesh, cells, lambda_H, 0.1, [[0], [1]])
-    freed = forces(mesh, cells, lambda_H, 0.1, [[0], [1]], free=[1, 3])
+    freed = forces(mesh, cells, lambda_H, 0.1, [[0], [1]], unclamped(4)._replace(form=Form(free=(1, 3))))
     assert freed[1] == (0, 0, 0)
     assert freed[0].lower > held[0].lower
 

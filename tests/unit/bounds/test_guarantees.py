@@ -19,10 +19,12 @@ from random_problems import known
 from unilateral.accuracy.goal import Goal
 from unilateral.accuracy.search import search
 from unilateral.bounds import source
+from unilateral.bounds.clamped_ends import unclamped
 from unilateral.bounds.forces import forces
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.discrete import base
+from unilateral.fem.form import Form
 from unilateral.fem.p2 import layer
 
 FUZZ = int(os.environ.get("UNILATERAL_FUZZ", "0"))
@@ -145,7 +147,8 @@ def forces_outside(one, share=1.0):
     """Exact forces that do not lie between the numbers that are guaranteed; the `share` is of the bound."""
     wrong = []
     for of in one.pressed:
-        found = forces(of.mesh, of.cells, of.lambda_H, share * of.bound, of.parts, of.free)
+        sides = unclamped(of.mesh.polygon.n_sides)._replace(form=Form(free=tuple(of.free)))
+        found = forces(of.mesh, of.cells, of.lambda_H, share * of.bound, of.parts, sides)
         for part, force, (least, most) in zip(of.parts, found, of.exact, strict=True):
             if force.upper < least or force.lower > most or not force.lower <= force.value <= force.upper:
                 wrong.append((part, force, least, most))

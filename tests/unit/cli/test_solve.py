@@ -313,7 +313,7 @@ def test_a_problem_without_contact_is_solved_and_said_to_be_linear(run, tmp_path
     assert (code, err) == (0, "")
     assert LINEAR in out
     assert "k^(1/2) |u - u_h|_1 <= " in out
-    assert "reaction, side 1 2 3" in out
+    assert "reaction, sides 1, 2, 3" in out
     assert "||u" not in out
     assert "lambda" not in out
     assert LINEAR in run("check", file)[1]

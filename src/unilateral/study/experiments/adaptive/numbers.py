@@ -35,21 +35,22 @@ COLUMNS = {
 
 
 def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
-    return {"adapted": beta(with_contact(of["infsup"]), RULE.smallest_angle)}
+    return {"adapted": beta(apart(of["infsup"])[0], RULE.smallest_angle)}
 
 
 def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
-    measured = of["errors"].merge(of["rates"])
+    measured, clamped = apart(of["errors"].merge(of["rates"]))
     return {
-        "adapted": finest(with_contact(measured)),
-        "adapted-savings": savings(with_contact(measured)),
-        "adapted-clamped": finest(with_contact(measured, False)),
+        "adapted": finest(measured),
+        "adapted-savings": savings(measured),
+        "adapted-clamped": finest(clamped),
     }
 
 
-def with_contact(table: xr.Dataset, everywhere: bool = True) -> xr.Dataset:
-    """The problems without clamped sides, or the others."""
-    return table.sel(case=[name for name in table["case"].values if is_clamped(name) != everywhere])
+def apart(table: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
+    """The problems without clamped sides, and those with some."""
+    clamped = np.array([is_clamped(name) for name in table["case"].values])
+    return table.isel(case=~clamped), table.isel(case=clamped)
 
 
 def finest(of: xr.Dataset) -> pd.DataFrame:

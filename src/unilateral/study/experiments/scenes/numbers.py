@@ -38,21 +38,22 @@ def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
 
 def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
     ratio = real(study["rates"]["judged_ratio"], "judged_ratio")
-    rates_of, bounds = (with_contact(of[name]) for name in ("rates", "totals"))
+    (judged, clamped), (bounded, clamped_totals) = apart(of["rates"]), apart(of["totals"])
     return {
-        "rates": rates(rates_of, ratio),
-        "rates-by-case": rates_by_case(rates_of, ratio),
-        "rates-clamped": rates_by_case(with_contact(of["rates"], False), ratio),
+        "rates": rates(judged, ratio),
+        "rates-by-case": rates_by_case(judged, ratio),
+        "rates-clamped": rates_by_case(clamped, ratio),
         "floors": floors(of["floors"]),
-        "totals": totals(bounds),
-        "totals-clamped": totals(with_contact(of["totals"], False)),
-        "exactness": exactness(bounds, claims.find("F.exact").parameters),
+        "totals": totals(bounded),
+        "totals-clamped": totals(clamped_totals),
+        "exactness": exactness(bounded, claims.find("F.exact").parameters),
     }
 
 
-def with_contact(scenes: Mapping[str, xr.Dataset], everywhere: bool = True) -> dict[str, xr.Dataset]:
-    """The scenes of cases without clamped sides, or the others."""
-    return {name: of for name, of in scenes.items() if is_clamped(of["case"].values[0]) != everywhere}
+def apart(scenes: Mapping[str, xr.Dataset]) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]]:
+    """The scenes without clamped sides, and those with some."""
+    clamped = {name: of for name, of in scenes.items() if is_clamped(of["case"].values[0])}
+    return {name: of for name, of in scenes.items() if name not in clamped}, clamped
 
 
 def rates(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd.DataFrame:
