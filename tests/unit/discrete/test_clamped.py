@@ -7,6 +7,7 @@ import os
 import statistics
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +16,7 @@ import scipy.sparse.linalg as spla
 import sympy
 
 import unilateral as ul
+from unilateral.accuracy.level import contradict
 from unilateral.bounds import feasible, local_bounds
 from unilateral.bounds.clamped_ends import conflicts, unclamped
 from unilateral.bounds.constraint import constraint
@@ -174,6 +176,22 @@ def test_on_a_domain_of_diameter_1e_9_rounding_is_in_the_bound() -> None:
     tiny, other = (solved(random_problem(67, 1_000_000, c), "adapted") for c in ("1/1000000000000", 0))
     assert tiny.search.certified
     assert tiny.bounds.u > other.bounds.u
+
+
+@pytest.mark.parametrize(("clamped", "told"), [((), True), ((3,), False)])
+def test_levels_beside_clamped_sides_are_compared_by_norms_alone(clamped, told) -> None:
+    """Integrals that are apart say nothing of u - u_h that does not vanish there. Norms do: the control."""
+
+    def level(u_norm: float, u_integral: float) -> SimpleNamespace:
+        discrete = SimpleNamespace(form=Form(clamped=clamped), mesh=SimpleNamespace(growth=1.0))
+        known = {"u_norm": u_norm, "u_integral": u_integral, "force": 0.0, "total": lambda *_: 0.1}
+        partition = SimpleNamespace(polygon=SimpleNamespace(area=1.0))
+        solved = SimpleNamespace(discrete=discrete, **known)
+        return SimpleNamespace(solved=solved, partition=partition, goal=SimpleNamespace(sharp=False))
+
+    assert contradict(level(1.0, 0.0), level(1.0, 1.0)) == told
+    assert contradict(level(1.0, 0.0), level(2.0, 0.0))
+    assert not contradict(level(1.0, 0.0), level(1.1, 0.1))
 
 
 def test_a_mesh_without_a_node_in_contact_is_refused() -> None:
