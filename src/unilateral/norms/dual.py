@@ -7,10 +7,10 @@ For every v in H^1 and every flux q with q.n = mu on the boundary,
 with equality for q = grad v and v as in (3.5). The spaces are those of `reference`. A flux of BDM1 carries
 Pi_1 mu, the part of mu that is linear on the edges of the reference mesh; a bound on what is left,
 `oscillation`, is added; where lambda is not in L2 that and the upper bound are NaN. All of it holds
-up to rounding, which is not added: 1e-9 of the norm for polygons of a diameter of about 1, like 1/L^2 for smaller
-ones of diameter L; where it reaches 1e-8 the polygon is refused. Where lambda has a fractional power the
-upper bound on lambda - Pi_H lambda is a difference of large numbers: up to 2e-6 of it is rounding where
-lambda is like s^(-1/4).
+up to rounding, which is not added: 1e-9 of the norm for polygons of a diameter of about 1, like 1/L^2
+for smaller ones of diameter L; where it reaches 1e-8 the polygon is refused. Where lambda has a fractional
+power the upper bound on lambda - Pi_H lambda is a difference of large numbers: up to 2e-6 of it is rounding
+where lambda is like s^(-1/4).
 """
 
 from __future__ import annotations
