@@ -1,4 +1,4 @@
-"""||mu||_{-1/2} between guaranteed bounds: a supremum over P2 below, an energy over BDM1 above.
+"""||mu||_{-1/2} between bounds, up to rounding: a supremum over P2 below, an energy over BDM1 above.
 
 For every v in H^1 and every flux q with q.n = mu on the boundary,
 
@@ -6,11 +6,11 @@ For every v in H^1 and every flux q with q.n = mu on the boundary,
 
 with equality for q = grad v and v as in (3.5). The spaces are those of `reference`. A flux of BDM1 carries
 Pi_1 mu, the part of mu that is linear on the edges of the reference mesh; a bound on what is left,
-`oscillation`, is added; where lambda is not in L2 that and the upper bound are NaN. All of it is
-guaranteed up to rounding: 1e-9 of the norm for polygons of a diameter of about 1, like 1/L^2 for smaller
-ones of diameter L; where it reaches 1e-8 the polygon is refused. Where lambda has a fractional power the
-upper bound on lambda - Pi_H lambda is a difference of large numbers: up to 2e-6 of it is rounding where
-lambda is like s^(-1/4).
+`oscillation`, is added; where lambda is not in L2 that and the upper bound are NaN. All of it holds
+up to rounding, which is not added: 1e-9 of the norm for polygons of a diameter of about 1, like 1/L^2
+for smaller ones of diameter L; where it reaches 1e-8 the polygon is refused. Where lambda has a fractional
+power the upper bound on lambda - Pi_H lambda is a difference of large numbers: up to 2e-6 of it is rounding
+where lambda is like s^(-1/4).
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ TABLE = ("points", "lambda_means", "norm_lower", "norm_upper", "oscillation")
 
 
 class Bracket(NamedTuple):
-    """Guaranteed lower and upper bounds, of equal shapes."""
+    """Lower and upper bounds, up to rounding, of equal shapes."""
 
     lower: Array
     upper: Array

@@ -130,3 +130,11 @@ def test_CI_runs_the_commands_of_README():
     commands = [line.partition("#")[0].strip() for line in block.text.splitlines()]
     script = (ROOT / ".ci/run").read_text(encoding="utf-8").splitlines()
     assert commands == [line for line in script if line.startswith("make")] == ["make", "make test"]
+
+
+def test_claims_are_counted_and_those_with_a_margin():
+    """By hand: of four claims one has no check, and one requires 0, to which no margin is relative."""
+    derived = {"source": "derived: it is so", "expected": ">= 2", "margin": 0.5}
+    none = dict.fromkeys(("source", "expected", "margin"))
+    found = numbers.ledger([derived, derived, {**derived, "expected": "<= 0"}, none])
+    assert (found["all"], found["unmeasured"], found["margins"]) == (3, 1, 2)

@@ -393,18 +393,18 @@ ROWS += [
     ("4.13", rates_table(FAST, verdict="exact"), "there is no rate: all errors are 0"),
     # No faster rate is looked for on the finest pair that there is.
     ("4.11s", rates_table([9.0, 1.0, 1.02, NAN], [9.0, 1.1, 0.7, 0.9]), (1.02, True)),
-    # On the finest pair no rate is far above the expected one, 0.75 and 0.1 more.
-    ("T.Vs", rates_table([9.0, 0.1, 0.8, NAN], [9.0, 1.1, 0.1, 0.7], cases=VERTICES), (-0.05, True)),
-    ("T.Vs", rates_table([9.0, 0.1, 1.0, NAN], [9.0, 1.1, 0.1, 0.7], cases=VERTICES), (0.15, False)),
+    # On the finest pair no rate is far above the expected one, 0.75; in tolerances of 0.1.
+    ("T.Vs", rates_table([9.0, 0.1, 0.8, NAN], [9.0, 1.1, 0.1, 0.7], cases=VERTICES), (0.5, True)),
+    ("T.Vs", rates_table([9.0, 0.1, 1.0, NAN], [9.0, 1.1, 0.1, 0.7], cases=VERTICES), (2.5, False)),
     ("T.Vs", rates_table([9.0, 0.1, 1.0, NAN]), "there is nothing"),
-    # Rates that fail are compared with the expected ones, too, 0.75 less 0.1.
-    ("S.13", rates_table([0.0, 0.8], [0.0, 0.4]), (-0.25, False)),
-    ("S.13", rates_table([0.0, 0.8], [0.0, 0.4], verdict="fails"), (-0.25, False)),
-    ("S.13", rates_table([0.0, 0.8], [0.0, 0.4], verdict="not judged"), (0.15, True)),
+    # Rates that fail are compared with the expected ones, too, 0.75; in tolerances of 0.1.
+    ("S.13", rates_table([0.0, 0.8], [0.0, 0.4]), (-3.5, False)),
+    ("S.13", rates_table([0.0, 0.8], [0.0, 0.4], verdict="fails"), (-3.5, False)),
+    ("S.13", rates_table([0.0, 0.8], [0.0, 0.4], verdict="not judged"), (0.5, True)),
     ("S.13", rates_table(FAST, RISING, verdict="fails"), "^square, natural, l2: fails"),
-    # Against the order of regularity, 0.75 and 2/3, less 0.03 in H^1.
-    ("T.R", rates_table(RISING, FAST, cases=REGULAR), (0.08, True)),
-    ("T.R", rates_table(FAST, LOW, cases=REGULAR), (0.3 - 2 / 3 + 0.03, False)),
+    # Against the order of regularity, 0.75 and 2/3, over 0.03 in H^1 and 0.1 in the dual norm.
+    ("T.R", rates_table(RISING, FAST, cases=REGULAR), (0.5, True)),
+    ("T.R", rates_table(FAST, LOW, cases=REGULAR), ((0.3 - 2 / 3) / 0.03, False)),
     ("T.R", rates_table(RISING, FAST, verdict="fails", cases=REGULAR), "^irregular, reentrant, h1: fails"),
     # Over the last factor of 4.
     ("3.6", table(ritz_error=LAST, case=["reentrant", "violates_j"]), 1.5),
@@ -610,9 +610,9 @@ ROWS += [
     ("T.A", powers(LOWER), (0.25, True)),
     ("T.A", powers(LOWER, LOWER), (0.075, False)),
     # The largest error over gamma is judged, on the last two pairs or on the last one.
-    *[(LEAST, powers(*changed), 0.1) for changed in ([], [HELD], [AT_HALF])],
-    (LEAST, powers((np.s_[-1, 1, 1], 2**0.25)), -0.15),
-    (LEAST, powers((np.s_[:2], 0.5)), -0.9),
+    *[(LEAST, powers(*changed), (0.0, True)) for changed in ([], [HELD], [AT_HALF])],
+    (LEAST, powers((np.s_[-1, 1, 1], 2**0.25)), (-2.5, False)),
+    (LEAST, powers((np.s_[:2], 0.5)), (-10.0, False)),
     (LEAST, powers(UNKNOWN), "not known"),
     *[(MOST, powers(*changed), 0.0) for changed in ([], [HELD], [(np.s_[-1, 1, 1], 2**0.25)])],
     (MOST, powers((np.s_[:2], 0.5)), 0.0),
@@ -813,14 +813,14 @@ ROWS += [
     ("F.total", table(**INDICES | {"total_index_lambda": ("mesh", [0.5, NAN])}), (0.5, False)),
     # index - 1 falls like h^2 and h on the last two halvings; h^0.8 is required of natural, and of
     # violates_jj that it falls.
-    (EXACTNESS, becoming_exact(natural=[9.0, 1.0, 8.0, 1 / 16], violates_jj=[9.0, 1.0, 8.0, 1 / 4]), 1.0),
-    (EXACTNESS, becoming_exact(natural=[9.0, 1.0, 8.0, 1 / 4], violates_jj=[9.0, 1.0, 8.0, 1 / 4]), 0.2),
+    (EXACTNESS, becoming_exact(natural=[9.0, 1.0, 8.0, 1 / 16], violates_jj=[9.0, 1.0, 8.0, 1 / 4]), 4.0),
+    (EXACTNESS, becoming_exact(natural=[9.0, 1.0, 8.0, 1 / 4], violates_jj=[9.0, 1.0, 8.0, 1 / 4]), 0.0),
     (
         EXACTNESS,
         becoming_exact(natural=[9.0, 1.0, 8.0, 1 / 4], violates_jj=[9.0, 1.0, 8.0, 4.0]),
-        (-1.0, False),
+        (-6.0, False),
     ),
-    (EXACTNESS, becoming_exact(natural=[9.0, 1.0, 8.0, 1 / 2]), (-0.3, False)),
+    (EXACTNESS, becoming_exact(natural=[9.0, 1.0, 8.0, 1 / 2]), (-2.5, False)),
     (EXACTNESS, becoming_exact(natural=[9.0, 1.0, 8.0, 1 / 4]), "^violates_jj is in no scene$"),
 ]
 

@@ -21,7 +21,7 @@ from unilateral.norms.resolution import RULE
 from unilateral.study import figure_entries, registry, tables
 from unilateral.study.documents import verdicts
 from unilateral.study.formats import Value
-from unilateral.study.ledger import records
+from unilateral.study.ledger import records, texts
 from unilateral.study.ledger.records import ORIGINS, origin
 from unilateral.system.files import replacing
 
@@ -106,9 +106,10 @@ def _of_the_study(
 
 
 def ledger(claims: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """How many claims have a check and how many have none, and where the required numbers come from."""
+    """How many claims have a check, a margin or neither, and where the required numbers come from."""
     origins = Counter(origin(each["source"]) for each in claims if each["source"] is not None)
     known = {"all": origins.total(), "unmeasured": len(claims) - origins.total()}
+    known["margins"] = sum(texts.margin(each) != texts.NONE for each in claims)
     return known | {"thresholds": {name: origins[name] for name in ORIGINS}}
 
 

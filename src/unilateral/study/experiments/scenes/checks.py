@@ -68,7 +68,7 @@ def expected(
     H_over_h: float,
     tolerances: Mapping[str, float],
 ) -> Evidence:
-    """The least excess of the observed rates over the expected ones, less a tolerance by norm.
+    """The least excess of the observed rates over the expected ones, as a multiple of its norm's tolerance.
 
     Raises Unjudged if none is below 0, but a rate is judged to fail, or cannot be judged.
     """
@@ -79,11 +79,11 @@ def expected(
         if row["verdict"].item() in ("holds", "fails") or row["why"].item()
     }
     excess = {
-        name: smallest_rate(row) - float(row["expected"]) + tolerances[row["norm"].item()]
+        name: (smallest_rate(row) - float(row["expected"])) / tolerances[row["norm"].item()]
         for name, row in rows.items()
     }
-    quantity = "the smallest rate less the expected one, with its tolerance"
-    return provided(worst(excess, quantity, 0.0, True), _faults(rows))
+    quantity = "the smallest rate less the expected one, over its tolerance"
+    return provided(worst(excess, quantity, -1.0, True), _faults(rows))
 
 
 def attained(
@@ -93,13 +93,13 @@ def attained(
     H_over_h: float,
     tolerances: Mapping[str, float],
 ) -> Evidence:
-    """The largest excess of the rates of the finest pair over the expected ones, less a tolerance by norm."""
+    """The largest excess of the finest pair's rates over the expected ones, in tolerances of its norm."""
     excess = {
-        name: _finest(row) - float(row["expected"]) - tolerances[row["norm"].item()]
+        name: (_finest(row) - float(row["expected"])) / tolerances[row["norm"].item()]
         for name, row in _judged(tables, scenes, cases, tolerances, H_over_h).items()
     }
-    quantity = "the rate of the finest pair less the expected one and a tolerance"
-    return worst(excess, quantity, 0.0, False)
+    quantity = "the rate of the finest pair less the expected one, over its tolerance"
+    return worst(excess, quantity, 1.0, False)
 
 
 def regularity(
@@ -109,30 +109,29 @@ def regularity(
     H_over_h: float,
     tolerances: Mapping[str, float],
 ) -> Evidence:
-    """The least excess of the rates of cases over the s of u in H^{1+s}, less a tolerance by norm."""
+    """The least excess of the rates of cases over the s of u in H^{1+s}, in tolerances of its norm."""
     rows = _judged(tables, scenes, list(orders), tolerances, H_over_h)
     excess = {
-        name: smallest_rate(row) - orders[row["case"].item()] + tolerances[row["norm"].item()]
+        name: (smallest_rate(row) - orders[row["case"].item()]) / tolerances[row["norm"].item()]
         for name, row in rows.items()
     }
-    quantity = "the smallest rate less $s$, with its tolerance"
-    return provided(worst(excess, quantity, 0.0, True), _faults(rows))
+    quantity = "the smallest rate less $s$, over its tolerance"
+    return provided(worst(excess, quantity, -1.0, True), _faults(rows))
 
 
 def exactness(
     tables: Tables, scenes: Sequence[str], orders: Mapping[str, float], tolerance: float
 ) -> Evidence:
-    """The least excess of the rates of index - 1 over those of Proposition S9.
+    """The least excess of the rates of index - 1 over those of Proposition S9, in tolerances.
 
-    Of cases with the order p the rate is 2 (p - 1) less a tolerance, and not below 0. Raises Unjudged if a
-    case is in no scene.
+    Of cases with the order p the expected rate is 2 (p - 1), or the tolerance if that is larger: a rate may
+    fall short by the tolerance, but not below 0. Raises Unjudged if a case is in no scene.
     """
     rows = by_case(tables, "{scene}/totals", scenes, orders)
-    excess = {
-        name: float(rate_of_excess(table)) - max(2 * (orders[table["case"].item()] - 1) - tolerance, 0.0)
-        for name, table in rows.items()
-    }
-    evidence = worst(excess, "the smallest rate of index − 1 less the required one", 0.0, True)
+    expected = {name: max(2 * (orders[of["case"].item()] - 1), tolerance) for name, of in rows.items()}
+    excess = {name: (float(rate_of_excess(of)) - expected[name]) / tolerance for name, of in rows.items()}
+    quantity = "the smallest rate of index − 1 less the expected one, over its tolerance"
+    evidence = worst(excess, quantity, -1.0, True)
     absent = set(orders) - {table["case"].item() for table in rows.values()}
     return provided(evidence, [f"{case} is in no scene" for case in sorted(absent)])
 
