@@ -122,7 +122,7 @@ def measure(condition: str, polygon: Polygon, pair: Pair) -> float:
         if missing > 0:
             return 2 + missing
         operator = mixed_spaces(condense(mesh), partition).operator
-    except (InputError, RuntimeError):
+    except InputError:
         return np.inf
     beta = infsup(operator, dual_norm(partition).gram().p0).beta_upper
     delta = resolved(polygon, pair).delta

@@ -176,8 +176,8 @@ REFUSED = {
 NEEDED = [
     "adaptive", "cells", "cost", "cost.base.case", "extremes", "figures.consistency.parameters.case",
     "figures.rates.module", "figures.solution.parameters.H", "finds", "finds.betarule", "graded",
-    "graded.normed", "rates", "rates.cases.thirds.h1.source", "scenes.quick.polygon", "sharpness", "sharpness.fixed",
-    "surveys.betanode.deltas", "surveys.betasquare.partitions",
+    "graded.normed", "rates", "rates.cases.thirds.h1.source", "scenes.quick.polygon", "sharpness",
+    "sharpness.fixed", "surveys.betanode.deltas", "surveys.betasquare.partitions",
 ]  # fmt: skip
 """Fields that may not be left out."""
 

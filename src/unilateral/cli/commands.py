@@ -197,9 +197,9 @@ def score(**options: Any) -> int:
 def infsup(ctx: click.Context, **options: Any) -> int:
     """Check whether a mesh and a partition of its boundary are stable: the constants of Lemma 3.1.
 
-    beta is the inf-sup constant in H^(-1/2), with guaranteed bounds, and beta_0 the one in L2. Both are for
-    -lap u + u. A local rule is checked, too: edges are short compared with the cells that they meet, and
-    triangles at the boundary are not flat. Cells and triangles that break it are named.
+    beta is the inf-sup constant in H^(-1/2), between bounds up to rounding, and beta_0 the one in L2. Both
+    are for -lap u + u. A local rule is checked, too: edges are short compared with the cells that they meet,
+    and triangles at the boundary are not flat. Cells and triangles that break it are named.
     """
     for one, other in (("mesh", "h"), ("cells", "H")):
         if (options[one] is None) == (options[other] is None):

@@ -151,7 +151,7 @@ def _beta(found: dict[str, Any]) -> str:
         return f"not computed: {found['not_solved']}"
     if found["beta_upper"] == 0:
         return "0 up to rounding: lambda_H may not be unique; take larger cells or shorter edges"
-    return f"between {between(found['beta_lower'], found['beta_upper'], '.4f', 'and')}, guaranteed"
+    return f"between {between(found['beta_lower'], found['beta_upper'], '.4f', 'and')}, up to rounding"
 
 
 def _theorem_5(found: dict[str, Any]) -> str:

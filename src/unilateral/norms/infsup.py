@@ -1,4 +1,4 @@
-"""The inf-sup constants of Lemma 3.1 for one mesh and one partition, between guaranteed bounds.
+"""The inf-sup constants of Lemma 3.1 for one mesh and one partition, between bounds that hold up to rounding.
 
 The first inequality of (3.4) holds with beta^2 the smallest eigenvalue of D x = beta^2 G x, D the dual
 operator and G the Gram matrix of ||.||_{-1/2} on P0(T_H). G is known from both sides as a form, and so is

@@ -125,7 +125,7 @@ def _unsolved_axes(axes: Axes) -> None:
 
 
 def _note(data: pd.DataFrame) -> str:
-    note = r"$\beta$: its guaranteed lower bound by eigenvalues"
+    note = r"$\beta$: its lower bound by eigenvalues"
     if "widest" in data:
         note += f"; the upper one is at most {up(100 * data['widest'].max(), '.2g')} % higher"
     return note + "."
