@@ -51,6 +51,8 @@ DRAWS = 200
 """Changes that are drawn until one keeps the condition."""
 CHANCES = [0.35, 0.25, 0.1, 0.1, 0.07, 0.05, 0.08]
 """Of the changes in the order of `changed`."""
+LARGEST_VALUE = 3.0
+"""What `measure` has for pairs without a small angle is below that."""
 BEST = 5
 """A chain goes on from one of so many of the best pairs."""
 LEAST_DELTA, LARGEST_ALPHA_1 = 0.1, 10.0
@@ -114,13 +116,13 @@ def keeps(condition: str, polygon: Polygon, pair: Pair) -> bool:
 
 
 def measure(condition: str, polygon: Polygon, pair: Pair) -> float:
-    """The value that is to be small; above 2 by the missing degrees of an angle, infinite without a mesh."""
+    """What is to be small; LARGEST_VALUE and the degrees that an angle lacks; infinite without a mesh."""
     ends, nodes = pair.arc_lengths(polygon)
     try:
         mesh, partition = with_boundary(polygon, nodes), from_points(polygon, ends)
         missing = RULE.smallest_angle - smallest_angle(mesh)
         if missing > 0:
-            return 2 + missing
+            return LARGEST_VALUE + missing
         operator = mixed_spaces(condense(mesh), partition).operator
     except InputError:
         return np.inf
@@ -259,10 +261,14 @@ def find(condition: str, line: dict[str, Any]) -> dict[str, Any]:
 
 
 def best_of_each_root(lines: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """The best line of each chain that began with a random pair, and of those that went on from it."""
+    """The best line of each chain that began with a random pair, and of those that went on from it.
+
+    Those that met no pair without a small angle are left out.
+    """
     best = dict[int, dict[str, Any]]()
     for line in sorted(lines, key=lambda x: x["value"]):
-        best.setdefault(line["root"], line)
+        if line["value"] <= LARGEST_VALUE:
+            best.setdefault(line["root"], line)
     return list(best.values())
 
 
