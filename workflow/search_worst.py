@@ -2,10 +2,10 @@
 
     python workflow/search_worst.py
 
-writes workflow/config/worst_infsup.yaml, in about ten minutes on one core. A family fixes the least number
-of edges in every cell and how much lengths may differ; its candidates are vectors x in [0, 1]^d. They are
-searched first among words, whose edges repeat a pattern of extreme lengths, then at random, then by changes
-of the best one found so far.
+writes the finds of the survey betaworst in workflow/config/worst_infsup.yaml, in about ten minutes on one
+core. A family fixes the least number of edges in every cell and how much lengths may differ; its candidates
+are vectors x in [0, 1]^d. They are searched first among words, whose edges repeat a pattern of extreme
+lengths, then at random, then by changes of the best one found so far.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from unilateral.norms.dual import Bracket, dual_norm
 from unilateral.norms.infsup import infsup
 from unilateral.system.files import replacing
 
-FOUND = Path(__file__).parent / "config" / "worst_infsup.yaml"
+FINDS = Path(__file__).parent / "config" / "worst_infsup.yaml"
 SEARCH: dict[str, Any] = {
     "seed": 1,
     "cells_per_side": 4,
@@ -204,6 +204,7 @@ def find(number: int, given: dict) -> dict:
         + (f"_cells{family.cell_ratio:g}" if family.cell_ratio > 1 else "")
         + ("" if family.nested else "_free"),
         "what": described(family),
+        "polygon": "square",
         "edges_per_cell": k,
         "edge_ratio": family.edge_ratio,
         "smallest_angle": round(measure(worst)[1], 1),
@@ -213,18 +214,23 @@ def find(number: int, given: dict) -> dict:
     }
 
 
-def write(finds: list[dict], path: Path) -> None:
+HEADER = """\
+# Pairs with a small beta that searches found, for surveys of kind worst. Meshes are by gmsh.
+# betaworst: python workflow/search_worst.py; {parameters}.
+# betarule, betadelta: python workflow/search_rule.py. Run by hand, not by the pipeline.
+# points, nodes: arc lengths of T_H (the perimeter last) and of the mesh (the perimeter left out).
+"""
+
+
+def write(survey: str, finds: list[dict]) -> None:
+    """Put the finds of a survey into the file, in the place of those that it has."""
     parameters = ", ".join(f"{key} {value}" for key, value in SEARCH.items() if key != "families")
-    header = (
-        "# The smallest beta found in families of partitions and meshes (by gmsh) of the unit square.\n"
-        f"# python workflow/search_worst.py; {parameters}.\n"
-        "# Run by hand, not by the pipeline: words of extreme lengths, random ones, changes of the best.\n"
-        "# points, nodes: arc lengths of T_H (the perimeter last) and of the mesh (the perimeter left out).\n"
-    )
-    text = yaml.safe_dump({"finds": finds}, sort_keys=False, width=100, default_flow_style=None)
-    with replacing(path) as temporary:
-        temporary.write_text(header + text, encoding="utf-8")
+    stored = yaml.safe_load(FINDS.read_text(encoding="utf-8"))
+    stored["finds"][survey] = finds
+    text = yaml.safe_dump(stored, sort_keys=False, width=100, default_flow_style=None)
+    with replacing(FINDS) as temporary:
+        temporary.write_text(HEADER.format(parameters=parameters) + text, encoding="utf-8")
 
 
 if __name__ == "__main__":
-    write([find(number, given) for number, given in enumerate(SEARCH["families"])], FOUND)
+    write("betaworst", [find(number, given) for number, given in enumerate(SEARCH["families"])])

@@ -115,6 +115,8 @@ REFUSED = {
     "surveys.betasquare.mesh": [{"kind": "found"}, {"kind": "graded"}, {"kind": "equal", "seed": 1}, "equal"],
     "surveys.betathin.polygon": [[[0, 0], [0, 1], [1, 0]]],
     "surveys.betaworst.edges_per_cell": [[2]],
+    "surveys.betaworst.polygon": ["square"],
+    "surveys.betaworst.kind": ["local"],
     "surveys.betanode.edges_per_cell": [[2]],
     "surveys.betanode.deltas": [[0.6], ["2/3"], []],
     "surveys.betanode.mesh": [{"kind": "inner", "ends": False}, {"kind": "inner", "spread": 2}],
@@ -173,9 +175,9 @@ REFUSED = {
 """Values of fields that are refused."""
 NEEDED = [
     "adaptive", "cells", "cost", "cost.base.case", "extremes", "figures.consistency.parameters.case",
-    "figures.rates.module", "figures.solution.parameters.H", "finds", "graded", "graded.normed", "rates",
-    "rates.cases.thirds.h1.source", "scenes.quick.polygon", "sharpness", "sharpness.fixed",
-    "surveys.betanode.deltas", "surveys.betasquare.partitions",
+    "figures.rates.module", "figures.solution.parameters.H", "finds", "finds.betarule", "graded",
+    "graded.normed", "rates", "rates.cases.thirds.h1.source", "scenes.quick.polygon", "sharpness",
+    "sharpness.fixed", "surveys.betanode.deltas", "surveys.betasquare.partitions",
 ]  # fmt: skip
 """Fields that may not be left out."""
 
@@ -226,6 +228,18 @@ SAID = [
     (
         ("surveys.betasquare.partitions", [{"H": "1/16", "grading": "1/2"}]),
         "surveys.betasquare.partitions[0].grading: it is 1/2; it has to be at least 1",
+    ),
+    (
+        ("finds.betarule", REMOVED),
+        "finds: it has no pairs for the survey 'betarule', whose kind is worst",
+    ),
+    (
+        ("finds.betathin", STUDY["finds"]["betaworst"]),
+        "finds.betathin: only surveys of kind worst have pairs here; this one is local",
+    ),
+    (
+        ("finds.betaworst", [STUDY["finds"]["betaworst"][0] | {"polygon": [[0, 0], [0, 1], [1, 0]]}]),
+        "finds.betaworst[0].polygon: polygon 'polygon' is listed clockwise; list its vertices anticlockwise",
     ),
     (
         ("surveys.betathin.mesh", {"kind": "structured"}),
@@ -303,7 +317,8 @@ SAID = [
 @pytest.mark.parametrize(("change", "said"), SAID)
 def test_what_is_said(change, said):
     """One line with the file, the field and what would be right."""
-    file = next((name for name in ("rates", "figures", "extremes") if said.startswith(name)), "study")
+    files = {"rates": "rates", "figures": "figures", "extremes": "extremes", "finds": "worst_infsup"}
+    file = next((files[name] for name in files if said.startswith(name)), "study")
     assert fault(changed(*change)) == f"workflow/config/{file}.yaml, field {said}"
 
 
@@ -415,7 +430,7 @@ ACCEPTED = [
     (r".*\.(counts|recorded_steps|gammas|alphas|shares|targets)\.\d+", "three|float|half|tiny"),
     (r".*\.(cell_over_edge|smallest_angle|edge_ratio|beta)", "zero|three|float|tiny"),
     (r".*\.(accuracy|memory|fraction)", "three|float|tiny"),
-    (r"finds\.\d+\.(points|nodes)\.\d+", "zero|tiny|three|float"),
+    (r"finds\.\w+\.\d+\.(points|nodes)\.\d+", "zero|tiny|three|float"),
     (r"cost\.stops\.\d+", "tiny"),
     (r"surveys\.\w+\.polygon\.\d\.\d", "zero|three|float|negative|huge|tiny"),
     # Text for readers.

@@ -34,12 +34,13 @@ from unilateral.bounds.source_pieces import (
 from unilateral.fem.form import H1, Form
 from unilateral.fem.p1 import linear_moments, load_vector
 from unilateral.fem.p2 import linear_squares
-from unilateral.fem.poincare import J
 from unilateral.fem.splitting import quarter
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.data import Data
 
+J = 3.8317
+"""The first zero of the Bessel function J_1, 3.83170597.., rounded down."""
 ROUNDING = 8 * EPS
 """Values at nodes, in units of the problem that is solved, are rounded by less than this part of them."""
 IN_VAIN = 16.0

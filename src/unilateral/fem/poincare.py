@@ -29,7 +29,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import eigsh
 
-from unilateral.arrays import Mask
+from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
 from unilateral.fem.form import Form
 from unilateral.fem.linear_systems import dissected
@@ -37,10 +37,12 @@ from unilateral.fem.p1 import from_elements, gradients
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh, refine, unstructured
 
-J = 3.8317
-"""The first zero of the Bessel function J_1, 3.83170597.., rounded down."""
-KAPPA = math.sqrt(1 / 48 + 1 / J**2)
-"""||w||_{0,T} <= KAPPA d_T |w|_{1,T} if w has the mean 0 on each edge of T; d_T is its longest edge."""
+KAPPA = 0.19
+"""||w||_{0,T} <= KAPPA d_T |w|_{1,T} if w has the mean 0 on each edge of T; d_T is its longest edge.
+
+Proved with Proposition S1 in supplement.md; the computation in its proof is tests/unit/fem/test_kappa.py.
+No constant below 0.189 is enough for equilateral triangles.
+"""
 FEW = 250
 """The mesh is halved until it has so many nodes. A coarser one has a larger constant."""
 LESS = 1 - 1e-6
@@ -70,7 +72,7 @@ def _on(mesh: Mesh, clamped: tuple[int, ...]) -> float:
     """The constant by that mesh, or halves of it; infinite if rounding hides it."""
     while mesh.n_nodes < FEW:
         mesh = refine(mesh)
-    B = _scaled(mesh, Form(0.0, clamped).edges(mesh))
+    B = _without(crouzeix_raviart(mesh)[0], mesh.triangulation.boundary[Form(0.0, clamped).edges(mesh)])
     rounding = (B.shape[0] + 16) * EPS * float(B.diagonal().sum())
     discrete = _least(B) - rounding if rounding * mesh.polygon.diameter**2 < HIDDEN else 0.0
     if not discrete > 0:
@@ -78,16 +80,25 @@ def _on(mesh: Mesh, clamped: tuple[int, ...]) -> float:
     return mesh.growth * math.sqrt(1 / discrete + (KAPPA * mesh.diameter) ** 2)
 
 
-def _scaled(mesh: Mesh, clamped: Mask) -> sp.csr_array:
-    """(n, n) B = M^{-1/2} K M^{-1/2} on the n edges that are not clamped, K the stiffness, M the mass."""
+def crouzeix_raviart(mesh: Mesh) -> tuple[sp.csr_array, Array]:
+    """The least quotients |v|_1^2 / ||v||_0^2 of functions that are linear on triangles, with means on edges.
+
+    Returns (n, n) B = M^{-1/2} K M^{-1/2} on the n edges and (n,) the diagonal of M^{1/2}: K is the stiffness
+    matrix, and M the mass matrix, which is diagonal.
+    """
     edges, of = mesh.opposite_edges, mesh.triangulation
     slopes = -2 * gradients(mesh)
     stiffness = mesh.areas[:, None, None] * (slopes @ slopes.transpose(0, 2, 1))
     mass = np.bincount(edges.ravel(), np.repeat(mesh.areas / 3, 3), len(of.ends))
-    free = np.ones(len(of.ends), dtype=bool)
-    free[of.boundary[clamped]] = False
     root = sp.diags_array(1 / np.sqrt(mass))
-    return (root @ from_elements(edges, stiffness, len(of.ends)) @ root)[free][:, free].tocsr()
+    return (root @ from_elements(edges, stiffness, len(of.ends)) @ root).tocsr(), np.sqrt(mass)
+
+
+def _without(B: sp.csr_array, clamped: Index) -> sp.csr_array:
+    """B without the rows and columns of clamped edges."""
+    free = np.ones(B.shape[0], dtype=bool)
+    free[clamped] = False
+    return B[free][:, free].tocsr()
 
 
 def _least(B: sp.csr_array) -> float:

@@ -30,7 +30,7 @@ class Rule(NamedTuple):
 
 
 RULE = Rule(cell_over_edge=2, smallest_angle=20)
-"""The rule that the numbers support; the study judges it as the claim S.local."""
+"""A rule of thumb. With it delta is at least 1/4; the claim S.local says what beta the study met."""
 
 
 class Resolution(NamedTuple):

@@ -107,20 +107,39 @@ def _beside_their_polygon(given: Any, place: Place = ()) -> Iterator[tuple[Place
 
 
 def _unfit_surveys(study: Fields) -> Iterator[tuple[Place, str]]:
-    """Faults: polygons that are none, and numbers of cells that are not one for each side."""
+    """Faults: polygons that are none, numbers of cells that are not one for each side, and missing finds."""
     for name, survey in study["surveys"].items():
-        given, place = survey["polygon"], ("surveys", name)
-        try:
-            sides = (polygon.named(given) if isinstance(given, str) else polygon.Polygon(given, name)).n_sides
-        except InputError as error:
-            yield (*place, "polygon"), str(error)
+        place, finds = ("surveys", name), study["finds"].get(name, [])
+        if survey["kind"] == "worst" and not finds:
+            yield ("finds",), f"it has no pairs for the survey '{name}', whose kind is worst"
+        if survey["kind"] != "worst" and finds:
+            yield ("finds", name), f"only surveys of kind worst have pairs here; this one is {survey['kind']}"
+        for i, find in enumerate(finds):
+            if fault := _polygon_fault(find["polygon"]):
+                yield ("finds", name, i, "polygon"), fault
+        if "polygon" not in survey:
             continue
+        given = survey["polygon"]
+        if fault := _polygon_fault(given, name):
+            yield (*place, "polygon"), fault
+            continue
+        sides = polygon.named(given).n_sides if isinstance(given, str) else len(given)
         for i, cells in enumerate(survey.get("partitions", [])):
             if len(cells.get("counts", range(sides))) != sides:
                 yield (
                     (*place, "partitions", i, "counts"),
                     f"it has to have {sides} numbers, one for each side",
                 )
+
+
+def _polygon_fault(given: Any, name: str = "polygon") -> str:
+    """Why these vertices are no polygon; empty if they are one, or a name."""
+    try:
+        if not isinstance(given, str):
+            polygon.Polygon(given, name)
+    except InputError as error:
+        return str(error)
+    return ""
 
 
 @cache

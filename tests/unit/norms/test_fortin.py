@@ -241,20 +241,6 @@ def gradients_of(mesh):
     return np.linalg.inv(rows).transpose(0, 2, 1)[:, :, 1:]
 
 
-@pytest.mark.parametrize("corner", [(0, 1), (0.5, sqrt(0.75)), (0.2, 0.1)])
-def test_the_constant_for_functions_without_means_on_edges(corner):
-    """Against the largest quotient on a fine mesh. Control: half of the constant is not enough."""
-    triangle = Polygon([[0, 0], [1, 0], corner], "triangle")
-    coarse = meshes.from_arrays(triangle, triangle.vertices, [[0, 1, 2]])
-    mesh = meshes.refine(coarse, 4)
-    K, M = (each.toarray() for each in stiffness_and_mass(mesh))
-    means = np.zeros((3, mesh.n_nodes))
-    means[:, mesh.boundary] = coupling(mesh, partitions.uniform(triangle, 10)).toarray()
-    free = np.linalg.svd(means)[2][3:].T
-    largest = sqrt(eigh(free.T @ M @ free, free.T @ K @ free, eigvals_only=True)[-1])
-    assert KAPPA / 2 < largest / coarse.diameter <= KAPPA
-
-
 def beta_upper(mesh, cells):
     return infsup(operator(mesh, cells), gram(cells)).beta_upper
 

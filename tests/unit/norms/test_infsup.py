@@ -85,14 +85,14 @@ def test_beta_grows_along_nested_spaces_to_1(polygon):
 
 
 def test_adapted_meshes_and_their_cells_are_stable():
-    """beta is at least 0.7, as on all pairs that keep the rule (claim S.local)."""
+    """beta is at least 1/2, as on all surveyed pairs that keep the rule (claim S.local)."""
     of, rng = adapted(structured(named("lshape"), 1 / 2)), np.random.default_rng(5)
     for _ in range(5):
         count = len(of.mesh.triangles)
         of = refined(of, rng.choice(count, count // 6))
     assert np.diff(of.mesh.s).max() >= 4 * np.diff(of.mesh.s).min()
     found = infsup(operator(of.mesh, of.partition), gram(of.partition))
-    assert 0.7 <= found.beta_lower <= found.beta_upper <= 1
+    assert 0.5 <= found.beta_lower <= found.beta_upper <= 1
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,7 @@ INNER = [{"kind": "inner"}, {"kind": "inner", "ends": True}, {"kind": "inner", "
 
 
 def mesh_of(cells, spec, K):
-    return meshes_of(cells.polygon, [cells], [spec], K)[0]
+    return meshes_of([cells], [spec], K)[0]
 
 
 def test_all_that_can_be_asked_for_is_tried_here():
@@ -225,11 +225,12 @@ SAME_NUMBERS = [{"H": "1/2", "spread": 2, "seed": seed} for seed in (1, 2)]
 
 def test_one_mesh_serves_all_partitions_with_its_boundary_nodes():
     """Edges that are drawn know the number of cells only; those that follow cells do not agree."""
-    cells = [partition_of(square(), spec) for spec in SAME_NUMBERS]
-    first, second = meshes_of(square(), cells, [RANDOM_EDGES] * 2, 3)
+    polygon = square()
+    cells = [partition_of(polygon, spec) for spec in SAME_NUMBERS]
+    first, second = meshes_of(cells, [RANDOM_EDGES] * 2, 3)
     assert first is second
     assert_array_equal(first.s[:-1], boundary_nodes(cells[1], RANDOM_EDGES, 3))
-    first, second = meshes_of(square(), cells, [{"kind": "follow"}] * 2, 3)
+    first, second = meshes_of(cells, [{"kind": "follow"}] * 2, 3)
     assert not np.array_equal(first.s, second.s)
 
 
@@ -237,7 +238,8 @@ def test_a_survey_condenses_each_mesh_once_and_tells_of_every_partition(monkeypa
     """Two numbers of edges make two meshes; each partition's values are those of its own survey."""
     condensed, own = [], stability.condense
     monkeypatch.setattr(stability, "condense", lambda mesh: condensed.append(mesh) or own(mesh))
-    cells = [partition_of(square(), spec) for spec in SAME_NUMBERS]
+    polygon = square()
+    cells = [partition_of(polygon, spec) for spec in SAME_NUMBERS]
     table = survey(cells, [RANDOM_EDGES] * 2, [2, 3], Grams())
     assert len(condensed) == 2
     for p in range(2):

@@ -14,7 +14,7 @@ def test_beta_stands_over_the_ratio_and_over_delta_and_below_it_the_bound_withou
     ratio, inner, unsolved = page("infsup")[0].axes
     of_ratio, line = pairs(rows, "h_over_H", "beta_lower"), {(1, 0), (1, 1)}
     assert points(ratio) | line == of_ratio | line
-    curve = {(x, y) for x, y in points(inner) if abs(y - 2 * x * (1 - x)) < 1e-8}
+    curve = {(x, y) for x, y in points(inner) if abs(y - x * (1 - x)) < 1e-8}
     assert len(curve) >= 50
     assert points(inner) - curve == pairs(rows, "delta", "beta_lower") - curve
     lines = {(0, 0), (1, 1), (1, 0.25)}

@@ -72,20 +72,19 @@ def boundary_nodes(partition: Partition, spec: Spec, size: object) -> Array:
     return divided[spec["kind"]](partition.polygon, counts, spec)[:-1]
 
 
-def meshes_of(
-    polygon: Polygon, partitions: Sequence[Partition], specs: Sequence[Spec], size: object
-) -> list[Mesh]:
-    """The mesh of each partition of the polygon, one object for all that have the same boundary nodes.
+def meshes_of(partitions: Sequence[Partition], specs: Sequence[Spec], size: object) -> list[Mesh]:
+    """The mesh of each partition, one object for all of a polygon that have the same boundary nodes.
 
     {kind: structured}, its h = H / size; or a mesh by gmsh with the boundary nodes of `spec`.
     Raises InputError for nodes that are out of order, or without the vertices.
     """
-    by_nodes, made = cache(lambda nodes: meshes.with_boundary(polygon, nodes)), []
+    by_nodes, made = cache(meshes.with_boundary), []
     for partition, spec in zip(partitions, specs, strict=True):
+        polygon = partition.polygon
         if spec.get("kind") == "structured":
             made.append(structured(polygon, partition.H / real(size, "edges_per_cell")))
         else:
-            made.append(by_nodes(tuple(boundary_nodes(partition, spec, size).tolist())))
+            made.append(by_nodes(polygon, tuple(boundary_nodes(partition, spec, size).tolist())))
     return made
 
 

@@ -39,7 +39,7 @@ LABELS = {
     "uniform": "uniform",
     "regular": rf"other ones, angles $\geq {RULE.smallest_angle:g}°$, neighbouring cells within {RATIO}:1",
     "irregular": "other ones, smaller angles or larger ratios",
-    "worst": "the worst that a search found",
+    "worst": "the worst that searches found",
 }
 GUIDE: style.Look = {"color": "0.25", "lw": 0.8, "ls": (0, (4, 2)), "zorder": 1}
 
@@ -109,8 +109,8 @@ def _ratio_axis(axes: Axes, x: pd.Series) -> None:
 def _delta_axis(axes: Axes) -> None:
     """The axis of delta from 0 to 1/2, with the bound of claim T.node."""
     delta = np.linspace(0, 0.5)
-    axes.plot(delta, 2 * delta * (1 - delta), **GUIDE)
-    axes.text(0.25, 0.3, r"$2\delta(1-\delta)$", ha="left", va="top", fontsize=style.SMALL)
+    axes.plot(delta, delta * (1 - delta), **GUIDE)
+    axes.text(0.3, 0.18, r"$\delta(1-\delta)$", ha="left", va="top", fontsize=style.SMALL)
     axes.set(title=r"$\delta$ bounds it below", xlabel=r"$\delta$", xlim=(-0.012, 0.512))
     axes.tick_params(labelleft=False)
 
@@ -125,7 +125,7 @@ def _unsolved_axes(axes: Axes) -> None:
 
 
 def _note(data: pd.DataFrame) -> str:
-    note = r"$\beta$: its guaranteed lower bound by eigenvalues"
+    note = r"$\beta$: its lower bound by eigenvalues"
     if "widest" in data:
         note += f"; the upper one is at most {up(100 * data['widest'].max(), '.2g')} % higher"
     return note + "."

@@ -26,13 +26,17 @@ TIE = 1e-3
 """Symmetry classes count as equally bad if the relative difference of their beta^2 is at most this."""
 
 
-def survey_infsup(study: Mapping[str, Any], finds: Sequence[Spec], tables: Sequence[str]) -> None:
-    """Write the tables of all families in `study`; `finds` are the pairs of the search for the worst."""
+def survey_infsup(
+    study: Mapping[str, Any], finds: Mapping[str, Sequence[Spec]], tables: Sequence[str]
+) -> None:
+    """Write the tables of all families in `study`; `finds` are the pairs of those of kind worst."""
     grams = Grams()
     for (name, family), path in zip(study.items(), tables, strict=True):
-        of = {"finds": finds} if family["kind"] == "worst" else {}
-        table = survey(*pairs(name, family, **of), grams)
-        save(table, path, name, {f"surveys.{name}": family} | of)
+        parameters = {f"surveys.{name}": family}
+        if name in finds:
+            parameters[f"finds.{name}"] = finds[name]
+        table = survey(*pairs(name, family, finds.get(name, ())), grams)
+        save(table, path, name, parameters)
         print(f"{name} measured")
 
 
@@ -40,13 +44,19 @@ def pairs(
     name: str, family: Mapping[str, Any], finds: Sequence[Spec] = ()
 ) -> tuple[list[Partition], list[Spec], Sequence[object]]:
     """The partitions of a family, the mappings of their meshes, and the sizes of these."""
-    where = family["polygon"]
-    domain = named(where) if isinstance(where, str) else Polygon(where, name)
     if finds:
-        cells = [partition_of(domain, {"points": find["points"]}) for find in finds]
+        domains = [domain_of(find["polygon"], name) for find in finds]
+        specs = [{"points": find["points"]} for find in finds]
+        cells = [partition_of(domain, spec) for domain, spec in zip(domains, specs, strict=True)]
         return cells, [{"nodes": find["nodes"]} for find in finds], [1]
+    domain = domain_of(family["polygon"], name)
     cells = [partition_of(domain, spec) for spec in family["partitions"]]
     return cells, [family["mesh"]] * len(cells), family.get("deltas") or family["edges_per_cell"]
+
+
+def domain_of(polygon: Any, name: str) -> Polygon:
+    """The polygon of that name, or that with these vertices, which then gets the `name` of its survey."""
+    return named(polygon) if isinstance(polygon, str) else Polygon(polygon, name)
 
 
 class Grams:
@@ -66,7 +76,7 @@ class Grams:
 def survey(
     partitions: Sequence[Partition], meshes: Sequence[Spec], sizes: Sequence[object], grams: Grams
 ) -> xr.Dataset:
-    """The constants of (3.4) for partitions of one polygon, on meshes of these sizes against their cells.
+    """The constants of (3.4) for partitions, on meshes of these sizes against their cells.
 
     `meshes` holds the mapping of `families` that makes each partition's meshes; a size is the number of
     boundary edges in a cell or, of inner nodes, delta. The dimension `mesh` counts the sizes. A mesh that
@@ -84,7 +94,7 @@ def survey(
         side[p, : partition.n_cells] = partition.side
     for k, size in enumerate(sizes):
         condensed = cache(condense)
-        on = meshes_of(partitions[0].polygon, partitions, meshes, size)
+        on = meshes_of(partitions, meshes, size)
         for p, (partition, mesh) in enumerate(zip(partitions, on, strict=True)):
             gram = grams.of(partition)
             spaces = mixed_spaces(condensed(mesh), partition)
