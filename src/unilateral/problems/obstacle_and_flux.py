@@ -89,17 +89,17 @@ class Obstacle(Piecewise):
         """(n,) by how much `ends` may differ at the vertices, beyond their doubts, where users rounded."""
         return np.asarray(JUMP * np.abs(self.ends).max(axis=0))
 
-    def allowed_jumps(self, s: Array) -> Array:
-        """(k,) by how much the polynomials of data that fit together may differ at a node, from edge to edge.
+    def allowed_jumps(self, s: Array, side: Index) -> Array:
+        """(k,) by how much the polynomials of data that fit together may differ at the start of edges.
 
-        The nodes have the arc lengths s (k + 1,) without the last one. On each side of a node a polynomial is
-        within its doubt of g. If `data_checks` accepts them, the two g at a vertex differ by at most
-        `rounded_jumps` and twice the `end_doubts`: their values are known up to these, and compared up to
-        these.
+        The edges lie on the sides (k,), between the arc lengths s (k + 1,) of the perimeter. On either of two
+        that meet the polynomial is within its doubt of g. If `data_checks` accepts them, the two g at a
+        vertex differ by at most `rounded_jumps` and twice the `end_doubts`: their values are known up to
+        these, and compared up to these.
         """
         start, end = self.outer_pieces(s)
         allowed = self.doubt[start] + np.roll(self.doubt[end], 1)
-        vertices = np.searchsorted(s, self.polygon.starts)
+        vertices = np.searchsorted(side, np.arange(self.polygon.n_sides))
         allowed[vertices] += self.rounded_jumps + 2 * self.end_doubts.sum(axis=0)
         return np.asarray(allowed)
 
