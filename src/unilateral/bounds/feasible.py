@@ -115,9 +115,7 @@ def missing(g: Constraint, v: Array, touching: Mask, flux: Array) -> Missing:
     most, push = np.maximum(added, np.roll(added, -1)), 0.5 * np.diff(mesh.s) * flux.sum(axis=1)
     # u_D that jumps is no trace: there is no u then, and no v
     squares = np.where(g.clamped & g.jumps, math.inf, shared * squares)
-    return Missing(
-        squares, slack + most * push, np.where(fixed, 0.0, added), np.where(fixed, added, 0.0)
-    )
+    return Missing(squares, slack + most * push, np.where(fixed, 0.0, added), np.where(fixed, added, 0.0))
 
 
 def _bubbles(g: Constraint, v: Array) -> Array:

@@ -243,4 +243,5 @@ def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float]] | None:
     forces = found.forces(sharp)
     sides = {f"side_{i}": forces.sides[i]._asdict() for i in held}
     rows = {"_".join(["reaction", *map(str, row)]): of._asdict() for row, of in forces.reactions.items()}
+    rows |= {"forces_and_reactions": forces.total._asdict()} if forces.total else {}
     return ({"boundary": forces.whole._asdict()} | sides if sides else {}) | rows or None

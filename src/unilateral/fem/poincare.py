@@ -26,8 +26,8 @@ r + 16 is taken for r + 2. With at most w numbers in a row of L + L^T, -E <= shi
 
     shift = (r + 16) w EPS,
 
-by Gershgorin's theorem for D^{-1/2} E D^{-1/2}. So B >= mu if B - shift D - mu has positive pivots. Where v is
-smooth v . shift D v is small, however small the least triangles are: on each it is like ||grad v||^2 and v^2.
+by Gershgorin's theorem for D^{-1/2} E D^{-1/2}. So B >= mu if B - shift D - mu has positive pivots. However
+small the least triangles are, v . shift D v is small where v is smooth, for D has the squares of gradients.
 """
 
 from __future__ import annotations
@@ -80,15 +80,16 @@ def friedrichs(mesh: Mesh, clamped: tuple[int, ...], known: float = math.inf) ->
         return constant
     try:
         graded = balanced(uniform(polygon, polygon.diameter / PARTS))
-        constant = min(constant, mesh.growth * _on(with_boundary(polygon, graded.points[:-1], GROWTH), clamped))
+        finer = with_boundary(polygon, graded.points[:-1], GROWTH)
+        constant = min(constant, mesh.growth * _on(finer, clamped))
     except InputError:
         if constant == math.inf:
             raise
     if constant == math.inf:
         lengths = polygon.lengths
         raise InputError(
-            f"polygon '{polygon.name}': rounding hides the least eigenvalue of -Delta for functions that are 0 "
-            f"on the clamped sides {[*clamped]}, which c = 0 needs; sides have lengths from "
+            f"polygon '{polygon.name}': rounding hides the least eigenvalue of -Delta for functions that are "
+            f"0 on the clamped sides {[*clamped]}, which c = 0 needs; sides have lengths from "
             f"{lengths.min():.3g} to {lengths.max():.3g}; clamp a longer side, or give a c above 0"
         )
     return constant
@@ -125,13 +126,18 @@ def _scaled(mesh: Mesh, clamped: Mask) -> sp.csr_array:
 
 def _least(B: sp.csr_array) -> float:
     """A number that no eigenvalue of B (n, n) is below; 0 if rounding hides the least one."""
-    factor, D = dissected(B), B.diagonal()
-    solve = LinearOperator(B.shape, factor.solve)
-    found, x = eigsh(B, k=1, sigma=0.0, OPinv=solve, v0=np.ones(len(D)))
-    # shift = (r + 16) w EPS, and what v . shift D v takes from the eigenvalue, twice for what is of second order
-    in_rows, in_columns = np.bincount(factor.lu.L.indices), np.diff(factor.lu.L.indptr)
-    shift = (int(in_rows.max()) + 16) * int((in_rows + in_columns).max()) * EPS
-    mu = LESS * float(found[0] - 2 * shift * (D @ x[:, 0] ** 2))
-    # B - shift D - mu has positive pivots, with the same numbers in L
-    shifted = factorise((B - sp.diags_array(mu + shift * D)).tocsr(), factor.order)
-    return mu if mu > 0 and shifted.U.diagonal().min() > 0 else 0.0
+    D = B.diagonal()
+    try:
+        factor = dissected(B)
+        solve = LinearOperator(B.shape, factor.solve)
+        found, x = eigsh(B, k=1, sigma=0.0, OPinv=solve, v0=np.ones(len(D)))
+        # shift = (r + 16) w EPS; v . shift D v is taken from the eigenvalue twice, for what is of second order
+        in_rows, in_columns = np.bincount(factor.lu.L.indices), np.diff(factor.lu.L.indptr)
+        shift = (int(in_rows.max()) + 16) * int((in_rows + in_columns).max()) * EPS
+        mu = LESS * float(found[0] - 2 * shift * (D @ x[:, 0] ** 2))
+        # B - shift D - mu has positive pivots, with the same numbers in L
+        shifted = factorise((B - sp.diags_array(mu + shift * D)).tocsr(), factor.order)
+    except RuntimeError:  # a pivot is 0, or the iteration for the eigenvalue does not end
+        return 0.0
+    positive = np.array_equal(shifted.perm_r, shifted.perm_c) and shifted.U.diagonal().min() > 0
+    return mu if mu > 0 and positive else 0.0

@@ -12,7 +12,7 @@ from unilateral.errors import InputError
 from unilateral.problems.formula_range import may_be_0
 from unilateral.problems.piecewise import PLACES
 from unilateral.problems.problem import Problem
-from unilateral.problems.sampled import Sampled, values
+from unilateral.problems.sampled import Sampled
 
 SMALLEST, LARGEST = 1e-140, 1e140
 """The limits of |f|, |g| and |q|, so that squares of data are normal numbers.
@@ -52,7 +52,8 @@ def check(problem: Problem, name: str) -> None:
         _check_size(of_q, units.flux, unit, f"{name}, field q", f"on side {side}", may_be_0)
     for vertex in _between(problem):
         allowed = obstacle.rounded_jumps[vertex] + obstacle.end_doubts[:, vertex].sum()
-        _check_vertex(problem, name, vertex, *obstacle.ends[:, vertex].tolist(), allowed)
+        end, start = obstacle.ends[:, vertex].tolist()
+        _check_vertex(problem, name, vertex, end, start, allowed)
 
 
 def check_vertices(of: Sampled) -> None:

@@ -46,6 +46,8 @@ def range_in(polygon: Polygon, formula: Expression) -> tuple[float, float]:
         met = float(np.fmin.reduce(values, initial=met[0])), float(np.fmax.reduce(values, initial=met[1]))
         boxes = boxes[meets]
         lower, upper = _bounds(formula, boxes)
+        if formula.rational is not None:
+            return float(lower[0]), float(upper[0])
         slack = SHARP * (met[1] - met[0]) + SAME * np.abs(met).max() if met[0] <= met[1] else 0.0
         wide = ~((lower >= met[0] - slack) & (upper <= met[1] + slack))
         if not np.isfinite(slack) or 4 * np.count_nonzero(wide) > MOST_BOXES:

@@ -129,10 +129,9 @@ def enclose_obstacle(
     rounding = pieces.rounding(points)
     doubt = _of_neighbours(rad + np.abs(gap) + rounding, side)
     bounds = lower - rounding, _of_neighbours(upper, side) + rounding
-    steep = _steep(polygon, pieces, points, clamped, slope)
-    return Obstacle(
-        polygon, points, side, c, doubt, *bounds, *steep, *_at_vertices(polygon, model, free, side, c, doubt)
-    )
+    steep, kinks = _steep(polygon, pieces, points, clamped, slope)
+    ends, end_doubts = _at_vertices(polygon, model, free, side, c, doubt)
+    return Obstacle(polygon, points, side, c, doubt, *bounds, steep, kinks, ends, end_doubts)
 
 
 def _at_vertices(

@@ -222,7 +222,8 @@ def test_free_sides_have_no_g():
     found = g_on_bottom("t")
     assert found.side.tolist() == [0, 1, 2, 3]
     assert found.range(2) == (-np.inf, -np.inf)
-    assert found.at_vertex(0)[1] == 0
+    assert found.ends[1, 0] == 0
+    assert not found.ends[:, 2:].any()
 
 
 def test_a_place_that_rounding_puts_beyond_a_kink_is_covered():
