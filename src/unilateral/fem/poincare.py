@@ -131,7 +131,7 @@ def _least(B: sp.csr_array) -> float:
         factor = dissected(B)
         solve = LinearOperator(B.shape, factor.solve)
         found, x = eigsh(B, k=1, sigma=0.0, OPinv=solve, v0=np.ones(len(D)))
-        # shift = (r + 16) w EPS; v . shift D v is taken from the eigenvalue twice, for what is of second order
+        # shift = (r + 16) w EPS; v . shift D v counts twice, for what it takes is of second order, too
         in_rows, in_columns = np.bincount(factor.lu.L.indices), np.diff(factor.lu.L.indptr)
         shift = (int(in_rows.max()) + 16) * int((in_rows + in_columns).max()) * EPS
         mu = LESS * float(found[0] - 2 * shift * (D @ x[:, 0] ** 2))

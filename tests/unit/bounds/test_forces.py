@@ -286,7 +286,7 @@ BALANCED = [
 @pytest.mark.parametrize("clamped", [(3,), (1, 3)])
 @pytest.mark.parametrize(("data", "exact"), BALANCED)
 def test_without_a_reaction_the_sum_of_all_forces_is_known(data, exact, clamped):
-    """-int f - int q, in closed form. Control: the interval of the sides with contact is 100 times as wide."""
+    """-int f - int q, in closed form. Control: that of a reaction is 100 times as wide."""
     free = [side for side in (0, 2) if side not in clamped]
     g = [-0.01 if side not in (*free, *clamped) else None for side in range(4)]
     problem = ul.Problem(square(), g=g, free_sides=free, u=dict.fromkeys(clamped, 0), c=0, **data)
@@ -295,7 +295,9 @@ def test_without_a_reaction_the_sum_of_all_forces_is_known(data, exact, clamped)
     assert found.total == s.force(sides=sides)
     assert found.total.lower <= found.total.value <= found.total.upper
     assert found.total.lower <= exact <= found.total.upper
-    assert found.total.upper - found.total.lower < 1e-2 * (found.reactions[3,].upper - found.reactions[3,].lower)
+    assert found.total.upper - found.total.lower < 1e-2 * (
+        found.reactions[3,].upper - found.reactions[3,].lower
+    )
     assert "sum of forces and reactions: " in repr(found)
 
 

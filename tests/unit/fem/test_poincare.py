@@ -78,7 +78,7 @@ def conforming(mesh, clamped):
 
 @pytest.mark.parametrize("d", [1e-2, 1e-4, 1e-6])
 def test_a_short_clamped_side_has_a_mesh_that_is_graded_to_it(d):
-    """Between P1's constant and 1.1 times that. Control: on the mesh as it comes it is a third larger or more."""
+    """Between P1's constant and 1.1 times that. Control: without one it is larger by a third or more."""
     polygon = beside(d)
     graded = poincare.with_boundary(polygon, balanced(uniform(polygon, 1 / 8)).points[:-1], 0.3)
     least = conforming(refine(graded, 1), (4,))
