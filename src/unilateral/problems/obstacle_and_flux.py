@@ -145,7 +145,7 @@ def _at_vertices(
     n = polygon.n_sides
     ends, doubts = np.zeros((2, 2, n))
     held = np.setdiff1d(np.arange(n), free)
-    for row, t in ((0, 1.0), (1, 0.0)):
+    for row, t in ((0, 1.0), (1, 0.0)) if held.size else ():
         place = np.full(len(held), t)
         exact = on_intervals(model, held, place, place)
         piece = np.searchsorted(side, held, side="right") - 1 if t else np.searchsorted(side, held)
