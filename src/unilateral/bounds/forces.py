@@ -205,12 +205,12 @@ class Best:
     def _most(self, w: Array) -> Array:
         """(k,) what <lambda_H, w> + E ||w||_1 is at most on the exact mesh, for w (n, k) at the nodes.
 
-        The pairing is off by the `stretch` of sides, and by the rounding of places on edges, which is that of
-        the perimeter.
+        The pairing is off by the `stretch` of sides and by rounding, each term by its own part, and by the
+        rounding of places on edges, which is that of the perimeter.
         """
         trace, polygon, l = w[self.mesh.boundary], self.mesh.polygon, self.pairing[:, None]  # noqa: E741
         on_edges = (l + np.roll(l, -1, axis=0)) * np.abs(np.roll(trace, -1, axis=0) - trace)
         of_places = EPS * polygon.perimeter * (1 / np.diff(self.mesh.s)) @ on_edges
-        off = (SUMS + polygon.stretch.max()) * l.sum() * np.abs(trace).max(axis=0) + of_places
+        off = (SUMS + polygon.stretch.max()) * (self.pairing @ np.abs(trace)) + of_places
         norms = (1 + SUMS) * np.array([h1_norm(self.mesh, each, self.weight) for each in w.T])
         return np.asarray(self.pairing @ trace + off + self.mesh.growth * self.bound * norms)

@@ -326,3 +326,16 @@ def test_all_that_is_not_known_of_f_and_q_is_in_the_balance():
     assert balance(source, doubtful)[1] == pytest.approx(-1 + 0.4)
     jumping = replace(flux, jumps=np.full_like(flux.jumps, 1.0), reach=0.01)
     assert balance(source, jumping)[1] >= -1 + 0.02 * len(flux.jumps)
+
+
+def test_the_rounding_of_a_force_is_that_of_its_own_side():
+    """1 on side 2 beside 1e12 on side 0, lambda_H being exact. In all it is rounded by more than 1.
+
+    w passes from 1 to 0 on the first and last edge of a side.
+    """
+    mesh, cells = structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
+    lambda_H = np.where(cells.side == 0, 1e12, np.where(cells.side == 2, 1.0, 0.0))
+    of_2, whole = forces(mesh, cells, lambda_H, 0.0, [[2], [0, 1, 2, 3]])
+    assert 0.9 < of_2.lower < 1 <= of_2.upper < 1.1
+    assert whole.lower < 1e12 < whole.upper
+    assert whole.upper - whole.lower > 1
