@@ -49,13 +49,15 @@ def none(n: int) -> ClampedEnds:
 class Clamps(NamedTuple):
     """What is known of clamped sides: the form, and the `outflows` (2, n) and the `ends` of a `Bound`.
 
-    `bound` is the bound on the functional of reactions, which is `of_fluxes` of the bounds.
+    `bound` is the bound on the functional of reactions, which is `of_fluxes` of the bounds. The `balance` is
+    that of `forces`, if c = 0.
     """
 
     form: Form
     outflows: Array
     ends: ClampedEnds
     bound: float
+    balance: tuple[float, float] | None = None
 
     @property
     def weight(self) -> float:

@@ -22,8 +22,6 @@ from unilateral.problems.piecewise import ORDER, PLACES
 
 PARTS = 8
 """Every edge is cut into this many equal intervals, on each of which the sign of p - v is asked for."""
-JUMP = 1e-13
-"""p counts as jumping at a vertex if its two values there differ by more than this times the largest |p|."""
 SLOPE = 2 * ORDER**2 * PARTS
 """The steepest slope, per edge length, of a polynomial of degree ORDER of size 1 on a PARTS-th of an edge.
 
@@ -39,8 +37,10 @@ class Constraint:
 
     The unknowns of P2 on the boundary are those at its nodes, then those at the midpoints of its edges;
     `unknowns` (nb, 3) are the ones at the start, the end and the midpoint of every edge. `at_unknowns`
-    (2 nb,) is p at these, -inf where there is no p. `jumps` (nb,) says whether p differs at an end of
-    the edge from p on the edge before or after. `rounding` (nb,) is that of p. The other fields belong to
+    (2 nb,) is p at these, -inf where there is no p. `jumps` (nb,) says whether p is smaller at an end of
+    the edge than on the edge before or after, by more than p of data that fit together can be there
+    (`Obstacle.allowed_jumps`). So it may be at a clamped side, where v = u_D > g; on a clamped edge it is a
+    u_D that is no trace. `rounding` (nb,) is that of p. The other fields belong to
     K intervals of edges with Q points each: the `edge` (K,); the places `x` (K, Q) in [0, 1] on it, their
     `weight`, `p` and its derivative, the `slope`; the `doubt` (K,), which includes the rounding of p; and an
     `upper` bound (K,) on g. The edges `clamped` (nb,) have v = u_D, and `steep` (nb,) bounds the L2 norm of
@@ -110,7 +110,9 @@ def constraint(obstacle: Obstacle, mesh: Mesh, on: Mask, clamped: Mask | None = 
     s, piece = middle[:, None] + half[:, None] * nodes, obstacle.on(middle)
     p, slope = obstacle.at(piece[:, None], s)
     x = np.clip((s - mesh.s[edge][:, None]) / lengths[edge][:, None], 0.0, 1.0)
-    at_unknowns, rise, jumps = _at_ends(obstacle.on_edges(mesh.s), unknowns, on)
+    at_nodes = obstacle.allowed_jumps(mesh.s, mesh.side)
+    allowed = np.column_stack([at_nodes, np.roll(at_nodes, -1)])
+    at_unknowns, rise, jumps = _at_ends(obstacle.on_edges(mesh.s), unknowns, on, allowed)
     p += rise[edge, :1] * (1 - x) + rise[edge, 1:] * x
     slope += (np.diff(rise)[:, 0] / lengths)[edge][:, None]
     rounding = np.zeros(len(lengths))
@@ -142,18 +144,18 @@ def _steep(obstacle: Obstacle, piece: Index, edge: Index, length: Array, of_p: A
     return np.sqrt(np.bincount(edge, squares, len(of_p)))
 
 
-def _at_ends(on_edges: Array, unknowns: Index, on: Mask) -> tuple[Array, Array, Mask]:
+def _at_ends(on_edges: Array, unknowns: Index, on: Mask, allowed: Array) -> tuple[Array, Array, Mask]:
     """p (n,) at the unknowns, what p is raised by at the edges' ends (nb, 2), and where it jumps (nb,).
 
     p has the values `on_edges` (nb, 3). At a vertex the larger of two values counts. If the other one lacks
-    something by rounding, that is added to p linearly along its edge, or else w (`feasible`) would not
+    what is `allowed` (nb, 2), that is added to p linearly along its edge, or else w (`feasible`) would not
     vanish at the vertex. If it lacks more, p jumps.
     """
     at_unknowns = np.full(unknowns.max() + 1, -np.inf)
     np.maximum.at(at_unknowns, unknowns[on], on_edges[on])
     lacking = np.full((len(on), 2), np.inf)
     lacking[on] = at_unknowns[unknowns[on, :2]] - on_edges[on, :2]
-    jumps = np.any(lacking > JUMP * np.max(np.abs(on_edges[on]), initial=0.0), axis=1)
+    jumps = np.any(lacking > allowed, axis=1)
     rise = np.where(jumps[:, None], 0.0, lacking)
     at_unknowns[unknowns[:, 2]] += rise.mean(axis=1)
     return at_unknowns, rise, jumps

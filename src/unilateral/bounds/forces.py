@@ -17,6 +17,9 @@ with contact. If v - g is at least gamma there (`clamped_ends`), at most <lambda
 Where nothing is known of v - g that bound is infinite; so it has to be where u = g at the vertex, for there
 a large force near the vertex and the opposite reaction have hardly any norm together.
 
+If c = 0, the sum of all forces and reactions is known: (1.1) with v = 1 says that it is - int f - int q
+(`balance`).
+
 w is continuous, and linear on the triangles of a mesh of its own, for it has to be steep at the ends of sides
 and of contact. That mesh is graded towards those of these ends where there is a load. A load that is small
 beside the norm of the functions is left out, for nothing is gained there by steepness. On the mesh the best w
@@ -39,12 +42,14 @@ from unilateral.arrays import Array, Index, Mask
 from unilateral.bounds.clamped_ends import Clamps, conflicts, inside_reach, missing, unclamped
 from unilateral.bounds.flux_residuals import SUMS
 from unilateral.bounds.force_mesh import condensed, extended
+from unilateral.bounds.source import Source
 from unilateral.fem.condense import Condensed
 from unilateral.fem.p1 import coupling, h1_norm
 from unilateral.formulas.decimals import plus_minus
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
+from unilateral.problems.obstacle_and_flux import Flux
 from unilateral.solvers.least_norm import least
 
 LEAST, TINY = 1e-100, 1e-300
@@ -78,7 +83,8 @@ def forces(
     """The force over each of the `parts`, which are numbers of sides, with the reactions on clamped ones.
 
     lambda_H (m,) >= 0 are the values on the cells, and `bound` is a bound on ||lambda - lambda_H||_{-1/2}. By
-    default all sides have contact. If the bound is infinite, no force has an upper bound. Of the `mesh` that
+    default all sides have contact. If the bound is infinite, no force has an upper bound, but the sum of all
+    forces and reactions may have its `balance`. Of the `mesh` that
     lambda_H was computed on only the coarsest level is used, where that suffices.
     """
     of = clamps or unclamped(mesh.polygon.n_sides)
@@ -96,7 +102,33 @@ def forces(
         elif some.size:
             lower[some], upper[some] = -np.inf, np.inf
     lower[~signed] = np.maximum(lower[~signed], 0.0)
+    if of.balance:
+        n_held = mesh.polygon.n_sides - len(of.form.free)
+        for k in (k for k, part in enumerate(sides) if len(part) == n_held):
+            lower[k], upper[k] = max(lower[k], of.balance[0]), min(upper[k], of.balance[1])
+            values[k] = min(max(values[k], lower[k]), upper[k])
     return [Force(*each) for each in zip(values, lower.tolist(), upper.tolist(), strict=True)]
+
+
+def balance(source: Source, flux: Flux) -> tuple[float, float]:
+    """Two numbers between which - int f - int q lies, for f on a mesh and q on the sides of its polygon.
+
+    Of f the means on triangles are known up to `rest`. Areas change by the square of 1 + the distortion, and
+    lengths by the stretch.
+    """
+    mesh, polygon = source.mesh, source.mesh.polygon
+    integral = float(mesh.areas @ source.f_h.mean(axis=1))
+    changed = SUMS + 3 * mesh.distortion
+    doubt = float(
+        np.sqrt(mesh.areas) @ source.rest + (changed * mesh.areas) @ np.abs(source.f_h).mean(axis=1)
+    )
+    # int sigma^k over [-1, 1] is 2 / (k + 1) for even k, and 0 for odd ones
+    k, lengths, sizes = np.arange(len(flux.c)), np.diff(flux.points), np.abs(flux.c).sum(axis=0)
+    integral += float(lengths @ (np.where(k % 2, 0.0, 1 / (k + 1)) @ flux.c))
+    # beside a jump, and where places are rounded, as much of q as reaches there is in doubt
+    doubt += float(lengths @ flux.doubt + 2 * flux.reach * (flux.jumps.sum() + sizes.sum()))
+    doubt += (SUMS + float(polygon.stretch.max())) * float(lengths @ sizes)
+    return -integral - doubt, -integral + doubt
 
 
 def _ends(
@@ -173,12 +205,12 @@ class Best:
     def _most(self, w: Array) -> Array:
         """(k,) what <lambda_H, w> + E ||w||_1 is at most on the exact mesh, for w (n, k) at the nodes.
 
-        The pairing is off by the `stretch` of sides, and by the rounding of places on edges, which is that of
-        the perimeter.
+        The pairing is off by the `stretch` of sides and by rounding, each term by its own part, and by the
+        rounding of places on edges, which is that of the perimeter.
         """
         trace, polygon, l = w[self.mesh.boundary], self.mesh.polygon, self.pairing[:, None]  # noqa: E741
         on_edges = (l + np.roll(l, -1, axis=0)) * np.abs(np.roll(trace, -1, axis=0) - trace)
         of_places = EPS * polygon.perimeter * (1 / np.diff(self.mesh.s)) @ on_edges
-        off = (SUMS + polygon.stretch.max()) * l.sum() * np.abs(trace).max(axis=0) + of_places
+        off = (SUMS + polygon.stretch.max()) * (self.pairing @ np.abs(trace)) + of_places
         norms = (1 + SUMS) * np.array([h1_norm(self.mesh, each, self.weight) for each in w.T])
         return np.asarray(self.pairing @ trace + off + self.mesh.growth * self.bound * norms)

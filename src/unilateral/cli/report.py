@@ -74,7 +74,9 @@ def table(
         guaranteed = between(force["lower"], force["upper"], DIGITS, "and")
         kind, *row = name.split("_")
         of_row = f"reaction, side{'s' * (len(row) > 1)} {', '.join(row)}"
-        label = of_row if kind == "reaction" else f"force, {name.replace('_', ' ')}"
+        label = {"reaction": of_row, "forces": "sum of forces, reactions"}.get(
+            kind, f"force, {name.replace('_', ' ')}"
+        )
         rows[label] = f"{force['value']:{DIGITS}}, between {guaranteed}"
     if doubt:
         rows["lambda_H"] = doubt

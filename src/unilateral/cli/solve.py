@@ -35,7 +35,7 @@ from unilateral.errors import BudgetError, InputError, counted
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
 from unilateral.solution.certificate import energy
-from unilateral.solution.solution import ENDINGS, Solution, not_converged, not_unique
+from unilateral.solution.solution import ENDINGS, Solution, flat_triangles, not_converged, not_unique
 from unilateral.solvers.stop import Stop
 from unilateral.system import as_json
 from unilateral.system.files import check_target
@@ -123,6 +123,9 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
     doubt = "" if found.unique else not_unique(found.mesh, own_mesh)
     if doubt:
         tell(f"lambda_H {doubt}")
+    certified = bool(search) and found.certified
+    if bounds and not (sharp or certified) and (flat := flat_triangles(found.solved)):
+        tell(flat)
     if not (search or found.converged):
         tell(not_converged(found.solved.result.bound))
     if not options.json and not search:
@@ -243,4 +246,6 @@ def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float]] | None:
     forces = found.forces(sharp)
     sides = {f"side_{i}": forces.sides[i]._asdict() for i in held}
     rows = {"_".join(["reaction", *map(str, row)]): of._asdict() for row, of in forces.reactions.items()}
+    if forces.total and len(sides) + len(rows) > 1:
+        rows["forces_and_reactions"] = forces.total._asdict()
     return ({"boundary": forces.whole._asdict()} | sides if sides else {}) | rows or None

@@ -13,6 +13,7 @@ import numpy as np
 from unilateral.arrays import Array, Index
 from unilateral.bounds.boundary_flux import Given, edge_flux, given
 from unilateral.bounds.flux_residuals import SUMS
+from unilateral.bounds.forces import balance
 from unilateral.bounds.local_bounds import LocalBound, flux_of, local_bound
 from unilateral.bounds.sharp_bounds import SharpBound, sharp_bound
 from unilateral.bounds.source import Source, source_of
@@ -221,6 +222,18 @@ class DiscreteSolution:
         pair = discrete.partition, self.u_h, self.lambda_H
         flux = given(data.enclosed_flux, discrete.mesh, discrete.form)
         return source, data.enclosed_obstacle, *pair, flux, discrete.form
+
+    @cached_property
+    def force_balance(self) -> tuple[float, float] | None:
+        """Two numbers between which the sum of all forces and reactions lies.
+
+        None if c > 0, or where f and q are no formulas.
+        """
+        if self._given is None or self.discrete.form.reaction:
+            return None
+        source, *_ = self._given
+        assert self.discrete.data is not None  # or nothing were given
+        return balance(source, self.discrete.data.enclosed_flux)
 
     @cached_property
     def u_norm(self) -> float:

@@ -15,10 +15,19 @@ and ||v - I v||_0 <= KAPPA h |v - I v|_1. With t = |v - I v|_1,
 
 so lambda is at least the least value of t^2 + lambda_h (1 - KAPPA h t)^2, which is the right-hand side.
 
-lambda_h is the least eigenvalue of a matrix B. That no eigenvalue of B is below mu, up to rounding, is known
-where B - mu can be factorised with positive pivots: these are the pivots of a matrix that differs from it by
-at most (n + 2) EPS trace B (N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002, theorem
-10.3). The entries of B are rounded, too, so that n + 16 is taken for n + 2.
+lambda_h is the least eigenvalue of a matrix B with the diagonal D. Pivots that are computed are those of a
+matrix that differs by E from the one that was factorised, where
+
+    |E_ij| <= (r + 2) EPS (D_ii D_jj)^{1/2}
+
+for at most r numbers in a row of the factor L (N. J. Higham, Accuracy and Stability of Numerical Algorithms,
+2002, theorem 10.3), and E_ij = 0 where L + L^T has no number. The entries of B are rounded likewise, so that
+r + 16 is taken for r + 2. With at most w numbers in a row of L + L^T, -E <= shift D with
+
+    shift = (r + 16) w EPS,
+
+by Gershgorin's theorem for D^{-1/2} E D^{-1/2}. So B >= mu if B - shift D - mu has positive pivots. However
+small the least triangles are, v . shift D v is small where v is smooth, for D has the squares of gradients.
 """
 
 from __future__ import annotations
@@ -27,15 +36,16 @@ import math
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import eigsh
+from scipy.sparse.linalg import LinearOperator, eigsh
 
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
 from unilateral.fem.form import Form
-from unilateral.fem.linear_systems import dissected
+from unilateral.fem.linear_systems import dissected, factorise
 from unilateral.fem.p1 import from_elements, gradients
 from unilateral.formulas.taylor import EPS
-from unilateral.geometry.mesh import Mesh, refine, unstructured
+from unilateral.geometry.mesh import Mesh, refine, with_boundary
+from unilateral.geometry.partition import balanced, uniform
 
 KAPPA = 0.19
 """||w||_{0,T} <= KAPPA d_T |w|_{1,T} if w has the mean 0 on each edge of T; d_T is its longest edge.
@@ -46,38 +56,63 @@ No constant below 0.189 is enough for equilateral triangles.
 FEW = 250
 """The mesh is halved until it has so many nodes. A coarser one has a larger constant."""
 LESS = 1 - 1e-6
-"""mu is this part of the eigenvalue that was computed."""
-HIDDEN = 0.01
-"""Rounding of an eigenvalue in units of the inverse squared diameter may be as large as this."""
+"""mu is this part of what is left of the eigenvalue that was computed."""
+EVEN = 4.0
+"""A mesh whose boundary edges at a clamped side are longer by this than their neighbours is too coarse there.
+
+Only the size of the constant depends on it.
+"""
+PARTS, GROWTH = 8, 0.4
+"""The graded mesh has boundary edges of at most the PARTS-th of the diameter; for GROWTH see `with_boundary`.
+
+They are at most twice as long as their neighbours.
+"""
 
 
 def friedrichs(mesh: Mesh, clamped: tuple[int, ...], known: float = math.inf) -> float:
     """The constant for the `clamped` sides of the mesh's polygon, or one that is `known` if it is smaller.
 
-    Where the mesh, or the one it was refined from, is so fine that rounding hides the eigenvalue, and none is
-    known, gmsh makes another one. Raises InputError where it is missing, or where rounding hides the
-    eigenvalue even so.
+    Where none is known, and rounding hides the eigenvalue on the mesh or the one it was refined from, or that
+    is too coarse at a clamped side, gmsh makes another one, graded to short sides. Raises InputError where
+    rounding hides the eigenvalue even so, or gmsh is missing then.
     """
     given, polygon = mesh.coarse or mesh, mesh.polygon
-    for coarse in (lambda: given, lambda: unstructured(polygon, polygon.diameter / 8)):
-        found = min(mesh.growth * _on(coarse(), clamped), known)
-        if found < math.inf:
-            return found
-    raise InputError(
-        f"polygon '{polygon.name}' is too thin for Friedrichs' inequality, whose constant c = 0 needs"
-    )
+    constant = min(mesh.growth * _on(given, clamped), known)
+    if constant < math.inf and (known < math.inf or not _is_coarse_at(given, clamped)):
+        return constant
+    try:
+        graded = balanced(uniform(polygon, polygon.diameter / PARTS))
+        finer = with_boundary(polygon, graded.points[:-1], GROWTH)
+        constant = min(constant, mesh.growth * _on(finer, clamped))
+    except InputError:
+        if constant == math.inf:
+            raise
+    if constant == math.inf:
+        lengths = polygon.lengths
+        raise InputError(
+            f"polygon '{polygon.name}': rounding hides the least eigenvalue of -Delta for functions that are "
+            f"0 on the clamped sides {[*clamped]}, which c = 0 needs; sides have lengths from "
+            f"{lengths.min():.3g} to {lengths.max():.3g}; clamp a longer side, or give a c above 0"
+        )
+    return constant
+
+
+def _is_coarse_at(mesh: Mesh, clamped: tuple[int, ...]) -> bool:
+    """Whether an edge next to a clamped side is much longer than the edge there."""
+    lengths, on = np.diff(mesh.s), Form(0.0, clamped).edges(mesh)
+    ratio = np.roll(lengths, -1) / lengths
+    after = on & ~np.roll(on, -1) & (ratio > EVEN)
+    before = ~on & np.roll(on, -1) & (ratio < 1 / EVEN)
+    return bool(np.any(after | before))
 
 
 def _on(mesh: Mesh, clamped: tuple[int, ...]) -> float:
     """The constant by that mesh, or halves of it; infinite if rounding hides it."""
     while mesh.n_nodes < FEW:
         mesh = refine(mesh)
-    B = _without(crouzeix_raviart(mesh)[0], mesh.triangulation.boundary[Form(0.0, clamped).edges(mesh)])
-    rounding = (B.shape[0] + 16) * EPS * float(B.diagonal().sum())
-    discrete = _least(B) - rounding if rounding * mesh.polygon.diameter**2 < HIDDEN else 0.0
-    if not discrete > 0:
-        return math.inf
-    return mesh.growth * math.sqrt(1 / discrete + (KAPPA * mesh.diameter) ** 2)
+    clamped_edges = mesh.triangulation.boundary[Form(0.0, clamped).edges(mesh)]
+    mu = _least(_without(crouzeix_raviart(mesh)[0], clamped_edges))
+    return mesh.growth * math.sqrt(1 / mu + (KAPPA * mesh.diameter) ** 2) if mu > 0 else math.inf
 
 
 def crouzeix_raviart(mesh: Mesh) -> tuple[sp.csr_array, Array]:
@@ -102,8 +137,19 @@ def _without(B: sp.csr_array, clamped: Index) -> sp.csr_array:
 
 
 def _least(B: sp.csr_array) -> float:
-    """A number that no eigenvalue of B (n, n) is below, but for rounding; 0 if it is found to be none."""
-    found = eigsh(B, k=1, sigma=0.0, v0=np.ones(B.shape[0]), return_eigenvectors=False)
-    mu = LESS * float(found[0])
-    pivots = dissected((B - mu * sp.eye_array(B.shape[0])).tocsr()).lu.U.diagonal()
-    return mu if pivots.min() > 0 else 0.0
+    """A number that no eigenvalue of B (n, n) is below; 0 if rounding hides the least one."""
+    D = B.diagonal()
+    try:
+        factor = dissected(B)
+        solve = LinearOperator(B.shape, factor.solve)
+        found, x = eigsh(B, k=1, sigma=0.0, OPinv=solve, v0=np.ones(len(D)))
+        # shift = (r + 16) w EPS; v . shift D v counts twice, for what it takes is of second order, too
+        in_rows, in_columns = np.bincount(factor.lu.L.indices), np.diff(factor.lu.L.indptr)
+        shift = (int(in_rows.max()) + 16) * int((in_rows + in_columns).max()) * EPS
+        mu = LESS * float(found[0] - 2 * shift * (D @ x[:, 0] ** 2))
+        # B - shift D - mu has positive pivots, with the same numbers in L
+        shifted = factorise((B - sp.diags_array(mu + shift * D)).tocsr(), factor.order)
+    except RuntimeError:  # a pivot is 0, or the iteration for the eigenvalue does not end
+        return 0.0
+    positive = np.array_equal(shifted.perm_r, shifted.perm_c) and shifted.U.diagonal().min() > 0
+    return mu if mu > 0 and positive else 0.0

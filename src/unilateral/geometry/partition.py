@@ -15,6 +15,10 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.system.copies import Rebuilt
 
 VERTEX_TOLERANCE = 1e-12
+"""Arc lengths that differ by this part of the perimeter are the same place, for they are rounded like it.
+
+In `balanced` it is the part of a cell's length that rounding may add to it.
+"""
 
 
 @dataclass(frozen=True, eq=False)

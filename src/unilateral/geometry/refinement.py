@@ -30,7 +30,7 @@ Kind = TypeVar("Kind", Array, Int16, Int32, Mask)
 CORNERS = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 """Each node of a triangle and the two after it."""
 CONGRUENT = 1e-13
-"""Rounding may leave edges of congruent triangles apart by this part of the longest edge."""
+"""Rounding may leave edges of congruent triangles apart by this part of the longest edge of them all."""
 LONGEST = 1e-12
 """Because of rounding the reference edge may be shorter than the longest edge by this part of it."""
 FEW = 1000

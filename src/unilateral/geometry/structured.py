@@ -59,6 +59,7 @@ def _parts(polygon: Polygon, size: float) -> TensorGrid:
     if _consists_of_squares(polygon):
         counts = square().counts(size)
         return TensorGrid(*ticks, *(np.full(len(each) - 1, counts[0]) for each in ticks))
+    # a quotient that rounding puts above a whole number by this part of it counts as that number
     return TensorGrid(
         *ticks, *(np.ceil(np.diff(each) / size * (1 - 1e-12)).astype(np.intp) for each in ticks)
     )

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from unilateral.errors import InputError
+from unilateral.problems.formula_range import may_be_0
+from unilateral.problems.piecewise import PLACES
 from unilateral.problems.problem import Problem
-from unilateral.problems.sampled import Sampled, values
+from unilateral.problems.sampled import Sampled
 
 SMALLEST, LARGEST = 1e-140, 1e140
 """The limits of |f|, |g| and |q|, so that squares of data are normal numbers.
@@ -17,13 +21,12 @@ For the squares of errors see `flux_residuals.underflow`.
 """
 POWER = 2
 """Data are multiplied by this power of the root of the area in units of (k/c)^{1/2}, if that is above 1."""
-ALMOST_ZERO = 1e-320
-"""Interval arithmetic makes at most this of 0, in the user's units."""
-ROUND_OFF = 1e-12
-JUMP = 2.0**-26
-"""A jump up to this part of the largest |g| at a vertex may come from rounding.
+KEPT = 2.0**-26
+"""Functions keep half of the digits: at a vertex they may differ by this part of the larger number there."""
+STEP, STEPS = 1e-8, 8
+"""Noise of a function near a vertex is seen at so many steps of this part of a side, beside rounded numbers.
 
-This allows for functions that keep half of the digits.
+It is no power of 2, for at steps that are multiples of what a function is rounded to no noise is seen.
 """
 
 
@@ -35,30 +38,48 @@ def check(problem: Problem, name: str) -> None:
     """
     units, obstacle = problem.units, problem.enclosed_obstacle
     of_f, unit = max(map(abs, problem.range_of_f)), math.sqrt(problem.polygon.area) / units.length
-    _check_size(of_f, units.load, unit, f"{name}, field f", "in the polygon")
+    _check_size(of_f, units.load, unit, f"{name}, field f", "in the polygon", lambda: _no_load(problem))
     held = [side for side in range(problem.polygon.n_sides) if side not in problem.free_sides]
     sizes = {side: max(map(abs, obstacle.range(side))) for side in held}
     largest = max(sizes.values(), default=0.0)
     for side, size in sizes.items():
-        where, least = _field(problem, name, side), size == largest
-        _check_size(size, units.value, unit, where, f"on side {side}", least)
+        where, place = _field(problem, name, side), f"on side {side}"
+        may_be_0 = partial(obstacle.may_be_0, side)
+        _check_size(size, units.value, unit, where, place, may_be_0 if size == largest else _always)
     for side in problem.flux_sides:
-        of_q = max(map(abs, problem.enclosed_flux.range(side)))
-        _check_size(of_q, units.flux, unit, f"{name}, field q", f"on side {side}")
+        flux = problem.enclosed_flux
+        of_q, may_be_0 = max(map(abs, flux.range(side))), partial(flux.may_be_0, side)
+        _check_size(of_q, units.flux, unit, f"{name}, field q", f"on side {side}", may_be_0)
     for vertex in _between(problem):
-        end, start, doubt = obstacle.at_vertex(vertex)
-        _check_vertex(problem, name, vertex, end, start, ROUND_OFF * largest + doubt)
+        allowed = obstacle.rounded_jumps[vertex] + obstacle.end_doubts[:, vertex].sum()
+        end, start = obstacle.ends[:, vertex].tolist()
+        _check_vertex(problem, name, vertex, end, start, allowed)
 
 
 def check_vertices(of: Sampled) -> None:
     """Raises InputError where g or u jumps at a vertex, or u < g: then no u in H^1 has that trace."""
-    n, v = of.polygon.n_sides, of.polygon.vertices
-    ends = {i: trace.values[[0, -1]] for i, trace in of.nodal.g.items()}
-    for i in {*range(n)} - {*of.free_sides, *ends}:
-        ends[i] = values(of.g[i], v[[i, (i + 1) % n]], of.place("g", i))
-    largest = max((float(np.abs(each).max()) for each in ends.values()), default=0.0)
+    n = of.polygon.n_sides
     for vertex in _between(of):
-        _check_vertex(of, of.name, vertex, ends[(vertex - 1) % n][1], ends[vertex][0], JUMP * largest)
+        end, doubt_of_end = _end(of, (vertex - 1) % n, 1.0)
+        start, doubt_of_start = _end(of, vertex, 0.0)
+        allowed = KEPT * max(abs(end), abs(start)) + doubt_of_end + doubt_of_start
+        _check_vertex(of, of.name, vertex, end, start, allowed)
+
+
+def _end(of: Sampled, side: int, end: float) -> tuple[float, float]:
+    """g or u at the end t = 0 or 1 of a side, and how well it is known there.
+
+    Second differences next to the vertex are the noise of the function, for all else in them is as small as
+    the square of a step. Its slope there is multiplied by the rounding of places.
+    """
+    polygon, steps = of.polygon, STEP * np.arange(STEPS + 1)
+    length = polygon.lengths[side]
+    s = length * np.abs(end - steps)
+    s[0] = end * length
+    near = of.obstacle(np.full(len(s), side), s)
+    slope = np.abs(np.diff(near)).max() / (STEP * length)
+    doubt = np.abs(np.diff(near, 2)).max() + slope * PLACES * np.spacing(polygon.perimeter)
+    return float(near[0]), float(doubt)
 
 
 def _between(of: Problem | Sampled) -> list[int]:
@@ -97,16 +118,31 @@ def _check_vertex(
         )
 
 
-def _check_size(given: float, one: float, unit: float, where: str, place: str, least: bool = True) -> None:
-    """Raises InputError if |f|, |g| or |q|, `given`, is too large or too small.
+def _always() -> bool:
+    """That a smaller g than another one may be of any size."""
+    return True
 
-    `one` is what is 1 in (1.1)-(1.2), where `unit` is the root of the polygon's area.
+
+def _no_load(problem: Problem) -> bool:
+    """Whether f may be 0, for all that is known of it."""
+    if problem.nodal.f is not None:
+        return not problem.nodal.f.any()
+    return may_be_0(problem.polygon, problem.f)
+
+
+def _check_size(
+    given: float, one: float, unit: float, where: str, place: str, may_be_0: Callable[[], bool]
+) -> None:
+    """Raises InputError if |f|, |g| or |q|, `given`, is too large, or too small and not 0.
+
+    `one` is what is 1 in (1.1)-(1.2), where `unit` is the root of the polygon's area. A root of what
+    interval arithmetic makes of 0 is not much smaller than SMALLEST: whether it is 0 its size does not say.
     """
     size = given / one
     if not np.isfinite(size):
         raise InputError(f"{where}: it is not finite {place}, or no bound can be found")
     smallest, largest = SMALLEST / min(unit, 1.0), LARGEST / max(unit, 1.0) ** POWER
-    if size > largest or (given > ALMOST_ZERO and size < smallest and least):
+    if size > largest or (size < smallest and not may_be_0()):
         of_polygon = f" on a polygon with the area {unit**2:.3g}" if unit != 1 else ""
         raise InputError(
             f"{where}: it is as large as {size:.3g} {place}, and squares of errors{of_polygon} leave the "

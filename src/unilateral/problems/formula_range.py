@@ -26,6 +26,8 @@ KEPT = 16
 """The last so many ranges are kept, for problems in which f stays."""
 FEW = 1 << 11
 """This many boxes are treated at once, so that models of a long formula fit into the processor's cache."""
+POINTS = 17
+"""Whether a formula may be 0 is asked at so many points in each direction, and at vertices."""
 MOST_DISTANCES = 1 << 20
 """This many distances of boxes from sides are computed at once."""
 
@@ -44,6 +46,8 @@ def range_in(polygon: Polygon, formula: Expression) -> tuple[float, float]:
         met = float(np.fmin.reduce(values, initial=met[0])), float(np.fmax.reduce(values, initial=met[1]))
         boxes = boxes[meets]
         lower, upper = _bounds(formula, boxes)
+        if formula.rational is not None:
+            return float(lower[0]), float(upper[0])
         slack = SHARP * (met[1] - met[0]) + SAME * np.abs(met).max() if met[0] <= met[1] else 0.0
         wide = ~((lower >= met[0] - slack) & (upper <= met[1] + slack))
         if not np.isfinite(slack) or 4 * np.count_nonzero(wide) > MOST_BOXES:
@@ -57,6 +61,16 @@ def range_in(polygon: Polygon, formula: Expression) -> tuple[float, float]:
             break
     lower, upper = _bounds(formula, boxes)
     return float(min(bounds[0], lower.min(initial=np.inf))), float(max(bounds[1], upper.max(initial=-np.inf)))
+
+
+def may_be_0(polygon: Polygon, formula: Expression) -> bool:
+    """Whether the formula in x, y may be 0 in the polygon, for all that is known of it at some points."""
+    v = polygon.vertices
+    along = [np.linspace(low, high, POINTS) for low, high in zip(v.min(axis=0), v.max(axis=0), strict=True)]
+    grid = np.stack(np.meshgrid(*along), axis=-1).reshape(-1, 2)
+    points = np.concatenate([v, grid[polygon.contains(grid)]])
+    lower, upper = _bounds(formula, np.stack([points, points], axis=2))
+    return bool(np.all((lower <= 0) & (upper >= 0)))
 
 
 def _bounds(formula: Expression, boxes: Array) -> Interval:

@@ -32,6 +32,12 @@ CUT = (3 - 5**0.5) / 2
 Then no jump that is written as a fraction is in the middle of a piece. There it would be taken for rounding,
 which no shorter piece takes away.
 """
+JUMP = 1e-12
+"""What is given on two sides may differ at their vertex by this part of the larger of the two numbers there.
+
+That is for users who round: `data_checks` refuses what differs by more, beyond the doubt of both, and
+`bounds.constraint` takes away what differs by less.
+"""
 WIDE = 4 * PLACES
 """For q no piece is cut in parts shorter than half of this many units in the last place of the perimeter."""
 
@@ -43,10 +49,15 @@ class Obstacle(Piecewise):
     On clamped sides it is the given u, the derivative of which, by the arc length, is within `steep` (k,) of
     the polynomials'. Within `reach` of a piece's ends, as far as places may be rounded, it may be that of the
     next piece, and is within `kinks` (k,). Both are 0 on all other sides.
+
+    At the vertices g is within `end_doubts` (2, n) of the `ends` (2, n): on the side that ends there, then on
+    the one that starts there. Both are 0 on sides that are free.
     """
 
     steep: Array
     kinks: Array
+    ends: Array
+    end_doubts: Array
 
     @property
     def reach(self) -> float:
@@ -67,19 +78,30 @@ class Obstacle(Piecewise):
         The edges lie between the arc lengths s (k + 1,) of the perimeter.
         """
         inner = np.stack([s[:-1], s[1:], 0.5 * (s[1:] + s[:-1])], axis=1)
-        piece = self.on(inner)
-        piece[:, 1] = np.searchsorted(self.points, s[1:]) - 1
-        return self.at(np.clip(piece, 0, len(self.side) - 1), inner)[0]
+        return self.at(np.column_stack([*self.outer_pieces(s), self.on(inner[:, 2])]), inner)[0]
 
-    def at_vertex(self, vertex: int) -> tuple[float, float, float]:
-        """The polynomials at a vertex, on the side before and the one after, and the sum of their doubts."""
-        before = (vertex - 1) % self.polygon.n_sides
-        last, first = np.flatnonzero(self.side == before)[-1], np.flatnonzero(self.side == vertex)[0]
-        return (
-            float(self.c[:, last].sum()),
-            float(SIGNS @ self.c[:, first]),
-            float(self.doubt[[last, first]].sum()),
-        )
+    def outer_pieces(self, s: Array) -> tuple[Index, Index]:
+        """(k,), (k,) the pieces at the start and at the end of the edges between arc lengths s (k + 1,)."""
+        return self.on(s[:-1]), np.clip(np.searchsorted(self.points, s[1:]) - 1, 0, len(self.side) - 1)
+
+    @property
+    def rounded_jumps(self) -> Array:
+        """(n,) by how much `ends` may differ at the vertices, beyond their doubts, where users rounded."""
+        return np.asarray(JUMP * np.abs(self.ends).max(axis=0))
+
+    def allowed_jumps(self, s: Array, side: Index) -> Array:
+        """(k,) by how much the polynomials of data that fit together may differ at the start of edges.
+
+        The edges lie on the sides (k,), between the arc lengths s (k + 1,) of the perimeter. On either of two
+        that meet the polynomial is within its doubt of g. If `data_checks` accepts them, the two g at a
+        vertex differ by at most `rounded_jumps` and twice the `end_doubts`: their values are known up to
+        these, and compared up to these.
+        """
+        start, end = self.outer_pieces(s)
+        allowed = self.doubt[start] + np.roll(self.doubt[end], 1)
+        vertices = np.searchsorted(side, np.arange(self.polygon.n_sides))
+        allowed[vertices] += self.rounded_jumps + 2 * self.end_doubts.sum(axis=0)
+        return np.asarray(allowed)
 
 
 def enclose_obstacle(
@@ -107,8 +129,31 @@ def enclose_obstacle(
     rounding = pieces.rounding(points)
     doubt = _of_neighbours(rad + np.abs(gap) + rounding, side)
     bounds = lower - rounding, _of_neighbours(upper, side) + rounding
-    steep = _steep(polygon, pieces, points, clamped, slope)
-    return Obstacle(polygon, points, side, c, doubt, *bounds, *steep)
+    steep, kinks = _steep(polygon, pieces, points, clamped, slope)
+    ends, end_doubts = _at_vertices(polygon, model, free, side, c, doubt)
+    return Obstacle(polygon, points, side, c, doubt, *bounds, steep, kinks, ends, end_doubts)
+
+
+def _at_vertices(
+    polygon: Polygon, model: SideModel, free: Sequence[int], side: Index, c: Array, doubt: Array
+) -> tuple[Array, Array]:
+    """(2, n), (2, n) the `ends` and `end_doubts` of an `Obstacle`.
+
+    They are those at the vertex itself, however little is known of g on the pieces there. Where nothing is
+    known at the point, as next to a singularity, they are those of the pieces.
+    """
+    n = polygon.n_sides
+    ends, doubts = np.zeros((2, 2, n))
+    held = np.setdiff1d(np.arange(n), free)
+    for row, t in ((0, 1.0), (1, 0.0)) if held.size else ():
+        place = np.full(len(held), t)
+        exact = on_intervals(model, held, place, place)
+        piece = np.searchsorted(side, held, side="right") - 1 if t else np.searchsorted(side, held)
+        value = c[:, piece].sum(axis=0) if t else SIGNS @ c[:, piece]
+        known, vertex = np.isfinite(exact.rad), (held + int(t)) % n
+        ends[row, vertex] = np.where(known, exact.c[0], value)
+        doubts[row, vertex] = np.where(known, exact.rad, doubt[piece])
+    return ends, doubts
 
 
 def _steep(

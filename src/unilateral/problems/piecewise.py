@@ -21,7 +21,7 @@ SideModel = Callable[[Index, Model], Model]
 """A function on intervals of the sides (k,), from the arc length in side lengths."""
 ORDER = 7
 SHARP = 1e-12
-"""A function may differ from the polynomial by this part of its spread above the least value that counts."""
+"""A function may differ from the polynomial by this part of its spread on the side, above what counts."""
 FLOOR = 1e-13
 """The rounding of a function is this part of its size on a piece; no shorter piece takes that away."""
 IN_VAIN = 4.0
@@ -102,6 +102,11 @@ class Piecewise:
         here = self.side == side
         return float(self.lower[here].min()), float(self.upper[here].max())
 
+    def may_be_0(self, side: int) -> bool:
+        """Whether the function may be 0 on a side: no polynomial there is larger than its doubt."""
+        here = self.side == side
+        return bool(np.all(np.abs(self.c[:, here]).sum(axis=0) <= self.doubt[here]))
+
 
 def in_pieces(
     polygon: Polygon,
@@ -172,11 +177,17 @@ def _together(pieces: Sequence[IntervalPieces]) -> IntervalPieces:
 
 
 def _too_wide(pieces: IntervalPieces, least: float) -> Mask:
-    """Where a function is not known up to SHARP times its spread above `least`, or its depth below that."""
-    held = np.isfinite(pieces.lower)
+    """Where a function is not known up to SHARP times its spread on its side above `least`.
+
+    Below `least` that is its depth there. On another side its numbers may be of another size.
+    """
+    held, n = np.isfinite(pieces.lower), int(pieces.side.max(initial=-1)) + 1
     at_centre, size = pieces.c[0], np.abs(pieces.c).sum(axis=0)
-    floor = max(least, float(at_centre[held].min(initial=np.inf)))
-    scale = np.maximum(at_centre[held].max(initial=-np.inf) - floor, floor - pieces.lower)
+    lowest, highest = np.full(n, np.inf), np.full(n, -np.inf)
+    np.minimum.at(lowest, pieces.side[held], at_centre[held])
+    np.maximum.at(highest, pieces.side[held], at_centre[held])
+    floor = np.maximum(least, lowest)[pieces.side]
+    scale = np.maximum(highest[pieces.side] - floor, floor - pieces.lower)
     return np.asarray(~(pieces.rad <= np.maximum(SHARP * scale, FLOOR * size)))
 
 

@@ -68,6 +68,8 @@ def _listed(
     """A formula of a list. Raises InputError for one that its side cannot have, and where one is missing."""
     if text is not None and side in clamped:
         raise InputError(f"{where}: side {side} is clamped; write null, or take it out of u")
+    if text is not None and field == "g" and side not in on:
+        raise InputError(f"{where}: side {side} is free; write null, or take it out of free_sides")
     if text is not None and field == "q" and side not in on:
         raise InputError(f"{where}: side {side} is not free; write null, or name it in free_sides")
     if text is None and field == "g" and side in on:

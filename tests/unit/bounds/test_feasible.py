@@ -176,12 +176,12 @@ def test_p_that_differs_at_a_vertex_by_rounding_is_raised_there():
     """Else v - p would not vanish at the ends, and w would not be in H1; control: a jump."""
     on = np.array([True, True])
     unknowns, on_edges = np.array([[0, 1, 3], [1, 2, 4]]), np.array([[1.0, 1.0, 2.0], [1 + 4e-14, 5.0, 3.0]])
-    at, rise, jumps = constraints._at_ends(on_edges, unknowns, on)
+    at, rise, jumps = constraints._at_ends(on_edges, unknowns, on, np.full((2, 2), 1e-12))
     assert not jumps.any()
     np.testing.assert_allclose(rise, [[0, 4e-14], [0, 0]], rtol=1e-2)
     np.testing.assert_allclose(at - [1, 1, 5, 2, 3], [0, 4e-14, 0, 2e-14, 0], rtol=0.05, atol=1e-17)
     on_edges[1, 0] += 1e-11
-    assert constraints._at_ends(on_edges, unknowns, on)[2].tolist() == [True, False]
+    assert constraints._at_ends(on_edges, unknowns, on, np.full((2, 2), 1e-12))[2].tolist() == [True, False]
 
 
 def test_the_rounding_of_v_is_allowed_for():

@@ -1,6 +1,7 @@
 """The interval of a force: w, the best one, extreme sizes; and the small mesh that w is made on."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,15 +13,18 @@ from unilateral.bounds import force_mesh
 from unilateral.bounds import forces as of_forces
 from unilateral.bounds.clamped_ends import unclamped
 from unilateral.bounds.force_mesh import LIGHT, MOST, extended, small_mesh
-from unilateral.bounds.forces import forces
+from unilateral.bounds.forces import balance, forces
+from unilateral.bounds.source import Source
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import coupling, stiffness_and_mass
+from unilateral.formulas.taylor import number
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
+from unilateral.problems.obstacle_and_flux import enclose_flux
 from unilateral.solvers import least_norm
 
 SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
@@ -268,3 +272,70 @@ def test_it_is_not_halved_where_rounding_shows(place):
     )
     assert space is not None
     assert of.growth < 1 + 1e-4
+
+
+E = math.e
+BALANCED = [
+    ({"f": "-exp(x)"}, E - 1),
+    ({"f": "-pos(x - 3/10, 1)*exp(y)", "q": ["-exp(x)", None, None, None]}, 0.7**2 / 2 * (E - 1) + E - 1),
+    ({"f": "pos(x - 1/3, 0) - 2", "q": [None, None, "-x*pos(x - 1/3, 0)", None]}, 2 - 2 / 3 + 4 / 9),
+    ({"f": "1e6*(2*x - 1) - 1", "k": "1/3"}, 1.0),
+]
+
+
+@pytest.mark.parametrize("clamped", [(3,), (1, 3)])
+@pytest.mark.parametrize(("data", "exact"), BALANCED)
+def test_without_a_reaction_the_sum_of_all_forces_is_known(data, exact, clamped):
+    """-int f - int q, in closed form. Control: that of a reaction is 100 times as wide."""
+    free = [side for side in (0, 2) if side not in clamped]
+    g = [-0.01 if side not in (*free, *clamped) else None for side in range(4)]
+    problem = ul.Problem(square(), g=g, free_sides=free, u=dict.fromkeys(clamped, 0), c=0, **data)
+    s = ul.solve(problem, h=1 / 4, H=1 / 2)
+    found, sides = s.forces(), [side for side in range(4) if side not in free]
+    assert found.total == s.force(sides=sides)
+    assert found.total.lower <= found.total.value <= found.total.upper
+    assert found.total.lower <= exact <= found.total.upper
+    assert found.total.upper - found.total.lower < 1e-2 * (
+        found.reactions[3,].upper - found.reactions[3,].lower
+    )
+    assert "sum of forces and reactions: " in repr(found)
+
+
+def test_with_a_reaction_or_functions_the_sum_is_not_known():
+    for f, c in ((-1, 1), (lambda x, y: 0 * x - 1, 0)):
+        problem = ul.Problem(square(), f, [None, -1, None, None], [0, 2], u={3: 0}, c=c)
+        s = ul.solve(problem, h=1 / 4, H=1 / 2)
+        assert s.forces().total is None or s.forces().total.upper == math.inf
+
+
+def test_all_that_is_not_known_of_f_and_q_is_in_the_balance():
+    """By hand on two triangles of the unit square, f = -1 up to a norm of 3 on each, q = 2 up to 1/10."""
+    mesh = structured(square(), 1)
+    source = Source(mesh, np.full((2, 3), -1.0), np.ones(2), np.zeros(2))
+    flux = enclose_flux(square(), lambda _, t: number(t, 2.0), (1,))
+    none = enclose_flux(square(), lambda _, t: t, ())
+    for of, width in ((source, 0), (replace(source, rest=np.full(2, 3.0)), 6 * math.sqrt(1 / 2))):
+        lower, upper = balance(of, none)
+        assert 0.5 * (lower + upper) == pytest.approx(1)
+        assert width + 1e-16 < upper - 1 < width + 1e-8
+    far = replace(source, f_h=np.array([[1e9, 1e9, 1e9], [-1e9, -1e9, -1e9]]))
+    assert balance(far, none)[1] > 1e9 * np.finfo(float).eps
+    exact = balance(source, flux)
+    assert exact[0] <= -1 <= exact[1] <= -1 + 1e-8
+    doubtful = replace(flux, doubt=np.full_like(flux.doubt, 0.1))
+    assert balance(source, doubtful)[1] == pytest.approx(-1 + 0.4)
+    jumping = replace(flux, jumps=np.full_like(flux.jumps, 1.0), reach=0.01)
+    assert balance(source, jumping)[1] >= -1 + 0.02 * len(flux.jumps)
+
+
+def test_the_rounding_of_a_force_is_that_of_its_own_side():
+    """1 on side 2 beside 1e12 on side 0, lambda_H being exact. In all it is rounded by more than 1.
+
+    w passes from 1 to 0 on the first and last edge of a side.
+    """
+    mesh, cells = structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
+    lambda_H = np.where(cells.side == 0, 1e12, np.where(cells.side == 2, 1.0, 0.0))
+    of_2, whole = forces(mesh, cells, lambda_H, 0.0, [[2], [0, 1, 2, 3]])
+    assert 0.9 < of_2.lower < 1 <= of_2.upper < 1.1
+    assert whole.lower < 1e12 < whole.upper
+    assert whole.upper - whole.lower > 1

@@ -343,8 +343,21 @@ def test_an_own_file_is_a_case(declared):
     assert certify(case).contact == ((2, 1 / 3, pytest.approx(7 / 12, abs=1e-15)),)
 
 
+FAR = "1e10*t + sqrt(3)/9", "1e10 + sqrt(3)/9"
+"""A gap that grows on side 1 and is large on side 2."""
+
+
+def with_large_gaps(first, last):
+    """A gap on side 0, and one on side 3, beside those that are large."""
+    formulas = first, *FAR, last
+    sides = [{"side": i, "formula": formula} for i, formula in enumerate(formulas)]
+    return {"gap": {"elsewhere": 1, "sides": sides}}
+
+
 LATE = "pos(1/3 - t, 3/2) + pos(t - 5/6, 3/2)"
 NOT_CERTIFIED = [
+    (with_large_gaps(GAP, "1e10*(1 - t) + sqrt(3)/9 + 1/200"), r"side 0, t = 0: g jumps by 0.00499"),
+    (with_large_gaps(f"{GAP} - t*(1 - t)/200", "1e10*(1 - t) + sqrt(3)/9"), r"side 0, .*: u - g < 0"),
     ({"u": [HARMONIC | {"times": -1}]}, r"at \(0.333333, 0\), side 0.*lambda = du/dn < 0"),
     ({"u": smooth("-y*(x - 1/4)")}, r"at \(0.000249875, 0\), side 0.*lambda = du/dn < 0"),
     (gap("pos(1/3 - t, 3/2) + pos(4/5*(t - 1/2), 3/2)"), r"at \(0.5, 0\), side 0, t = 0.5: .* is not 0"),

@@ -18,6 +18,7 @@ from unilateral.problems import piecewise
 from unilateral.problems.atoms import T, X, Y
 from unilateral.problems.obstacle_and_flux import enclose_obstacle, no_flux
 from unilateral.problems.piecewise import ORDER, IntervalPieces, Piecewise
+from unilateral.problems.problem import Problem
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 IN_40_DIGITS = {"pos": lambda a, k: a**k if a > 0 else mpmath.mpf(0)}
@@ -222,7 +223,8 @@ def test_free_sides_have_no_g():
     found = g_on_bottom("t")
     assert found.side.tolist() == [0, 1, 2, 3]
     assert found.range(2) == (-np.inf, -np.inf)
-    assert found.at_vertex(0)[1] == 0
+    assert found.ends[1, 0] == 0
+    assert not found.ends[:, 2:].any()
 
 
 def test_a_place_that_rounding_puts_beyond_a_kink_is_covered():
@@ -334,3 +336,14 @@ def test_a_flux_into_the_domain_leaves_sides_idle_and_one_out_of_it_does_not():
     found = ul.solve(problem, h=1 / 16, H=1 / 8)
     assert found.u.min() < 0.5 + 1e-9
     assert found.contact.lengths[1] > 0
+
+
+def test_a_function_is_known_as_well_as_its_own_side_asks_for():
+    """sin(40 x) beside a side with -1e9. Control: to 1e-12 of that it was known to a thousandth only."""
+    sides = [parse(text, ("x", "y"), "here") for text in ("sin(40*x)", "0", "-1e9", "0")]
+    for given in (
+        Problem("here", square(), ZERO, tuple(sides), (1, 3), clamped_sides=(0,)).enclosed_obstacle,
+        Problem("here", square(), ZERO, (ZERO,) * 4, (0, 1, 2, 3), q=tuple(sides)).enclosed_flux,
+    ):
+        assert given.doubt[given.side == 0].max() < 1e-11
+        assert given.doubt[given.side == 2].max() < 1e-11 * 1e9

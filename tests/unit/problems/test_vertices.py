@@ -1,0 +1,254 @@
+"""Data at the vertices: what is no trace of a function in H1 is refused, whatever numbers stand elsewhere.
+
+No function in H^{1/2} of a curve jumps, and traces of H1 are such functions. So u on two clamped sides in a
+row, or g on two with contact, has to be the same at their vertex, and u >= g where one of each meets. Numbers
+that differ there by rounding only count as one, and the bounds then take that away.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import unilateral as ul
+from unilateral.bounds import feasible
+from unilateral.bounds.constraint import constraint
+from unilateral.fem.form import Form
+from unilateral.formulas.expression import ZERO
+from unilateral.formulas.formula import parse
+from unilateral.formulas.taylor import EPS
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry.polygon import Polygon, square
+from unilateral.geometry.structured import structured
+from unilateral.problems import data_checks, obstacle_and_flux
+from unilateral.problems.data_checks import check, check_vertices
+from unilateral.problems.nodal import Nodal, NodalTrace
+from unilateral.problems.problem import Problem
+from unilateral.problems.sampled import Sampled
+from unilateral.problems.scaled import scaled
+from unilateral.problems.units import Units
+
+DRAWS = 300
+ALONG = ("x", "y", "(1 - x)", "(1 - y)")
+"""The arc length on the sides of the unit square."""
+OPERATIONS = 64
+"""More than the operations, each rounded by EPS at most, that a side's formula has, and enclosures double."""
+CLAMPED, CONTACT, FREE = "clamped", "contact", "free"
+REFUSED = r"it jumps at vertex|u >= g has to hold there"
+UNIT = square()
+MESH = structured(UNIT, 1 / 4)
+
+
+@dataclass
+class Drawn:
+    """What each side of the unit square is, numbers at its ends (4, 2), and whether they fit together.
+
+    `wrong` is None if they do, and else by how much they do not; `largest` is the largest number.
+    """
+
+    kinds: list[str]
+    ends: np.ndarray
+    wrong: float | None
+    kc: tuple[float, float]
+
+    @property
+    def largest(self):
+        return max(np.abs(self.ends[i]).max() for i in range(4) if self.kinds[i] != FREE)
+
+
+def drawn(seed, kept, operations=OPERATIONS):
+    """Numbers of 1e-12 to 1e12 at the vertices. At one of them the two that meet differ.
+
+    That is by a hundredth of what counts as rounding, or by ten times as much and up to everything. What
+    counts is the part `kept` of the larger of both, and the rounding of the two formulas.
+    """
+    rng = np.random.default_rng(seed)
+    while True:
+        kinds = [str(kind) for kind in rng.choice([CLAMPED, CONTACT, FREE], 4, p=[0.4, 0.4, 0.2])]
+        meet = [i for i in range(4) if FREE not in (kinds[i - 1], kinds[i])]
+        if meet:
+            break
+    at = rng.choice([-1.0, 1.0], 4) * 10 ** rng.uniform(-12, 12, 4) * (rng.random(4) < 0.9)
+    ends = np.stack([at, np.roll(at, -1)], axis=1)
+    for i in range(4):  # u may be above g by any amount
+        for other in (i - 1, (i + 1) % 4):
+            if kinds[i] == CLAMPED and kinds[other] == CONTACT and rng.random() < 0.3:
+                ends[other, 1 if other in (i - 1, i + 3) else 0] -= 10 ** rng.uniform(-12, 12)
+    vertex = int(rng.choice(meet))
+    before, after = ends[vertex - 1], ends[vertex]
+    sizes = np.abs([before, after])
+    rounding = operations * EPS * sizes.sum()
+    fits, wrong = rng.random() < 0.5, None
+    if fits:
+        after[0] = before[1] * (1 + 1e-2 * kept * rng.choice([-1, 1]))
+    else:
+        wrong = 10 ** rng.uniform(0, 6) * 10 * (kept * max(abs(before[1]), 1e-12) + rounding)
+        lower_g = kinds[vertex] == CONTACT or kinds[vertex] == kinds[vertex - 1]
+        after[0] = before[1] + (wrong if lower_g else -wrong)
+        wrong *= 1 - kept
+    return Drawn(kinds, ends, wrong, (1.0, 1.0) if rng.random() < 0.5 else tuple(10 ** rng.uniform(-3, 3, 2)))
+
+
+def formula(i, start, end):
+    text = f"({float(start)!r}) + (({float(end)!r}) - ({float(start)!r}))*{ALONG[i]}"
+    return parse(text, ("x", "y"), "drawn")
+
+
+def function(i, start, end):
+    return lambda x, y: start + (end - start) * (x, y, 1 - x, 1 - y)[i]
+
+
+def trace(i, start, end):
+    t = np.array([0.0, 0.25, 0.5, 1.0])
+    return NodalTrace(t, np.append(start + (end - start) * t[:-1], end))
+
+
+def checked(of, given):
+    """The problem, checked as those of users are."""
+    sides = {i: given(i, *of.ends[i]) for i in range(4) if of.kinds[i] != FREE}
+    free, clamped = (tuple(i for i in range(4) if of.kinds[i] == kind) for kind in (FREE, CLAMPED))
+    nodal = Nodal(g=sides) if given is trace else Nodal()
+    g = [ZERO if given is trace else sides.get(i, ZERO) for i in range(4)]
+    units = Units(*(parse(repr(float(each)), (), "drawn") for each in of.kc))
+    if given is function:
+        found = Sampled("drawn", UNIT, lambda x, y: 0 * x, tuple(g), free, units, clamped_sides=clamped)
+        check_vertices(found)
+        return found
+    found = Problem("drawn", UNIT, ZERO, tuple(g), free, units, nodal=nodal, clamped_sides=clamped)
+    check(found, "drawn")
+    return found
+
+
+def of_mesh(problem):
+    """The constraint on a mesh of the problem's polygon, which is scaled by k and c."""
+    data = scaled(problem)
+    mesh = meshes.similar(MESH, data.polygon)
+    form = Form(1.0, problem.clamped_sides, 1.0, problem.free_sides)
+    clamped = form.edges(mesh)
+    return constraint(data.enclosed_obstacle, mesh, form.held(mesh.side) | clamped, clamped)
+
+
+def missing_of(g):
+    """What u_D and g themselves are short of, without a flux."""
+    v = np.where(np.isfinite(g.at_unknowns), g.at_unknowns, 0.0)
+    return feasible.missing(g, v, g.clamped, np.zeros((len(g.unknowns), 2)))
+
+
+@pytest.mark.parametrize(("given", "draws"), [(formula, DRAWS), (trace, DRAWS // 3)])
+def test_what_is_no_trace_is_refused_and_what_fits_is_lifted(given, draws):
+    """As they were drawn. Control: in units of the largest number on all sides many jumps are rounding."""
+    passed_before = refused = 0
+    for seed in range(draws):
+        of = drawn(seed, obstacle_and_flux.JUMP)
+        if of.wrong is not None:
+            with pytest.raises(ul.InputError, match=REFUSED):
+                checked(of, given)
+            refused += 1
+            passed_before += of.wrong < obstacle_and_flux.JUMP * of.largest
+            continue
+        g = of_mesh(checked(of, given))
+        assert not np.any(g.clamped & g.jumps), seed
+        assert math.isfinite(missing_of(g).norm), seed
+    assert draws // 3 < refused < 2 * draws // 3
+    assert passed_before > draws // 10
+
+
+def test_functions_are_compared_by_the_digits_that_they_keep():
+    """As above, and nothing is guaranteed of them."""
+    for seed in range(DRAWS // 2):
+        of = drawn(seed, data_checks.KEPT)
+        if of.wrong is not None:
+            with pytest.raises(ul.InputError, match=REFUSED):
+                checked(of, function)
+        else:
+            checked(of, function)
+
+
+NEAR_0 = [
+    ("sin(pi*x)", 0, lambda x, y: np.sin(np.pi * x), 0),
+    ("x - 1e8 + 1e8 - 3/10", "7/10", lambda x, y: x - 1e8 + 1e8 - 0.3, 0.7),
+    ("0.1*x - 0.1", "1.4e-17", lambda x, y: 0.1 * x - 0.1, 1.4e-17),
+    ("1e6 - pos(1e12 - x**2, 1/2)", "1e6 - pos(1e12 - 1, 1/2)", None, None),
+]
+
+
+@pytest.mark.parametrize(("left", "right", "f_left", "f_right"), NEAR_0)
+def test_numbers_that_cancel_at_a_vertex_are_rounded_like_their_terms(left, right, f_left, f_right):
+    """At (1, 0); sin(pi) is 1.2e-16 to NumPy. Control: ten times the rounding more is a jump."""
+    given = {"f": 0, "free_sides": [2, 3]}
+    if "pos" not in left:
+        ul.Problem(square(), g=[left, right, None, None], **given)
+        ul.Problem(square(), u={0: left, 1: right}, g=[None] * 4, **given)
+        with pytest.raises(ul.InputError, match="jumps at vertex 1"):
+            ul.Problem(square(), g=[left, f"{right} + 1e-6", None, None], **given)
+    if f_left:
+        ul.Problem(square(), g=[f_left, f_right, None, None], **given)
+        with pytest.raises(ul.InputError, match="jumps at vertex 1"):
+            ul.Problem(square(), g=[f_left, f_right + 1e-6, None, None], **given)
+
+
+@pytest.mark.parametrize("n", [4, 300])
+def test_arrays_of_what_cancels_at_a_vertex_are_accepted(n):
+    """np.sin(np.pi) is 1.2e-16, on meshes on which the next number is 1 or 1/100."""
+    strip = Polygon(np.array([[0, 0], [1, 0], [1, 1 / n], [0, 1 / n]]), "strip")
+    mesh = ul.mesh(*row_of_squares(n), polygon=strip)
+    wave = np.sin(np.pi * mesh.points[:, 0])
+    assert 0 < abs(wave[mesh.points[:, 0] == 1]).max() < 1e-15
+    ul.Problem(mesh, 0, [wave, 0, None, None], free_sides=[2, 3])
+    with pytest.raises(ul.InputError, match="jumps at vertex 1"):
+        ul.Problem(mesh, 0, [wave, 1e-12, None, None], free_sides=[2, 3])
+
+
+def row_of_squares(n):
+    """n squares in a row, each cut in two."""
+    x = np.linspace(0, 1, n + 1)
+    points = np.concatenate([np.stack([x, 0 * x], axis=1), np.stack([x, 0 * x + 1 / n], axis=1)])
+    i = np.arange(n)
+    lower, upper = np.stack([i, i + 1, i + n + 2], axis=1), np.stack([i, i + n + 2, i + n + 1], axis=1)
+    return points, np.concatenate([lower, upper])
+
+
+X, Y = MESH.points.T
+ELSEWHERE = [
+    ({"g": [-1e9, None, None, None]}, {2: "x + 5e-4", 3: 0}, "field u: it jumps at vertex 3"),
+    ({"g": [-1e12, None, None, None]}, {2: "10*x + 1/2", 3: 0}, "field u: it jumps at vertex 3"),
+    ({"g": [-1e9, None, None, None]}, {2: X + 5e-4, 3: 0 * X}, "field u: it jumps at vertex 3"),
+    ({"g": [-1e9, None, None, None]}, {2: lambda x, y: x + 5e-4, 3: 0}, "field u: it jumps at vertex 3"),
+    ({"g": [-1e12, None, 0, None]}, {3: -0.4}, "field u: at vertex 3"),
+    ({"g": [0, None, 5e-4, 0], "free_sides": [1]}, {}, "field g: it jumps at vertex 3"),
+    ({"g": [-1e12, -1e12, 0, 5e-4], "free_sides": []}, {}, "field g: it jumps at vertex"),
+]
+
+
+@pytest.mark.parametrize("c", [0, 1])
+@pytest.mark.parametrize(("fields", "u", "message"), ELSEWHERE)
+def test_a_large_number_on_another_side_hides_no_jump(fields, u, message, c):
+    if u or c:
+        with pytest.raises(ul.InputError, match=message):
+            ul.Problem(MESH, 0, **{"free_sides": [1]} | fields, u=u, c=c)
+
+
+@pytest.mark.parametrize("c", [0, 1])
+def test_no_jump_that_is_left_over_has_a_bound(c):
+    """What `check` refuses, unchecked. Control: u_D above g at a vertex, and one that fits, have one."""
+    for u, finite in (("x + 5e-4", False), ("x", True)):
+        g = [parse(text, ("x", "y"), "drawn") for text in ("-1", "0", u, "0")]
+        units = Units(c=parse(c, (), "drawn"))
+        problem = Problem("unchecked", UNIT, ZERO, tuple(g), (1,), units, clamped_sides=(2, 3))
+        s = ul.solve(problem, h=1 / 8, H=1 / 4)
+        assert math.isfinite(s.bounds.u) == math.isfinite(s.sharp_bounds.u) == finite
+        assert math.isfinite(s.forces().whole.upper) == finite
+
+
+@pytest.mark.parametrize("c", [0, 1])
+@pytest.mark.parametrize("least", [-1, -1e9, -1e12])
+def test_a_bound_is_above_the_error_and_what_was_taken_for_rounding(least, c):
+    """u = 1 + x, but given as 1 + 5e-13 at x = 0: in L2 alone that is more than 1e-13 from u."""
+    problem = ul.Problem(
+        UNIT, c if c == 0 else "1 + x", [least, None, None, None], [1], q=1, u={2: "1 + x", 3: 1 + 5e-13}, c=c
+    )
+    s = ul.solve(problem, h=1 / 8, H=1 / 4)
+    error = np.abs(s.u - 1 - s.mesh.points[:, 0]).max()
+    assert max(error, 1e-13) <= s.bounds.u <= 1e-9
+    assert s.bounds.unknown < s.bounds.u
