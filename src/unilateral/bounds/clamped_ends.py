@@ -24,7 +24,7 @@ from unilateral.fem.form import H1, Form
 from unilateral.geometry.mesh import Mesh
 
 ADDED = 4.0
-"""v may be below u_h at a node by less than this times the larger doubt of the edges there, see `feasible`."""
+"""v is below u_h at a node by less than this times the larger doubt of the edges there, see `feasible`."""
 HALF = 0.5
 """Of a side with contact the part at a clamped vertex counts on which the gap is this part of that there."""
 
