@@ -75,11 +75,12 @@ def test_a_relative_accuracy_is_one_of_the_lower_bound_on_the_norm(norm, bound, 
 
 
 def test_nothing_is_certified_relative_to_a_norm_that_may_be_0():
-    """The bound is that of the discrete norm, so the solution may be 0. Absolutely it is known."""
-    assert not level(Goal(0.9), u_norm=1.0, u=1.0).certified
-    assert level(Goal(0.9), u_norm=1.0, u=1.0).target == pytest.approx(0.9)
-    assert level(Goal(1.1, absolute=True), u_norm=1.0, u=1.0).certified
-    assert not level(Goal(0.9, absolute=True), u_norm=1.0, u=1.0).certified
+    """||u|| >= 1 / 1.2 - 0.85, which is below 0, though 0.85 is less than 0.9 of the discrete norm, 1."""
+    unsure = {"u_norm": 1.0, "growth": 1.2, "u": 0.85}
+    assert level(Goal(0.9), **unsure).target == pytest.approx(0.9)
+    assert not level(Goal(0.9), **unsure).certified
+    assert level(Goal(0.9, absolute=True), **unsure).certified
+    assert not level(Goal(0.8, absolute=True), **unsure).certified
 
 
 @pytest.mark.parametrize(("share", "certified"), [(0.9, True), (1.1, False)])
