@@ -13,7 +13,8 @@ from unilateral.bounds import flux_residuals, local_bounds
 from unilateral.bounds.equilibrated_flux import equilibrated
 from unilateral.bounds.feasible import Lifting, Missing
 from unilateral.bounds.flux_residuals import SUMS, defects, underflow
-from unilateral.bounds.source import Source, poincare
+from unilateral.bounds.source import Source, _projected, poincare
+from unilateral.bounds.source_pieces import TrianglePieces
 from unilateral.fem.form import Form
 from unilateral.fem.p2 import layer
 from unilateral.geometry import mesh as meshes
@@ -151,6 +152,20 @@ def test_parts_of_f_count_by_poincares_and_friedrichs_constants():
     assert both == pytest.approx(np.full((1, 2), (3 * constant) ** 2 + 25))
 
 
+def test_what_jumps_leave_on_pieces_is_left_of_f():
+    """Two pieces of triangle 0 with norms of 3 and 4 beside p = 0; integrals of 1 and 2; and squares of 9."""
+    mesh = structured(square(), 1)
+    whole = {"c": np.zeros((15, 1)), "corners": np.eye(3)[None], "parent": np.zeros(1, int)}
+    areas = {"area": mesh.areas[:1], "outer": mesh.areas[:1]}
+    pieces = [
+        TrianglePieces(**whole, **areas, squares=np.array([k]), jumping=np.array([j]), integral=np.array([i]))
+        for k, j, i in ((9.0, 3.0, 1.0), (7.0, 4.0, 2.0))
+    ]
+    found = _projected(mesh, pieces)
+    assert found.oscillation == pytest.approx([5.0, 0.0])
+    assert found.rest == pytest.approx([4.0 + 3 / math.sqrt(0.5), 0.0])
+
+
 def test_values_count_only_with_a_reaction():
     """||v - f~ - div q||^2 for v = u_h + 1 where the residual is 2: (1 + 2)^2 times the area."""
     mesh = structured(square(), 1)
@@ -187,6 +202,17 @@ def test_on_the_exact_mesh_a_flux_is_larger_by_the_distortion():
     mesh.__dict__["distortion"] = np.full(len(mesh.triangles), 1e-3)
     found = defects(source, mesh.points[:, 0], q, 0.0)[2]
     assert 1e-3 <= found <= 10 * 1e-3
+
+
+def test_without_a_reaction_u_is_no_part_of_the_residual():
+    """q = (1, 0) and f = 0: -div q = 0, and u_h - div q is x, with its mean on each triangle."""
+    mesh = structured(square(), 1 / 4)
+    q, source = constant_flux(mesh)
+    x = mesh.points[:, 0]
+    for reaction, expected in ((0.0, 0 * mesh.areas), (1.0, x[mesh.triangles].mean(axis=1))):
+        squares, residual, _ = defects(source, x, q, reaction)
+        assert np.abs(squares).max() < 1e-12
+        assert residual == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize("length", [1.0, 1e-3])
