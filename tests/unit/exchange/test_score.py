@@ -20,7 +20,7 @@ from unilateral.exchange.boundary_function import constant, continuous, of_react
 from unilateral.exchange.diagnosis import Judged
 from unilateral.exchange.exported_folder import Foreign, exported, foreign
 from unilateral.exchange.fault import Fault
-from unilateral.exchange.score import Extreme, Extremes, Rate, Scored, error_in, rates, score, verdict
+from unilateral.exchange.score import Extreme, Extremes, Rate, Scored, error_in, holds, rates, score, verdict
 from unilateral.fem.p1 import boundary_mass
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import partition as partitions
@@ -254,6 +254,19 @@ def test_one_solution_without_a_multiplier_is_enough_to_be_told():
     assert verdict([one, two], {}) == "no fault was found inside" + unseen
     wrong = replace(one, told=Judged([Fault("wrong", "")], []))
     assert verdict([wrong, two], reached) == "faults were found"
+
+
+def test_what_falls_short_or_is_wrong_does_not_hold():
+    """The exit code is made of that; what is not judged, or not looked at, is no fault."""
+    right = Scored(Foreign("", None, np.zeros(0), object(), ""), None, None, Judged([], []), None)
+    wrong = replace(right, told=Judged([Fault("wrong", "")], []))
+    reached, short = {"h1": Rate(1.0, 1, 1.0, 1.0)}, {"h1": Rate(0.5, 1, 1.0, 1.0)}
+    assert holds([right], reached)
+    assert holds([right], {})
+    assert holds([replace(right, given=replace(right.given, multiplier=None))], {})
+    assert verdict([right], reached | {"l2": Rate(0.1, 1, 0.5, 0.5)}) == "falls short of a proved rate"
+    assert not holds([right], short)
+    assert not holds([wrong], reached)
 
 
 def test_a_multiplier_may_be_missing_or_reactions(scored):
