@@ -24,7 +24,7 @@ from unilateral.fem.form import H1, Form
 from unilateral.geometry.mesh import Mesh
 
 ADDED = 4.0
-"""v may be below u_h at a vertex by less than this times the doubt there, see `feasible`."""
+"""v is below u_h at a node by less than this times the larger doubt of the edges there, see `feasible`."""
 HALF = 0.5
 """Of a side with contact the part at a clamped vertex counts on which the gap is this part of that there."""
 
@@ -74,11 +74,17 @@ def clamped_ends(
     mesh: Mesh, form: Form, lift: Lifting, u_h: Array, flux: EdgeFlux, product: float
 ) -> ClampedEnds:
     """Those of u_h (n,), with its lifting; v is not below u_h where there is no contact."""
-    n, upper = mesh.polygon.n_sides, np.full(len(mesh.side), -np.inf)
+    n = mesh.polygon.n_sides
     found = none(n)._replace(product=product)
-    np.maximum.at(upper, lift.g.edge, lift.g.upper + ADDED * lift.g.doubt)
+    upper = np.full(len(mesh.side), -np.inf)
+    doubt = np.zeros(len(mesh.side))
+    np.maximum.at(upper, lift.g.edge, lift.g.upper)
+    np.maximum.at(doubt, lift.g.edge, lift.g.doubt)
+    # v is lowered at a node by the larger doubt of the two edges there, and one of them may be clamped
+    lowered = ADDED * np.maximum(doubt, np.maximum(np.roll(doubt, 1), np.roll(doubt, -1)))
     trace = u_h[mesh.boundary]
-    gap, pushed = np.minimum(trace, np.roll(trace, -1)) - upper, flux.push > 0
+    gap = np.minimum(trace, np.roll(trace, -1)) - upper - lowered
+    pushed = flux.push > 0
     gap[pushed | np.roll(pushed, 1) | np.roll(pushed, -1)] = 0.0
     clamped = np.isin(np.arange(n), form.clamped)
     lengths = np.diff(mesh.s)

@@ -12,6 +12,7 @@ import unilateral as ul
 from unilateral.bounds import boundary_flux as module
 from unilateral.bounds.boundary_flux import edge_flux, given, nothing
 from unilateral.fem.condense import matrix
+from unilateral.fem.form import Form
 from unilateral.fem.p1 import edge_load
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -228,3 +229,37 @@ def test_the_constants_on_squares_cannot_be_smaller():
     assert (
         abs(np.trapezoid(np.cos(2 * np.pi * x) * x, x)) < 1e-12 < abs(np.trapezoid(np.cos(np.pi * x) * x, x))
     )
+
+
+def test_the_mean_of_what_is_unknown_is_tested_in_H1():
+    """If c = 0, ||v||_1 is up to (1 + C^2)^(1/2) |v|_1; the rest is tested by gradients alone."""
+    mesh = structured(square(), 1 / 8)
+    flux = flux_of("1")
+    flux = replace(flux, doubt=np.full_like(flux.doubt, 1e-3))
+    plain, weaker = (given(flux, mesh, form).squares for form in (Form(), Form(0.0, (2,), 3.0)))
+    inner = has_square(mesh) & (mesh.side == 0)
+    assert inner.any()
+    assert weaker[1, inner] == pytest.approx((1 + 3.0**2) * plain[1, inner])
+    assert np.array_equal(weaker[0], plain[0])
+
+
+def test_both_the_size_and_the_mean_of_what_is_unknown_have_the_rounding_of_moments(monkeypatch):
+    """As if places were known up to a hundredth of an edge: a flux of 5 is known up to 0.05."""
+    mesh, flux = structured(square(), 1 / 8), flux_of("5")
+    flux = replace(flux, doubt=0 * flux.doubt, jumps=0 * flux.jumps, reach=0.01 / 8)
+    sizes = []
+    own = module._squares
+    monkeypatch.setattr(module, "_squares", lambda *of: sizes.append(of[2:]) or own(*of))
+    given(flux, mesh)
+    size, integral = sizes[0]
+    assert np.all(size[:8] >= 0.05 * np.sqrt(1 / 8))
+    assert np.all(integral[:8] >= 0.05 / 8)
+    assert not size[8:].any()
+
+
+def test_the_largest_force_of_a_cell_at_an_edge_pushes_it():
+    """H_i lambda_i, of two cells that meet inside an edge."""
+    mesh, cells = structured(square(), 1 / 2), partitions.from_points(square(), [0, 0.3, 1, 2, 3, 4])
+    lambda_H = np.array([2.0, 1.0, 0.5, 0.0, 0.0])
+    found = edge_flux(mesh, cells, lambda_H).push
+    assert found.tolist() == pytest.approx([0.7, 0.7, 0.5, 0.5, 0, 0, 0, 0])

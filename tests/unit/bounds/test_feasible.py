@@ -233,3 +233,38 @@ def test_functions_of_the_layer_are_those_of_P2(name):
     assert found == pytest.approx(square.assemble(p2, of=p2.interpolate(v)), rel=1e-12)
     norms = [of.norms(*of.function(np.zeros(nb), each)).sum() for each in np.eye(nb)[:3]]
     assert of.bubble_squares()[:3] == pytest.approx(norms, rel=1e-12)
+
+
+@pytest.mark.parametrize("apex", [(0.25, 0.7), (1.4, 0.2), (-0.3, 0.4)])
+@pytest.mark.parametrize("length", [1, 20])
+def test_an_extension_is_bounded_by_the_slope_of_what_it_extends(apex, length):
+    """r = sin(pi s / |e|) vanishes at the ends and has ||r||_e = |e| ||r'||_e / pi, the most there is.
+
+    Its extension's norm is by differentiation; the vertex off the edge may lie beside it. On a large triangle
+    most of the norm is that in L2.
+    """
+    points = length * np.array([[0.0, 0.0], [1.0, 0.0], apex])
+    mesh = meshes.from_arrays(Polygon(points, "triangle"), points, [[0, 1, 2]])
+    allowed = feasible._per_slope(mesh, *feasible._vertex_off_edge(mesh))[0]
+    s, nodes, weights = sympy.Symbol("s"), *np.polynomial.legendre.leggauss(12)
+    ratios = []
+    for r in (sympy.sin(sympy.pi * s / length), s**3 * (length - s), s * (length - s) ** 3):
+        slope = sympy.lambdify(s, sympy.diff(r, s))(0.5 * length * (1 + nodes))
+        ratios.append(extension_norm(tuple(points), r) ** 2 / (0.5 * length * weights @ slope**2))
+    assert max(ratios) <= allowed * (1 + 1e-9)
+    assert allowed < 4 * ratios[0]
+
+
+@pytest.mark.parametrize("apex", [(0.5, 0.01), (0.5, 50.0), (0.25, 0.7), (1.4, 0.2)])
+def test_no_extension_exceeds_what_its_slope_allows(apex):
+    """The largest norm over all r = sum r_k sin(k pi s) with ||r'|| = 1, k up to 60, by an eigenvalue."""
+    points = np.array([[0.0, 0.0], [1.0, 0.0], apex])
+    mesh = meshes.from_arrays(Polygon(points, "triangle"), points, [[0, 1, 2]])
+    nodes, weights = np.polynomial.legendre.leggauss(200)
+    s, weight, k = 0.5 * (1 + nodes), 0.5 * weights, np.pi * np.arange(1, 61)[:, None]
+    slopes, values = np.sqrt(2) * np.cos(k * s), np.sqrt(2) * np.sin(k * s) / k
+    foot, height = apex
+    of_slopes, of_arms, of_values = (each * weight @ each.T for each in (slopes, (s - foot) * slopes, values))
+    form = 0.5 * (height * of_slopes + (of_arms + 2 * of_values) / height) + 0.25 * height * of_values
+    largest = np.linalg.eigvalsh(form)[-1]
+    assert largest <= feasible._per_slope(mesh, *feasible._vertex_off_edge(mesh))[0] <= 1.5 * largest

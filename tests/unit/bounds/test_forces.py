@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from hand_made import exact_forces
 import unilateral as ul
 from unilateral.bounds import force_mesh
 from unilateral.bounds import forces as of_forces
-from unilateral.bounds.clamped_ends import unclamped
+from unilateral.bounds.clamped_ends import ClampedEnds, Clamps, unclamped
+from unilateral.bounds.flux_residuals import SUMS
 from unilateral.bounds.force_mesh import LIGHT, MOST, extended, small_mesh
 from unilateral.bounds.forces import balance, forces
 from unilateral.bounds.source import Source
@@ -339,3 +341,128 @@ def test_the_rounding_of_a_force_is_that_of_its_own_side():
     assert 0.9 < of_2.lower < 1 <= of_2.upper < 1.1
     assert whole.lower < 1e12 < whole.upper
     assert whole.upper - whole.lower > 1
+# Beside clamped sides, and each term for rounding
+
+ON_SQUARE = structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
+LITTLE = 1e-30
+"""A bound on the error of lambda_H beside which all else is large."""
+
+
+def clamped_at(*sides, constant=1.0, flows=(0.0, 0.0), reach=0.0, gamma=1.0, product=0.0, bound=LITTLE):
+    """`Clamps` of the unit square: flow and its magnitude through side 3, a gap at vertex 0."""
+    at_vertex_0, through_3 = np.arange(4) == 0, np.arange(4) == 3
+    ends = ClampedEnds(np.where(at_vertex_0, reach, 0.0), np.where(at_vertex_0, gamma, 1.0), product)
+    return Clamps(Form(0.0, sides, constant), np.outer(flows, through_3), ends, bound)
+
+
+def test_a_function_counts_in_L2_by_friedrichs_constant():
+    """1 on the square, whose gradient vanishes, has the norm 1/C. No smaller one has 1 on all sides."""
+    clamps = clamped_at(0, 1, 2, 3, constant=100.0, bound=0.5)
+    (force,) = forces(*ON_SQUARE, np.zeros(16), 7.0, [range(4)], clamps)
+    assert force.value == 0
+    assert force.upper == pytest.approx(0.5 / 100, rel=1e-3)
+    assert force.lower == pytest.approx(-0.5 / 100, rel=1e-3)
+
+
+def test_reactions_have_a_bound_of_their_own_and_forces_that_of_lambda():
+    """Widths are proportional to the bound; a force is not negative, a reaction may be."""
+    lambda_H = np.where(ON_SQUARE[1].side == 1, 1.0, 0.0)
+    wide, narrow = (
+        forces(*ON_SQUARE, lambda_H, bound, [[1], [3]], clamped_at(3, bound=of_fluxes))
+        for bound, of_fluxes in ((0.2, LITTLE), (LITTLE, 0.2))
+    )
+    assert wide[0].upper > 1.1
+    assert narrow[0].upper == pytest.approx(1.0)
+    known = [clamped_at(3, bound=of_fluxes) for of_fluxes in (0.2, LITTLE)]
+    both = [forces(*ON_SQUARE, lambda_H, 7.0, [[2, 3, 0]], of)[0] for of in known]
+    assert both[0].lower < -0.05
+    assert both[1].lower == pytest.approx(0.0, abs=1e-6)
+
+
+def test_what_flows_through_a_side_is_its_reaction_up_to_the_rounding_of_its_terms():
+    """With free sides beside it nothing else counts."""
+    clamps = clamped_at(3, flows=(5.0, 1e12))
+    clamps = clamps._replace(form=clamps.form._replace(free=(0, 2)))
+    (force,) = forces(*ON_SQUARE, np.zeros(16), LITTLE, [[3]], clamps)
+    assert force.value == 5.0
+    assert 5 - force.lower == pytest.approx(1e12 * SUMS, rel=1e-5)
+    assert force.upper - 5 == pytest.approx(1e12 * SUMS, rel=1e-5)
+
+
+def test_what_flows_through_a_side_is_longer_by_its_stretch(monkeypatch):
+    clamps = clamped_at(3, flows=(5.0, 8.0))
+    clamps = clamps._replace(form=clamps.form._replace(free=(0, 2)))
+    monkeypatch.setattr(Polygon, "stretch", property(lambda self: np.array([0, 0, 0, 1e-4])))
+    (force,) = forces(*ON_SQUARE, np.zeros(16), LITTLE, [[3]], clamps)
+    assert force.upper - 5 == pytest.approx(8e-4, rel=1e-4)
+
+
+def test_what_forces_and_reactions_lack_beside_each_other():
+    """Of side 0 the bound above lacks 6 / 3, of sides 2 and 3 that below; without a gap both are infinite."""
+    for reach, lacking in ((0.5, 2.0), (0.0, math.inf)):
+        clamps = clamped_at(3, reach=reach, gamma=3.0, product=6.0)
+        force, row = forces(*ON_SQUARE, np.zeros(16), LITTLE, [[0], [2, 3]], clamps)
+        assert (force.lower, force.upper) == pytest.approx((0.0, lacking), abs=1e-6)
+        assert (row.lower, row.upper) == pytest.approx((-lacking, 0.0), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("part", "above", "below"),
+    [
+        ([3], [1, 0, 0, 0, 0, 0, 1, 1], [-1, -1, 0, 0, 0, 0, -1, -1]),
+        ([0], [0, 0, 1, 0, 0, 0, 0, 0], [0, -1, 0, 0, 0, 0, 0, 0]),
+        ([1], [0, 0, 1, 1, 1, 0, 0, 0], [0, 0, 0, -1, 0, 0, 0, 0]),
+    ],
+)
+def test_what_w_is_at_least_on_a_square_with_two_edges_to_a_side(part, above, below):
+    """Side 3 is clamped, the gap on side 0 is known: at node 1 w may be lower than it should by 1.
+
+    Nodes 6, 7 and 0 lie on side 3, where w is 1 or 0 and -w is -1 or 0; node 1 is inside side 0.
+    """
+    clamps = clamped_at(3, reach=1.0)
+    found = of_forces._limits(structured(square(), 1 / 2), np.array(part), clamps)
+    assert [each.tolist() for each in found] == [above, below]
+
+
+@pytest.fixture
+def boundary(monkeypatch):
+    """`Best` on sixteen boundary edges; edge 0 is as short as 1e-12. No w has a norm."""
+    monkeypatch.setattr(of_forces, "h1_norm", lambda *of: 0.0)
+    s = np.linspace(0, 4, 17)
+    s[1] = 1e-12
+    mesh = SimpleNamespace(boundary=np.arange(16), polygon=square(), s=s, growth=1.0, n_nodes=16)
+    load = np.zeros(16)
+    load[[0, 1, 5]] = 1.0, 2.0, 4.0
+    return of_forces.Best(mesh, None, load, 0.5, load, np.zeros(16, dtype=bool), 1.0)
+
+
+def test_the_pairing_is_rounded_and_so_are_places_on_short_edges(boundary):
+    """w = 1 at node 0, -1 at node 1: a place that moves by eps 4 on edge 0 changes w by 2 eps 4 / 1e-12."""
+    w = np.zeros((16, 1))
+    w[:2, 0] = 1.0, -1.0
+    (found,) = boundary._most(w)
+    places = np.finfo(float).eps * 4 * (2 * (1 + 2) / 1e-12 + 2 / 0.25)
+    # On edge 15, from 3.75 on, w rises by 1, with a load of 1; on edge 1 it rises by 1 with a load of 2.
+    assert found - (1.0 - 2.0) == pytest.approx(places + SUMS * 7, rel=1e-2)
+
+
+def test_the_pairing_is_rounded_relative_to_all_of_the_load(boundary):
+    """w = 1: no place matters; loads of 7 in all are rounded, w is largest anywhere."""
+    (found,) = boundary._most(np.ones((16, 1)))
+    assert found - 7 == pytest.approx(7 * SUMS, rel=1e-3)
+    assert boundary._most(np.where(np.arange(16)[:, None] == 9, 3.0, 0.0))[0] == pytest.approx(21 * SUMS)
+
+
+def test_the_pairing_is_longer_by_the_stretch(boundary, monkeypatch):
+    monkeypatch.setattr(Polygon, "stretch", property(lambda self: np.array([0, 1e-4, 0, 0])))
+    assert boundary._most(np.ones((16, 1)))[0] - 7 == pytest.approx(7e-4, rel=1e-3)
+
+
+def test_the_norm_of_w_is_rounded_up_and_grows(boundary, monkeypatch):
+    """E = 1/2; the norm of w by its weight, for the form has another one."""
+    seen = []
+    monkeypatch.setattr(of_forces, "h1_norm", lambda mesh, w, weight: seen.append(weight) or 1e6)
+    boundary.mesh.growth = 1.5
+    (found,) = boundary._most(np.zeros((16, 1)))
+    assert 1.5 * 0.5 * 1e6 * (1 + 0.999 * SUMS) <= found <= 1.5 * 0.5 * 1e6 * (1 + 1.001 * SUMS)
+    assert seen == [1.0]

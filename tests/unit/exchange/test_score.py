@@ -20,7 +20,7 @@ from unilateral.exchange.boundary_function import constant, continuous, of_react
 from unilateral.exchange.diagnosis import Judged
 from unilateral.exchange.exported_folder import Foreign, exported, foreign
 from unilateral.exchange.fault import Fault
-from unilateral.exchange.score import Extreme, Extremes, Rate, Scored, rates, score, verdict
+from unilateral.exchange.score import Extreme, Extremes, Rate, Scored, error_in, holds, rates, score, verdict
 from unilateral.fem.p1 import boundary_mass
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import partition as partitions
@@ -111,6 +111,56 @@ def test_rates_are_over_levels_with_h_and_H_small_enough():
         assert (rate.pairs, rate.observed) == (1, 1)
     levels[2].mesh.h = 1 / 32.8
     assert [rate.pairs for rate in rates(load("natural"), ladder).values()] == [0, 0, 0]
+
+
+def ladder(*errors, sizes=(1 / 8, 1 / 16, 1 / 32, 1 / 64)):
+    """Solutions on levels with such errors, the own ones all 1; H = 2h."""
+    levels = [SimpleNamespace(mesh=SimpleNamespace(h=h), cells=SimpleNamespace(H=2 * h)) for h in sizes]
+    given = [Foreign("", level, np.zeros(0), None, "") for level in levels]
+    own = Errors(1.0, 1.0, 1.0, 1.0)
+    pairs = zip(given, errors, strict=False)
+    return [Scored(one, Errors(*4 * [each]), own, Judged([], []), None) for one, each in pairs]
+
+
+@pytest.mark.parametrize(("name", "polygon"), [("violates_j", "lshape"), ("violates_jj", "square")])
+def test_no_rate_is_proved_where_a_hypothesis_fails(name, polygon):
+    """Neither rate is short then, however slow; control: `natural`, for which all hypotheses hold."""
+    case = load(name, polygon)
+    assert not all(case.declaration["hypotheses"].values())
+    slow = ladder(*[1.0] * 8, sizes=0.5 ** np.arange(3, 11))
+    found = rates(case, slow)
+    assert np.isnan([rate.proved for rate in found.values()]).all()
+    assert {rate.verdict for rate in found.values()} <= {"no rate is proved", "not judged"}
+    assert {rate.verdict for rate in rates(load("natural"), slow).values()} == {"falls short"}
+
+
+@pytest.mark.parametrize("fine", [0.0, 1e-13])
+def test_an_error_of_0_up_to_rounding_has_no_rate(fine):
+    """Neither as the finer of a pair nor as the coarser; the pair before it counts."""
+    found = rates(load("natural"), ladder(1.0, 0.25, fine, fine))["h1"]
+    assert (found.pairs, found.observed) == (1, 2.0)
+
+
+def test_the_slowest_pair_counts_and_own_rates_are_apart():
+    found = rates(load("natural"), ladder(1.0, 0.5, 0.125, 0.0625))["h1"]
+    assert (found.pairs, found.observed, found.own, found.proved) == (3, 1.0, 0.0, 1.0)
+
+
+def test_rates_are_by_the_factor_that_the_case_names():
+    """4 for lambda of `thirds`, whose transitions lie at thirds: log 16 / log 4 between levels 4 apart."""
+    case = load("thirds")
+    assert float(case.declaration["asymptotic"]["l2"]["factor"]) == 4
+    sizes = 0.5 ** np.arange(6, 11)
+    found = rates(case, ladder(1.0, 0.9, 1 / 16, 0.05, 1 / 256, sizes=sizes))["l2"]
+    assert (found.pairs, found.proved) == (3, 0.5)
+    assert found.observed == pytest.approx(2.0)
+
+
+def test_of_two_bounds_the_root_mean_square_is_the_error():
+    """Of 3 and 4 it is the root of 12.5; other norms have one number."""
+    errors = Errors(1.0, 3.0, 4.0, 2.0)
+    found = [error_in(errors, norm) for norm in ("h1", "hm12", "l2")]
+    assert found == pytest.approx([1.0, np.sqrt(12.5), 2.0])
 
 
 @pytest.mark.parametrize(("off", "refused"), [(1e-8, False), (1e-4, True)])
@@ -204,6 +254,19 @@ def test_one_solution_without_a_multiplier_is_enough_to_be_told():
     assert verdict([one, two], {}) == "no fault was found inside" + unseen
     wrong = replace(one, told=Judged([Fault("wrong", "")], []))
     assert verdict([wrong, two], reached) == "faults were found"
+
+
+def test_what_falls_short_or_is_wrong_does_not_hold():
+    """The exit code is made of that; what is not judged, or not looked at, is no fault."""
+    right = Scored(Foreign("", None, np.zeros(0), object(), ""), None, None, Judged([], []), None)
+    wrong = replace(right, told=Judged([Fault("wrong", "")], []))
+    reached, short = {"h1": Rate(1.0, 1, 1.0, 1.0)}, {"h1": Rate(0.5, 1, 1.0, 1.0)}
+    assert holds([right], reached)
+    assert holds([right], {})
+    assert holds([replace(right, given=replace(right.given, multiplier=None))], {})
+    assert verdict([right], reached | {"l2": Rate(0.1, 1, 0.5, 0.5)}) == "falls short of a proved rate"
+    assert not holds([right], short)
+    assert not holds([wrong], reached)
 
 
 def test_a_multiplier_may_be_missing_or_reactions(scored):

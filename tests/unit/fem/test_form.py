@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 from unilateral.fem import edge_matrix
 from unilateral.fem.condense import condense, matrix
@@ -14,7 +15,7 @@ from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import refine, refine_some
 from unilateral.geometry.partition import uniform
-from unilateral.geometry.polygon import named, square
+from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.fortin import beta_below
 
@@ -102,3 +103,44 @@ def test_beta_is_at_least_its_bound(form, kind):
     square_of_beta = np.linalg.eigvals(np.linalg.solve(fine.operator.D, coarse.operator.D)).real.min()
     bound = beta_below(mesh, cells, form)
     assert 0.1 < bound <= np.sqrt(square_of_beta)
+
+
+def test_the_energy_norm_bounds_that_of_H1():
+    """v = sin(pi x / 2) on the unit square, clamped at x = 0, has ||v||_0 = 2/pi |v|_1: attained."""
+    constant = 2 / np.pi
+    assert Form(0.0, (3,), constant).of_H1 >= np.sqrt(1 + constant**2) * (1 - 1e-15)
+    assert Form(0.0, (3,), constant).of_H1 == pytest.approx(np.sqrt(1 + constant**2))
+    assert Form(1.0, (3,), constant).of_H1 == 1.0
+
+
+@pytest.mark.parametrize("constant", [1 / 4, 4.0])
+def test_the_mass_of_a_hierarchy_is_divided_by_the_square_of_friedrichs_constant(constant):
+    """sum m_i v_i^2 <= 4 ||v||_0^2 / C^2, for m_i thirds of the areas at a node, over C^2."""
+    mesh = refine(structured(square(), 1 / 2))
+    thirds = np.bincount(mesh.triangles.ravel(), np.repeat(mesh.areas / 3, 3))
+    found = hierarchy(mesh, form=Form(0.0, (3,), constant)).mass
+    assert found == pytest.approx(thirds / constant**2)
+
+
+@pytest.mark.parametrize("length", [1.0, 20.0])
+def test_the_mass_of_a_hierarchy_is_at_most_four_times_the_energy(length):
+    """For all functions on the mesh that vanish on the left, by the largest eigenvalue; c = 0."""
+    polygon = Polygon(square().vertices * [length, 1], "long")
+    mesh = refine(structured(polygon, 1))
+    form = Form(0.0, (3,), friedrichs(mesh, (3,)))
+    A, free = dense(mesh, form)
+    mass = np.diag(hierarchy(mesh, form=form).mass[free])
+    assert eigh(mass, A, eigvals_only=True)[-1] <= 4
+
+
+def test_fixed_nodes_are_those_of_clamped_edges():
+    """Both ends of a clamped side among them. On the square with h = 1/2, nodes by their places."""
+    mesh = structured(square(), 1 / 2)
+    x, y = mesh.points.T
+    assert np.array_equal(Form(0.0, (3,)).fixed(mesh), x == 0)
+    assert np.array_equal(Form(0.0, (0, 3)).fixed(mesh), (x == 0) | (y == 0))
+    assert not Form().fixed(mesh).any()
+
+
+def test_multipliers_are_on_sides_that_are_neither_clamped_nor_free():
+    assert Form(0.0, (3,), free=(1,)).held(np.array([0, 1, 2, 3])).tolist() == [True, False, True, False]

@@ -318,3 +318,69 @@ def test_what_is_doubtful_is_added() -> None:
     for sign in (np.ones(n), np.sign(R), np.sign(np.random.default_rng(4).standard_normal(n))):
         assert true_norm(found, R + sign * doubt) <= dual_norm(found.of, R, doubt)
     assert dual_norm(found.of, 0 * R) == 0 < true_norm(found, doubt) <= dual_norm(found.of, 0 * R, doubt)
+
+
+# What rounding may have done, term by term
+
+FAN = 12
+
+
+@cache
+def fan() -> Nested:
+    """Twelve triangles around node 0, refined once: node 0 is an end of twelve halved edges."""
+    angle = 2 * np.pi * np.arange(FAN) / FAN
+    rim = np.column_stack([np.cos(angle), np.sin(angle)])
+    around = np.arange(FAN)
+    triangles = np.column_stack([0 * around, 1 + around, 1 + (around + 1) % FAN])
+    return refined(meshes.from_arrays(Polygon(rim), np.vstack([[0.0, 0.0], rim]), triangles), 1)
+
+
+def test_a_functional_that_cancels_on_the_coarsest_space_is_known_up_to_its_rounding() -> None:
+    """1 + 10 slivers - 1, each half of a number at a midpoint: computed it is 0, exactly ten slivers."""
+    level, sliver = fan().of.levels[0], 0.99 * 2.0**-53
+    R = np.zeros(fan().of.n)
+    ends = level.step.ends
+    spokes = level.before + np.flatnonzero((ends == 0).any(axis=1))
+    assert len(spokes) == FAN == level.met - 1
+    R[spokes] = 2 * np.array([1.0, *[sliver] * (FAN - 2), -1.0])
+    on_coarse = R.copy()
+    level.restrict(on_coarse)
+    assert on_coarse[0] == 0
+    assert functional_norm._of_restriction(fan().of, R)[0] >= (FAN - 2) * sliver
+
+
+def test_numbers_of_a_functional_are_rounded_on_all_levels() -> None:
+    R = np.random.default_rng(1).standard_normal(fan().of.n)
+    assert np.all(functional_norm._of_restriction(fan().of, R) >= 2.0**-53 * np.abs(R))
+
+
+def test_what_a_functional_has_on_the_coarsest_space_is_doubt() -> None:
+    """(3) is for functionals that vanish there; here one is 1 on the hat of node 0."""
+    R = np.zeros(fan().of.n)
+    R[0] = 1.0
+    assert functional_norm._of_restriction(fan().of, R)[0] >= 1
+
+
+def test_the_rounding_of_A_z_counts_for_the_norm_of_z_and_for_what_is_left(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """||z|| <= (z . values)^(1/2) + ||doubt||, and R - A z is known up to that doubt, too."""
+    found = made("square 1", "uniform", 2)
+    R, doubt = functionals(found)[0], np.full(found.of.n, 1e6)
+    own = functional_norm.residual_rounding.product
+    monkeypatch.setattr(
+        functional_norm.residual_rounding, "product", lambda *of: own(*of)._replace(doubt=doubt)
+    )
+    once = functional_norm.residual_rounding.dual_norm(doubt, found.of.mass)
+    assert 2 * once <= dual_norm(found.of, R) <= 2 * once * 1.001
+
+
+def test_norms_are_rounded_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By SLACK: that of z, and the sums of (3); twice as large a SLACK doubles what is not a doubt."""
+    found = made("square 1", "uniform", 2)
+    R = functionals(found)[0]
+    before = dual_norm(found.of, R), without_coarsest(found.of, R)
+    slack = functional_norm.residual_rounding.SLACK
+    monkeypatch.setattr(functional_norm.residual_rounding, "SLACK", 2 * slack)
+    after = dual_norm(found.of, R), without_coarsest(found.of, R)
+    assert after == pytest.approx((2 * before[0], 2 * before[1]), rel=1e-9)

@@ -271,3 +271,21 @@ def test_partitions_that_the_levels_cannot_follow_are_declined() -> None:
     assert nested_cells(levels, Partition(polygon, moved)) is None
     moved[1] += 1e-15 - 1e-9
     assert nested_cells(levels, Partition(polygon, moved)) is not None
+
+
+@pytest.mark.parametrize("form", [Form(), Form(1.0, (3,)), Form(0.0, (3,), 2.0)])
+def test_the_level_before_is_the_hierarchy_of_its_mesh(form: Form) -> None:
+    """The same matrix, sums of rows and masses as without the last step, but for masses at fixed nodes.
+
+    Functions vanish there, and masses there are smaller.
+    """
+    before = meshes.refine(coarse("square 3"), 1)
+    found, wanted = hierarchy(meshes.refine(before), form=form).coarser, hierarchy(before, form=form)
+    assert found is not None
+    assert close(found.A, wanted.A)
+    assert np.abs(found.sums - wanted.sums).max() < ROUND_OFF
+    assert np.abs(found.mass - wanted.mass)[~wanted.fixed].max() < ROUND_OFF
+    assert np.all(found.mass <= wanted.mass * (1 + ROUND_OFF))
+    assert np.array_equal(found.fixed, wanted.fixed)
+    assert np.array_equal(found.boundary, wanted.boundary)
+    assert np.array_equal(found.s, wanted.s)

@@ -125,3 +125,52 @@ def nearly_singular(rng, least):
     scale = 10 ** rng.uniform(0, 6, 6)
     B = scale[:, None] * ((Q * np.append(least, rng.uniform(0.1, 1, 5))) @ Q.T) * scale
     return sp.csr_array(0.5 * (B + B.T))
+# Each term on two right triangles, where the matrix has four unknowns
+
+
+@pytest.fixture
+def two_triangles(monkeypatch):
+    """The unit square cut from lower left to upper right, not refined."""
+    monkeypatch.setattr(poincare, "FEW", 0)
+    mesh = structured(square(), 1)
+    assert len(mesh.triangles) == 2
+    return mesh
+
+
+LEAST = 18 - math.sqrt(252)
+"""The least eigenvalue of Crouzeix and Raviart's elements on them, v = 0 on the left side.
+
+A right triangle with legs 1 has the stiffness 2 grad_i . grad_j, with barycentric gradients: 4 for the
+hypotenuse, 2 for a leg, -2 between both, 0 between legs; each edge has the mass 1/6. B has 24 for the shared
+hypotenuse, 12 for each of three legs, and -6 sqrt(2) between. For equal values on legs it has the rows
+24, -6 sqrt(6) and -6 sqrt(6), 12.
+"""
+
+
+def test_the_constant_is_that_of_the_matrix_and_what_the_means_miss(two_triangles):
+    """C^2 = 1/lambda_h + (KAPPA d)^2, d the hypotenuse; a part of 1e-6 of lambda_h is not used."""
+    exact = 1 / LEAST + 2 * poincare.KAPPA**2
+    assert exact <= friedrichs(two_triangles, (3,)) ** 2 <= exact * (1 + 1e-5)
+    assert exact >= (2 / math.pi) ** 2
+
+
+def test_the_rounding_of_the_matrix_is_taken_from_its_eigenvalue(two_triangles, monkeypatch):
+    """At least (n + 2) units of the trace, which is 60, for n = 4; as if the unit were 1e-6."""
+    monkeypatch.setattr(poincare, "EPS", 1e-6)
+    rounded = LEAST - (4 + 2) * 1e-6 * 60
+    assert friedrichs(two_triangles, (3,)) ** 2 >= 1 / rounded + 2 * poincare.KAPPA**2
+
+
+def test_the_constant_grows_with_the_exact_mesh(two_triangles, monkeypatch):
+    """Once from the mesh of the matrix to the exact domain, once for norms on the mesh that uses it."""
+    before = friedrichs(two_triangles, (3,))
+    monkeypatch.setattr(type(two_triangles), "growth", property(lambda _: 1.5))
+    assert friedrichs(two_triangles, (3,)) == pytest.approx(1.5**2 * before)
+
+
+@pytest.mark.parametrize("side", [1e-9, 1e-6, 1e6])
+def test_the_constant_is_a_length(side):
+    """What rounding may hide is in units of the inverse squared diameter."""
+    small = Polygon(side * square().vertices, "scaled")
+    found = friedrichs(structured(small, side / 8), (3,))
+    assert found == pytest.approx(side * friedrichs(structured(square(), 1 / 8), (3,)), rel=1e-6)

@@ -101,3 +101,57 @@ def test_the_dual_norm_at_every_size(size: float) -> None:
 def test_the_dual_norm_of_the_mass_is_nearly_twice_its_own() -> None:
     """R = M 1 has ||R|| = |Omega|^(1/2), and 2 (sum m_i)^(1/2) is twice that: no factor below 1 is left."""
     assert residual_rounding.dual_norm(MASS, MASS) == pytest.approx(2 * np.sqrt(LSHAPE.area))
+
+
+# Sums in which every addition is rounded the same way: k terms lose k - 1 half units
+
+K = 40
+"""Terms of a sum; the allowance for them has 4 units more."""
+SLIVER = 0.99 * 2.0**-53
+"""Less than half a unit in the last place of 1, so 1 + SLIVER is 1."""
+
+
+def lost(found: Rounded, exact: list[arb]) -> float:
+    """The largest error over its allowance."""
+    triples = zip(exactly(found.values), exactly(found.doubt), exact, strict=True)
+    return max(float((abs(value - true) / doubt).lower()) for value, doubt, true in triples)
+
+
+def test_sums_of_means_and_loads_lose_a_unit_for_each_term() -> None:
+    """The worst sums: most of what is allowed is lost, and no more."""
+    terms = np.append(1.0, np.full(K - 1, SLIVER))
+    row = sp.csr_array(np.ones((1, K)))
+    exact = sum(exactly(terms), arb(0))
+    found = residual_rounding.constrained(row, terms, np.zeros(1))
+    assert found.values[0] == 1.0
+    assert 0.8 < lost(found, [exact]) <= 1
+    column = sp.csr_array(np.ones((K, 1)))
+    found = residual_rounding.loaded(np.zeros(1), column, terms)
+    assert found.values[0] == 1.0
+    assert 0.8 < lost(found, [exact]) <= 1
+
+
+def test_products_lose_a_unit_for_each_entry_of_a_row() -> None:
+    """Node 0 with seven neighbours, which are summed one after another; u_j - u_0 are 1 and slivers.
+
+    Six units are lost of the twelve that are allowed for eight entries and four units more.
+    """
+    u = np.append([0.0, 1.0], np.full(6, SLIVER))
+    found = residual_rounding.product(sp.csr_array(np.ones((8, 8))), np.zeros(8), u)
+    assert found.values[0] == 1.0
+    first = Rounded(found.values[:1], found.doubt[:1])
+    assert 0.4 < lost(first, [sum(exactly(u), arb(0))]) <= 1
+
+
+def test_a_large_load_hides_a_small_product() -> None:
+    """1 - 1e-17 is 1: only the rounding of the difference is as large as that."""
+    matrix, tiny = sp.csr_array(np.ones((1, 1))), np.array([1e-17])
+    load = Rounded(np.ones(1), np.zeros(1))
+    found = residual_rounding.residual(matrix, np.ones(1), tiny, load)
+    assert found.values[0] == 1.0
+    assert lost(found, [arb(1) - arb(1e-17)]) <= 1
+
+
+def test_norms_are_above_their_rounding() -> None:
+    """A sum of n products >= 0 is off by n half units of it, its root by half of that: n up to 16 million."""
+    assert residual_rounding.SLACK >= 1 + 16e6 * 2.0**-53 / 2

@@ -307,3 +307,80 @@ def test_averages_vanish_on_clamped_sides():
     for known in (form, Form()):
         averaged = corners + (deviations(mesh, known) @ slopes.ravel()).reshape(-1, 3)
         assert (np.abs(averaged[fixed]).max() < 1e-12) == (known == form)
+
+
+def parts_of(mesh, cells, form):
+    """Norms of grad P v and of A I v - I v by the matrices without signs, in full, and KAPPA d."""
+    some = np.flatnonzero(form.held(cells.side))
+    of = majorant(mesh, cells, some, form)
+    y = np.linalg.solve(of.pairing.toarray(), np.hstack([of.means.toarray(), of.cut.toarray()]))
+    norms = []
+    for rows, W_rows in ((of.gradients, of.W_gradients), (of.values, of.W_values)):
+        M = W_rows @ y
+        M[:, : rows.shape[1]] += rows.toarray()
+        norms.append(np.linalg.norm(M, 2))
+    return norms[0], norms[1], KAPPA * mesh.diameter
+
+
+FORMS = [Form(), Form(1.0, (3,)), Form(1.0, (0, 3), free=(1,)), Form(0.0, (3,))]
+
+
+@pytest.mark.parametrize("form", FORMS)
+@pytest.mark.parametrize("name", ["two edges", "ends inside edges", "large"])
+def test_the_bound_has_all_its_parts(name, form):
+    """||P||^2 is the largest rho^2 a^2 + (b + n a)^2, n = KAPPA d and the averages' part, or rho^2 if c = 0.
+
+    By singular values of the matrices without signs; Collatz's bound may exceed rho by 2 %.
+    """
+    mesh, cells = PAIRS[name]()
+    rho, of_averages, of_means = parts_of(mesh, cells, form)
+    n = (of_averages + of_means) * form.reaction
+    angle = np.linspace(0, np.pi, 10_001)
+    largest = np.sqrt(np.max(rho**2 * np.cos(angle) ** 2 + (np.sin(angle) + n * np.cos(angle)) ** 2))
+    exact = largest if form.reaction else rho
+    assert exact * (1 - 1e-6) <= 1 / beta_below(mesh, cells, form)
+    if not form.reaction:
+        assert 1 / beta_below(mesh, cells, form) <= 1.02 * exact
+
+
+@pytest.mark.parametrize("part", ["values", "KAPPA"])
+def test_the_part_in_L2_needs_both_its_parts(part, monkeypatch):
+    """Control on the large square, where they are most of the norm; without either the bound is below it."""
+    mesh, cells = PAIRS["large"]()
+    form = Form(1.0, (3,))
+    rho, of_averages, of_means = parts_of(mesh, cells, form)
+    least = fortin.of_operator(rho, of_averages + of_means)
+    assert least <= 1 / beta_below(mesh, cells, form)
+    if part == "KAPPA":
+        monkeypatch.setattr(fortin, "KAPPA", 0.0)
+    else:
+        own = fortin.norm
+        monkeypatch.setattr(fortin, "norm", lambda *of, steps=8: own(*of) if steps == 8 else 0.0)
+    assert least > 1 / beta_below(mesh, cells, form)
+
+
+def test_both_norms_grow_on_the_exact_mesh(monkeypatch):
+    """That of P v, and that of v."""
+    mesh, cells = PAIRS["two edges"]()
+    before = beta_below(mesh, cells)
+    monkeypatch.setattr(type(mesh), "growth", property(lambda _: 1.5))
+    assert beta_below(mesh, cells) == pytest.approx(before / 1.5**2)
+
+
+def test_rounding_is_allowed_for(monkeypatch):
+    """Of the pairing eps / delta, of gradients 1000 eps d^2 / |T|; the bound is smaller by that."""
+    eps = np.finfo(float).eps
+    assert eps / fortin.LEAST_DELTA + 1000 * eps * fortin.MOST_ASPECT <= fortin.SLACK - 1
+    mesh, cells = PAIRS["two edges"]()
+    before = beta_below(mesh, cells)
+    monkeypatch.setattr(fortin, "SLACK", 2 * fortin.SLACK)
+    assert beta_below(mesh, cells) == pytest.approx(before / 2, rel=1e-12)
+
+
+@pytest.mark.parametrize(("delta", "known"), [(2e-4, True), (5e-5, False)])
+def test_where_the_only_node_is_too_near_to_an_end_nothing_is_known(delta, known):
+    """Of the first cell, whose node at 1/4 is delta times its length before its end."""
+    end = 0.25 / (1 - delta)
+    mesh, cells = structured(square(), 1 / 4), partitions.from_points(square(), [0, end, 1, 2, 3, 4])
+    assert inner_nodes(mesh.s, cells)[1][0] == pytest.approx(delta, rel=1e-6)
+    assert (beta_below(mesh, cells, Form(free=(1, 2, 3))) > 0) == known

@@ -11,7 +11,7 @@ import unilateral as ul
 from unilateral.bounds.source import linear
 from unilateral.fem.p1 import h1_norm
 from unilateral.formulas.taylor import affine, basis
-from unilateral.problems.nodal import NodalTrace
+from unilateral.problems.nodal import Nodal, NodalTrace
 from unilateral.problems.scaled import scaled
 
 KITE = [(0, 0), (1.1, -0.3), (1.4, 1.2), (0.2, 0.8)]
@@ -133,6 +133,40 @@ def test_the_model_of_a_trace_contains_its_values():
             assert abs(value - near) <= Fraction(model.rad[i])
             assert model.range[0][i] <= value <= model.range[1][i]
     assert model.rad.max() < 1e-12 * np.abs(values).max()
+
+
+def test_the_model_of_a_slope_contains_it():
+    """In rational arithmetic. On edges of 1e-6 beside long ones values of 1e6 make steep slopes."""
+    rng = np.random.default_rng(4)
+    t = np.array([0.0, 1e-6, 0.3, 0.3 + 1e-6, 0.9, 1.0])
+    values = rng.standard_normal(6) * 10.0 ** rng.integers(-6, 6, 6)
+    a, b = t[:-1], t[1:]
+    model = NodalTrace(t, values).slope_model(affine(basis(1, 3), 0.5 * (a + b), 0.5 * (b - a)[None], (a, b)))
+    places, heights = ([Fraction(x) for x in each.tolist()] for each in (t, values))
+    for i in range(5):
+        slope = (heights[i + 1] - heights[i]) / (places[i + 1] - places[i])
+        assert abs(slope - Fraction(model.c[0, i])) <= Fraction(model.rad[i])
+        assert model.range[0][i] <= slope <= model.range[1][i]
+        assert model.rad[i] <= 1e-13 * np.abs(values[i : i + 2]).sum() / (b - a)[i]
+
+
+def test_a_slope_is_not_known_better_than_its_values():
+    """1 + 2^-52 and 1: their difference is rounded like them, and steep over 1e-6."""
+    t = np.array([0.0, 1e-6, 1.0])
+    model = NodalTrace(t, np.array([1 + 2.0**-52, 1.0, 1.0])).slope_model(
+        affine(basis(1, 3), np.array([5e-7]), np.array([[5e-7]]), (t[:1], t[1:2]))
+    )
+    assert model.rad[0] >= 4 * 2.0**-53 / 1e-6
+
+
+def test_a_trace_in_other_units_has_its_places():
+    """g in units of 4, q in units of 8, f in units of 2."""
+    one = NodalTrace(np.array([0.0, 0.5, 1.0]), np.array([8.0, 16.0, 24.0]))
+    found = Nodal(MESH, 2.0 * X, {0: one}, {1: one}).scaled(load=2.0, value=4.0, flux=8.0)
+    assert np.array_equal(found.f, X)
+    assert (found.g[0].values.tolist(), found.q[1].values.tolist()) == ([2, 4, 6], [1, 2, 3])
+    assert found.g[0].t.tolist() == one.t.tolist()
+    assert one.cuts.tolist() == [0.5]
 
 
 def test_the_rounding_of_f_in_other_units_is_in_its_bound():

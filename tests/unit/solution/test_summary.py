@@ -122,3 +122,28 @@ def test_a_whole_boundary_in_contact_and_none():
     assert "contact          the whole boundary, length 4 of 4" in repr(full)
     assert "contact          length 0 of 4" in repr(none)
     assert np.all(none.multiplier == 0)
+
+
+def test_a_linear_problem_has_no_row_of_lambda_and_of_no_force():
+    """No side carries contact; its error of u is bounded all the same."""
+    rows = summary.rows(ul.solve(ul.Problem(SQUARE, f="x", g=None, free_sides=[0, 1, 2, 3]), **SIZES))
+    assert rows["contact"] == summary.LINEAR
+    assert set(rows) == {"unknowns", "error of u", "contact"}
+    assert "guaranteed" in rows["error of u"]
+
+
+def test_a_bound_as_large_as_the_solution_is_no_percentage_of_it():
+    """f has four waves to a side, and the mesh four edges: nothing is known of the norm of u."""
+    s = ul.solve(ul.Problem(SQUARE, f="300*sin(8*pi*x)*sin(8*pi*y)", g=-1), h=1 / 4, H=1 / 2)
+    assert not s.bounds.relative_u < 1
+    row = summary.rows(s)["error of u"]
+    assert "%" not in row
+    assert re.match(r"at most \S+", row)
+
+
+def test_a_search_for_a_sharp_bound_prints_that():
+    """It is below the cheap one, and printed up to three digits."""
+    s = ul.solve("natural", accuracy=0.2, sharp=True)
+    assert s.sharp_bounds.u < 0.999 * s.bounds.u
+    printed = float(re.search(r"at most (\S+),", summary.rows(s)["error of u"])[1])
+    assert s.sharp_bounds.u <= printed <= 1.01 * s.sharp_bounds.u

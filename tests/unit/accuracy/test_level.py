@@ -1,0 +1,208 @@
+"""What a search concludes from numbers of its levels, which are made up here."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+
+from unilateral.accuracy.goal import Goal
+from unilateral.accuracy.level import NOTHING, SHARE, Level, Prospect, contradict, standing, unknowable
+from unilateral.accuracy.levels import MARGIN, OF_LAMBDA, RATES, most_unknowns, observed_rate, wanted_part
+from unilateral.accuracy.search import Search
+from unilateral.bounds.flux_residuals import SUMS
+from unilateral.discrete.base import DiscreteSolution
+from unilateral.fem.form import Form
+from unilateral.geometry.polygon import Polygon, square
+from unilateral.geometry.structured import structured
+from unilateral.solvers.stop import Stop
+
+LARGE_SQUARE = Polygon(2 * square().vertices, "large")
+
+
+class Made(DiscreteSolution):
+    """A solution with the numbers of a dictionary, on a mesh of the square with sides of 2."""
+
+    def __init__(self, **numbers):
+        known = {"u_norm": 1.0, "lambda_norm": 1.0, "u_integral": 0.0, "force": 0.0}
+        known |= {"u": 0.1, "lambda_": 0.1, "algebraic": 0.0, "irreducible": 0.0, "growth": 1.0}
+        known |= numbers
+        mesh = SimpleNamespace(
+            growth=known.pop("growth"),
+            n_nodes=9,
+            areas=structured(LARGE_SQUARE, 1).areas,
+            polygon=LARGE_SQUARE,
+        )
+        discrete = SimpleNamespace(
+            mesh=mesh, form=Form(), partition=SimpleNamespace(polygon=LARGE_SQUARE), cells=[0], beta=0.5
+        )
+        bound = SimpleNamespace(
+            u=known.pop("u"), lambda_=known.pop("lambda_"), irreducible=known.pop("irreducible")
+        )
+        result = SimpleNamespace(bound=known.pop("algebraic"), converged=True)
+        vars(self).update(discrete=discrete, result=result, _local_bound=bound, _sharp_bound=bound, **known)
+
+
+def level(goal=None, predicted=math.inf, **numbers):
+    return Level(Made(**numbers), goal or Goal(0.2), 1.0, predicted=predicted)
+
+
+def test_the_norm_of_the_solution_is_below_the_discrete_one_by_the_error():
+    """||u|| >= ||u_h|| / growth - bound, never below 0; likewise for lambda with its own numbers."""
+    of = Made(u_norm=3.0, u=0.5, lambda_norm=7.0, lambda_=2.0, growth=1.25)
+    assert of.size("h1") == pytest.approx(3 / 1.25 - 0.5)
+    assert of.size("h1") < (3 / 1.25) * (1 - 0.9 * SUMS) - 0.5
+    assert of.size("hm12") == pytest.approx(7 / 1.25 - 2.0)
+    assert Made(u_norm=1.0, u=2.0).size("h1") == 0.0
+
+
+def test_the_algebraic_error_of_lambda_is_divided_by_beta():
+    of = Made(algebraic=0.3)
+    assert (of.algebraic("h1"), of.algebraic("hm12")) == (0.3, 0.6)
+    of.discrete.beta = 0.0
+    assert of.algebraic("hm12") == math.inf
+
+
+@pytest.mark.parametrize("norm", ["h1", "hm12"])
+@pytest.mark.parametrize(("bound", "certified"), [(0.19, True), (0.21, False)])
+def test_a_relative_accuracy_is_one_of_the_lower_bound_on_the_norm(norm, bound, certified):
+    """The discrete norm is 1 + bound, so the solution's is at least 1; the other norm is far off."""
+    of_norm = {"h1": {"u": bound, "u_norm": 1 + bound}, "hm12": {"lambda_": bound, "lambda_norm": 1 + bound}}
+    other = {"h1": {"lambda_": 9.0, "lambda_norm": 0.0}, "hm12": {"u": 9.0, "u_norm": 0.0}}
+    assert level(Goal(0.2, norm), **of_norm[norm], **other[norm]).certified == certified
+
+
+def test_nothing_is_certified_relative_to_a_norm_that_may_be_0():
+    """||u|| >= 1 / 1.2 - 0.85, which is below 0, though 0.85 is less than 0.9 of the discrete norm, 1."""
+    unsure = {"u_norm": 1.0, "growth": 1.2, "u": 0.85}
+    assert level(Goal(0.9), **unsure).target == pytest.approx(0.9)
+    assert not level(Goal(0.9), **unsure).certified
+    assert level(Goal(0.9, absolute=True), **unsure).certified
+    assert not level(Goal(0.8, absolute=True), **unsure).certified
+
+
+@pytest.mark.parametrize(("share", "certified"), [(0.9, True), (1.1, False)])
+def test_the_iteration_has_a_tenth_of_the_wanted_error(share, certified):
+    assert level(u_norm=1.1, u=0.1, algebraic=share * SHARE * 0.2).certified == certified
+
+
+@pytest.mark.parametrize(("bound", "certified"), [(0.9 * NOTHING, True), (1e-100, False)])
+def test_a_solution_of_0_is_certified_by_a_bound_that_is_next_to_nothing(bound, certified):
+    assert level(u_norm=0.0, u=bound).certified == certified
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "told"),
+    [
+        ({"u_norm": 1.0}, {"u_norm": 1.21}, True),
+        ({"u_norm": 1.0}, {"u_norm": 1.19}, False),
+        ({"u_integral": 0.0}, {"u_integral": 0.41}, True),
+        ({"u_integral": 0.0}, {"u_integral": 0.39}, False),
+        ({"force": 0.0}, {"force": 0.41}, True),
+        ({"force": 0.0}, {"force": 0.39}, False),
+    ],
+)
+def test_bounds_contradict_each_other_if_numbers_are_too_far_apart(one, other, told):
+    """Both bounds are 0.1; an integral over an area of 4 is at most 2 times the norm.
+
+    The bound on the error that the number does not belong to may be huge.
+    """
+    assert contradict(level(**one), level(**other)) == told
+    unused = {"u": 9.0} if "force" in one else {"lambda_": 9.0}
+    assert contradict(level(**one, **unused), level(**other, **unused)) == told
+
+
+def test_norms_on_different_meshes_may_differ_by_their_growth():
+    """1 and 1.4 are apart by 0.4: 0.2 by the bounds, and 1.1^2 - 1 of 1.4 by the exact meshes."""
+    far = {"u_norm": 1.4, "growth": 1.1}
+    assert not contradict(level(growth=1.1), level(**far))
+    assert contradict(level(), level(u_norm=1.4))
+
+
+def test_of_two_levels_that_contradict_none_is_believed():
+    levels = [level(), level(u_norm=1.1), level(u_norm=5.0, u=0.01)]
+    assert standing(levels) == []
+    assert standing(levels[:2]) == levels[:2]
+    found = Search(levels, "bounds contradict each other")
+    assert found.believed == []
+    assert found.best is levels[-1]
+    assert not found.certified
+    assert levels[-1].certified
+
+
+def test_the_best_level_is_certified_before_it_is_small():
+    """The last one of those that are; of others that with the smallest bound."""
+    certified = level(u_norm=1.1, u=0.1)
+    smaller = level(u_norm=1.05, u=0.05, algebraic=1.0)
+    assert Search([certified, smaller], "").best is certified
+    assert Search([certified, smaller], "").certified
+    assert Search([level(u=0.9), smaller], "").best is smaller
+
+
+@pytest.mark.parametrize(("irreducible", "told"), [(0.21, True), (0.19, False), (0.0, False)])
+def test_what_stays_unknown_may_exceed_the_wanted_error(irreducible, told):
+    """0.2 of the norm, at least 1."""
+    assert unknowable(level(u_norm=1.1, u=0.1, irreducible=irreducible)) == told
+
+
+@pytest.mark.parametrize(("bound", "missed"), [(0.1, 1.0), (0.12, 1.2), (0.3, 1.5), (0.01, 0.9)])
+def test_the_next_bound_is_taken_to_miss_as_the_last_one_did(bound, missed):
+    """Between 0.9 and 1.5; what is wanted is 0.2 absolutely."""
+    last = level(Goal(0.2, absolute=True), predicted=0.1, u=bound)
+    assert last.missed == pytest.approx(missed)
+    assert wanted_part([last]) == pytest.approx(MARGIN * 0.2 / (bound * missed))
+
+
+def test_the_bound_of_lambda_falls_like_the_unknowns_to_a_power():
+    """A part p of the bound takes p^(-1 / OF_LAMBDA) times the unknowns; for u they take p^-2."""
+    last = level(Goal(0.02, "hm12", absolute=True), predicted=0.1)
+    part = MARGIN * 0.02 / 0.1
+    assert wanted_part([last]) ** -2 == pytest.approx(part ** (-1 / OF_LAMBDA))
+    assert wanted_part([level(u=math.inf)]) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("coarse", "fine", "rate"), [(1.0, 0.5, 1.0), (1.0, 0.99, RATES[0]), (1.0, 0.01, RATES[1])]
+)
+def test_a_rate_is_believed_within_its_limits(coarse, fine, rate):
+    done = [level(u=coarse), level(u=fine)]
+    for each, H in zip(done, (1.0, 0.5), strict=True):
+        each.partition.H = H
+    assert observed_rate(done) == pytest.approx(rate)
+    assert math.isnan(observed_rate(done[:1]))
+    assert math.isnan(observed_rate([level(u=math.inf), done[1]]))
+
+
+@pytest.mark.parametrize(
+    ("given", "most", "value"),
+    [(None, 100.0, 100.0), (50.0, 100.0, 50.0), (200.0, 100.0, 100.0)],
+)
+def test_no_more_memory_than_there_is(given, most, value):
+    name, found = Goal(0.1, max_memory=given).memory(most)
+    assert found == value
+    assert ("machine" in name) == (found == most)
+
+
+def test_the_time_that_is_spent_is_not_left():
+    """After 98 s of 100 a second is left for unknowns, as a level takes one whatever its size."""
+    last = replace(level(), seconds=1.0)
+    prospect = Prospect([last], Stop(), "structured", elapsed=98.0)
+    vars(prospect).update(fixed=1.0, speed=1.0, held=0.0)
+    each = prospect.cost.each
+    assert prospect.within_seconds(100.0) == pytest.approx(1.0 / each)
+    assert prospect.within_seconds(98.5) == 0.0
+    assert prospect.seconds(1.0 / each) == pytest.approx(2.0)
+
+
+def test_each_limit_allows_its_own_unknowns(monkeypatch):
+    goal = Goal(0.1, max_unknowns=500, max_seconds=100)
+    prospect = Prospect([level(goal)], Stop(), "structured", elapsed=98.0)
+    vars(prospect).update(fixed=1.0, speed=1.0, held=10.0)
+    monkeypatch.setattr("unilateral.accuracy.levels.available_mb", lambda: 100.0)
+    found = list(most_unknowns(prospect, 0.5).values())
+    bytes_per_unknown = prospect.cost.bytes
+    assert found == pytest.approx(
+        [500, 0.5 * 0.8 * 100 * 2**20 / bytes_per_unknown, 0.5 * 1.0 / prospect.cost.each]
+    )

@@ -1,0 +1,286 @@
+"""Each term of what is known at the ends of clamped sides, on boundaries with numbers made by hand."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import unilateral as ul
+from unilateral.bounds import clamped_ends as module
+from unilateral.bounds import local_bounds
+from unilateral.bounds.boundary_flux import Given
+from unilateral.bounds.clamped_ends import (
+    ADDED,
+    ClampedEnds,
+    Clamps,
+    inside_reach,
+    missing,
+    none,
+    outflows,
+    unclamped,
+)
+from unilateral.fem.form import Form
+from unilateral.geometry.polygon import square
+from unilateral.geometry.structured import structured
+
+LENGTHS = np.array([0.1, 0.2, 0.3, 0.4])
+"""Of the four edges of each side of the unit square, along the boundary."""
+BOUNDARY = SimpleNamespace(
+    polygon=square(),
+    side=np.repeat(np.arange(4), 4),
+    boundary=np.arange(16),
+    s=np.concatenate([[0.0], np.cumsum(np.tile(LENGTHS, 4))]),
+)
+U_H = np.array([3.0, 2.5, 2.0, 2.8, 1.2])
+"""Values at the five nodes of side 0; the gaps above 0 on its edges are 2.5, 2, 2 and 1.2."""
+
+
+def ends(clamped, u_on_side_0=U_H, doubts=(), pushed=(), upper=()):
+    """Side 0 has g = 0, and so has the clamped one, which is above it; all others are free.
+
+    `doubts`, `pushed` and `upper` change numbers of edges.
+    """
+    edges = np.flatnonzero(np.isin(BOUNDARY.side, [0, clamped]))
+    g = SimpleNamespace(
+        edge=np.repeat(edges, 2), upper=np.zeros(2 * len(edges)), doubt=np.zeros(2 * len(edges))
+    )
+    for edge, doubt in doubts:
+        g.doubt[np.flatnonzero(g.edge == edge)[0]] = doubt
+    for edge, high in upper:
+        g.upper[np.flatnonzero(g.edge == edge)[0]] = high
+    push, u_h = np.zeros(16), np.full(16, 9.0)
+    push[list(pushed)] = 1e-9
+    u_h[:5] = u_on_side_0
+    form = Form(0.0, (clamped,), free=tuple({1, 2, 3} - {clamped}))
+    lift = SimpleNamespace(g=g)
+    return module.clamped_ends(BOUNDARY, form, lift, u_h, SimpleNamespace(push=push), 7.0)
+
+
+def test_the_part_after_a_clamped_side_has_its_least_gap():
+    """Up to where the gap is below half of 2.5: three edges, on which it is 2 at least."""
+    found = ends(clamped=3)
+    assert found.reach == pytest.approx([0.1 + 0.2 + 0.3, 0, 0, 0])
+    assert found.gamma == pytest.approx([2.0, 1, 1, 1])
+    assert found.product == 7.0
+
+
+def test_the_part_before_a_clamped_side_runs_backwards():
+    """From the other end of side 0, with its longest edge first; gaps are 2.5, 2, 2, 1.2 from there."""
+    found = ends(clamped=1, u_on_side_0=U_H[::-1])
+    assert found.reach == pytest.approx([0, 0.4 + 0.3 + 0.2, 0, 0])
+    assert found.gamma == pytest.approx([1, 2.0, 1, 1])
+
+
+def test_where_all_of_a_side_is_wide_all_of_it_counts():
+    found = ends(clamped=3, u_on_side_0=np.full(5, 2.0))
+    assert (found.reach[0], found.gamma[0]) == pytest.approx((1.0, 2.0))
+
+
+@pytest.mark.parametrize("u_at_vertex", [0.0, -1.0])
+def test_without_a_gap_at_the_vertex_nothing_is_known(u_at_vertex):
+    found = ends(clamped=3, u_on_side_0=np.array([u_at_vertex, 2, 2, 2, 2]))
+    assert not found.reach.any()
+
+
+def test_beside_free_sides_nothing_is_known():
+    """Sides 3 and 2 meet at vertex 3, sides 0 and 1 at vertex 1: no g, so no gap."""
+    assert np.flatnonzero(ends(clamped=3).reach).tolist() == [0]
+
+
+def test_the_highest_g_on_an_edge_counts():
+    """One of two intervals of edge 1 has g up to 1/4."""
+    assert ends(clamped=3, upper=[(1, 0.25)]).gamma[0] == pytest.approx(1.75)
+
+
+@pytest.mark.parametrize("edge", [0, 1, 2])
+def test_the_doubt_on_an_edge_and_those_beside_it_lowers_v(edge):
+    """v may be lower by the doubt at nodes, which belong to two edges. The least gap is that of edge 1 or 2.
+
+    By the `feasible` v is lowered by the doubt of one of the edges, and g is known up to its own: 2 at least.
+    """
+    assert ADDED >= 2
+    found = ends(clamped=3, doubts=[(edge, 0.01)])
+    assert found.gamma[0] == pytest.approx(2.0 - ADDED * 0.01)
+
+
+def test_the_doubt_of_the_clamped_side_lowers_v_at_the_vertex():
+    """u_D is known up to 0.4 on the last edge of side 3, so v may be lower by that at vertex 0, and not g."""
+    found = ends(clamped=3, doubts=[(15, 0.4)])
+    assert found.gamma[0] <= 2.5 - 0.4
+    assert found.gamma[0] == pytest.approx(2.5 - ADDED * 0.4)
+    assert not ends(clamped=3, doubts=[(15, 0.7)]).reach.any()
+
+
+@pytest.mark.parametrize(("pushed", "reach"), [(3, 0.1 + 0.2), (2, 0.1), (1, 0.0), (0, 0.0), (15, 0.0)])
+def test_next_to_contact_there_is_no_gap(pushed, reach):
+    """v may be below u_h on an edge with lambda_H > 0, and so at its ends, which other edges share."""
+    assert ends(clamped=3, pushed=[pushed]).reach[0] == pytest.approx(reach)
+
+
+def clamps(reach, gamma, product=6.0, clamped=(3,), free=()):
+    form = Form(0.0, clamped, 2.0, free)
+    known = ClampedEnds(np.array(reach, float), np.array(gamma, float), product)
+    return Clamps(form, np.zeros((2, 4)), known, 0.5)
+
+
+def test_forces_lack_the_product_over_the_gap():
+    """int lambda <= <lambda, v - g> / gamma where v - g >= gamma; the bound above of side 0 lacks it."""
+    known = clamps([0.3, 0, 0, 0], [3, 1, 1, 1])
+    assert missing(BOUNDARY, np.array([0]), known) == (0.0, 2.0)
+    assert missing(BOUNDARY, np.array([3]), clamps([0.3, 0, 0, 0.4], [3, 1, 1, 12])) == (2.0, 0.0)
+
+
+@pytest.mark.parametrize(("reach", "amount"), [(0.1, 2.0), (0.09, math.inf)])
+def test_the_first_edge_has_to_lie_within_reach(reach, amount):
+    """Else w has no node on which to pass from one side to the other; side 0 begins with an edge of 0.1."""
+    assert missing(BOUNDARY, np.array([0]), clamps([reach, 0, 0, 0], [3, 1, 1, 1]))[1] == amount
+
+
+@pytest.mark.parametrize(("reach", "amount"), [(0.4, 2.0), (0.39, math.inf)])
+def test_before_a_clamped_side_it_is_the_last_edge(reach, amount):
+    known = clamps([0, reach, 0, 0], [1, 3, 1, 1], clamped=(1,))
+    assert missing(BOUNDARY, np.array([0]), known)[1] == amount
+
+
+@pytest.mark.parametrize("gamma", [[3, 2, 1, 1], [2, 3, 1, 1]])
+def test_of_two_ends_the_worse_one_counts(gamma):
+    """Side 0 between two clamped ones. lambda >= 0, so both pieces together have at most that."""
+    known = clamps([0.1, 0.4, 0, 0], gamma, clamped=(1, 3))
+    assert missing(BOUNDARY, np.array([0]), known) == (0.0, 3.0)
+    known = clamps([0.1, 0.3, 0, 0], [3, 2, 1, 1], clamped=(1, 3))
+    assert missing(BOUNDARY, np.array([0]), known)[1] == math.inf
+
+
+@pytest.mark.parametrize(("reach", "nodes"), [(0.1, []), (0.31, [1]), (0.59, [1]), (0.61, [1, 2])])
+def test_w_is_lower_only_at_nodes_between_edges_within_reach(reach, nodes):
+    assert inside_reach(BOUNDARY, 0, clamps([reach, 0, 0, 0], [1, 1, 1, 1])).tolist() == nodes
+
+
+@pytest.mark.parametrize(("reach", "nodes"), [(0.41, []), (0.71, [3]), (0.91, [2, 3])])
+def test_before_a_clamped_side_nodes_are_counted_from_its_vertex(reach, nodes):
+    known = clamps([0, reach, 0, 0], [1, 1, 1, 1], clamped=(1,))
+    assert sorted(inside_reach(BOUNDARY, 1, known).tolist()) == nodes
+
+
+def test_l2_norms_count_by_the_inverse_square_of_friedrichs_constant():
+    """||v||_0 <= C |v|_1 makes |v|_1^2 + ||v||_0^2 / C^2 at most twice |v|_1^2: the norm of `of_fluxes`."""
+    assert clamps([0] * 4, [1] * 4).weight == 0.25
+    assert unclamped(4).weight == 1.0
+    assert not none(4).reach.any()
+
+
+def test_outflows_are_the_flux_through_clamped_sides_and_its_magnitude():
+    """q.n = 1 - 2 t on the left side of the square, 0 elsewhere; flows are given towards the inside."""
+    mesh = structured(square(), 1 / 2)
+    q = np.zeros((2, len(mesh.triangulation.ends)))
+    q[0, mesh.triangulation.boundary] = np.arange(8.0) * [1, 1, 1, 1, 1, 1, 1, -1]
+    found = outflows(mesh, Form(0.0, (3,)), q)
+    assert found.tolist() == [[0, 0, 0, -6.0 + 7.0], [0, 0, 0, 13.0]]
+
+
+# <lambda, v - g> <= <sigma, v - g> + (||a|| + ||r||)^2 / 4, each part made large
+
+
+@pytest.fixture(scope="module")
+def arguments():
+    """Of `local_bound` for a membrane that is clamped on the left and has a gap on the right."""
+    problem = ul.Problem(square(), -1, [None, -1, None, None], [0, 2], c=0, u={3: 0})
+    return ul.solve(problem, h=1 / 4, H=1 / 2).solved._given
+
+
+LARGE = 1e6
+"""All other parts of the bounds are below 1."""
+
+
+def with_data(arguments):
+    """tau - tau~ is that large as a functional."""
+    given = list(arguments)
+    tau = given[5]
+    squares = np.zeros_like(tau.squares)
+    squares[0, 0] = LARGE**2
+    given[5] = Given(tau.ends, squares, tau.doubts)
+    return local_bounds.local_bound(*given)
+
+
+def test_the_product_has_a_quarter_of_the_square_of_the_data(arguments):
+    found = with_data(arguments)
+    assert LARGE**2 / 4 <= found.ends.product <= LARGE**2 / 4 * (1 + 1e-5)
+
+
+def test_data_count_twice_for_reactions(arguments):
+    """Once for lambda and du/dn, once for u - u~ in (grad (u - u~), grad v)."""
+    found = with_data(arguments)
+    assert 2 * LARGE <= found.of_fluxes <= 2 * LARGE * (1 + 1e-5)
+    assert LARGE <= found.lambda_ <= LARGE * (1 + 1e-5)
+
+
+def test_the_product_has_a_quarter_of_the_square_of_the_rounding(arguments, monkeypatch):
+    own = local_bounds.defects
+    monkeypatch.setattr(local_bounds, "defects", lambda *of: (*own(*of)[:2], LARGE))
+    monkeypatch.setattr(local_bounds, "of_divergence", lambda form, areas, residual, _: (0.0, 0 * residual))
+    found = local_bounds.local_bound(*arguments).ends.product
+    assert LARGE**2 / 4 <= found <= LARGE**2 / 4 * (1 + 1e-5)
+
+
+def test_the_product_has_a_quarter_of_the_square_of_what_divergence_misses(arguments, monkeypatch):
+    monkeypatch.setattr(local_bounds, "of_divergence", lambda form, areas, residual, _: (LARGE, 0 * residual))
+    found = local_bounds.local_bound(*arguments).ends.product
+    assert LARGE**2 / 4 <= found <= LARGE**2 / 4 * (1 + 1e-5)
+
+
+def test_the_product_has_a_quarter_of_the_square_of_v_less_q(arguments, monkeypatch):
+    monkeypatch.setattr(local_bounds, "_of_feasible", lambda *of: np.full(len(of[3]), LARGE**2 / len(of[3])))
+    found = local_bounds.local_bound(*arguments).ends.product
+    assert LARGE**2 / 4 * (1 - 1e-9) <= found <= LARGE**2 / 4 * (1 + 1e-5)
+
+
+def raised(monkeypatch, **parts):
+    """`Missing` has other numbers on the first boundary edge, which has no other part in the product."""
+    own = local_bounds.lifting
+
+    def lifting(*of):
+        made = own(*of)
+
+        class Lifted(type(made)):
+            def lifted(self, nodal, bubbles):
+                *values, short = made.lifted(nodal, bubbles)
+                first = np.arange(len(nodal)) == 0
+                return *values, short._replace(**{k: np.where(first, v, 0.0) for k, v in parts.items()})
+
+        return Lifted(*made)
+
+    monkeypatch.setattr(local_bounds, "lifting", lifting)
+
+
+def test_the_product_has_the_slack_at_least_once(arguments, monkeypatch):
+    raised(monkeypatch, slack=LARGE)
+    assert local_bounds.local_bound(*arguments).ends.product >= LARGE
+
+
+def test_the_product_has_a_quarter_of_the_square_of_the_extension(arguments, monkeypatch):
+    """||w||_1 = 1e6, of what is missing at the boundary."""
+    raised(monkeypatch, squares=LARGE**2)
+    found = local_bounds.local_bound(*arguments).ends.product
+    assert LARGE**2 / 4 <= found <= LARGE**2 / 4 * (1 + 1e-5)
+
+
+def test_all_of_it_grows_on_the_exact_mesh(arguments, monkeypatch):
+    """The energy by that factor, so its square by the factor squared; fluxes by the factor."""
+    before = with_data(arguments)
+    monkeypatch.setattr(type(arguments[0].mesh), "growth", property(lambda _: 1.5))
+    after = with_data(arguments)
+    assert after.ends.product == pytest.approx(1.5**2 * before.ends.product)
+    assert after.of_fluxes == pytest.approx(1.5 * before.of_fluxes)
+    assert after.u == pytest.approx(1.5 * before.u)
+    assert after.lambda_ == pytest.approx(1.5 * before.lambda_)
+
+
+def test_divergence_counts_with_its_rounding():
+    """C (||residual|| + rounding); ||residual||^2 = 2 * 3^2 + 1 * 4^2. Nothing of it is left then."""
+    form, areas, residual = Form(0.0, (3,), 2.0), np.array([2.0, 1.0]), np.array([3.0, -4.0])
+    added, left = local_bounds.of_divergence(form, areas, residual, 0.5)
+    assert added == pytest.approx(2 * (math.sqrt(34) + 0.5))
+    assert not left.any()

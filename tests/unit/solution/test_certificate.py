@@ -1,0 +1,66 @@
+"""The record for programs: what is relative is rounded up, what is unknown is no number, norms have names."""
+
+import math
+from fractions import Fraction
+
+import pytest
+
+import unilateral as ul
+from unilateral.solution import certificate
+from unilateral.solution.certificate import Bounds, BoundsWithoutReaction, relative
+
+SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
+
+
+@pytest.mark.parametrize(("bound", "size"), [(1.0, 3.0), (0.1, 0.3), (2.0, 7e-300), (1.0, 1.0), (0.0, 1.0)])
+def test_a_relative_bound_is_rounded_up(bound, size):
+    """In rational arithmetic: never below the quotient, and above it by two units at most."""
+    found = Fraction(relative(bound, size))
+    exact = Fraction(bound) / Fraction(size)
+    assert exact < found <= exact * (1 + Fraction(2, 2**52)) + Fraction(5e-324)
+
+
+@pytest.mark.parametrize("size", [0.0, -1.0, math.nan])
+def test_nothing_is_relative_to_what_may_be_0(size):
+    assert math.isnan(relative(0.5, size))
+
+
+def test_bounds_print_no_part_that_is_not_known():
+    known = Bounds(0.5, math.nan, 0.0)
+    assert repr(known) == "Bounds: ||u - u_h||_1 <= 0.5, guaranteed"
+    assert repr(BoundsWithoutReaction(*known)).startswith("Bounds: k^(1/2) |u - u_h|_1 <= 0.5")
+
+
+@pytest.fixture(scope="module")
+def clamped():
+    """k = 2, c = 0, clamped on the left."""
+    problem = ul.Problem(SQUARE, -1, [None, -1, None, None], [0, 2], k=2, c=0, u={3: 0})
+    return ul.solve(problem, h=1 / 8, H=1 / 4)
+
+
+def test_norms_are_named_with_their_coefficients(clamped):
+    found = clamped.certificate()["norms"]
+    assert found["h1"] == "k^(1/2) |v|_1 = k^(1/2) ||grad v||_0"
+    assert found["hm12"].endswith("over v that vanish on clamped sides")
+    other = ul.solve("natural", h=1 / 8, H=1 / 4).certificate()["norms"]
+    assert other["h1"].startswith("||v||_1 = (k ||grad v||_0^2 + c ||v||_0^2)")
+    assert "clamped" not in other["hm12"]
+
+
+def test_the_algebraic_error_of_lambda_is_divided_by_beta_or_unknown(clamped, monkeypatch):
+    """On large meshes beta takes too long, and where it may be 0 nothing is known."""
+    found = clamped.certificate()
+    assert 0 < found["beta"] < 1
+    assert found["hm12_algebraic_bound"] == found["algebraic_bound"] / found["beta"]
+    monkeypatch.setattr(certificate, "QUICK", 10)
+    unknown = clamped.certificate()
+    assert math.isnan(unknown["beta"])
+    assert math.isnan(unknown["hm12_algebraic_bound"])
+
+
+@pytest.mark.parametrize(("norm", "field"), [("h1", "h1_bound"), ("hm12", "hm12_bound")])
+def test_the_total_bound_is_that_of_the_norm_that_was_asked_for(norm, field):
+    found = ul.solve("natural", accuracy=0.5, norm=norm).certificate()
+    assert found["norm"] == norm
+    assert found["total_bound"] == found[field]
+    assert found["h1_bound"] != found["hm12_bound"]
