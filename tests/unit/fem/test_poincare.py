@@ -125,6 +125,8 @@ def nearly_singular(rng, least):
     scale = 10 ** rng.uniform(0, 6, 6)
     B = scale[:, None] * ((Q * np.append(least, rng.uniform(0.1, 1, 5))) @ Q.T) * scale
     return sp.csr_array(0.5 * (B + B.T))
+
+
 # Each term on two right triangles, where the matrix has four unknowns
 
 
