@@ -38,7 +38,7 @@ from unilateral.solution.certificate import energy
 from unilateral.solution.solution import ENDINGS, Solution, not_converged, not_unique
 from unilateral.solvers.stop import Stop
 from unilateral.system import as_json
-from unilateral.system.files import check_target
+from unilateral.system.files import check_target, writing_failed
 from unilateral.system.memory import keep_freed, peak_mb
 from unilateral.system.optional import require
 
@@ -159,7 +159,7 @@ def _targets(options: SimpleNamespace) -> list[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"argument --out: {folder} cannot be made: {error.strerror}") from error
+        raise writing_failed(folder, error) from error
     inside = [folder / name for name in KEPT]
     for file in inside:
         check_target(file, ENDINGS)

@@ -105,12 +105,13 @@ def test_a_folder_that_is_not_there(tmp_path, name):
     assert not list(tmp_path.iterdir())
 
 
-def test_what_the_disk_refuses(tmp_path):
-    """A folder that is in the way: its name is taken by no file."""
+def test_a_folder_in_the_way(tmp_path):
+    """Its name is taken by no file."""
     (tmp_path / "a.nc").mkdir()
     said = r"a\.nc cannot be written: Is a directory"
-    with pytest.raises(StorageError, match=said), replacing(tmp_path / "a.nc") as temporary:
+    with pytest.raises(InputError, match=said) as found, replacing(tmp_path / "a.nc") as temporary:
         temporary.write_text("new")
+    assert found.value.exit_code == 2
 
 
 UNCLOSED = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
