@@ -1,7 +1,7 @@
 """`make` begins with this. It undoes what a killed run left: Snakemake's lock, and files half written.
 
-`python workflow/resume.py snakemake -j2` then becomes that command, which holds a lock as long as it lives. So
-of two that are started together the second one ends here, before Snakemake has its own lock.
+`python workflow/resume.py snakemake -j2` then becomes that command, which holds a lock as long as it lives.
+So of two that are started together the second one ends here, before Snakemake has its own lock.
 """
 
 import fcntl
