@@ -158,10 +158,11 @@ def test_places_are_known_to_the_digits_that_are_written(twelfths, tmp_path, dig
     np.testing.assert_allclose(found.errors, full.errors, rtol=0, atol=2e-5)
 
 
-def test_places_with_too_few_digits_are_another_mesh(twelfths, tmp_path):
-    """Control: with one decimal 1/12 is written as 0.1, a fifth of an edge off."""
+@pytest.mark.parametrize("digits", [1, 2])
+def test_places_with_too_few_digits_are_another_mesh(twelfths, tmp_path, digits):
+    """Control: 1/12 is written as 0.1 or 0.08, a fifth or a twenty-fifth of an edge off."""
     made, u, _ = twelfths
-    u.to_csv(tmp_path / "u.csv", index=False, float_format="%.1f")
+    u.to_csv(tmp_path / "u.csv", index=False, float_format=f"%.{digits}f")
     with pytest.raises(InputError, match="another mesh"):
         foreign(exported(made)[1], str(tmp_path / "u.csv"))
 
