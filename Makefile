@@ -1,8 +1,9 @@
 # `make` runs the whole study, `make help` lists the targets.
 .DEFAULT_GOAL := study
 .NOTPARALLEL:
-ifneq ($(words $(CURDIR)),1)
-$(error Snakemake runs no scripts below a folder with a space in its name; move the project out of '$(CURDIR)')
+odd := $(shell pwd -P | LC_ALL=C tr -d 'A-Za-z0-9_./+,@%=~\200-\377\n-')
+ifneq ($(odd),)
+$(error Snakemake runs no scripts below a folder with '$(odd)' in its path; move the project out of '$(CURDIR)')
 endif
 .PHONY: study quick paper report docs pictures bench score test installations fuzz mutants lock clean help git FORCE
 
@@ -12,7 +13,7 @@ export OPENBLAS_NUM_THREADS := 1
 export PYTHONHASHSEED := 0
 export MPLBACKEND := Agg
 
-snakemake := python workflow/resume.py && snakemake -j2 --workflow-profile workflow/profiles/default
+snakemake := python workflow/resume.py snakemake -j2 --workflow-profile workflow/profiles/default
 
 study: .venv/ready  ## the whole study: results/, figures/, the numbers in documents (default)
 	$(snakemake)

@@ -25,6 +25,7 @@ TASKS = [
     ("solve plate.yaml --accuracy 0.05", set()),
     ("init own.yaml", set()),
     ("check own.yaml", set()),
+    ("solve own.yaml --accuracy 0.1", set()),
     ("check corner.yaml --out check.svg", {"plot"}),
     ("solve corner.yaml --h 1/8 --H 1/4 -o corner.svg", {"plot"}),
     ("solve corner.yaml --h 1/8 --H 1/4 -o corner.html", {"plot"}),

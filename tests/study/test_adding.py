@@ -14,11 +14,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-from conftest import ROOT, copy_project
+from conftest import copy_project
 from documents import blocks
 
 CASE = next(block.text for block in blocks("manufactured/README.md") if block.kind == "yaml")
-POLYGON, RATES, SCENE, SURVEY, MEASURE, SCHEMA, FIELDS, RULE, FIGURE, CLAIM, AXIS = (
+POLYGON, RATES, SCENE, SURVEY, MEASURE, SCHEMA, FIELDS, RULE, DRAWING, FIGURE, CLAIM, AXIS = (
     block.text for block in blocks("docs/adding.md")
 )
 COUNTED = """claims:
@@ -58,7 +58,7 @@ PLACES = [
     ("workflow/config/study.yaml", "", FIELDS),
     ("workflow/rules/experiments.smk", "EXPERIMENTS = {\n", RULE),
     ("src/unilateral/study/ledger/sections.yaml", "extremes: [", '"V.h", '),
-    (f"{STABILITY}/my_figure_figure.py", "", (ROOT / STABILITY / "multiplier_figure.py").read_text()),
+    (f"{COUNTS}/counts_figure.py", "", DRAWING),
     ("workflow/config/figures.yaml", "figures:\n", FIGURE),
     (f"{STABILITY}/claims.yaml", "", "\n" + CLAIM),
     ("src/unilateral/study/ledger/sections.yaml", "stability: [", '"3.1d", '),
@@ -70,6 +70,7 @@ PLACES = [
 USED = """
 from unilateral.study.experiments.counts.measure import measure_counts
 from unilateral.study.experiments.extremes.measure import KINDS
+from unilateral.study.figure_entries import make_figure
 from unilateral.study.ledger.claims import find
 from unilateral.study.tables import load
 
@@ -77,8 +78,12 @@ measure_counts({"polygon": "square", "h": ["1/8", "1/16"]}, "counts/counts.nc")
 print(find("V.h").measure({"counts/counts": load("counts/counts.nc")}).observed)
 print(find("3.1d").reads)
 print(KINDS["calm"].__module__)
+files = "counts/counts.csv", "counts/counts.svg"
+make_figure("experiments.counts.counts_figure", {}, *files, counts="counts/counts.nc")
+print(*open(files[0]).read().split())
+print(open(files[1]).read().count("<svg"))
 """
-"""A program that uses what is added: the experiment and its claim, another claim, an axis."""
+"""A program that uses what is added: the experiment, its claim and its figure, another claim, an axis."""
 
 
 def run(folder: Path, *arguments: str) -> str:
@@ -99,10 +104,11 @@ def test_what_is_added_is_planned_and_needs_no_other_change(tmp_path: Path) -> N
         assert old.count(marker) == 1 or not marker, name
         at = old.index(marker) + len(marker) if marker else len(old)
         file.write_text(old[:at] + text + old[at:], encoding="utf-8")
-    targets = ["results/myscene/rates.nc", "results/counts/counts.nc", "figures/my_figure.svg"]
+    targets = ["results/myscene/rates.nc", "results/mysurvey/infsup.nc", "figures/counts.svg"]
     table = run(project, "-m", "snakemake", "-n", "-c1", *targets).partition("Job stats:")[2]
     jobs = dict.fromkeys(["dual_norm", "solve", "rates", "surveys", "counts", "figure"], 1) | {"total": 6}
     assert {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)} == jobs
     (project / "counts").mkdir()
     said = ["0.0", "('square/infsup',)", "unilateral.study.experiments.extremes.contact"]
+    said += ["h,unknowns 0.125,81 0.0625,289", "1"]
     assert run(project, "-c", USED).splitlines() == said

@@ -256,6 +256,11 @@ SAID = [
         "; did you mean thirds?",
     ),
     (
+        ("scenes.square.cases", ["naturl", *STUDY["scenes"]["square"]["cases"][1:]]),
+        f"scenes.square.cases[0]: case 'naturl' is unknown; known are {', '.join(case.names())}"
+        "; did you mean natural?",  # and not totals, which has natural still
+    ),
+    (
         ("scenes.quick.cases", ["violates_j"]),
         "scenes.quick.cases[0]: case 'violates_j' is for lshape, not for 'square'",
     ),

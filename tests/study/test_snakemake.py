@@ -223,6 +223,44 @@ def test_where_there_are_no_locks_nothing_is_removed(resume, monkeypatch):
     assert files() == before
 
 
+def test_of_two_runs_started_together_the_second_one_ends_in_a_sentence(tmp_path):
+    """As `make` starts them, before Snakemake has a lock. Control: when the first one has ended."""
+    (tmp_path / "Snakefile").touch()
+    copied = shutil.copy(ROOT / "workflow/resume.py", tmp_path)
+    command = [sys.executable, copied, sys.executable, "-c"]
+    work = "print('at work', flush=True); input()"
+    first = subprocess.Popen(
+        [*command, work], cwd=tmp_path, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert first.stdout.readline() == "at work\n"
+    second = subprocess.run([*command, work], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert (second.returncode, second.stdout) == (1, "")
+    assert re.fullmatch(r"Another run of the study is at work in this folder; .*\.\n", second.stderr)
+    first.communicate("\n", timeout=60)
+    assert first.returncode == 0
+    third = subprocess.run([*command, "print('at work')"], cwd=tmp_path, capture_output=True, text=True)
+    assert (third.returncode, third.stdout, third.stderr) == (0, "at work\n", "")
+
+
+REFUSED_IN_PATHS = ["it's", "a$b", "par(en)", "sp ace", "co:lon", 'q"q', "a&b", "back\\slash", "br[a]", "b`t"]
+"""Folders below which bash, in Snakemake, or PATH fails; a colon parts PATH."""
+
+
+@pytest.mark.parametrize("name", [*REFUSED_IN_PATHS, "good-1.2_x+y", "schön,a@b%c=d~e"])
+def test_make_refuses_folders_below_which_snakemake_fails(tmp_path, name):
+    """In one sentence, before anything is done. Control: the last two names are allowed."""
+    folder = tmp_path / name / "project"
+    folder.mkdir(parents=True)
+    shutil.copy(ROOT / "Makefile", folder)
+    done = subprocess.run(["make", "help"], cwd=folder, capture_output=True, text=True, timeout=60)
+    if name in REFUSED_IN_PATHS:
+        said = f"in its path; move the project out of '{folder}'.  Stop."
+        assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+        assert said in done.stderr
+    else:
+        assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_a_run_that_is_killed_can_be_taken_up_and_one_that_lives_cannot(tree, resume, monkeypatch):
     """A real one, killed as soon as it has its lock. This takes as long as Snakemake takes to begin."""
     monkeypatch.chdir(tree)

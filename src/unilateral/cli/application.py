@@ -82,7 +82,11 @@ application = Application(
             help="show the version and exit",
         )
     ],
-    examples=("unilateral solve natural --accuracy 0.1", "unilateral solve --help"),
+    examples=(
+        "unilateral init my_problem.yaml",
+        "unilateral solve my_problem.yaml --accuracy 0.1",
+        "unilateral solve --help",
+    ),
     also=(DOES_NOT_HOLD, NOT_CONVERGED),
     no_args_is_help=False,
     context_settings={"help_option_names": ["-h", "--help"]},

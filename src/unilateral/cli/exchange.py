@@ -11,7 +11,7 @@ from typing import Any
 
 from unilateral import api
 from unilateral.cli.command import DOES_NOT_HOLD
-from unilateral.cli.streams import load, say, sized
+from unilateral.cli.streams import load, say, sized, tell
 from unilateral.discrete.choice import check_size
 from unilateral.errors import InputError, counted
 from unilateral.exchange import export as exports
@@ -20,6 +20,7 @@ from unilateral.exchange.equation_residual import NAMES
 from unilateral.exchange.exported_folder import exported, foreign
 from unilateral.exchange.score import Rate, Scored
 from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import uniform
 from unilateral.geometry.structured import natural_kind
 from unilateral.problems import problem_file
 from unilateral.problems.case import Case
@@ -49,7 +50,10 @@ def export(
     if levels > MOST_LEVELS:
         raise InputError(f"argument --levels: {levels} is more than {MOST_LEVELS}")
     found = api.case(case, polygon, side, free_sides or ())
-    exports.export(found, _coarsest(found, h, levels, mesh), H, levels, out)
+    coarse = _coarsest(found, h, levels, mesh)
+    exports.export(found, coarse, H, levels, out)
+    if coarse.h / 2 ** (levels - 1) >= uniform(found.polygon, H).H:
+        tell("the multiplier may not be unique, because h >= H; take h < H, such as H = 2h")
     say(f"{found.name}: {counted(levels, 'level')} in {out}")
     for folder in (Path(out), *sorted(file for file in Path(out).iterdir() if file.is_dir())):
         files = sorted(file for file in folder.iterdir() if file.is_file())
@@ -80,6 +84,13 @@ def score(
             f"{counted(len(solutions), 'solution')}; repeat it for each of them"
         )
     given = [foreign(levels, *each) for each in zip_longest(solutions, multipliers)]
+    first_on: dict[str, str] = {}
+    for each in given:
+        first = first_on.setdefault(each.level.name, each.file)
+        if first is not each.file:
+            raise InputError(
+                f"{each.file}: it is on {each.level.name}, as {first} is; hand in one solution for each level"
+            )
     scored = [scores.score(case, each) for each in given]
     rates = scores.rates(case, scored)
     verdict = scores.verdict(scored, rates)
@@ -91,7 +102,12 @@ def score(
         found = {"case": case.name, "verdict": verdict, "rates": {n: _rate(r) for n, r in rates.items()}}
         say(dumps(found | {"solutions": [_solution(each) for each in scored]}))
     else:
-        told = [*_table(case, scored), *_lines(rates), scores.at_boundary(scored), *scores.sentences(scored)]
+        told = [
+            *_table(case, scored),
+            *_lines(case, scored, rates),
+            scores.at_boundary(scored),
+            *scores.sentences(scored),
+        ]
         say("\n".join([*filter(None, told), f"{case.name}: {verdict}"]))
         if html is not None:
             say(f"  written: {html}, {sized(html)}")
@@ -135,10 +151,12 @@ def _table(case: Case, scored: list[Scored]) -> Iterator[str]:
             yield f"{name:10} {numbers}  {kind}"
 
 
-def _lines(rates: dict[str, Rate]) -> Iterator[str]:
+def _lines(case: Case, scored: Sequence[Scored], rates: dict[str, Rate]) -> Iterator[str]:
     """A line on the rate in each norm."""
     for norm, rate in rates.items():
-        numbers = (
-            f"{rate.observed:.2f} ({counted(rate.pairs, 'pair')}), own {rate.own:.2f}, proved {rate.proved:g}"
-        )
-        yield f"rate in {norm:5} {numbers if rate.pairs else 'no two levels that count'}: {rate.verdict}"
+        if rate.pairs:
+            proved = "" if math.isnan(rate.proved) else f", proved {rate.proved:g}"
+            numbers = f"{rate.observed:.2f} ({counted(rate.pairs, 'pair')}), own {rate.own:.2f}{proved}"
+            yield f"rate in {norm:5} {numbers}: {rate.verdict}"
+        else:
+            yield f"rate in {norm:5} {rate.verdict}: {scores.why_not_judged(case, scored, norm)}"

@@ -19,14 +19,14 @@ from unilateral.formulas.formula import compile_numpy
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
 from unilateral.solution.summary import LINEAR
-from unilateral.system.files import replacing
-from unilateral.system.optional import require
+from unilateral.system.files import check_target, replacing
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PICTURES = (".svg", ".png", ".pdf")
+PICTURES = {".svg": ["matplotlib"], ".png": ["matplotlib"], ".pdf": ["matplotlib"]}
+"""The endings of pictures, and what draws these."""
 FREE, HELD, CLAMPED = "tab:gray", "tab:blue", "tab:brown"
 ROUND_OFF = 1e-12
 WIDE, ALONG = 5.0, 2.0
@@ -50,12 +50,10 @@ def init(name: str) -> None:
 def check(name: str, picture: str | None) -> str:
     """How a problem file is read, as text, and as a picture, too, where one is named.
 
-    Raises InputError for a file that declares no problem, and for a picture with another ending.
+    Raises InputError for a file that declares no problem, and for a picture that cannot be written.
     """
-    if picture is not None and Path(picture).suffix not in PICTURES:
-        raise InputError(f"argument --out: {picture} has to end in {', '.join(PICTURES)}")
     if picture is not None:
-        require("pictures need", "matplotlib")
+        check_target(picture, PICTURES)
     if not problem_file.is_declared_in(name):
         raise InputError(f"{name} declares a case, not a problem; to see it type: unilateral cases {name}")
     problem = problem_file.load(name)

@@ -38,7 +38,7 @@ from unilateral.solution.certificate import energy
 from unilateral.solution.solution import ENDINGS, Solution, flat_triangles, not_converged, not_unique
 from unilateral.solvers.stop import Stop
 from unilateral.system import as_json
-from unilateral.system.files import check_target
+from unilateral.system.files import check_target, writing_failed
 from unilateral.system.memory import keep_freed, peak_mb
 from unilateral.system.optional import require
 
@@ -67,14 +67,20 @@ def run(options: SimpleNamespace) -> int:
     problem = _read(options, drawn)
     watch = Watch(begin=options.begin)
     if options.accuracy is None:
-        return _reported(_solved(options, problem, watch, drawn), options, watch, drawn)
-    with watching(watch, drawn):
-        found = _solved(options, problem, watch, drawn)
-        clear(drawn)
-        if options.dry_run and found.search:
-            say(planned(problem.name, found.search, options.json))
-            return INTERRUPTED if watch.asked else 0
-        return _reported(found, options, watch, drawn)
+        solution = _solved(options, problem, watch, drawn)
+        printed = _reported(solution, options, watch, drawn)
+    else:
+        with watching(watch, drawn):
+            solution = _solved(options, problem, watch, drawn)
+            clear(drawn)
+            if options.dry_run and solution.search:
+                say(planned(problem.name, solution.search, options.json))
+                return INTERRUPTED if watch.asked else 0
+            printed = _reported(solution, options, watch, drawn)
+    _keep(solution, options, printed)  # Ctrl-C ends this at once, also after a search that it has ended
+    if watch.asked:
+        return INTERRUPTED
+    return 0 if (solution.certified if solution.search else solution.converged) else NOT_CONVERGED
 
 
 def _read(options: SimpleNamespace, drawn: bool) -> Case | Problem:
@@ -100,8 +106,8 @@ def _solved(options: SimpleNamespace, problem: Case | Problem, watch: Watch, dra
     )
 
 
-def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bool) -> int:
-    """Prints what was found; the exit code."""
+def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bool) -> dict[str, Any]:
+    """Prints what was found; its fields, by the names that --json has."""
     search, sharp = found.search, options.sharp
     refused = found.too_large(sharp)
     if refused:
@@ -139,10 +145,7 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
     else:
         least = {norm: found.solved.size(norm, sharp) if bounds else math.nan for norm in NORMS}
         say(table(printed, bounds, least, doubt, found.units))
-    _keep(found, options, printed)
-    if watch.asked:
-        return INTERRUPTED
-    return 0 if (found.certified if search else found.converged) else NOT_CONVERGED
+    return printed
 
 
 def _targets(options: SimpleNamespace) -> list[Path]:
@@ -159,7 +162,7 @@ def _targets(options: SimpleNamespace) -> list[Path]:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"argument --out: {folder} cannot be made: {error.strerror}") from error
+        raise writing_failed(folder, error) from error
     inside = [folder / name for name in KEPT]
     for file in inside:
         check_target(file, ENDINGS)

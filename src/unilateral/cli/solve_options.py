@@ -39,8 +39,9 @@ sizes, goal, domain, method = (
 
 @command(
     examples=(
-        "unilateral solve natural --h 1/16 --H 1/8",
-        "unilateral solve natural --accuracy 0.1 --json",
+        "unilateral init my_problem.yaml",
+        "unilateral solve my_problem.yaml --h 1/16 --H 1/8",
+        "unilateral solve my_problem.yaml --accuracy 0.1 --json",
     ),
     also=(NOT_CONVERGED,),
 )

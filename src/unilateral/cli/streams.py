@@ -50,8 +50,6 @@ def as_options(message: str) -> str:
 
 
 def _print(text: str, stream: TextIO) -> None:
-    if hasattr(signal, "SIGPIPE"):
-        signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # as Python sets it; gmsh resets it
     print(text, file=stream, flush=True)
 
 

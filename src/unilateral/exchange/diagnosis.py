@@ -171,7 +171,7 @@ def _of_conditions(case: Case, mu: Trace, of: Residual, allowed: float) -> Itera
         return
     yield unexplained(
         "u is not the solution of the discrete problem",
-        "the iteration stopped too early, or g or the conditions are others",
+        "the iteration stopped too early, or g or the contact conditions differ",
         measured,
     )
 

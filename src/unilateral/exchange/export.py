@@ -35,7 +35,7 @@ from unilateral.problems.case import Case
 from unilateral.problems.fields import listed
 from unilateral.solution.certificate import energy
 from unilateral.solution.tables import of_cells, write_csv
-from unilateral.system.files import hidden_beside, write_netcdf
+from unilateral.system.files import check_folder, hidden_beside, write_netcdf, writing_failed
 
 LEVEL_FILES = {
     "mesh.msh": "the mesh, for Gmsh's readers",
@@ -58,15 +58,14 @@ TERMS = {"of_u": " + u", "of_v": " + uv", "of_rest": " + u(v − u)", "of_square
 def export(case: Case, coarse: Mesh, H: float, levels: int, folder: str | os.PathLike[str]) -> None:
     """Writes the case on a mesh and its uniform refinements; H is the size of the cells on the finest.
 
-    The whole folder appears or nothing. Raises InputError for a folder that is there, and StorageError for
-    what the disk refuses.
+    The whole folder appears or nothing. Raises InputError for a folder that is there, or where none may be
+    made, and StorageError for a full disk.
     """
     folder = Path(folder)
     is_there = InputError(f"{folder} exists already; name a new folder")
     if folder.exists():
         raise is_there
-    if not folder.parent.is_dir():
-        raise InputError(f"{folder} cannot be written: there is no folder {folder.parent}")
+    check_folder(folder)
     try:
         with hidden_beside(folder) as hidden:
             made = hidden / folder.name
@@ -78,7 +77,7 @@ def export(case: Case, coarse: Mesh, H: float, levels: int, folder: str | os.Pat
     except OSError as error:
         if error.errno in (errno.ENOTEMPTY, errno.EEXIST):  # another export was quicker
             raise is_there from None
-        raise StorageError(f"{folder} cannot be written: {error.strerror or error}") from error
+        raise writing_failed(folder, error) from error
 
 
 def _write(case: Case, coarse: Mesh, H: float, levels: int, folder: Path) -> None:

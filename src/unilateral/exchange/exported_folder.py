@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from collections.abc import Mapping
 from contextlib import redirect_stderr, redirect_stdout
@@ -15,9 +16,10 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from unilateral.arrays import Array, Index
-from unilateral.errors import InputError
+from unilateral.errors import InputError, shown
 from unilateral.exchange.boundary_function import Trace, constant, continuous, of_reactions
 from unilateral.fem.form import Form
+from unilateral.formulas.taylor import EPS
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.files import read_mesh, read_partition
 from unilateral.geometry.mesh import Mesh
@@ -30,6 +32,8 @@ LARGEST = 1e100
 """Values have to be below this, so that squares of errors do not overflow."""
 SAME = 1e-6
 """Places whose distance is at most this fraction of h are the same."""
+ROUNDED = 0.01
+"""Places may be rounded by this fraction of the shortest edge, far less than nodes are apart."""
 NODAL = ("u", "multiplier", "reaction")
 """What may be given at the nodes."""
 
@@ -61,13 +65,22 @@ def exported(folder: str | os.PathLike[str]) -> tuple[Case, list[ExportedLevel]]
     try:
         problem = json.loads((folder / "problem.json").read_text(encoding="utf-8"))
         polygon = Polygon(np.array(problem["vertices"]), problem["polygon"])
-        found = cases.load(folder / f"{problem['case']}.yaml", polygon, problem["side"])
+        found = cases.load(folder / f"{_plain(folder, problem['case'])}.yaml", polygon, problem["side"])
         case = replace(found, free_sides=tuple(problem["free_sides"]))
-        return case, [_level(folder, case, str(entry["folder"])) for entry in problem["levels"]]
+        return case, [_level(folder, case, _plain(folder, entry["folder"])) for entry in problem["levels"]]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise InputError(
             f"{folder}: this is not a folder that 'unilateral export' wrote ({error})"
         ) from error
+
+
+def _plain(folder: Path, name: object) -> str:
+    """A name from problem.json. Raises InputError for one that leads out of the folder."""
+    if not isinstance(name, str) or Path(name).name != name or name in ("", ".."):
+        raise InputError(
+            f"{folder / 'problem.json'}: {shown(repr(name))} is no name of what is in this folder"
+        )
+    return name
 
 
 def _level(folder: Path, case: Case, name: str) -> ExportedLevel:
@@ -106,7 +119,8 @@ def _matched(levels: list[ExportedLevel], points: Array, file: str) -> tuple[Exp
             f"{file}: point {wrong[0]} has the place {_place(points, wrong)}; numbers are needed"
         )
     near = [cKDTree(level.mesh.points).query(points) for level in levels]
-    off = [distance > SAME * level.mesh.h for level, (distance, _) in zip(levels, near, strict=True)]
+    unit = last_digit(points)
+    off = [distance > _same(level.mesh, unit) for level, (distance, _) in zip(levels, near, strict=True)]
     absent = [
         np.setdiff1d(np.arange(level.mesh.n_nodes), node[~far])
         for level, (_, node), far in zip(levels, near, off, strict=True)
@@ -124,6 +138,32 @@ def _matched(levels: list[ExportedLevel], points: Array, file: str) -> tuple[Exp
             f"at {_place(level.mesh.points, lost)}; u is needed at all of them"
         )
     return level, near[best][1]
+
+
+def last_digit(numbers: Array) -> float:
+    """The unit of the last digit that the largest of some numbers from a file has, or a larger one.
+
+    They have as few significant digits as leave all of them as they are; with a fixed number of decimals
+    that unit is no smaller either. It is 0 for double precision in full.
+    """
+    numbers = numbers[numbers != 0]
+    if not numbers.size:
+        return 0.0
+    magnitude = np.floor(np.log10(np.abs(numbers)))
+    for digits in range(1, 16):
+        unit = 10.0 ** (magnitude + 1 - digits)
+        # up to the rounding of a decimal fraction, and of its quotient by a power of ten, to double precision
+        if np.all(np.abs(np.round(numbers / unit) * unit - numbers) <= 4 * EPS * np.abs(numbers)):
+            return float(unit.max())
+    single = numbers.astype(np.float32)
+    return float(np.spacing(np.abs(single).max())) if np.array_equal(single, numbers) else 0.0
+
+
+def _same(mesh: Mesh, unit: float) -> float:
+    """How far apart the same places on a mesh may be, if coordinates have an error of a `unit`."""
+    corners = mesh.points[mesh.triangles]
+    shortest = float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).min())
+    return max(SAME * mesh.h, min(math.sqrt(2) * unit, ROUNDED * shortest))
 
 
 def _place(points: Array, index: Index) -> tuple[float, ...]:
@@ -176,7 +216,8 @@ def _multiplier(
 def _of_cells(mesh: Mesh, start: Array, end: Array, values: Array, file: str) -> Trace:
     order = np.argsort(start)
     start, end, values = start[order], end[order], values[order]
-    apart = np.flatnonzero(np.abs(start[1:] - end[:-1]) > SAME * mesh.h)
+    same = _same(mesh, last_digit(np.append(start, end)))
+    apart = np.flatnonzero(np.abs(start[1:] - end[:-1]) > same)
     if apart.size:
         raise InputError(
             f"{file}: a cell ends at s = {end[apart[0]]:g}, the next begins at {start[apart[0] + 1]:g}"
@@ -187,8 +228,13 @@ def _of_cells(mesh: Mesh, start: Array, end: Array, values: Array, file: str) ->
             f"{file}: multiplier is {values[wrong[0]]} on the cell from s = {start[wrong[0]]:g}; "
             f"a number below {LARGEST:g} is needed"
         )
+    ends = np.append(start, end[-1:])
+    if ends.size:
+        # Ends of cells that are nodes, vertices among them, up to the digits written: the nodes themselves.
+        node = mesh.s[np.abs(ends[:, None] - mesh.s).argmin(axis=1)]
+        ends = np.where(np.abs(ends - node) <= same, node, ends)
     try:
-        cells = partitions.from_points(mesh.polygon, np.append(start, end[-1:]))
+        cells = partitions.from_points(mesh.polygon, ends)
     except InputError as error:
         raise InputError(f"{file}: {error}") from error
     return constant(cells, values)

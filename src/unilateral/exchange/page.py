@@ -65,13 +65,22 @@ def _errors(ladder: Sequence[Scored], titles: dict[str, str]) -> str:
         level = one.given.level
         for kind, errors, name in (("theirs", one.errors, level.name), ("own", one.own, "this project")):
             what = one.given.kind if kind == "theirs" else "constant on cells"
-            rows.append((kind, [name, f"{level.mesh.h:.4g}", *texts(errors), escape(what)]))
+            rows.append((kind, [escape(name), f"{level.mesh.h:.4g}", *texts(errors), escape(what)]))
     return _table(["level", "h", *titles.values(), "multiplier"], rows)
 
 
 def _rates(rates: dict[str, Rate], titles: dict[str, str]) -> str:
     rows = [
-        ("rate", [titles[norm], f"{rate.observed:.2f}", f"{rate.own:.2f}", f"{rate.proved:g}", rate.verdict])
+        (
+            "rate",
+            [
+                titles[norm],
+                f"{rate.observed:.2f}",
+                f"{rate.own:.2f}",
+                "-" if np.isnan(rate.proved) else f"{rate.proved:g}",
+                rate.verdict,
+            ],
+        )
         for norm, rate in rates.items()
         if rate.pairs
     ]

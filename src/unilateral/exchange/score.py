@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -95,13 +96,11 @@ def rates(case: Case, scored: Sequence[Scored]) -> dict[str, Rate]:
 
     Pairs are compared from where the case says that it is asymptotic, and by the factor that it names.
     """
-    ladder = sorted(scored, key=lambda each: -each.given.level.mesh.h)
     holds = all(case.declaration["hypotheses"].values())
     by_norm = {}
     for norm, proved in PROVED.items():
-        declared = case.declaration["asymptotic"][norm]
-        begin, factor = real(declared["from"], norm), float(declared.get("factor", 2))
-        pairs = list(_pairs(ladder, begin, factor))
+        begin, factor = _asymptotic(case, norm)
+        pairs = list(_pairs(scored, begin, factor))
         theirs = _observed([(a.errors, b.errors) for a, b in pairs], norm, factor)
         own = _observed([(a.own, b.own) for a, b in pairs], norm, factor)
         least, own_least = (min(each, default=math.nan) for each in (theirs, own))
@@ -116,8 +115,24 @@ def _observed(pairs: Sequence[tuple[Errors, Errors]], norm: str, factor: float) 
     return [math.log(coarse / fine) / math.log(factor) for coarse, fine in known]
 
 
-def _pairs(ladder: Sequence[Scored], begin: float, factor: float) -> Iterator[tuple[Scored, Scored]]:
+def _asymptotic(case: Case, norm: str) -> tuple[float, float]:
+    """The h from which on a case says that rates in a norm count, and the factor between two such h."""
+    declared = case.declaration["asymptotic"][norm]
+    return real(declared["from"], norm), float(declared.get("factor", 2))
+
+
+def why_not_judged(case: Case, scored: Sequence[Scored], norm: str) -> str:
+    """Why there is no rate in a norm: no two levels that count, or errors that are 0 or not known."""
+    begin, factor = _asymptotic(case, norm)
+    if any(_pairs(scored, begin, factor)):
+        return "the errors are 0 or not known"
+    h, H = (Fraction(size).limit_denominator(10**6) for size in (begin, 2 * begin))
+    return f"needs two levels with h <= {h} and H <= {H}, whose h differ by a factor of {factor:g}"
+
+
+def _pairs(scored: Sequence[Scored], begin: float, factor: float) -> Iterator[tuple[Scored, Scored]]:
     """Pairs of a coarser and a finer level by that factor apart, from h = begin and H = 2 begin on."""
+    ladder = sorted(scored, key=lambda each: -each.given.level.mesh.h)
     for coarse in ladder:
         level = coarse.given.level
         if max(level.mesh.h, level.cells.H / 2) > begin * (1 + SAME):

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
 from unilateral.geometry.partition import Partition
+from unilateral.system.signals import keeping_handlers
 
 LIBRARIES = "libgl1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libgomp1"
 """What gmsh loads, as Debian names it."""
@@ -34,7 +35,8 @@ def triangulate(edges: Partition, growth: float | None = None) -> tuple[Array, I
     """
     polygon, exact = edges.polygon, edges.ends[0]
     scale = polygon.diameter
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    with keeping_handlers():
+        gmsh.initialize(readConfigFiles=False, interruptible=False)
     try:
         for option, value in OPTIONS.items():
             gmsh.option.setNumber(option, value)

@@ -47,7 +47,8 @@ def check(study: Fields, sources: Mapping[str, str], rules: str) -> None:
     Raises InputError for what the schema does not allow, for names that stand for nothing, and for a case
     that cannot be put on its polygon or that has no expected rates.
     """
-    checks = (_unknown, _misfits, figure_entries.faults, _beside_their_polygon, _unfit_surveys, _unjudged)
+    # Cases first: other places may have only names that a scene has, and its misspelt ones would be offered.
+    checks = (_beside_their_polygon, _unknown, _misfits, figure_entries.faults, _unfit_surveys, _unjudged)
     for place, said in itertools.chain(
         config_schema.faults(study, rules), *(faults(study) for faults in checks)
     ):

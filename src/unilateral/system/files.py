@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -18,6 +19,11 @@ HIDDEN = ".tmp"
 """The end of the names of folders in which files are written; git ignores them."""
 OVERHEAD = 2**20
 """netCDF takes fewer bytes than this beside the values."""
+BAD_PLACE = (
+    *(errno.EACCES, errno.EPERM, errno.EROFS),
+    *(errno.EEXIST, errno.EISDIR, errno.ENOTDIR, errno.ENAMETOOLONG, errno.ELOOP),
+)
+"""Reasons of the system that another place helps against: what is forbidden, and what is no possible name."""
 
 
 def path_of(given: object, example: str) -> Path:
@@ -51,11 +57,17 @@ def check_folder(path: Path) -> None:
         raise InputError(f"{path} cannot be written: nothing may be written in {path.parent}")
 
 
+def writing_failed(path: Path, error: OSError) -> InputError:
+    """What is raised when the system refuses to write a file: StorageError unless the place is bad."""
+    kind = InputError if error.errno in BAD_PLACE else StorageError
+    return kind(f"{path} cannot be written: {error.strerror or error}")
+
+
 @contextmanager
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """A path of the same name in a folder of its own; files there take their places if the block succeeds.
 
-    Raises InputError for a folder that is not there, and StorageError for what the disk refuses.
+    Raises InputError for a folder that is not there or may not be written, StorageError for a full disk.
     """
     path = Path(path)
     check_folder(path)
@@ -65,7 +77,7 @@ def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
             for file in sorted(folder.iterdir()):
                 os.replace(file, path.parent / file.name)
     except OSError as error:
-        raise StorageError(f"{path} cannot be written: {error.strerror or error}") from error
+        raise writing_failed(path, error) from error
 
 
 @contextmanager

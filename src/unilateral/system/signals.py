@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import NoReturn
@@ -40,6 +41,22 @@ def cleaning_up() -> Iterator[None]:
     finally:
         for number in handlers:
             signal.signal(number, before[number])
+
+
+@contextmanager
+def keeping_handlers() -> Iterator[None]:
+    """Afterwards the handlers that Python has set are set again, if this is the main thread.
+
+    Libraries written in C reset some without Python knowing: gmsh those of SIGTERM and SIGPIPE.
+    """
+    known = {number: signal.getsignal(number) for number in signal.valid_signals()}
+    try:
+        yield
+    finally:
+        if threading.current_thread() is threading.main_thread():  # only that one may set handlers
+            for number, handler in known.items():
+                if handler not in (None, signal.SIG_DFL):  # which others, such as faulthandler, may have set
+                    signal.signal(number, handler)
 
 
 def _terminate(*_: object) -> NoReturn:

@@ -376,13 +376,14 @@ def test_the_time_of_a_level_includes_that_of_its_bound(monkeypatch):
     assert all(known)
 
 
-def test_lambda_is_certified_on_adapted_meshes():
-    """At the re-entrant corner u is singular and lambda is not: on uniform meshes its bound is that of u.
+def test_lambda_is_certified_on_adapted_meshes(problem_of):
+    """At the re-entrant corner, between free sides, u is singular and lambda is not.
 
-    To enclose f, which is singular there, too, takes most of the time, some 5 seconds.
+    On uniform meshes the bound of lambda is that of u.
     """
-    goal = Goal(0.2, "hm12", 2_000, sharp=True)
-    of = load("reentrant", "lshape")
+    corner = "[[-1, -1], [0, -1], [0, 0], [1, 0], [1, 1], [-1, 1]]"
+    of = problem_of(polygon=corner, f=-1, g=0, free_sides="[1, 2]")
+    goal = Goal(0.0025, "hm12", 4_000, sharp=True)
     found = [list(levels(of, goal, kind=kind))[-1] for kind in ("", "structured")]
     assert [level.certified for level in found] == [True, False]
     assert found[0].unknowns < found[1].unknowns

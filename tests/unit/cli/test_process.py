@@ -9,7 +9,7 @@ import warnings
 
 import pytest
 from conftest import ROOT
-from typed import KEYS, SCRIPT, SIZES, in_python
+from typed import KEYS, PROBLEM, SCRIPT, SIZES, in_python
 
 from unilateral.cli.application import COMMANDS
 from unilateral.study.ledger import claims
@@ -184,6 +184,38 @@ def test_sigterm_is_told_and_is_code_143():
         "sys.exit(main(['solve', 'natural', '--accuracy', '0.1']))\n"
     )
     assert in_python(source) == (143, "", "unilateral: terminated\n")
+
+
+SENT_WHILE_WRITING = """
+import os, signal, sys
+from unilateral.cli import main
+from unilateral.geometry import triangulate
+initialise, names, replaced = triangulate.gmsh.initialize, [], os.replace
+triangulate.gmsh.initialize = lambda **options: (names.append("gmsh"), initialise(**options))
+def replace(*paths):
+    if paths[1].name == "b.svg":
+        print(*sorted(set(names)), len(list(paths[1].parent.glob(".*.tmp"))), file=sys.stderr, flush=True)
+        os.kill(os.getpid(), signal.SIGNAL)
+    replaced(*paths)
+os.replace = replace
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize("sizes", [(*SIZES,), ("--accuracy", "0.3")], ids=["sizes", "accuracy"])
+@pytest.mark.parametrize(
+    ("name", "code", "told"), [("SIGTERM", 143, "terminated"), ("SIGINT", 130, "interrupted")]
+)
+def test_a_signal_after_gmsh_while_files_are_written_leaves_nothing_half_written(
+    tmp_path, name, code, told, sizes
+):
+    """It is told; the file that was finished before stays. gmsh resets the handler of SIGTERM."""
+    source = SENT_WHILE_WRITING.replace("SIGNAL", name)
+    files = [option for file in ("a.csv", "b.svg") for option in ("-o", str(tmp_path / file))]
+    command = [sys.executable, "-c", source, "solve", PROBLEM, *sizes, *files]
+    done = subprocess.run(command, capture_output=True, encoding="utf-8", timeout=60)
+    assert (done.returncode, done.stderr) == (code, f"gmsh 1\nunilateral: {told}\n")
+    assert [file.name for file in tmp_path.iterdir()] == ["a.csv"]
 
 
 @pytest.mark.parametrize("module", ["unilateral.cli", "unilateral.cli.streams", "difflib", "numpy"])

@@ -70,7 +70,7 @@ BAD = [
         "unilateral: natural declares a case, not a problem; to see it type: unilateral cases natural",
     ),
     ("check none.yaml", "unilateral: there is no file none.yaml"),
-    (f"check {SHELTER} --out a.txt", "unilateral: argument --out: a.txt has to end in .svg, .png, .pdf"),
+    (f"check {SHELTER} --out a.txt", "unilateral: a.txt: the ending must be .svg, .png or .pdf"),
     ("cases --format python", "--format python is for one case; name it, such as natural; see 'unilateral"),
     ("cases --side 1", "--side is for one case"),
     ("cases natural --format fortran", "argument --format: 'fortran' is none of text, json, python, ufl"),

@@ -226,7 +226,7 @@ def test_sizes_have_three_digits(tmp_path, size, shown):
         (("-o", "x.abc"), "x.abc: the ending must be .vtu, .csv, .nc, .json, .svg, .png, .pdf or .html"),
         (("-o", "none/x.vtu"), "none/x.vtu cannot be written: there is no folder none"),
         (("-o", "folder.vtu"), "folder.vtu cannot be written: it is a folder"),
-        (("--out", "file/new"), "argument --out: file/new cannot be made: Not a directory"),
+        (("--out", "file/new"), "file/new cannot be written: Not a directory"),
         (("--dry-run", "--out", "new"), "--dry-run computes no solution that could be written"),
     ],
 )

@@ -248,7 +248,7 @@ def test_a_bug_is_named_or_not_known(seen, tmp_path, name, method):
 def test_what_is_not_named_says_what_it_may_be(seen, tmp_path, method):
     """An iteration that stopped early is a right solution for another g, so that nobody can tell."""
     (found,) = seen("natural").judged(tmp_path, "stopped early", method).faults
-    assert "the iteration stopped too early, or g or the conditions are others" in found.what
+    assert "the iteration stopped too early, or g or the contact conditions differ" in found.what
 
 
 def test_every_name_is_in_the_documents():

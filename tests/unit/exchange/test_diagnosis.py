@@ -29,7 +29,7 @@ SMALLEST = {
     "u times 1 + s": (8e-4, "or u has the wrong scale"),
     "λ times 1 + s": (1e-5, "the multiplier has the wrong scale"),
     "λ and ± s max λ from cell to cell": (1e-4, "do not fit"),
-    "g + s in place of g": (2e-4, "or g or the conditions are others"),
+    "g + s in place of g": (2e-4, "or g or the contact conditions differ"),
     "Uzawa's steps, stopped at s of the error of λ": (0.02, "the iteration stopped too early"),
     "Jacobi's steps, stopped at s of the error of u": (0.02, "the linear solve stopped too early"),
 }

@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 from functools import cache
 from html.parser import HTMLParser
+from math import nan
 
 import pytest
 from conftest import discrete, load
@@ -14,7 +15,7 @@ from unilateral.exchange.diagnosis import Judged
 from unilateral.exchange.exported_folder import ExportedLevel, Foreign
 from unilateral.exchange.fault import Fault
 from unilateral.exchange.page import page
-from unilateral.exchange.score import holds, rates, score, verdict
+from unilateral.exchange.score import Rate, holds, rates, score, verdict
 
 VERDICT = "reaches the proved rates"
 NAMES = ("natural", "no_contact", "rough")
@@ -81,18 +82,30 @@ def test_a_page_is_whole_and_needs_no_network(name, with_multiplier):
     assert "nan" not in seen.cells
 
 
+def test_where_no_rate_is_proved_the_page_has_none():
+    """Control: one that is proved, in the other norms."""
+    known = rates(load("natural"), scored("natural"))
+    cells = Seen(page(load("natural"), scored("natural"), known | {"h1": Rate(0.5, 1, 0.7, nan)})).cells
+    assert cells[-15:-10] == ["u in H¹", "0.50", "0.70", "-", "no rate is proved"]
+    assert cells[-2:] == ["0.5", "reaches the proved rate"]
+
+
 def test_a_page_is_the_same_twice():
     """No clock and no random numbers."""
     assert written("natural", scored("natural")) == written("natural", scored("natural"))
 
 
 def test_faults_and_names_are_told_as_text():
-    """A file's name may hold what HTML takes for markup."""
-    one = scored("natural")[-1]
+    """Names of files and of levels' folders may hold what HTML takes for markup."""
+    one, image = scored("natural")[-1], "<img src=x onerror=alert(1)>"
     told = Judged([Fault("<lambda, v>", "& more")], [])
-    spoilt = replace(one, told=told, given=replace(one.given, file="<b>.csv"))
+    level = replace(one.given.level, name=image)
+    spoilt = replace(one, told=told, given=replace(one.given, file="<b>.csv", level=level))
     text = written("natural", [spoilt])
-    assert "<li>&lt;b&gt;.csv: &lt;lambda, v&gt;: &amp; more (level_1)</li>" in text
+    in_text = "&lt;img src=x onerror=alert(1)&gt;"
+    assert f"<li>&lt;b&gt;.csv: &lt;lambda, v&gt;: &amp; more ({in_text})</li>" in text
+    assert f"<td>{in_text}</td>" in text
+    assert "img" not in Seen(text).tags
     assert "faults were found" in text
 
 

@@ -1,6 +1,7 @@
 """Solutions of other solvers: right ones score their errors, and each spoilt one is named for what it is."""
 
 import json
+import re
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
@@ -13,12 +14,12 @@ import pytest
 import xarray as xr
 from conftest import ROOT, coupled, discrete, load
 
-from unilateral.cli import main
+from unilateral.cli import exchange, main
 from unilateral.discrete.condensed import solve
 from unilateral.errors import InputError
 from unilateral.exchange.boundary_function import constant, continuous, of_reactions
 from unilateral.exchange.diagnosis import Judged
-from unilateral.exchange.exported_folder import Foreign, exported, foreign
+from unilateral.exchange.exported_folder import Foreign, exported, foreign, last_digit
 from unilateral.exchange.fault import Fault
 from unilateral.exchange.score import Extreme, Extremes, Rate, Scored, error_in, holds, rates, score, verdict
 from unilateral.fem.p1 import boundary_mass
@@ -172,6 +173,90 @@ def test_places_that_are_off_by_more_than_rounding_are_another_mesh(folder, tmp_
     pd.DataFrame({"x": x, "y": y, "u": 0 * x}).to_csv(tmp_path / "u.csv", index=False)
     with pytest.raises(InputError, match="another mesh") if refused else nullcontext():
         assert foreign(levels, str(tmp_path / "u.csv")).level is levels[-1]
+
+
+@pytest.fixture(scope="module")
+def twelfths(tmp_path_factory):
+    """`natural` with h = 1/12, whose nodes are no decimal numbers, and a solution by another author."""
+    made = tmp_path_factory.mktemp("twelfths") / "natural"
+    assert main(["export", "natural", "--h", "1/12", "--H", "1/6", "--out", str(made)]) == 0
+    return made, *author.solved(author.read(made, "level_0"), "")
+
+
+WRITTEN = {"6 digits": "%.6g", "8 digits": "%.8g", "6 decimals": "%.6f", "all": None, "float32": "float32"}
+
+
+@pytest.mark.parametrize("digits", WRITTEN)
+def test_places_are_known_to_the_digits_that_are_written(twelfths, tmp_path, digits):
+    """The errors are those of the numbers in full, up to the rounding of the values.
+
+    That is 5e-7 of u, whose gradient is at most some 3 times that over h = 1/12, and 5e-6 of lambda, times
+    at most ||1||_{-1/2} = 4.1.
+    """
+    made, u, cells = twelfths
+    case, levels = exported(made)
+
+    def scored_as(form):
+        single = form == "float32"
+        for table, name in ((u, "u.csv"), (cells, "cells.csv")):
+            rounded = table.astype(np.float32).astype(float) if single else table
+            rounded.to_csv(tmp_path / name, index=False, float_format=None if single else form)
+        return score(case, foreign(levels, str(tmp_path / "u.csv"), str(tmp_path / "cells.csv")))
+
+    found, full = scored_as(WRITTEN[digits]), scored_as(None)
+    assert (found.faults, full.faults) == ([], [])
+    np.testing.assert_allclose(found.errors, full.errors, rtol=0, atol=2e-5)
+
+
+@pytest.mark.parametrize("digits", [1, 2])
+def test_places_with_too_few_digits_are_another_mesh(twelfths, tmp_path, digits):
+    """Control: 1/12 is written as 0.1 or 0.08, a fifth or a twenty-fifth of an edge off."""
+    made, u, _ = twelfths
+    u.to_csv(tmp_path / "u.csv", index=False, float_format=f"%.{digits}f")
+    with pytest.raises(InputError, match="another mesh"):
+        foreign(exported(made)[1], str(tmp_path / "u.csv"))
+
+
+@pytest.mark.parametrize("form", ["%.{}g", "%.{}f"])
+def test_the_unit_of_the_last_digit(form):
+    """Rounding to nearest leaves half of it at most; the format's is no more than ten times smaller.
+
+    It is smaller where all numbers happen to have fewer digits, as 0.010 and 0.009.
+    """
+    rng = np.random.default_rng(2)
+    for digits in range(3, 12):
+        for _ in range(20):
+            exact = rng.uniform(-1, 1, 40) * 10.0 ** rng.integers(-2, 3)
+            text = [form.format(digits) % each for each in exact]
+            unit = last_digit(np.array(text, dtype=float))
+            assert np.abs(np.array(text, dtype=float) - exact).max() <= 0.51 * unit
+            largest = np.floor(np.log10(np.abs(exact).max() * 1.01)) + 1
+            assert unit <= 10.1 * (10.0**-digits if "f" in form else 10.0 ** (largest - digits))
+
+
+def test_numbers_in_full_have_no_last_digit():
+    """Control: of 40 random ones none of 15 digits or fewer, nor of single precision."""
+    exact = np.random.default_rng(3).uniform(-1, 1, 40)
+    assert last_digit(exact) == 0
+    assert last_digit(exact.astype(np.float32).astype(float)) == pytest.approx(2**-24, rel=0.01)
+    assert last_digit(np.zeros(3)) == 0
+
+
+@pytest.mark.parametrize(("digits", "known"), [(6, True), (2, False)])
+def test_ends_of_cells_are_vertices_to_the_digits_that_are_written(tmp_path, digits, known):
+    """On a triangle with sides sqrt(1.3) and sqrt(0.9); control: two digits are too few."""
+    (tmp_path / "own.yaml").write_text("polygon: [[0, 0], [1, 0], [0.3, 0.9]]\n")
+    made = tmp_path / "made"
+    at = ["--polygon", str(tmp_path / "own.yaml"), "--h", "1/8", "--H", "1/4", "--out", str(made)]
+    assert main(["export", "thirds", *at]) == 0
+    _, levels = exported(made)
+    table = pd.read_csv(made / "level_0/nodes.csv")[["x", "y"]].assign(u=0.0)
+    table.to_csv(tmp_path / "u.csv", index=False)
+    cells = pd.read_csv(made / "level_0/partition.csv")[["start", "end"]].assign(multiplier=0.0)
+    cells.to_csv(tmp_path / "cells.csv", index=False, float_format=f"%.{digits}g")
+    with nullcontext() if known else pytest.raises(InputError, match=r"cells\.csv: "):
+        found = foreign(levels, str(tmp_path / "u.csv"), str(tmp_path / "cells.csv"))
+        np.testing.assert_array_equal(found.multiplier.cells.points, levels[0].cells.points)
 
 
 @pytest.mark.parametrize(("off", "refused"), [(1e-8, False), (1e-4, True)])
@@ -375,3 +460,66 @@ def test_the_line_of_extremes_says_first_what_they_are_of(at_nodes, where, gap):
     at = "at (0.5, 0) on side 0"
     said = f"{where}: min {gap} = -1 {at}, min lambda = 2 {at}, max |lambda {gap}| = 3 {at}"
     assert str(Extremes(at_nodes, *values)) == said
+
+
+@pytest.mark.parametrize("name", ["../level_0", "/", "..", "", "level_0/..", 3, None])
+@pytest.mark.parametrize("field", ["case", "folder"])
+def test_names_that_lead_out_of_the_folder_are_refused(folder, tmp_path, refused, field, name):
+    """Before anything is opened; control: the folder as it is, in the other tests."""
+    found = json.loads((folder / "problem.json").read_text())
+    if field == "case":
+        found["case"] = name
+    else:
+        found["levels"][1]["folder"] = name
+    (tmp_path / "problem.json").write_text(json.dumps(found))
+    for file in folder.iterdir():
+        if file.name != "problem.json":
+            (tmp_path / file.name).symlink_to(file)
+    said = refused("score", tmp_path, "u.csv")
+    assert said.endswith(f"problem.json: {name!r} is no name of what is in this folder\n")
+
+
+def test_what_is_missing_for_a_rate_is_told(folder, tmp_path, run):
+    """natural counts from h = 1/8 on; its finest level alone has no other, and u alone has no error in L2."""
+    for name, sizes in LEVELS.items():
+        own(*sizes).save(tmp_path / f"{name}.vtu")
+        own(*sizes).save(tmp_path / f"{name}.csv")
+    needed = "not judged: needs two levels with h <= 1/8 and H <= 1/4, whose h differ by a factor of 2"
+    out = run("score", folder, tmp_path / "level_0.vtu", tmp_path / "level_2.vtu")[1]
+    assert [line for line in out.splitlines() if line.startswith("rate")] == [
+        f"rate in {norm:5} {needed}" for norm in ("h1", "hm12", "l2")
+    ]
+    for name in ("level_1", "level_2"):
+        points = own(*LEVELS[name]).mesh.points
+        table = pd.DataFrame({"x": points[:, 0], "y": points[:, 1], "u": own(*LEVELS[name]).u})
+        table.to_csv(tmp_path / f"{name}.csv", index=False)
+    out = run("score", folder, tmp_path / "level_1.csv", tmp_path / "level_2.csv")[1]
+    assert re.search(r"^rate in h1    .* \(1 pair\), own .*, proved 1: reaches the proved rate$", out, re.M)
+    assert "\nrate in l2    not judged: the errors are 0 or not known\n" in out
+
+
+def test_a_level_that_is_handed_in_twice_is_told(folder, tmp_path, refused):
+    """Under one name or two."""
+    for name in ("a.vtu", "b.vtu"):
+        own(*FINEST).save(tmp_path / name)
+    for second in ("a.vtu", "b.vtu"):
+        said = refused("score", folder, tmp_path / "a.vtu", tmp_path / second)
+        other = f"{tmp_path / second}: it is on level_2, as {tmp_path / 'a.vtu'} is"
+        assert said == f"unilateral: {other}; hand in one solution for each level\n"
+
+
+def test_where_no_rate_is_proved_none_is_printed():
+    """Control: one that is proved."""
+    by_norm = {"h1": Rate(0.91, 2, 0.92, np.nan), "l2": Rate(0.91, 1, 0.92, 1.0)}
+    assert list(exchange._lines(load("natural"), [], by_norm)) == [
+        "rate in h1    0.91 (2 pairs), own 0.92: no rate is proved",
+        "rate in l2    0.91 (1 pair), own 0.92, proved 1: reaches the proved rate",
+    ]
+
+
+@pytest.mark.parametrize(("H", "told"), [("1/16", True), ("1/8", True), ("1/4", False)])
+def test_cells_that_are_no_longer_than_edges_are_told(tmp_path, run, H, told):
+    """The multiplier is then not unique, or may not be; control: H = 2h."""
+    code, _, err = run("export", "natural", "--h", "1/8", "--H", H, "--levels", "2", "--out", tmp_path / "a")
+    said = "unilateral: the multiplier may not be unique, because h >= H; take h < H, such as H = 2h\n"
+    assert (code, err) == (0, said if told else "")

@@ -1,10 +1,12 @@
 """How files are written: whole or not at all, with the permissions that the umask leaves."""
 
+import ctypes
 import os
 import resource
 import shutil
 import signal
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -103,12 +105,13 @@ def test_a_folder_that_is_not_there(tmp_path, name):
     assert not list(tmp_path.iterdir())
 
 
-def test_what_the_disk_refuses(tmp_path):
-    """A folder that is in the way: its name is taken by no file."""
+def test_a_folder_in_the_way(tmp_path):
+    """Its name is taken by no file."""
     (tmp_path / "a.nc").mkdir()
     said = r"a\.nc cannot be written: Is a directory"
-    with pytest.raises(StorageError, match=said), replacing(tmp_path / "a.nc") as temporary:
+    with pytest.raises(InputError, match=said) as found, replacing(tmp_path / "a.nc") as temporary:
         temporary.write_text("new")
+    assert found.value.exit_code == 2
 
 
 UNCLOSED = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
@@ -167,6 +170,41 @@ def test_handlers_are_as_before_afterwards_and_what_is_ignored_stays_so():
             os.kill(os.getpid(), signal.SIGTERM)
     after = signal.signal(signal.SIGINT, before[0]), signal.getsignal(signal.SIGTERM)
     assert (inside, found.value.code, after) == (signal.SIG_IGN, 143, (signal.SIG_IGN, before[1]))
+
+
+def caught():
+    """The signals that have a handler, as the system knows it; see proc(5)."""
+    (line,) = (line for line in Path("/proc/self/status").read_text().splitlines() if "SigCgt" in line)
+    mask = int(line.split()[1], 16)
+    return {number for number in signal.valid_signals() if mask >> (number - 1) & 1}
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="/proc tells the system's handlers")
+@pytest.mark.parametrize("kept", [True, False], ids=["kept", "control"])
+def test_handlers_that_a_library_written_in_c_resets_are_set_again(kept):
+    """As the system knows them: Python is not told of it. Control: they are gone without that."""
+    sent = signal.SIGUSR1
+    before = signal.signal(sent, lambda *_: None)
+    try:
+        with signals.keeping_handlers() if kept else nullcontext():
+            reset = ctypes.CDLL(None).signal
+            reset.argtypes, reset.restype = (ctypes.c_int, ctypes.c_void_p), ctypes.c_void_p
+            reset(sent, None)  # SIG_DFL
+            assert sent not in caught()
+        assert (sent in caught()) == kept
+    finally:
+        signal.signal(sent, before)
+
+
+def test_in_another_thread_handlers_are_left_alone():
+    """Python lets the main thread alone set them; a solve in another one must not fail for that."""
+
+    def work():
+        with signals.keeping_handlers():
+            return "done"
+
+    with ThreadPoolExecutor() as pool:
+        assert pool.submit(work).result() == "done"
 
 
 @pytest.mark.parametrize("size", [0, 100])

@@ -61,7 +61,7 @@ def of_commands(told: Mapping[str, Any]) -> dict[str, Any]:
 def commands(told: Mapping[str, Any]) -> pd.DataFrame:
     """What whole processes take, from the command to the answer.
 
-    A row per command, then one per other solver and size, with the ratio to the command's seconds.
+    A row per command, then one per other solver and size.
     """
     return pd.DataFrame(
         [_command(row) for names in ([OURS], NAMES) for row in told["rows"] if row["solver"] in names]
@@ -70,8 +70,6 @@ def commands(told: Mapping[str, Any]) -> pd.DataFrame:
 
 def _command(row: Mapping[str, Any]) -> dict[str, str]:
     seconds = f"{two_digits(row['cpu_seconds'])} s"
-    if row["solver"] != OURS and "over_ours" in row:
-        seconds = f"× {two_digits(row['over_ours'])} ({seconds})"
     return {
         "command, or solver": f"`{row['typed']}`" if "typed" in row else NAMES[row["solver"]],
         "unknowns": shown(row["unknowns"], "space"),

@@ -12,7 +12,9 @@ NODAL = 0
 """The H/h of solvers that have no cells."""
 MULTIGRID, FURTHER, LINEAR = "multigrid", "further", "linear"
 PEERS = ("fenicsx", "skfem", "ngsolve")
-"""The other solvers with nodal constraints; GetFEM has this very method, on cells of four edges."""
+"""The other solvers with nodal constraints."""
+OTHERS = (*PEERS, "getfem")
+"""All others; GetFEM has this very method, on cells of four edges."""
 H_OVER_H = {FURTHER: 4, "getfem": 4, LINEAR: NODAL} | dict.fromkeys(PEERS, NODAL)
 """The H/h of what is compared; it is 2 where none is listed."""
 ROW_BYTES = 7 * (8 + 4) + 4
@@ -28,19 +30,9 @@ def along(
     return runs[chosen].set_index("n").sort_index()
 
 
-def ratios(runs: pd.DataFrame, way: str, to: str = MULTIGRID, problem: str = "natural") -> pd.Series:
-    """Seconds of a way over those of another one, over n where both were measured.
-
-    GetFEM is compared with multigrid on the same cells.
-    """
-    other = along(runs, to, problem, H_OVER_H[way] if way == "getfem" else None)
-    return (along(runs, way, problem)["cpu_seconds"] / other["cpu_seconds"]).dropna()
-
-
-def fastest(runs: pd.DataFrame, to: str = MULTIGRID, problem: str = "natural") -> pd.Series:
-    """The seconds of the fastest nodal peer over those of another way, over n."""
-    of_peers = pd.DataFrame({peer: ratios(runs, peer, to, problem) for peer in PEERS})
-    return of_peers.min(axis=1)
+def ratios(runs: pd.DataFrame, way: str, to: str = MULTIGRID) -> pd.Series:
+    """Seconds of a way over those of another one, for `natural`, over n where both were measured."""
+    return (along(runs, way)["cpu_seconds"] / along(runs, to)["cpu_seconds"]).dropna()
 
 
 def growth(seconds: pd.Series) -> float:
