@@ -10,7 +10,7 @@ import pytest
 import skfem
 
 import unilateral as ul
-from unilateral.geometry import foreign
+from unilateral.geometry import foreign, outline
 
 MESH = skfem.MeshTri().refined(3)
 POINTS, TRIANGLES = MESH.p.T, MESH.t.T
@@ -130,7 +130,7 @@ def test_a_mesh_that_gets_too_large_is_refused(monkeypatch):
 
 
 def test_a_boundary_with_too_many_corners_is_refused(monkeypatch, tmp_path):
-    monkeypatch.setattr(foreign, "MAX_VERTICES", 10)
+    monkeypatch.setattr(outline, "MAX_VERTICES", 10)
     with pytest.raises(ul.InputError, match="a polygon has at most 10 vertices; take a coarser mesh"):
         ul.mesh(disc(tmp_path, 0.5))
 

@@ -11,8 +11,8 @@ from numpy.testing import assert_array_equal
 
 from unilateral.errors import InputError
 from unilateral.geometry.files import read_mesh, write_mesh
-from unilateral.geometry.foreign import outline
 from unilateral.geometry.mesh import refine, unstructured
+from unilateral.geometry.outline import outline
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 
