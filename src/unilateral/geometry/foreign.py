@@ -16,6 +16,7 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.triangulation_checks import node
 from unilateral.system.memory import available_mb
 
+SECOND_ORDER = "whose edges may be curved, unlike those of a polygon; take straight ones"
 MOST_HALVINGS = 12
 BYTES = 400
 """A refined mesh takes about so many bytes per node, with what it knows of its edges."""
@@ -42,16 +43,15 @@ def mesh_from(
 
 
 def _tell_moved(found: Outline, points: Array, mesh: Mesh, where: str) -> None:
-    """Warns where nodes were moved, because turns of the boundary were taken for rounding."""
+    """Warns where turns of the boundary were taken for rounding, and nodes moved for that."""
     away = np.hypot(*(mesh.points - points).T)
-    moved, farthest = np.count_nonzero(away), int(away.argmax())
-    if moved:
-        turns = counted(len(found.rounded), "node")
+    moved, farthest = int(np.count_nonzero(away)), int(away.argmax())
+    if moved and len(found.rounded):
+        turns, nodes = counted(len(found.rounded), "node"), counted(moved, "node was", "nodes were")
         warnings.warn(
             f"{where}: the polygon has {mesh.polygon.n_sides} sides; the turns of its boundary at {turns}, "
             f"of up to {np.degrees(found.turn):.2g} degrees, are taken for rounding of coordinates, and "
-            f"{counted(moved, 'node was', 'nodes were')} moved onto the sides, node "
-            f"{node(points, farthest)} by {away[farthest]:.2g}",
+            f"{nodes} moved onto the sides, node {node(points, farthest)} by {away[farthest]:.2g}",
             SolutionWarning,
             stacklevel=4,
         )
@@ -81,6 +81,11 @@ def _arrays(given: Any, triangles: ArrayLike | None, where: str) -> tuple[Any, A
     if hasattr(given, "points") and isinstance(getattr(given, "cells", None), list):  # meshio
         return from_meshio(given, where)
     if hasattr(given, "p") and hasattr(given, "t"):  # scikit-fem
+        if given.p.shape[1] > getattr(given, "nvertices", given.p.shape[1]):
+            raise InputError(
+                f"{where}: it is a {type(given).__name__}, {SECOND_ORDER}, in scikit-fem by "
+                "skfem.MeshTri(mesh.p[:, :mesh.nvertices], mesh.t)"
+            )
         return np.transpose(given.p), np.transpose(given.t)
     if hasattr(given, "x") and hasattr(given, "y") and hasattr(given, "triangles"):  # matplotlib
         mask = getattr(given, "mask", None)
@@ -92,8 +97,13 @@ def _arrays(given: Any, triangles: ArrayLike | None, where: str) -> tuple[Any, A
 
 
 def from_meshio(content: Any, where: str) -> tuple[Array, Array]:
-    """The points and the triangles of a mesh of meshio."""
+    """The points and the triangles of a mesh of meshio, those that belong to several groups once."""
     foreign = sorted({block.type for block in content.cells} - {"triangle", "line", "vertex"})
+    curved = [kind for kind in foreign if kind.startswith("triangle")]
+    if curved:
+        raise InputError(
+            f"{where}: there are cells of type {curved[0]}, {SECOND_ORDER}, in gmsh by Mesh.ElementOrder = 1"
+        )
     if foreign:
         raise InputError(f"{where}: there are cells of type {foreign[0]}; only plain triangles will do")
     points = np.asarray(content.points, dtype=float)
@@ -105,7 +115,8 @@ def from_meshio(content: Any, where: str) -> tuple[Array, Array]:
     triangles = np.concatenate([np.empty((0, 3), int), *(block for block in blocks if block.size)])
     if not len(triangles):
         raise InputError(f"{where}: there are no triangles; a mesh of plain triangles is needed")
-    return points, triangles
+    _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
+    return points, triangles[np.sort(first)]
 
 
 def _in_plane(points: ArrayLike, where: str) -> Array:

@@ -31,10 +31,9 @@ CLEAR = 2.0
 """A turn of more than this times the largest one by rounding is a corner. Cut instead of rounded numbers are
 off by a unit, twice as far; their turns are neither rounding nor corners."""
 SLIGHT = np.radians(1.0)
-"""Smaller turns at four nodes, alternating in sign, are no corners: they tell of a rounding that the numbers do
-not show any more, such as of a mesh that was turned afterwards. Nor do short numbers that a person wrote make
-such corners."""
-GIVE_IT = "give the polygon, in Python by polygon=, in the shell by --polygon"
+"""Smaller turns are looked at twice: they may come from a rounding that the numbers do not show any more, as
+those of a mesh that was turned afterwards. Short numbers that a person wrote do not make such corners."""
+GIVE_IT = "give the polygon, by polygon="
 
 
 class Outline(NamedTuple):
@@ -73,13 +72,13 @@ def outline(points: Array, triangles: Index, where: str) -> Outline:
         unclear = ~straight & ~corners & ~rounded
         # Only where numbers are seen to be rounded may nodes in line hide a corner.
         unclear |= straight & hidden & np.any(rounded | unclear)
-        unclear |= _alternating(np.where(corners & (np.abs(turns) < SLIGHT), turns, 0.0))
+        unclear |= _restless(np.where(corners & (np.abs(turns) < SLIGHT), turns, 0.0), ~hidden)
     if unclear.any():
         first = int(unclear.argmax())
         raise InputError(
             f"{where}: the boundary turns by {np.degrees(abs(turns[first])):.2g} degrees at node "
-            f"{node(points, line[first])}, and it is not clear whether that is a corner or rounding, by up "
-            f"to {by_digits[first]:.2g}; {GIVE_IT}"
+            f"{node(points, line[first])}, where coordinates are rounded by up to {by_digits[first]:.1g}; "
+            f"it is not clear whether that is a corner; {GIVE_IT}"
         )
     if np.count_nonzero(corners) > MAX_VERTICES:
         raise InputError(
@@ -92,7 +91,7 @@ def outline(points: Array, triangles: Index, where: str) -> Outline:
 
 
 def largest_turns(places: Array, radii: Array) -> Array:
-    """(n,) the largest turn by rounding at each node of a closed line, whose places (n, 2) are within `radii`.
+    """(n,) the largest turn by rounding at each node of a closed line, with places (n, 2) within `radii`.
 
     An edge whose ends move by r and s turns by at most arcsin((r + s) / length), or by any angle.
     """
@@ -102,10 +101,16 @@ def largest_turns(places: Array, radii: Array) -> Array:
     return turned + np.roll(turned, 1)
 
 
-def _alternating(turns: Array) -> Mask:
-    """(n,) the second of any four successive nodes whose turns alternate in sign."""
-    other = turns * np.roll(turns, -1) < 0
-    return np.roll(other, 1) & other & np.roll(other, -1)
+def _restless(turns: Array, smallest: Mask) -> Mask:
+    """(n,) the nodes whose slight `turns` tell of another rounding; other turns are given as 0.
+
+    Those are the second of four in a row that alternate in sign, and one of the `smallest` without a
+    neighbour that turns the same way, as each node of an arc has.
+    """
+    after, before = turns * np.roll(turns, -1), turns * np.roll(turns, 1)
+    alternating = (before < 0) & (after < 0) & (np.roll(after, -1) < 0)
+    lone = smallest & (turns != 0) & (before <= 0) & (after <= 0)
+    return alternating | lone
 
 
 def _check_runs(points: Array, line: Index, corners: Mask, radii: Array, where: str) -> None:

@@ -1,4 +1,4 @@
-"""To how many digits numbers were rounded, and how far coordinates may therefore be from their true places."""
+"""To how many digits numbers were rounded, and how far coordinates may be from their true places for that."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from unilateral.arrays import Array
 FULL = 16
 """Double precision has at least 15 digits; numbers that need more were not rounded to fewer."""
 AS_TYPED = 3
-"""Numbers of no more significant digits are taken as they are: a person wrote them, no program rounds so far."""
+"""Numbers of no more significant digits are exact: no program rounds so far, a person wrote them."""
 NEAR_DECIMAL = 0.01
 """Decimals that were moved, or scaled by a power of ten, miss decimals by less than this part of a unit."""
 ARITHMETIC = 1e-12
@@ -34,8 +34,8 @@ def significant_digits(values: ArrayLike) -> int:
     int
         At most 17. Of numbers that were rounded to d digits it is d, unless all of them end in zeros.
 
-    >>> significant_digits([0.25, 1.125, 0, 300]), significant_digits([0.1234, 12.34]), significant_digits(1 / 3)
-    (4, 4, 16)
+    >>> significant_digits([0.25, 1.125, 0, 300]), significant_digits(1 / 3)
+    (4, 16)
     """
     texts = (repr(abs(value)) for value in _distinct(values))
     return max((len(text.split("e")[0].replace(".", "").strip("0")) for text in texts), default=0)
@@ -78,7 +78,9 @@ def as_typed(values: ArrayLike) -> bool:
 
 def arithmetic(places: Array) -> float:
     """How far round-off in another program may have moved the places (n, 2) of a mesh."""
-    return ULPS * float(np.spacing(np.abs(places).max())) + ARITHMETIC * float(np.hypot(*np.ptp(places, axis=0)))
+    return ULPS * float(np.spacing(np.abs(places).max())) + ARITHMETIC * float(
+        np.hypot(*np.ptp(places, axis=0))
+    )
 
 
 def radii(places: Array) -> Array:

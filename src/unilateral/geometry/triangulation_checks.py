@@ -17,8 +17,8 @@ NEAR = 1e-6
 Moved onto the side, it changes gradients there by about that part. The bounds are those of the moved mesh.
 """
 MOVED = 0.1
-"""A node whose coordinates are seen to be rounded may lie beside its side by as much as rounding explains, but
-by no more than this part of that height, so that no triangle is turned over."""
+"""A node whose coordinates are seen to be rounded may lie beside its side as far as rounding explains, but by
+no more than this part of that height, so that no triangle is turned over."""
 BESIDE = 0.5
 """A node beside a side by less than this part of that height is told of as one that belongs there."""
 SAME_POINT = 1e-12
@@ -131,9 +131,7 @@ def reach(polygon: Polygon, points: Array, edges: Index, heights: Array, rounded
     return found + np.minimum(2 * rounding.largest(points[edges[:, 0]]), MOVED * heights)
 
 
-def sides(
-    polygon: Polygon, points: Array, edges: Index, reach: Array, heights: Array, where: str
-) -> Index:
+def sides(polygon: Polygon, points: Array, edges: Index, reach: Array, heights: Array, where: str) -> Index:
     """(nb,) the side each of the boundary edges (nb, 2) runs along; InputError if one runs along none.
 
     The nodes may lie beside it by their `reach` (n,).

@@ -4,15 +4,11 @@ The true polygons are known: each mesh is made of one, and then written with few
 number of sides of that polygon, or that the polygon is asked for.
 """
 
-from collections import Counter
-
 import numpy as np
 import pytest
 
 import unilateral as ul
-from unilateral.geometry import rounding
 from unilateral.geometry.outline import GIVE_IT
-from unilateral.geometry.polygon import Polygon
 
 pytestmark = pytest.mark.filterwarnings("ignore::unilateral.SolutionWarning")
 
@@ -51,7 +47,8 @@ def dented(vertices, draw):
 def fan(vertices, draw):
     """Points and triangles: the sides cut into one to eight edges, joined to the origin, the last point."""
     edges = draw.integers(1, 9, len(vertices))
-    along = [np.arange(n)[:, None] / n * side for n, side in zip(edges, np.roll(vertices, -1, axis=0) - vertices, strict=True)]
+    sides = np.roll(vertices, -1, axis=0) - vertices
+    along = [np.arange(n)[:, None] / n * side for n, side in zip(edges, sides, strict=True)]
     places = np.repeat(vertices, edges, axis=0) + np.concatenate(along)
     k = np.arange(len(places))
     return np.append(places, [[0, 0]], axis=0), np.column_stack([k, np.roll(k, -1), np.full(len(k), len(k))])
