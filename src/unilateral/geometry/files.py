@@ -30,6 +30,7 @@ SECONDS, SECONDS_PER_MB = 10.0, 5.0
 on for ever where a file's end is missing."""
 CURE = "save the mesh as .msh of Gmsh or as .vtu"
 NOT_READ = {
+    ".cgns": "files of CGNS are not read, for meshio reads only what it wrote itself in older versions",
     ".ele": "files of Triangle and TetGen are not read, for meshio finds only tetrahedra there",
     ".node": "files of Triangle and TetGen are not read, for meshio finds only tetrahedra there",
     ".wkt": "files of WKT are not read, for their reader may go on for ever and cannot be stopped",
@@ -142,7 +143,7 @@ def _content(path: str | os.PathLike[str]) -> Any:
     except OutOfTime as error:
         cause, why = error, "its reader does not end, as where the end of the file is missing"
     except (Exception, SystemExit) as error:  # of several readers, for files of any content
-        cause, why = error, _usual_fault(path, suffix) or _stop(error, printed.getvalue(), path)
+        cause, why = error, _usual_fault(path, suffix) or _stop(error, printed.getvalue())
     raise InputError(f"{path}: no mesh can be read from this file, because {why}; {CURE}") from cause
 
 
@@ -159,11 +160,16 @@ def _usual_fault(path: str | os.PathLike[str], suffix: str) -> str:
     return ""
 
 
-def _stop(error: BaseException, printed: str, path: str | os.PathLike[str]) -> str:
+def _stop(error: BaseException, printed: str) -> str:
     """What made meshio stop: what it printed before it left, or the error."""
     if isinstance(error, SystemExit):
-        return _words(printed.replace(f"Error: Couldn't read file {path} as", "meshio cannot read it as"))
-    return f"meshio stopped with {type(error).__name__}" + (f": {_words(error)}" if str(error) else "")
+        return re.sub("Error: Couldn't read file .* as", "meshio cannot read it as", _words(printed))
+    import meshio
+
+    if isinstance(error, meshio.ReadError) and str(error):
+        return _words(error)
+    what = type(error).__name__ + (f": {_words(error)}" if str(error) else "")
+    return f"its end is missing or it is not what its ending says (meshio stopped with {what})"
 
 
 def read_partition(path: str | os.PathLike[str], polygon: Polygon) -> Partition:
@@ -198,8 +204,8 @@ def read_partition(path: str | os.PathLike[str], polygon: Polygon) -> Partition:
 
 @contextmanager
 def _quiet(printed: StringIO) -> Iterator[None]:
-    """Keeps meshio's own messages off the terminal."""
-    with redirect_stdout(printed), redirect_stderr(printed):
+    """Keeps meshio's own messages and warnings off the terminal."""
+    with redirect_stdout(printed), redirect_stderr(printed), warnings.catch_warnings(action="ignore"):
         yield
 
 
