@@ -68,7 +68,8 @@ def check_distinct(diameter: float, points: Array, where: str) -> None:
     from scipy.spatial import cKDTree  # which meshes that are made here do not need
 
     tree = cKDTree(points, balanced_tree=False, compact_nodes=False)
-    distance, nearest = tree.query(points, k=2, distance_upper_bound=SAME_POINT * diameter)
+    near = SAME_POINT * (diameter or 1.0)  # it is 0 where all nodes coincide
+    distance, nearest = tree.query(points, k=2, distance_upper_bound=near)
     twice = np.flatnonzero(np.isfinite(distance[:, 1]))
     if twice.size:
         first = int(twice[0])
