@@ -102,7 +102,7 @@ def read_mesh(path: str | os.PathLike[str], polygon: Polygon | None = None) -> M
     out, and a SolutionWarning tells of them.
     """
     where = str(path)
-    points, triangles = from_meshio(_content(path), where)
+    points, triangles = from_meshio(read_content(path), where)
     used = np.unique(triangles[(triangles >= 0) & (triangles < len(points))])
     if len(used) == len(points):
         return mesh_from(points, triangles, polygon, where)
@@ -117,7 +117,7 @@ def read_mesh(path: str | os.PathLike[str], polygon: Polygon | None = None) -> M
     return mesh_from(points[used], np.searchsorted(used, triangles), polygon, where)
 
 
-def _content(path: str | os.PathLike[str]) -> Any:
+def read_content(path: str | os.PathLike[str]) -> Any:
     """What meshio reads from the file. Raises InputError, with what happened, for what it cannot read."""
     require("files of meshes need", "meshio")
     import meshio
