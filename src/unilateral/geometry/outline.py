@@ -60,10 +60,11 @@ def outline(points: Array, triangles: Index, where: str) -> Outline:
     by_digits = by_arithmetic + rounding.radii(places)
     straight = np.abs(turns) <= largest_turns(places, by_arithmetic)
     by_rounding = largest_turns(places, by_digits)
-    typed = rounding.as_typed(places)
-    if typed:
-        slight = ~straight & (np.abs(turns) <= np.minimum(SLIGHT, CLEAR * by_rounding))
-        corners, rounded, unclear = ~straight & ~slight, np.zeros_like(straight), slight
+    if rounding.as_typed(places):
+        by_units = largest_turns(places, by_arithmetic + 0.5 * np.hypot(*rounding.units(places).T))
+        rounded = ~straight & (np.abs(turns) <= by_rounding)
+        unclear = ~straight & ~rounded & (np.abs(turns) <= np.minimum(SLIGHT, CLEAR * by_units))
+        corners = ~straight & ~rounded & ~unclear
     else:
         corners = ~straight & (np.abs(turns) > CLEAR * by_rounding)
         # The true turn is at most |turn| + by_rounding.
@@ -78,14 +79,14 @@ def outline(points: Array, triangles: Index, where: str) -> Outline:
         raise InputError(
             f"{where}: the boundary turns by {np.degrees(abs(turns[first])):.2g} degrees at node "
             f"{node(points, line[first])}, where coordinates are rounded by up to {by_digits[first]:.1g}; "
-            f"it is not clear whether that is a corner; {GIVE_IT}"
+            f"it is not clear whether there is a corner; {GIVE_IT}"
         )
     if np.count_nonzero(corners) > MAX_VERTICES:
         raise InputError(
             f"{where}: the boundary turns at {np.count_nonzero(corners)} nodes, and a polygon has at most "
             f"{MAX_VERTICES} vertices; take a coarser mesh, and halvings=1 or more"
         )
-    _check_runs(points, line, corners, by_arithmetic if typed else by_digits, where)
+    _check_runs(points, line, corners, by_digits, where)
     turn = float(np.abs(turns[rounded]).max(initial=0.0))
     return Outline(Polygon(places[corners], Path(where).stem), line[rounded], turn)
 

@@ -63,11 +63,7 @@ def units(values: ArrayLike) -> Array:
     """
     numbers = np.abs(np.asarray(values, dtype=float))
     found = np.maximum(_significant_units(numbers), _decimal_unit(numbers))
-    with np.errstate(over="ignore", under="ignore"):
-        single = numbers.astype(np.float32)
-    if np.all(np.abs(numbers - single) <= 0.5 * found):
-        found = np.maximum(found, np.spacing(single).astype(float))
-    return found
+    return np.maximum(found, _single_units(numbers, 0.5 * found))
 
 
 def as_typed(values: ArrayLike) -> bool:
@@ -84,14 +80,17 @@ def arithmetic(places: Array) -> float:
 
 
 def radii(places: Array) -> Array:
-    """(n,) how far rounded places (n, 2) may be from the true ones: half a unit in either coordinate."""
-    return 0.5 * np.hypot(*units(places).T)
+    """(n,) how far rounded places (n, 2) may be from the true ones: half a unit in either coordinate.
+
+    Of places as a person typed them the unit is 0, or that of single precision if they are kept in it.
+    """
+    of_places = _single_units(places, 0.0) if as_typed(places) else units(places)
+    return 0.5 * np.hypot(*of_places.T)
 
 
 def largest(places: Array) -> float:
     """How far places (n, 2) may be from the true ones at most, by their digits and by arithmetic."""
-    by_digits = 0.0 if as_typed(places) else float(radii(places).max())
-    return by_digits + arithmetic(places)
+    return float(radii(places).max()) + arithmetic(places)
 
 
 def _distinct(values: ArrayLike) -> Iterable[float]:
@@ -106,6 +105,15 @@ def _significant_units(numbers: Array) -> Array:
     with np.errstate(divide="ignore"):
         leading = np.where(numbers > 0, np.floor(np.log10(numbers)), -np.inf)
     return 10.0 ** (leading - digits + 1)
+
+
+def _single_units(numbers: Array, off: Array | float) -> Array:
+    """The units of single precision, if all numbers differ by at most `off` from ones in it; else 0."""
+    with np.errstate(over="ignore", under="ignore"):
+        single = numbers.astype(np.float32)
+    if np.all(np.abs(numbers - single) <= off):
+        return np.spacing(np.abs(single)).astype(float)
+    return np.zeros(numbers.shape)
 
 
 def _decimal_unit(numbers: Array) -> float:

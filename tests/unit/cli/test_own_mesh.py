@@ -69,7 +69,7 @@ def test_turns_that_are_taken_for_rounding_are_told_on_standard_error(run, tmp_p
 
 def test_the_polygon_is_asked_for_by_the_option(refused, run, tmp_path):
     message = refused("infsup", "--mesh", rounded(tmp_path, 3), "--cells", "4")
-    assert "it is not clear whether that is a corner; give the polygon, by --polygon" in message
+    assert "it is not clear whether there is a corner; give the polygon, by --polygon" in message
     (tmp_path / "turned.yaml").write_text(f"polygon: {TURNED.vertices.tolist()}")
     assert (
         run(
