@@ -14,10 +14,10 @@ from importlib import import_module
 from typing import Any
 
 PUBLIC = dict.fromkeys(("BudgetError", "InputError", "SolutionWarning"), "errors")
-PUBLIC |= {"Solution": "solution", "Stop": "solvers.stop"}
+PUBLIC |= {"Polygon": "geometry.polygon", "Solution": "solution", "Stop": "solvers.stop"}
 PUBLIC |= dict.fromkeys(("Problem", "Solver", "case", "load", "mesh", "open", "solve"), "api")
 __all__ = [
-    *("BudgetError", "InputError", "Problem", "Solution", "SolutionWarning", "Solver", "Stop"),
+    *("BudgetError", "InputError", "Polygon", "Problem", "Solution", "SolutionWarning", "Solver", "Stop"),
     *("case", "load", "mesh", "open", "solve"),
 ]
 

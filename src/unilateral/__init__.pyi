@@ -8,6 +8,7 @@ from unilateral.api import solve as solve
 from unilateral.errors import BudgetError as BudgetError
 from unilateral.errors import InputError as InputError
 from unilateral.errors import SolutionWarning as SolutionWarning
+from unilateral.geometry.polygon import Polygon as Polygon
 from unilateral.solution import Solution as Solution
 from unilateral.solvers.stop import Stop as Stop
 

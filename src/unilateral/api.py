@@ -29,7 +29,9 @@ from unilateral.geometry.foreign import halved, mesh_from
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import problem as problems
+from unilateral.problems.arguments import vertices
 from unilateral.problems.given import Coefficient, Given, bare, case, load, mesh_of, problem_of, with_data
+from unilateral.problems.problem_file import polygon_of
 from unilateral.problems.sampled import Sampled
 from unilateral.problems.scaled import scaled
 from unilateral.solution.sizes import KINDS, Size, check_kind, number
@@ -95,27 +97,64 @@ def mesh(
     given: object,
     triangles: ArrayLike | None = None,
     *,
-    polygon: Polygon | None = None,
+    polygon: Polygon | AnyProblem | ArrayLike | str | os.PathLike[str] | None = None,
     halvings: int = 0,
 ) -> Mesh:
-    """Triangles of one's own: points (n, 2) with `triangles` (m, 3), or a file of any of meshio's formats.
+    """Triangles of one's own, as the mesh of a polygon.
 
-    A mesh of meshio, of scikit-fem or a triangulation of matplotlib will do as well, and so will a mesh that
-    this function gave. Triangles may run either way round; third coordinates have to be 0. The boundary is
-    the polygon, if none is given: it has a vertex wherever the boundary turns.
+    A mesh of scikit-fem or a triangulation of matplotlib will do as well as one of meshio, and so will a mesh
+    that this function gave. On a mesh of a disc each boundary edge is a side of its own. A multiplier is
+    unique if each side has two edges or more, as it has after one halving.
 
-    All edges are then halved `halvings` times; the polygon stays. On a mesh of a disc each boundary edge is a
-    side of its own. A multiplier is unique if each side has two edges or more, as it has after one halving.
-    Raises InputError for what is no triangulation of a polygon.
+    Parameters
+    ----------
+    given : array_like (n, 2), str, path or mesh
+        The points, or a file of one of meshio's formats, or a mesh of another program. Third coordinates have
+        to be 0. Nodes of a file that belong to no triangle are left out.
+    triangles : array_like of int (m, 3), with points
+        The nodes of each triangle, either way round.
+    polygon : optional
+        Its vertices (k, 2), anticlockwise; a `Polygon`; a problem, whose polygon it is; or the name of a
+        polygon or of a YAML file. If none is given the boundary of the triangles is the polygon. Its vertices
+        are then the nodes at which the boundary turns by more than the rounding of coordinates explains.
+    halvings : int
+        How often all edges are halved then. The polygon stays.
+
+    Returns
+    -------
+    Mesh
+        Of exactly that polygon: nodes that lie beside a side because of rounding are moved onto it.
+
+    Raises
+    ------
+    InputError
+        For what is no triangulation of a polygon, and where it is not clear whether a turn of the boundary is
+        a corner or rounding; the polygon is then asked for.
+
+    Warns
+    -----
+    SolutionWarning
+        Where turns of the boundary were taken for rounding, and where nodes were left out.
 
     >>> import unilateral as ul
     >>> mesh = ul.mesh([(0, 0), (1, 0), (1, 1), (0, 1)], [(0, 1, 2), (0, 2, 3)], halvings=1)
     >>> mesh.points.shape, mesh.triangles.shape, mesh.polygon.n_sides
     ((9, 2), (8, 3), 4)
     """
-    of_file = isinstance(given, str | os.PathLike) and triangles is None
-    found = read_mesh(given, polygon) if of_file else mesh_from(given, triangles, polygon)  # type: ignore[arg-type]
-    return halved(found, halvings)
+    domain = _polygon(polygon)
+    if isinstance(given, str | os.PathLike) and triangles is None:
+        return halved(read_mesh(path_of(given, "mesh.msh"), domain), halvings)
+    return halved(mesh_from(given, triangles, domain), halvings)
+
+
+def _polygon(given: object) -> Polygon | None:
+    """The polygon that is given by its vertices, by what has it, or by a name."""
+    if given is None or isinstance(given, Polygon):
+        return given
+    if isinstance(given, str | os.PathLike):
+        return polygon_of(str(path_of(given, "problem.yaml")))
+    of_problem = getattr(given, "polygon", None)
+    return of_problem if isinstance(of_problem, Polygon) else Polygon(vertices(given, "polygon"))
 
 
 def open(path: str | os.PathLike[str]) -> Solution:

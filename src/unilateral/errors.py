@@ -40,7 +40,8 @@ class SolutionWarning(UserWarning):
     """There is a solution, but it is not all that was asked for.
 
     The iteration did not converge, an accuracy was not reached, lambda_H may not be the only one, or a
-    guaranteed bound takes more memory than is free. Each is also told by an attribute of the solution.
+    guaranteed bound takes more memory than is free. Each is also told by an attribute of the solution. Of a
+    mesh it tells that nodes were moved onto sides because coordinates are rounded, or were left out.
 
     >>> import warnings
     >>> import unilateral as ul

@@ -11,6 +11,7 @@ from typing import Any
 
 from unilateral import api
 from unilateral.cli.command import DOES_NOT_HOLD
+from unilateral.cli.own_mesh import own_mesh
 from unilateral.cli.streams import load, say, sized, tell
 from unilateral.discrete.choice import check_size
 from unilateral.errors import InputError, counted
@@ -63,12 +64,10 @@ def export(
 
 def _coarsest(case: Case, h: float | None, levels: int, file: str | None) -> Mesh:
     """The mesh in the file, or the one that has the size h on the finest level."""
-    if h is not None:
-        check_size(case.polygon, h)
-        return api.KINDS[natural_kind(case.polygon)](case.polygon, h * 2 ** (levels - 1))
-    if file is None or not Path(file).is_file():
-        raise InputError(f"argument --mesh: there is no file '{file}'")
-    return api.mesh(file, polygon=case.polygon)
+    if h is None:
+        return own_mesh(str(file), case.polygon)
+    check_size(case.polygon, h)
+    return api.KINDS[natural_kind(case.polygon)](case.polygon, h * 2 ** (levels - 1))
 
 
 def score(

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from unilateral import api
 from unilateral.arrays import Array, Index
+from unilateral.cli.own_mesh import own_mesh
 from unilateral.cli.streams import say
 from unilateral.discrete.choice import check_condensed, check_size
 from unilateral.discrete.loads import form_of
@@ -59,9 +59,7 @@ def run(
 def _mesh(file: str | None, h: float | None, polygon: Polygon | None) -> Mesh:
     """The mesh in the file, or else the one of that size."""
     if file is not None:
-        if not Path(file).is_file():
-            raise InputError(f"argument --mesh: there is no file '{file}'")
-        return api.mesh(file, polygon=polygon)
+        return own_mesh(file, polygon)
     if polygon is None or h is None:
         raise InputError("--h needs --polygon")
     check_size(polygon, h)
@@ -182,7 +180,8 @@ def lines(found: dict[str, Any]) -> Iterator[str]:
     if found["clamped_sides"]:
         clamped = found["clamped_sides"]
         rows = {"clamped": f"side{'s' * (len(clamped) > 1)} {listed(clamped)}, without multipliers"} | rows
-    yield f"{found['polygon']}: h = {h:.6g}, H = {H:.6g}, h/H = {h / H:.4g}"
+    sides = len(found["vertices"])
+    yield f"{found['polygon']}, {sides} sides: h = {h:.6g}, H = {H:.6g}, h/H = {h / H:.4g}"
     yield from (f"  {name:17} {value}" for name, value in rows.items())
     for what, wrong in ((CELL, rule["cells"]), (TRIANGLE, rule["triangles"])):
         yield from (what.format(**each) for each in wrong[:LISTED])

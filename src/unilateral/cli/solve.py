@@ -17,6 +17,7 @@ from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import WITHDRAWN, Search
 from unilateral.accuracy.watch import OutOfBudget, Watch
 from unilateral.cli.command import NOT_CONVERGED
+from unilateral.cli.own_mesh import own_mesh
 from unilateral.cli.report import (
     NORMS_WITH_COEFFICIENTS,
     SIDES,
@@ -213,7 +214,7 @@ def _mesh(given: str | None, problem: Case | Problem) -> Any:
         return given or ""
     if not Path(given).is_file():
         raise InputError(f"argument --mesh: '{given}' is neither structured nor unstructured nor a file")
-    return api.mesh(given, polygon=problem.polygon)
+    return own_mesh(given, problem.polygon)
 
 
 def _told(problem: Case | Problem, drawn: bool) -> Callable[[Level], None]:

@@ -23,7 +23,7 @@ NAMES = {
 """How letters that a terminal does not have are written; any other one by its code, such as \\u2026."""
 
 
-ARGUMENT = re.compile(r"\b(max_unknowns|max_seconds|max_memory|max_steps|rho|algorithm)=([0-9.]?)")
+ARGUMENT = re.compile(r"\b(max_unknowns|max_seconds|max_memory|max_steps|rho|algorithm|polygon)=([0-9.]?)")
 
 
 def say(text: str) -> None:

@@ -6,9 +6,7 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, replace
-from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +19,7 @@ from unilateral.exchange.boundary_function import Trace, constant, continuous, o
 from unilateral.fem.form import Form
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.files import read_mesh, read_partition
+from unilateral.geometry.files import read_content, read_mesh, read_partition
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
@@ -289,7 +287,9 @@ def handed(file: str) -> Handed:
             with xr.open_dataset(file) as dataset:
                 return _of_columns({str(name): of.to_numpy() for name, of in dataset.variables.items()})
         return _of_mesh(file)
-    except (Exception, SystemExit) as error:
+    except InputError:
+        raise
+    except Exception as error:
         raise InputError(f"{file}: it cannot be read ({str(error) or type(error).__name__})") from error
 
 
@@ -309,16 +309,13 @@ def _of_columns(columns: Mapping[str, Any]) -> Handed:
 
 
 def _of_mesh(file: str) -> Handed:
-    import meshio
-
-    with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-        content = meshio.read(file)
+    content = read_content(file)
     nodal = {
         name: np.ravel(content.point_data[name]).astype(float) for name in NODAL if name in content.point_data
     }
     triangles = [block.data.ravel() for block in content.cells if block.type == "triangle"]
     if not triangles:
-        raise InputError("it has no triangles; u is needed at the nodes of a level's mesh")
+        raise InputError(f"{file}: it has no triangles; u is needed at the nodes of a level's mesh")
     used = np.unique(np.concatenate(triangles))
     number = np.full(len(content.points), -1)
     number[used] = np.arange(len(used))

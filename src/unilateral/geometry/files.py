@@ -3,24 +3,42 @@
 from __future__ import annotations
 
 import os
+import re
+import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from unilateral.errors import InputError
-from unilateral.geometry.foreign import mesh_from
+from unilateral.errors import InputError, SolutionWarning, counted, shown
+from unilateral.geometry.foreign import from_meshio, mesh_from
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, from_points
 from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.triangulation_checks import node
 from unilateral.system.files import replacing
+from unilateral.system.limit import OutOfTime, limited
 from unilateral.system.optional import require
 
 SAME = 1e-9
-"""Arc lengths that differ by at most this part of the perimeter are the same."""
-MALFORMED = "it has no nodes or no triangles, its end is missing, or it is not what its ending says"
+"""Arc lengths that differ by at most this part of the polygon's perimeter are the same."""
+SECONDS, SECONDS_PER_MB = 10.0, 5.0
+"""Readers have as long as this; the slowest one takes half a second for a megabyte. Some readers of meshio go
+on for ever where a file's end is missing."""
+CURE = "save the mesh as .msh of Gmsh or as .vtu"
+NOT_READ = {
+    ".cgns": "files of CGNS are not read, for meshio reads only what it wrote itself in older versions",
+    ".ele": "files of Triangle and TetGen are not read, for meshio finds only tetrahedra there",
+    ".node": "files of Triangle and TetGen are not read, for meshio finds only tetrahedra there",
+    ".wkt": "files of WKT are not read, for their reader may go on for ever and cannot be stopped",
+}
+"""Endings of files that are not given to meshio, and why."""
+THREE_NUMBERS = re.compile(r"\s*\d+\s+\d+\s+\d+\s*")
+DECIMAL_COMMA = re.compile(r"(^|\s)-?\d+,\d+(\s|$)")
+TEXTS_WITHOUT_COMMAS = (".avs", ".mesh", ".msh", ".off", ".su2", ".vol", ".vtk")
 
 
 def write_mesh(
@@ -52,7 +70,7 @@ def write_mesh(
     )
     with replacing(path) as temporary:
         try:
-            with _quiet():
+            with _quiet(StringIO()):
                 if for_gmsh:
                     meshio.write(temporary, content, "gmsh22", binary=False)
                 else:
@@ -78,20 +96,80 @@ def _names(mesh: Mesh) -> dict[str, np.ndarray]:
 
 
 def read_mesh(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
-    """The mesh of the triangles in a file of any of meshio's formats, checked as by `from_arrays`.
+    """The mesh of the triangles in a file of meshio's formats, checked as by `from_arrays`.
 
-    If no polygon is given, it is the one that the triangles' boundary forms.
+    If no polygon is given, it is the one that the triangles' boundary forms. Nodes of no triangle are left
+    out, and a SolutionWarning tells of them.
     """
+    where = str(path)
+    points, triangles = from_meshio(read_content(path), where)
+    used = np.unique(triangles[(triangles >= 0) & (triangles < len(points))])
+    if len(used) == len(points):
+        return mesh_from(points, triangles, polygon, where)
+    unused = np.setdiff1d(np.arange(len(points)), used)
+    what = counted(len(unused), "node of no triangle is", "nodes of no triangle are")
+    warnings.warn(
+        f"{where}: {what} left out, such as node {node(points[:, :2], int(unused[0]))}; the others are "
+        "numbered anew",
+        SolutionWarning,
+        stacklevel=3,
+    )
+    return mesh_from(points[used], np.searchsorted(used, triangles), polygon, where)
+
+
+def read_content(path: str | os.PathLike[str]) -> Any:
+    """What meshio reads from the file. Raises InputError, with what happened, for what it cannot read."""
     require("files of meshes need", "meshio")
     import meshio
 
+    suffix, printed = Path(path).suffix.lower(), StringIO()
+    cause: BaseException
     try:
-        with _quiet():
-            content = meshio.read(path)
-    except (Exception, SystemExit) as error:
-        reason = _words(error) if isinstance(error, OSError | meshio.ReadError) else MALFORMED
-        raise InputError(f"{path}: no mesh can be read from this file ({reason})") from error
-    return mesh_from(content, polygon=polygon, where=str(path))
+        size = os.stat(path).st_size
+        if size == 0:
+            raise InputError(f"{path}: the file is empty; a mesh of plain triangles is needed")
+        if suffix in NOT_READ:
+            raise InputError(f"{path}: {NOT_READ[suffix]}; {CURE}")
+        with _quiet(printed):
+            return limited(lambda: meshio.read(path), SECONDS + SECONDS_PER_MB * size / 1e6)
+    except InputError:
+        raise
+    except OSError as error:
+        raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
+    except ModuleNotFoundError as error:
+        raise InputError(
+            f"{path}: files that end in {suffix} need {error.name}; type: pip install {error.name}"
+        ) from error
+    except OutOfTime as error:
+        cause, why = error, "its reader does not end, as where the end of the file is missing"
+    except (Exception, SystemExit) as error:  # of several readers, for files of any content
+        cause, why = error, _usual_fault(path, suffix) or _stop(error, printed.getvalue())
+    raise InputError(f"{path}: no mesh can be read from this file, because {why}; {CURE}") from cause
+
+
+def _usual_fault(path: str | os.PathLike[str], suffix: str) -> str:
+    """What is wrong with a text that meshio could not read, if it is one of the usual faults."""
+    if suffix not in TEXTS_WITHOUT_COMMAS:
+        return ""
+    with open(path, encoding="utf-8", errors="replace") as file:
+        for number, line in enumerate(file, start=1):
+            if number == 1 and suffix == ".msh" and THREE_NUMBERS.fullmatch(line):
+                return "it is a .msh of FreeFEM, which is not read, while FreeFEM's .mesh is"
+            if DECIMAL_COMMA.search(line):
+                return f"line {number} has a number with a decimal comma, '{shown(line.strip())}'"
+    return ""
+
+
+def _stop(error: BaseException, printed: str) -> str:
+    """What made meshio stop: what it printed before it left, or the error."""
+    if isinstance(error, SystemExit):
+        return re.sub("Error: Couldn't read file .* as", "meshio cannot read it as", _words(printed))
+    import meshio
+
+    if isinstance(error, meshio.ReadError) and str(error):
+        return _words(error)
+    what = type(error).__name__ + (f": {_words(error)}" if str(error) else "")
+    return f"its end is missing or it is not what its ending says (meshio stopped with {what})"
 
 
 def read_partition(path: str | os.PathLike[str], polygon: Polygon) -> Partition:
@@ -125,11 +203,12 @@ def read_partition(path: str | os.PathLike[str], polygon: Polygon) -> Partition:
 
 
 @contextmanager
-def _quiet() -> Iterator[None]:
-    """Keeps meshio's own messages off the terminal."""
-    with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+def _quiet(printed: StringIO) -> Iterator[None]:
+    """Keeps meshio's own messages and warnings off the terminal."""
+    with redirect_stdout(printed), redirect_stderr(printed), warnings.catch_warnings(action="ignore"):
         yield
 
 
-def _words(error: BaseException) -> str:
-    return " ".join(str(error).split()).rstrip(".") or type(error).__name__
+def _words(message: object) -> str:
+    """A message in one line, without the full stop at its end."""
+    return " ".join(str(message).split()).rstrip(".") or type(message).__name__

@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import warnings
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from unilateral.arrays import Array, Index
-from unilateral.errors import InputError, shown
+from unilateral.errors import InputError, SolutionWarning, counted, shown
 from unilateral.geometry.mesh import Mesh, from_arrays, refine
-from unilateral.geometry.plane import cross
-from unilateral.geometry.polygon import MAX_VERTICES, Polygon
-from unilateral.geometry.triangulation_checks import (
-    anticlockwise,
-    boundary_edges,
-    check_arrays,
-    check_distinct,
-    node,
-)
+from unilateral.geometry.outline import Outline, outline
+from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.triangulation_checks import node
 from unilateral.system.memory import available_mb
 
-STRAIGHT = 1e-9
-"""A boundary runs straight on if the sine of the angle by which it turns is at most this."""
+SECOND_ORDER = "whose edges may be curved, unlike those of a polygon; take straight ones"
 MOST_HALVINGS = 12
 BYTES = 400
 """A refined mesh takes about so many bytes per node, with what it knows of its edges."""
@@ -34,13 +27,34 @@ def mesh_from(
 ) -> Mesh:
     """The mesh of points (n, 2) and `triangles` (m, 3), or of another program's object.
 
-    By default the polygon is the one that the triangles' boundary forms. Raises InputError as `from_arrays`.
+    By default the polygon is the one that the triangles' boundary forms, as `outline` finds it. Raises
+    InputError as `from_arrays`. Warns by a SolutionWarning where nodes were moved onto its sides.
     """
-    if isinstance(given, Mesh) and triangles is None:
-        return given if polygon is None else from_arrays(polygon, given.points, given.triangles, where)
+    if isinstance(given, Mesh) and triangles is None and polygon is None:
+        return given
     points, cells = _arrays(given, triangles, where)
     points, cells = _in_plane(points, where), _whole(cells, where)
-    return from_arrays(polygon or outline(points, cells, where), points, cells, where)
+    if polygon is not None:
+        return from_arrays(polygon, points, cells, where, rounded=True)
+    found = outline(points, cells, where)
+    mesh = from_arrays(found.polygon, points, cells, where, rounded=True)
+    _tell_moved(found, points, mesh, where)
+    return mesh
+
+
+def _tell_moved(found: Outline, points: Array, mesh: Mesh, where: str) -> None:
+    """Warns where turns of the boundary were taken for rounding, and nodes moved for that."""
+    away = np.hypot(*(mesh.points - points).T)
+    moved, farthest = int(np.count_nonzero(away)), int(away.argmax())
+    if moved and len(found.rounded):
+        turns, nodes = counted(len(found.rounded), "node"), counted(moved, "node was", "nodes were")
+        warnings.warn(
+            f"{where}: the polygon has {mesh.polygon.n_sides} sides; the turns of its boundary at {turns}, "
+            f"of up to {np.degrees(found.turn):.2g} degrees, are taken for rounding of coordinates, and "
+            f"{nodes} moved onto the sides, node {node(points, farthest)} by {away[farthest]:.2g}",
+            SolutionWarning,
+            stacklevel=4,
+        )
 
 
 def halved(mesh: Mesh, times: int) -> Mesh:
@@ -62,9 +76,16 @@ def _arrays(given: Any, triangles: ArrayLike | None, where: str) -> tuple[Any, A
     """Points (n, 2) or (n, 3), and triangles (m, 3), not yet looked at."""
     if triangles is not None:
         return given, triangles
+    if isinstance(given, Mesh):
+        return given.points, given.triangles
     if hasattr(given, "points") and isinstance(getattr(given, "cells", None), list):  # meshio
         return from_meshio(given, where)
     if hasattr(given, "p") and hasattr(given, "t"):  # scikit-fem
+        if given.p.shape[1] > getattr(given, "nvertices", given.p.shape[1]):
+            raise InputError(
+                f"{where}: it is a {type(given).__name__}, {SECOND_ORDER}, in scikit-fem by "
+                "skfem.MeshTri(mesh.p[:, :mesh.nvertices], mesh.t)"
+            )
         return np.transpose(given.p), np.transpose(given.t)
     if hasattr(given, "x") and hasattr(given, "y") and hasattr(given, "triangles"):  # matplotlib
         mask = getattr(given, "mask", None)
@@ -76,8 +97,13 @@ def _arrays(given: Any, triangles: ArrayLike | None, where: str) -> tuple[Any, A
 
 
 def from_meshio(content: Any, where: str) -> tuple[Array, Array]:
-    """The points and the triangles of a mesh of meshio."""
+    """The points and the triangles of a mesh of meshio, those that belong to several groups once."""
     foreign = sorted({block.type for block in content.cells} - {"triangle", "line", "vertex"})
+    curved = [kind for kind in foreign if kind.startswith("triangle")]
+    if curved:
+        raise InputError(
+            f"{where}: there are cells of type {curved[0]}, {SECOND_ORDER}, in gmsh by Mesh.ElementOrder = 1"
+        )
     if foreign:
         raise InputError(f"{where}: there are cells of type {foreign[0]}; only plain triangles will do")
     points = np.asarray(content.points, dtype=float)
@@ -89,7 +115,8 @@ def from_meshio(content: Any, where: str) -> tuple[Array, Array]:
     triangles = np.concatenate([np.empty((0, 3), int), *(block for block in blocks if block.size)])
     if not len(triangles):
         raise InputError(f"{where}: there are no triangles; a mesh of plain triangles is needed")
-    return points, triangles
+    _, first = np.unique(np.sort(triangles, axis=1), axis=0, return_index=True)
+    return points, triangles[np.sort(first)]
 
 
 def _in_plane(points: ArrayLike, where: str) -> Array:
@@ -120,51 +147,3 @@ def _whole(triangles: ArrayLike, where: str) -> Index:
     if found.ndim != 2 or not np.array_equal(found, np.round(found)):
         raise InputError(f"{where}: the triangles have to be whole numbers, an array of the shape (m, 3)")
     return np.asarray(triangles).astype(np.intp)
-
-
-def outline(points: Array, triangles: Index, where: str) -> Polygon:
-    """The polygon that the triangles' boundary forms, anticlockwise, from the first of its corners on.
-
-    Raises InputError for a boundary that is not one closed line.
-    """
-    check_arrays(points, triangles, where)
-    check_distinct(float(np.hypot(*np.ptp(points, axis=0))), points, where)
-    edges = boundary_edges(points, anticlockwise(points, triangles), where)
-    after = np.full(len(points), -1)
-    after[edges[:, 0]] = edges[:, 1]
-    line = [int(edges[:, 0].min())]
-    while after[line[-1]] >= 0 and after[line[-1]] != line[0] and len(line) < len(edges):
-        line.append(int(after[line[-1]]))
-    if len(line) < len(edges):
-        why = _why_no_line(points, triangles, edges)
-        raise InputError(f"{where}: the triangles' boundary must be one closed line; {why}")
-    corners = points[line]
-    d, e = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
-    turns = np.abs(cross(d, e)) > STRAIGHT * np.hypot(*d.T) * np.hypot(*e.T)
-    if np.count_nonzero(turns) > MAX_VERTICES:
-        raise InputError(
-            f"{where}: the boundary turns at {np.count_nonzero(turns)} nodes, and a polygon has at most "
-            f"{MAX_VERTICES} vertices; take a coarser mesh, and halvings=1 or more"
-        )
-    return Polygon(corners[turns], Path(where).stem)
-
-
-def _why_no_line(points: Array, triangles: Index, edges: Index) -> str:
-    """What is wrong with triangles whose boundary edges (nb, 2) are not one closed line."""
-    parts = _connected(len(points), triangles[:, [0, 1, 1, 2]].reshape(-1, 2))
-    if parts > 1:
-        return f"they are {parts} separate parts, of which one may be given"
-    twice = np.flatnonzero(np.bincount(edges[:, 0]) > 1)
-    if twice.size:
-        return f"it meets itself at node {node(points, twice[0])}"
-    lines = _connected(len(points), edges) - (len(points) - len(np.unique(edges)))
-    return f"it has {lines} such lines, and there may be no holes"
-
-
-def _connected(n: int, edges: Index) -> int:
-    """The number of parts of a graph with n nodes."""
-    import scipy.sparse as sp
-    from scipy.sparse.csgraph import connected_components
-
-    graph = sp.coo_array((np.ones(len(edges)), edges.T), shape=(n, n))
-    return int(connected_components(graph, directed=False, return_labels=False))

@@ -60,7 +60,8 @@ class Mesh(Rebuilt):
 
     def __repr__(self) -> str:
         n, m = self.n_nodes, len(self.triangles)
-        return f"Mesh of '{self.polygon.name}': {n} nodes, {m} triangles, h = {self.h:.4g}"
+        sides = self.polygon.n_sides
+        return f"Mesh of '{self.polygon.name}': {sides} sides, {n} nodes, {m} triangles, h = {self.h:.4g}"
 
     @property
     def n_nodes(self) -> int:
@@ -144,11 +145,14 @@ class Mesh(Rebuilt):
         return 1 + exact_mesh.GROWTH * float(self.distortion.max() + self.polygon.stretch.max())
 
 
-def from_arrays(polygon: Polygon, points: ArrayLike, triangles: ArrayLike, where: str = "mesh") -> Mesh:
+def from_arrays(
+    polygon: Polygon, points: ArrayLike, triangles: ArrayLike, where: str = "mesh", rounded: bool = False
+) -> Mesh:
     """The mesh with the nodes (n, 2) and the triangles (m, 3), whose nodes run either way round.
 
-    Nodes a little beside the boundary are moved onto it, see `triangulation_checks.NEAR`. Raises InputError,
-    beginning with `where`, unless this is then a triangulation of the polygon: conforming, without degenerate
+    Nodes a little beside the boundary are moved onto it, see `triangulation_checks.NEAR`, and by as much as
+    rounding explains where coordinates of other programs may be `rounded`. Raises InputError, beginning with
+    `where`, unless this is then a triangulation of the polygon: conforming, without degenerate
     triangles, repeated or unused nodes, its boundary the polygon's.
     """
     nodes, cells = np.array(points, dtype=float), np.array(triangles, dtype=np.intp)
@@ -156,7 +160,7 @@ def from_arrays(polygon: Polygon, points: ArrayLike, triangles: ArrayLike, where
     cells = triangulation_checks.anticlockwise(nodes, cells)
     triangulation_checks.check_areas(nodes, cells, where)
     triangulation_checks.check_distinct(polygon.diameter, nodes, where)
-    mesh = conforming(polygon, nodes, cells, where)
+    mesh = conforming(polygon, nodes, cells, where, rounded)
     triangulation_checks.check_areas(mesh.points, cells, where)
     return mesh
 
@@ -171,7 +175,9 @@ def similar(mesh: Mesh, polygon: Polygon) -> Mesh:
     return replace(mesh, polygon=polygon, points=factor * mesh.points, s=s, coarse=coarse)
 
 
-def conforming(polygon: Polygon, points: Array, triangles: Index, where: str = "mesh") -> Mesh:
+def conforming(
+    polygon: Polygon, points: Array, triangles: Index, where: str = "mesh", rounded: bool = False
+) -> Mesh:
     """The mesh of triangles (m, 3) that are sound, each by itself, and anticlockwise.
 
     Boundary nodes that divide a side uniformly up to round-off get exactly uniform arc lengths.
@@ -181,7 +187,8 @@ def conforming(polygon: Polygon, points: Array, triangles: Index, where: str = "
     their indices about a point, all of them positive, is 1.
     """
     edges = triangulation_checks.boundary_edges(points, triangles, where)
-    reach = triangulation_checks.reach(polygon, points, triangles, edges)
+    heights = triangulation_checks.least_heights(points, triangles, edges)
+    reach = triangulation_checks.reach(polygon, points, edges, heights, rounded)
     starts = points[edges[:, 0]]
     nearest = np.array([np.argmin(np.hypot(*(starts - vertex).T)) for vertex in polygon.vertices])
     distance = np.hypot(*(starts[nearest] - polygon.vertices).T)
@@ -191,7 +198,7 @@ def conforming(polygon: Polygon, points: Array, triangles: Index, where: str = "
             f"{where}: no node lies at vertex {missing[0]} of polygon '{polygon.name}', "
             f"{tuple(polygon.vertices[missing[0]].tolist())}; every vertex has to be one"
         )
-    side = triangulation_checks.sides(polygon, points, edges, reach, where)
+    side = triangulation_checks.sides(polygon, points, edges, reach, heights, where)
     s = polygon.starts[side] + np.sum(
         (points[edges[:, 0]] - polygon.vertices[side]) * polygon.tangents[side], axis=1
     )

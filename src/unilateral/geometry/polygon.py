@@ -9,7 +9,7 @@ from importlib import resources
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
-from unilateral.errors import InputError, meant
+from unilateral.errors import InputError, meant, shown
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.plane import cross, first_crossing
 from unilateral.system.copies import Rebuilt
@@ -29,14 +29,32 @@ MOST = 10_000_000
 class Polygon(Rebuilt):
     """A simple polygon, not necessarily convex: the paper's Omega.
 
-    `vertices` (n, 2) are listed anticlockwise; side i runs from vertex i to vertex i + 1, and the
-    arc length s along the boundary grows from 0 at vertex 0 to `perimeter`. The polygon is the one that
-    was given, or an image of it. Then its points are at most `doubt` from those of the exact image, because
-    coordinates are rounded.
+    Side i runs from vertex i to vertex i + 1, and the arc length s along the boundary grows from 0 at vertex
+    0 to `perimeter`.
 
-    Raises InputError if the vertices are fewer than three or more than MAX_VERTICES, not finite, clockwise,
-    too far apart or too near, if a side is lost beside the perimeter by rounding, or if two sides touch
-    elsewhere than in their common vertex.
+    Parameters
+    ----------
+    vertices : array_like of float (n, 2)
+        They are listed anticlockwise.
+    name : str
+        How messages call it.
+    doubt : float
+        The polygon is the one that was given, where that is 0, or an image of it. Then its points are at most
+        so far from those of the exact image, because coordinates are rounded.
+
+    Raises
+    ------
+    InputError
+        If the vertices are fewer than three or more than MAX_VERTICES, not finite, clockwise, too far apart
+        or too near, if a side is lost beside the perimeter by rounding, or if two sides touch elsewhere than
+        in their common vertex.
+
+    Examples
+    --------
+    >>> import unilateral as ul
+    >>> triangle = ul.Polygon([(0, 0), (3, 0), (0, 4)], "triangle")
+    >>> triangle.n_sides, triangle.lengths.tolist(), triangle.area
+    (3, [3.0, 5.0, 4.0], 6.0)
     """
 
     vertices: Array
@@ -44,7 +62,13 @@ class Polygon(Rebuilt):
     doubt: float = 0.0
 
     def __post_init__(self) -> None:
-        vertices = np.array(self.vertices, dtype=float)
+        try:
+            vertices = np.array(self.vertices, dtype=float)
+        except (TypeError, ValueError, OverflowError):
+            raise InputError(
+                f"polygon '{self.name}': its vertices are {shown(repr(self.vertices))}; they have to be "
+                "pairs (x, y), such as [(0, 0), (1, 0), (0, 1)]"
+            ) from None
         vertices.setflags(write=False)
         object.__setattr__(self, "vertices", vertices)
         _check(vertices, self.name)

@@ -7,6 +7,7 @@ import numpy as np
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
 from unilateral.formulas.taylor import EPS
+from unilateral.geometry import rounding
 from unilateral.geometry.plane import longest_edges, segment_distances, signed_areas
 from unilateral.geometry.polygon import Polygon
 
@@ -14,18 +15,20 @@ NEAR = 1e-6
 """A boundary node may lie beside its side by this part of the least height of the triangles at the node.
 
 Moved onto the side, it changes gradients there by about that part. The bounds are those of the moved mesh.
-The nodes of a file are near enough if its coordinates are written to 1e-7 of that height.
 """
+MOVED = 0.1
+"""A node whose coordinates are seen to be rounded may lie beside its side as far as rounding explains, but by
+no more than this part of that height, so that no triangle is turned over."""
 BESIDE = 0.5
 """A node beside a side by less than this part of that height is told of as one that belongs there."""
 SAME_POINT = 1e-12
-"""Nodes nearer than this part of the diameter are one node listed twice."""
+"""Nodes nearer than this part of the domain's diameter are one node listed twice."""
 FLAT = 1e-12
-"""Triangles whose area is below this part of their longest edge squared are degenerate."""
+"""Triangles whose area is below this part of their own longest edge squared are degenerate."""
 
 
 def round_off(polygon: Polygon) -> float:
-    """How far round-off may move a point of the polygon."""
+    """How far round-off may move a point of the polygon, relative to the size of its coordinates."""
     return 8 * EPS * (polygon.perimeter + polygon.largest)
 
 
@@ -65,7 +68,8 @@ def check_distinct(diameter: float, points: Array, where: str) -> None:
     from scipy.spatial import cKDTree  # which meshes that are made here do not need
 
     tree = cKDTree(points, balanced_tree=False, compact_nodes=False)
-    distance, nearest = tree.query(points, k=2, distance_upper_bound=SAME_POINT * diameter)
+    near = SAME_POINT * (diameter or 1.0)  # it is 0 where all nodes coincide
+    distance, nearest = tree.query(points, k=2, distance_upper_bound=near)
     twice = np.flatnonzero(np.isfinite(distance[:, 1]))
     if twice.size:
         first = int(twice[0])
@@ -106,17 +110,29 @@ def boundary_edges(points: Array, triangles: Index, where: str) -> Index:
     return np.where((keys[once] & 1)[:, None] == 1, pairs[:, ::-1], pairs)
 
 
-def reach(polygon: Polygon, points: Array, triangles: Index, edges: Index) -> Array:
-    """(n,) how far nodes of the boundary edges (nb, 2) may lie beside their side; round-off for others."""
+def least_heights(points: Array, triangles: Index, edges: Index) -> Array:
+    """(n,) the least height of the triangles at each node of the boundary edges (nb, 2); 0 at other nodes."""
     found = np.full(len(points), np.inf)
     found[np.delete(np.arange(len(points)), edges)] = 0.0
     there = triangles[np.isinf(found)[triangles].any(axis=1)]
     heights = 2 * np.abs(signed_areas(points, there)) / longest_edges(points, there)
     np.minimum.at(found, there, heights[:, None])
-    return NEAR * found + round_off(polygon)
+    return found
 
 
-def sides(polygon: Polygon, points: Array, edges: Index, reach: Array, where: str) -> Index:
+def reach(polygon: Polygon, points: Array, edges: Index, heights: Array, rounded: bool) -> Array:
+    """(n,) how far nodes of the boundary edges (nb, 2) may lie beside their side; round-off for others.
+
+    The `heights` are the `least_heights`. If coordinates may be `rounded`, nodes and the side's ends are each
+    as far from their true places as `rounding` tells.
+    """
+    found = NEAR * heights + round_off(polygon)
+    if not rounded:
+        return found
+    return found + np.minimum(2 * rounding.largest(points[edges[:, 0]]), MOVED * heights)
+
+
+def sides(polygon: Polygon, points: Array, edges: Index, reach: Array, heights: Array, where: str) -> Index:
     """(nb,) the side each of the boundary edges (nb, 2) runs along; InputError if one runs along none.
 
     The nodes may lie beside it by their `reach` (n,).
@@ -133,8 +149,9 @@ def sides(polygon: Polygon, points: Array, edges: Index, reach: Array, where: st
         a, b = edges[stray].T
         worst = stray[np.hypot(*(points[b] - points[a]).T).argmax()]
         (a, b), end = edges[worst], int(least[:, worst].argmax())
-        if NEAR * least[end, worst] < BESIDE:
-            raise _beside(polygon, points, edges[worst, end], side[worst], reach, where)
+        beside = edges[worst, end]
+        if least[end, worst] * reach[beside] < BESIDE * (heights[beside] + round_off(polygon) / NEAR):
+            raise _beside(polygon, points, beside, side[worst], reach, where)
         raise InputError(
             f"{where}: the boundary edge from node {node(points, a)} to node {node(points, b)} does not run "
             f"anticlockwise along one side of polygon '{polygon.name}'; move its nodes there, close a gap "
@@ -166,6 +183,6 @@ def _beside(polygon: Polygon, points: Array, number: int, side: int, reach: Arra
     away = float(segment_distances(points[[number]], start[None], end[None])[0, 0])
     return InputError(
         f"{where}: the boundary node {node(points, number)} lies {away:.2g} off side {side} of polygon "
-        f"'{polygon.name}', and up to {reach[number]:.2g} would be corrected; move it onto the side, or give "
-        "the polygon that the mesh has"
+        f"'{polygon.name}', and up to {reach[number]:.2g} would be corrected; move it onto the side, give "
+        "the polygon that the mesh has, or read the mesh with polygon= this polygon"
     )

@@ -28,6 +28,7 @@ from unilateral.errors import InputError
 from unilateral.geometry.mesh import Mesh, replayed, similar
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.triangulation_checks import check_areas
 from unilateral.problems.problem import Problem
 from unilateral.problems.record import of_record, on_mesh, record
 from unilateral.problems.sampled import Sampled
@@ -167,7 +168,9 @@ def _of_search(search: Search) -> dict[str, Any]:
 
 def _solution(known: dict[str, Any], arrays: Arrays, path: Path) -> Solution:
     problem = of_record(known["problem"], arrays.get("f_at_nodes"))
+    _check_finite(path, x=arrays["x"], y=arrays["y"], s=arrays["s"])
     mesh = _mesh(scaled(problem).polygon, arrays)
+    check_areas(mesh.points, mesh.triangles, str(path))
     if not np.array_equal(mesh.triangles, arrays["triangles"]):
         raise InputError(
             f"{path}: unilateral {known['version']}, which wrote it, refined meshes in another way than this "
@@ -180,12 +183,23 @@ def _solution(known: dict[str, Any], arrays: Arrays, path: Path) -> Solution:
     partition = Partition(mesh.polygon, np.append(arrays["start"], arrays["end"][-1]))
     without = [*problem.free_sides, *problem.clamped_sides]
     cells, lambda_H = np.flatnonzero(~np.isin(partition.side, without)), arrays["multiplier"]
+    _check_finite(path, u=arrays["u"], multiplier=lambda_H[cells])
     facts, g_means = Facts(**known["facts"]), arrays["g_means"]
     form = form_of(of_v, mesh)
     discrete = KeptProblem(mesh, partition, cells, NO_LOAD, g_means, facts, data=data, form=form)
     result = DualResult(lambda_H=lambda_H[cells], **known["result"])
     solved = DiscreteSolution(discrete, result, known["tolerance"], lambda_H, arrays["u"])
     return Solution(solved, problem, _search(known["search"], solved) if known["search"] else None)
+
+
+def _check_finite(path: Path, **variables: Array) -> None:
+    """Raises InputError for a variable of the file that has no finite number somewhere."""
+    for name, values in variables.items():
+        wrong = np.flatnonzero(~np.isfinite(values))
+        if wrong.size:
+            raise InputError(
+                f"{path}: the variable {name} is {values[wrong[0]]} at {wrong[0]}; it has to be finite"
+            )
 
 
 def _mesh(polygon: Polygon, arrays: Arrays) -> Mesh:

@@ -42,7 +42,8 @@ def rows(of: Solution) -> dict[str, str]:
     """What is known of the solution, by names."""
     sharp = of.search is not None and of.search.best.goal.sharp
     cells, solved = of.solved.discrete.cells, of.solved
-    found = {"unknowns": f"{of.mesh.n_nodes}, and {len(cells)} multipliers"}
+    found = {"polygon": f"{of.polygon.n_sides} sides"}
+    found["unknowns"] = f"{of.mesh.n_nodes}, and {len(cells)} multipliers"
     if not solved.known(sharp) and (of.mesh.n_nodes > QUICK or of.too_large(sharp)):
         found["error of u"] = "not bounded yet: see bounds"
     else:

@@ -97,7 +97,7 @@ def test_a_mesh_of_ones_own_is_the_coarsest_level(tmp_path):
 
 
 def test_a_mesh_without_triangles_is_refused_in_words(tmp_path, refused):
-    """Only lines; and a file without anything, on which meshio gives up in words of its own."""
+    """Only lines; and a file without anything, on which meshio gives up: its words stand in brackets."""
     corners = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0.0]])
     lines = [("line", np.array([[0, 1], [1, 2], [2, 0]]))]
     meshio.write(tmp_path / "lines.vtu", meshio.Mesh(corners, lines))
@@ -105,7 +105,7 @@ def test_a_mesh_without_triangles_is_refused_in_words(tmp_path, refused):
     words = {"lines.vtu": "there are no triangles", "empty.vtk": "not what its ending says"}
     for name, said in words.items():
         options = ("--mesh", tmp_path / name, "--H", "1/2", "--out", tmp_path / "out")
-        error = refused("export", "natural", *options)
+        error = re.sub(r"\(meshio .*\)", "", refused("export", "natural", *options))
         assert said in error
         assert "shape" not in error
         assert "index" not in error

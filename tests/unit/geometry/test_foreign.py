@@ -10,7 +10,7 @@ import pytest
 import skfem
 
 import unilateral as ul
-from unilateral.geometry import foreign
+from unilateral.geometry import foreign, outline
 
 MESH = skfem.MeshTri().refined(3)
 POINTS, TRIANGLES = MESH.p.T, MESH.t.T
@@ -130,7 +130,7 @@ def test_a_mesh_that_gets_too_large_is_refused(monkeypatch):
 
 
 def test_a_boundary_with_too_many_corners_is_refused(monkeypatch, tmp_path):
-    monkeypatch.setattr(foreign, "MAX_VERTICES", 10)
+    monkeypatch.setattr(outline, "MAX_VERTICES", 10)
     with pytest.raises(ul.InputError, match="a polygon has at most 10 vertices; take a coarser mesh"):
         ul.mesh(disc(tmp_path, 0.5))
 
@@ -147,3 +147,65 @@ def test_a_disc_is_certified_on_a_mesh_that_was_halved(tmp_path):
     assert s.bounds.u < 0.05 * np.sqrt(s.u @ s.solved.discrete.spaces.condensed.A @ s.u)
     force = s.forces().whole
     assert force.lower < force.value < force.upper
+
+
+SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
+FROM_1 = [(1, 0), (1, 1), (0, 1), (0, 0)]
+POLYGONS = {
+    "vertices": SQUARE,
+    "an array": np.array(SQUARE),
+    "a polygon": ul.Polygon(SQUARE, "square"),
+    "a problem": ul.Problem(SQUARE, f=-1, g=0),
+    "functions": ul.Problem(SQUARE, f=lambda x, y: x + y, g=0),
+    "a case": ul.case("natural"),
+    "a mesh": ul.mesh(MESH),
+    "a name": "square",
+}
+
+
+@pytest.mark.parametrize("given", POLYGONS.values(), ids=POLYGONS)
+def test_a_polygon_is_given_in_any_form(given):
+    """Vertex 0 is that of the polygon. Control: without one it is that of the node with the least number."""
+    mesh = ul.mesh(POINTS, TRIANGLES, polygon=given)
+    np.testing.assert_array_equal(mesh.polygon.vertices, SQUARE)
+    other = ul.mesh(POINTS, TRIANGLES, polygon=FROM_1)
+    np.testing.assert_array_equal(other.points[other.boundary[0]], FROM_1[0])
+
+
+def test_a_polygon_is_that_of_a_yaml_file(tmp_path):
+    (tmp_path / "own.yaml").write_text("{polygon: [[1, 0], [1, 1], [0, 1], [0, 0]], f: -1, g: 0}")
+    for file in (tmp_path / "own.yaml", str(tmp_path / "own.yaml")):
+        np.testing.assert_array_equal(ul.mesh(MESH, polygon=file).polygon.vertices, FROM_1)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        (3, "polygon: it is 3; it has to be a list of pairs (x, y), anticlockwise"),
+        ("sqare", "polygon 'sqare' is unknown; the named ones are"),
+        ([(0, 0), (1, 0)], "polygon: it has 2 vertices; a polygon has at least three"),
+        ([(0, 0), (1, 0), ("a", 1)], "polygon: it is"),
+        (SQUARE[::-1], "polygon 'polygon' is listed clockwise"),
+        ([(0, 0), (2, 0), (2, 1), (0, 1)], "no node lies at vertex 1 of polygon 'polygon'"),
+        ({"polygon": 3}, "polygon: it is {'polygon': 3}; it has to be a list of pairs"),
+    ],
+)
+def test_what_is_no_polygon_is_refused(given, message):
+    with pytest.raises(ul.InputError, match=re.escape(message)):
+        ul.mesh(POINTS, TRIANGLES, polygon=given)
+
+
+def test_a_polygon_of_no_numbers_is_refused():
+    with pytest.raises(ul.InputError, match="its vertices are 'square'; they have to be pairs"):
+        ul.Polygon("square")
+
+
+@pytest.mark.parametrize(
+    "given", [skfem.MeshTri2().refined(1), meshio.Mesh(np.zeros((6, 2)), [("triangle6", [[*range(6)]])])]
+)
+def test_meshes_of_second_order_are_refused_with_the_cure(given):
+    """Their edges may be curved. Control: the linear part, as the message says, is read."""
+    with pytest.raises(ul.InputError, match="whose edges may be curved, unlike those of a polygon"):
+        ul.mesh(given)
+    of = skfem.MeshTri2().refined(1)
+    assert ul.mesh(skfem.MeshTri(of.p[:, : of.nvertices], of.t)).n_nodes == 9

@@ -13,8 +13,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from unilateral.errors import InputError
 from unilateral.geometry import partition
-from unilateral.geometry.foreign import outline
 from unilateral.geometry.mesh import from_arrays, refine, unstructured
+from unilateral.geometry.outline import outline
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import halved_cells, natural_kind, structured
 
@@ -276,7 +276,7 @@ def test_clockwise_triangles_are_turned(every):
     assert_array_equal(own.s, mesh.s)
     assert np.all(own.areas > 0)
     assert_array_equal(np.sort(own.triangles, axis=1), np.sort(mesh.triangles, axis=1))
-    assert_allclose(outline(mesh.points, turned, "turned").area, SLANTED.area, rtol=1e-13)
+    assert_allclose(outline(mesh.points, turned, "turned").polygon.area, SLANTED.area, rtol=1e-13)
 
 
 U = np.array([[0, 0], [3, 0], [3, 2], [2, 2], [2, 1], [1, 1], [1, 2], [0, 2]])

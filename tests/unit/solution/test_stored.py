@@ -194,6 +194,34 @@ def record_of(file):
         return json.loads(table[stored.GROUP].record)
 
 
+def changed(file, name, at, value):
+    """The file with another number, and the SHA-256 that belongs to it."""
+    with netCDF4.Dataset(file, "a") as table:
+        table[name][at] = value
+    signed(file, record_of(file))
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("x", 7.0, "s.nc: triangle .* is degenerate; it needs an area"),
+        ("y", np.nan, "s.nc: the variable y is nan at 40; it has to be finite"),
+        ("u", np.inf, "s.nc: the variable u is inf at 40; it has to be finite"),
+        ("multiplier", np.nan, "s.nc: the variable multiplier is nan at"),
+    ],
+)
+def test_numbers_that_are_no_solution_are_refused(name, value, message, tmp_path):
+    """An inner node that is moved turns triangles over. Control: the file is opened before."""
+    s, file = solved("case"), tmp_path / "s.nc"
+    s.save(file)
+    signed(file, record_of(file))
+    assert ul.open(file).bounds == s.bounds
+    assert 40 not in s.mesh.boundary
+    changed(file, name, 40 if name != "multiplier" else 3, value)
+    with pytest.raises(ul.InputError, match=message):
+        ul.open(file)
+
+
 def test_a_bound_does_not_rest_on_what_the_file_says(tmp_path):
     """Who changes u and signs it gets the bound of what is there, which is far above; no bound is read."""
     s, file = solved("case"), tmp_path / "s.nc"

@@ -1,0 +1,20 @@
+"""The mesh in a file that --mesh names."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+from unilateral import api
+from unilateral.errors import InputError, SolutionWarning
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.polygon import Polygon
+
+
+def own_mesh(file: str, polygon: Polygon | None) -> Mesh:
+    """The mesh in the file; what was changed in it is told on standard error."""
+    if not Path(file).is_file():
+        raise InputError(f"argument --mesh: there is no file '{file}'")
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", SolutionWarning)
+        return api.mesh(file, polygon=polygon)

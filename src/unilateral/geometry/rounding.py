@@ -1,0 +1,131 @@
+"""To how many digits numbers were rounded, and how far coordinates may be from their true places for that."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from unilateral.arrays import Array
+
+FULL = 16
+"""Double precision has at least 15 digits; numbers that need more were not rounded to fewer."""
+AS_TYPED = 3
+"""Numbers of no more significant digits are exact: no program rounds so far, a person wrote them."""
+NEAR_DECIMAL = 0.01
+"""Decimals that were moved, or scaled by a power of ten, miss decimals by less than this part of a unit."""
+ARITHMETIC = 1e-12
+"""Programs place the nodes of a side up to this part of the domain's diameter: gmsh's transfinite curves are
+1e-13 of it off, its other ones an ulp of the largest coordinate."""
+ULPS = 4
+"""So many units in the last place of the largest coordinate are added, for sums of a few rounded terms."""
+
+
+def significant_digits(values: ArrayLike) -> int:
+    """The number of significant digits with which all `values` can be written exactly, 0 for zeros alone.
+
+    Parameters
+    ----------
+    values : array_like of float, of any shape
+
+    Returns
+    -------
+    int
+        At most 17. Of numbers that were rounded to d digits it is d, unless all of them end in zeros.
+
+    >>> significant_digits([0.25, 1.125, 0, 300]), significant_digits(1 / 3)
+    (4, 16)
+    """
+    texts = (repr(abs(value)) for value in _distinct(values))
+    return max((len(text.split("e")[0].replace(".", "").strip("0")) for text in texts), default=0)
+
+
+def units(values: ArrayLike) -> Array:
+    """The unit of the last digit to which numbers were rounded, 0 where they have all digits of a double.
+
+    They may have been rounded to a number of decimals, of significant digits, or to single precision. Where
+    several of these explain the numbers, the largest unit counts. A difference or a multiple of rounded
+    numbers is a decimal up to round-off, and counts as one.
+
+    Parameters
+    ----------
+    values : array_like of float, of any shape
+        Numbers that were written together, such as the coordinates of a mesh.
+
+    Returns
+    -------
+    ndarray of float, of the same shape
+        A number differs from the one that was rounded by at most half its unit.
+
+    >>> units([0.1234, 0.5, 1.25]).tolist(), units([1 / 3, 0.5]).tolist()
+    ([0.0001, 0.0001, 0.001], [0.0, 0.0])
+    """
+    numbers = np.abs(np.asarray(values, dtype=float))
+    found = np.maximum(_significant_units(numbers), _decimal_unit(numbers))
+    return np.maximum(found, _single_units(numbers, 0.5 * found))
+
+
+def as_typed(values: ArrayLike) -> bool:
+    """Whether numbers have so few digits, at most AS_TYPED, that nobody rounded them."""
+    numbers = np.abs(np.asarray(values, dtype=float))
+    return bool(np.all((numbers == 0) | (numbers < 10**AS_TYPED * units(numbers))))
+
+
+def arithmetic(places: Array) -> float:
+    """How far round-off in another program may have moved the places (n, 2) of a mesh."""
+    return ULPS * float(np.spacing(np.abs(places).max())) + ARITHMETIC * float(
+        np.hypot(*np.ptp(places, axis=0))
+    )
+
+
+def radii(places: Array) -> Array:
+    """(n,) how far rounded places (n, 2) may be from the true ones: half a unit in either coordinate.
+
+    Of places as a person typed them the unit is 0, or that of single precision if they are kept in it.
+    """
+    of_places = _single_units(places, 0.0) if as_typed(places) else units(places)
+    return 0.5 * np.hypot(*of_places.T)
+
+
+def largest(places: Array) -> float:
+    """How far places (n, 2) may be from the true ones at most, by their digits and by arithmetic."""
+    return float(radii(places).max()) + arithmetic(places)
+
+
+def _distinct(values: ArrayLike) -> Iterable[float]:
+    return np.unique(np.asarray(values, dtype=float)).tolist()  # type: ignore[no-any-return]
+
+
+def _significant_units(numbers: Array) -> Array:
+    """The units if all numbers have the same number of significant digits; 0 where they are not short."""
+    digits = significant_digits(numbers)
+    if not 0 < digits < FULL:
+        return np.zeros(numbers.shape)
+    with np.errstate(divide="ignore"):
+        leading = np.where(numbers > 0, np.floor(np.log10(numbers)), -np.inf)
+    return 10.0 ** (leading - digits + 1)
+
+
+def _single_units(numbers: Array, off: Array | float) -> Array:
+    """The units of single precision, if all numbers differ by at most `off` from ones in it; else 0."""
+    with np.errstate(over="ignore", under="ignore"):
+        single = numbers.astype(np.float32)
+    if np.all(np.abs(numbers - single) <= off):
+        return np.spacing(np.abs(single)).astype(float)
+    return np.zeros(numbers.shape)
+
+
+def _decimal_unit(numbers: Array) -> float:
+    """The unit if all numbers have the same number of decimals, up to round-off; 0 if they have not."""
+    largest = float(numbers.max(initial=0.0))
+    if largest == 0:
+        return 0.0
+    decimals = AS_TYPED - 1 - int(np.floor(np.log10(largest)))
+    # As long as a double tells a decimal from its neighbours clearly.
+    while float(np.spacing(largest)) * 10.0**decimals < 0.1 * NEAR_DECIMAL:
+        scaled = numbers * 10.0**decimals
+        if np.all(np.abs(scaled - np.round(scaled)) <= NEAR_DECIMAL):
+            return float(10.0**-decimals)
+        decimals += 1
+    return 0.0

@@ -1,0 +1,51 @@
+"""A limit on the time that a function of another library takes, such as a reader that never ends."""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable
+from threading import Thread
+from time import monotonic
+from typing import TypeVar
+
+T = TypeVar("T")
+
+WAIT = 0.05
+"""Seconds between two looks at the thread; Ctrl-C is heard between them on every system."""
+
+
+class OutOfTime(Exception):
+    """A function did not end within its limit."""
+
+
+def limited(function: Callable[[], T], seconds: float) -> T:
+    """What the function returns, or what it raises; OutOfTime after so many seconds.
+
+    It runs in a thread, which is ended where it goes on in Python. So this works in any thread and on any
+    system; signals would do so neither. A function that never returns to Python goes on until the program
+    ends, and one that holds Python's lock meanwhile is not limited.
+    """
+    returned, raised = list[T](), list[BaseException]()
+
+    def run() -> None:
+        try:
+            returned.append(function())
+        except BaseException as error:
+            raised.append(error)
+
+    thread = Thread(target=run, daemon=True)
+    thread.start()
+    end = monotonic() + seconds
+    try:
+        while thread.is_alive() and monotonic() < end:
+            thread.join(WAIT)
+    finally:
+        if thread.is_alive():
+            ctypes.pythonapi.PyThreadState_SetAsyncExc(
+                ctypes.c_ulong(thread.ident or 0), ctypes.py_object(SystemExit)
+            )
+    if raised:
+        raise raised[0]
+    if not returned:
+        raise OutOfTime
+    return returned[0]

@@ -1,0 +1,230 @@
+"""The table of formats in docs/python.md, row by row: a file of each kind is written, and read or refused."""
+
+import re
+from contextlib import redirect_stderr, redirect_stdout
+from importlib.util import find_spec
+from io import StringIO
+
+import gmsh
+import meshio
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import unilateral as ul
+from unilateral.geometry import files
+
+POINTS = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0.4, 0.6, 0]])
+TRIANGLES = np.array([[0, 1, 4], [1, 2, 4], [2, 3, 4], [3, 0, 4]])
+
+
+def table():
+    """The first two cells of each row."""
+    text = (ROOT / "docs/python.md").read_text(encoding="utf-8")
+    begin = text.index("| file | is it read?")
+    rows = [line.split("|")[1:3] for line in text[begin : text.index("\n\n", begin)].splitlines()[2:]]
+    return {file.strip(): read.strip() for file, read in rows}
+
+
+def by_meshio(ending, kind, **options):
+    def write(folder):
+        path = folder / f"square{ending}"
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+            meshio.write(path, meshio.Mesh(POINTS, [("triangle", TRIANGLES)]), kind, **options)
+        return path
+
+    return write
+
+
+def by_gmsh(ending, binary=0, groups=0, version=4.1):
+    """The square in two halves, each of which is in so many physical groups, all in the last."""
+
+    def write(folder):
+        path = folder / f"square{ending}"
+        gmsh.initialize(readConfigFiles=False, interruptible=False)
+        try:
+            for option, value in {"General.Terminal": 0, "Mesh.Binary": binary}.items():
+                gmsh.option.setNumber(option, value)
+            gmsh.option.setNumber("Mesh.MshFileVersion", version)
+            gmsh.model.occ.addRectangle(0, 0, 0, 1, 1)
+            gmsh.model.occ.synchronize()
+            gmsh.option.setNumber("Mesh.MeshSizeMax", 0.5)
+            gmsh.model.mesh.generate(2)
+            for _ in range(groups):
+                gmsh.model.addPhysicalGroup(2, [1])
+            gmsh.write(str(path))
+        finally:
+            gmsh.finalize()
+        return path
+
+    return write
+
+
+def by_hand(name, text):
+    def write(folder):
+        (folder / name).write_text(text)
+        return folder / name
+
+    return write
+
+
+def lines(*numbers):
+    return "".join(" ".join(map(str, line)) + "\n" for line in numbers)
+
+
+def numbered(rows, *, more=()):
+    return [[i, *row, *more] for i, row in enumerate(rows, start=1)]
+
+
+MSH = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n5\n{}$EndNodes\n$Elements\n{}\n{}$EndElements\n"
+ELEMENTS = lines(*[[i, 2, 2, 1, 1, *row] for i, row in enumerate((TRIANGLES + 1).tolist(), start=1)])
+COMMAS = MSH.format(lines(*numbered(POINTS.tolist())).replace(".", ","), 4, ELEMENTS)
+FREEFEM = lines(
+    [5, 4, 4], *[[x, y, 0] for x, y, _ in POINTS], *[[*row, 0] for row in (TRIANGLES + 1).tolist()]
+)
+NODES = lines([5, 2, 0, 0], *numbered(POINTS[:, :2].tolist()))
+ELE = lines([4, 3, 0], *numbered((TRIANGLES + 1).tolist()))
+
+
+def triangle(ending):
+    def write(folder):
+        (folder / "square.node").write_text(NODES)
+        (folder / "square.ele").write_text(ELE)
+        return folder / f"square{ending}"
+
+    return write
+
+
+XDMF = """<Xdmf Version="3.0"><Domain><Grid><Geometry GeometryType="XYZ">
+<DataItem DataType="Float" Dimensions="5 3" Format="HDF" Precision="8">square.h5:/data0</DataItem>
+</Geometry></Grid></Domain></Xdmf>"""
+GZ = (".gz", "")
+WRITERS = {
+    "`.msh` of Gmsh 2.2 or 4.1, text or binary": [
+        by_gmsh(".msh", binary, version=version) for binary in (0, 1) for version in (2.2, 4.1)
+    ],
+    "`.msh` of Ansys Fluent": [by_meshio(".msh", "ansys")],
+    "`.msh` of FreeFEM": [by_hand("square.msh", FREEFEM)],
+    "`.msh` with decimal commas": [by_hand("square.msh", COMMAS)],
+    "`.mesh`, `.meshb` of Medit or FreeFEM": [by_meshio(end, "medit") for end in (".mesh", ".meshb")],
+    "`.vtu`, `.vtk`": [by_meshio(".vtu", "vtu"), by_meshio(".vtk", "vtk"), by_gmsh(".vtk")],
+    "`.vtk` of Gmsh, binary, with physical groups": [by_gmsh(".vtk", binary=1, groups=1)],
+    "`.inp` of Abaqus": [by_meshio(".inp", "abaqus"), by_gmsh(".inp")],
+    "`.bdf`, `.fem`, `.nas` of Nastran": [by_meshio(end, "nastran") for end in (".bdf", ".fem", ".nas")],
+    "`.bdf` of Gmsh": [by_gmsh(".bdf")],
+    "`.e`, `.exo`, `.ex2` of Exodus": [by_meshio(end, "exodus") for end in (".e", ".exo", ".ex2")],
+    "`.su2`": [by_gmsh(".su2")],
+    "`.vol`, `.vol.gz` of Netgen": [by_meshio(f".vol{gz}", "netgen") for gz in GZ],
+    "`.xml` of DOLFIN": [by_meshio(".xml", "dolfin-xml")],
+    "`.dat`, `.tec` of Tecplot": [by_meshio(end, "tecplot") for end in (".dat", ".tec")],
+    "`.avs`, `.mdpa`, `.obj`, `.off`, `.ply`, `.stl`": [
+        by_meshio(".avs", "avsucd"),
+        *(by_meshio(f".{kind}", kind) for kind in ("mdpa", "obj", "off", "ply", "stl")),
+    ],
+    "`.dato`, `.dato.gz`, `.post`, `.post.gz` of Permas": [
+        by_meshio(f".{end}{gz}", "permas") for end in ("dato", "post") for gz in GZ
+    ],
+    "`.xdmf`, `.xmf`, `.h5m`, `.hmf`, `.med`": [
+        by_meshio(end, end[1:].replace("xmf", "xdmf")) for end in (".xdmf", ".xmf", ".h5m", ".hmf", ".med")
+    ],
+    "`.node`, `.ele` of Triangle or TetGen": [triangle(".node"), triangle(".ele")],
+    "`.cgns`, `.svg`, `.ugrid`, `.wkt`": [
+        by_hand("square.cgns", "CGNS"),
+        *(by_meshio(f".{kind}", kind) for kind in ("svg", "ugrid", "wkt")),
+    ],
+    "`.unv` and any other ending": [by_gmsh(".unv"), by_hand("square.nothing", "mesh")],
+}
+FILES = [
+    pytest.param(row, write, id=f"{row} {i}") for row, of in WRITERS.items() for i, write in enumerate(of)
+]
+
+
+def test_the_table_has_the_rows_that_are_tried():
+    assert [*table()] == [*WRITERS]
+
+
+@pytest.mark.parametrize(("row", "write"), FILES)
+def test_what_the_table_says_of_a_format_is_true(row, write, tmp_path):
+    said = table()[row]
+    if said.startswith("if h5py") and not find_spec("h5py"):
+        with pytest.raises(ModuleNotFoundError, match="h5py"):  # for writing; see the next test
+            write(tmp_path)
+        return
+    path = write(tmp_path)
+    if said == "no":
+        with pytest.raises(ul.InputError, match=re.escape(str(path))) as refused:
+            ul.mesh(path)
+        assert "\n" not in str(refused.value)
+        assert "save the mesh as .msh of Gmsh or as .vtu" in str(refused.value)
+        return
+    mesh = ul.mesh(path)
+    assert mesh.polygon.n_sides == 4
+    assert mesh.areas.sum() == pytest.approx(1, abs=1e-6)  # some writers take 7 digits
+
+
+@pytest.mark.skipif(find_spec("h5py") is not None, reason="h5py is installed")
+@pytest.mark.parametrize("name", ["square.xdmf", "square.h5m", "square.hmf", "square.med"])
+def test_a_missing_package_is_named_with_the_line_to_type(name, tmp_path):
+    (tmp_path / name).write_text(XDMF)
+    with pytest.raises(
+        ul.InputError, match=rf"{name}: files that end in .* need h5py; type: pip install h5py$"
+    ):
+        ul.mesh(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "why"),
+    [
+        (
+            "square.msh",
+            FREEFEM,
+            "because it is a .msh of FreeFEM, which is not read, while FreeFEM's .mesh is",
+        ),
+        ("square.msh", COMMAS, "line 6 has a number with a decimal comma, '1 0,0 0,0 0,0'"),
+        ("square.bdf", "GRID,1", '(meshio stopped with RuntimeError: "BEGIN BULK" statement not found)'),
+        ("square.off", "5 4 0", "Expected the first line to be `OFF`. meshio cannot read it as off;"),
+        ("square.ele", "", "square.ele: the file is empty; a mesh of plain triangles is needed"),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_told(name, text, why, tmp_path):
+    (tmp_path / name).write_text(text)
+    with pytest.raises(ul.InputError, match=re.escape(why)):
+        ul.mesh(tmp_path / name)
+
+
+@pytest.mark.parametrize(("kind", "part"), [("off", 0.05), ("mdpa", 0.2), ("ply", 0.15), ("tecplot", 0.65)])
+def test_a_reader_that_does_not_end_is_given_up(kind, part, tmp_path, monkeypatch):
+    """These readers of meshio wait for a line that a cut file has not. Control: the whole file is read."""
+    monkeypatch.setattr(files, "SECONDS", 0.2)
+    path = by_meshio(".dat" if kind == "tecplot" else f".{kind}", kind)(tmp_path)
+    content = path.read_bytes()
+    assert ul.mesh(path).n_nodes == 5
+    path.write_bytes(content[: int(part * len(content))])
+    with pytest.raises(
+        ul.InputError, match="its reader does not end, as where the end of the file is missing"
+    ):
+        ul.mesh(path)
+
+
+def test_a_triangle_in_two_physical_groups_is_read_once(tmp_path):
+    """Control: it is twice in the file."""
+    path = by_gmsh(".msh", groups=2, version=2.2)(tmp_path)
+    stored = meshio.read(path)
+    listed = np.concatenate([block.data for block in stored.cells if block.type == "triangle"])
+    mesh = ul.mesh(path)
+    assert len(listed) == 2 * len(mesh.triangles)
+    assert mesh.areas.sum() == pytest.approx(1)
+
+
+def test_nodes_of_no_triangle_are_left_out_of_a_file_and_told(tmp_path):
+    """As the centre of an arc, which gmsh saves. Arrays belong to all points, so there it is refused."""
+    points, triangles = np.insert(POINTS, 0, [[7, 7, 0]], axis=0), TRIANGLES + 1
+    meshio.Mesh(points, [("triangle", triangles), ("vertex", [[0]])]).write(tmp_path / "arc.vtu")
+    with pytest.warns(
+        ul.SolutionWarning, match=r"arc.vtu: 1 node of no triangle is left out, such as node 0 \(7, 7\)"
+    ):
+        mesh = ul.mesh(tmp_path / "arc.vtu")
+    np.testing.assert_array_equal(mesh.points, POINTS[:, :2])
+    np.testing.assert_array_equal(np.sort(mesh.triangles), np.sort(TRIANGLES))
+    with pytest.raises(ul.InputError, match=r"node 0 \(7, 7\) belongs to no triangle; leave it out"):
+        ul.mesh(points, triangles)
