@@ -186,7 +186,7 @@ def test_an_array_without_a_mesh_is_refused():
 
 @pytest.mark.parametrize("given", [-0.002, "-1/500", lambda x, y: 0 * x - 0.002, 0 * X - 0.002])
 def test_an_obstacle_on_a_free_side_is_refused_however_it_is_given(given):
-    """As one on a clamped side. Control: null there, and one for all sides, which is for those with contact."""
+    """As one on a clamped side. Control: null there, and one for all sides, which is for the other ones."""
     message = r"field g\[3\]: side 3 is free; write null, or take it out of free_sides"
     with pytest.raises(ul.InputError, match=message):
         ul.Problem(MESH, -1, [-0.001, None, None, given], free_sides=[1, 2, 3])
