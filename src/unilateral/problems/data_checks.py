@@ -9,7 +9,9 @@ from functools import partial
 import numpy as np
 
 from unilateral.errors import InputError
-from unilateral.problems.formula_range import may_be_0
+from unilateral.formulas.expression import Expression
+from unilateral.problems.formula_range import POINTS, may_be_0, some_points
+from unilateral.problems.nodal import NodalTraces
 from unilateral.problems.piecewise import PLACES
 from unilateral.problems.problem import Problem
 from unilateral.problems.sampled import Sampled
@@ -44,12 +46,12 @@ def check(problem: Problem, name: str) -> None:
     largest = max(sizes.values(), default=0.0)
     for side, size in sizes.items():
         where, place = _field(problem, name, side), f"on side {side}"
-        may_be_0 = partial(obstacle.may_be_0, side)
-        _check_size(size, units.value, unit, where, place, may_be_0 if size == largest else _always)
+        is_0 = partial(_may_be_0_on, problem, side, problem.g, problem.nodal.g)
+        _check_size(size, units.value, unit, where, place, is_0 if size == largest else _always)
     for side in problem.flux_sides:
-        flux = problem.enclosed_flux
-        of_q, may_be_0 = max(map(abs, flux.range(side))), partial(flux.may_be_0, side)
-        _check_size(of_q, units.flux, unit, f"{name}, field q", f"on side {side}", may_be_0)
+        of_q = max(map(abs, problem.enclosed_flux.range(side)))
+        is_0 = partial(_may_be_0_on, problem, side, problem.q, problem.nodal.q)
+        _check_size(of_q, units.flux, unit, f"{name}, field q", f"on side {side}", is_0)
     for vertex in _between(problem):
         allowed = obstacle.rounded_jumps[vertex] + obstacle.end_doubts[:, vertex].sum()
         end, start = obstacle.ends[:, vertex].tolist()
@@ -127,11 +129,19 @@ def _no_load(problem: Problem) -> bool:
     """Whether f may be 0, for all that is known of it."""
     if problem.nodal.f is not None:
         return not problem.nodal.f.any()
-    return may_be_0(problem.polygon, problem.f)
+    return may_be_0(problem.f, some_points(problem.polygon))
+
+
+def _may_be_0_on(problem: Problem, side: int, formulas: tuple[Expression, ...], traces: NodalTraces) -> bool:
+    """Whether g or q may be 0 on a side, for all that is known of it."""
+    if side in traces:
+        return not traces[side].values.any()
+    s = np.linspace(0, problem.polygon.lengths[side], POINTS)
+    return may_be_0(formulas[side], problem.polygon.at(np.full(POINTS, side), s))
 
 
 def _check_size(
-    given: float, one: float, unit: float, where: str, place: str, may_be_0: Callable[[], bool]
+    given: float, one: float, unit: float, where: str, place: str, is_0: Callable[[], bool]
 ) -> None:
     """Raises InputError if |f|, |g| or |q|, `given`, is too large, or too small and not 0.
 
@@ -142,7 +152,7 @@ def _check_size(
     if not np.isfinite(size):
         raise InputError(f"{where}: it is not finite {place}, or no bound can be found")
     smallest, largest = SMALLEST / min(unit, 1.0), LARGEST / max(unit, 1.0) ** POWER
-    if size > largest or (size < smallest and not may_be_0()):
+    if size > largest or (size < smallest and not is_0()):
         of_polygon = f" on a polygon with the area {unit**2:.3g}" if unit != 1 else ""
         raise InputError(
             f"{where}: it is as large as {size:.3g} {place}, and squares of errors{of_polygon} leave the "

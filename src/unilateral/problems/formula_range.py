@@ -27,7 +27,7 @@ KEPT = 16
 FEW = 1 << 11
 """This many boxes are treated at once, so that models of a long formula fit into the processor's cache."""
 POINTS = 17
-"""Whether a formula may be 0 is asked at so many points in each direction, and at vertices."""
+"""Whether a formula is 0 is asked at so many points in each direction, and at vertices."""
 MOST_DISTANCES = 1 << 20
 """This many distances of boxes from sides are computed at once."""
 
@@ -63,14 +63,18 @@ def range_in(polygon: Polygon, formula: Expression) -> tuple[float, float]:
     return float(min(bounds[0], lower.min(initial=np.inf))), float(max(bounds[1], upper.max(initial=-np.inf)))
 
 
-def may_be_0(polygon: Polygon, formula: Expression) -> bool:
-    """Whether the formula in x, y may be 0 in the polygon, for all that is known of it at some points."""
+def may_be_0(formula: Expression, points: Array) -> bool:
+    """Whether the formula in x, y may be 0 at all points (k, 2), as far as enclosures there say."""
+    lower, upper = _bounds(formula, np.stack([points, points], axis=2))
+    return bool(np.all((lower <= 0) & (upper >= 0)))
+
+
+def some_points(polygon: Polygon) -> Array:
+    """(k, 2) the vertices, and points of a grid in the polygon."""
     v = polygon.vertices
     along = [np.linspace(low, high, POINTS) for low, high in zip(v.min(axis=0), v.max(axis=0), strict=True)]
     grid = np.stack(np.meshgrid(*along), axis=-1).reshape(-1, 2)
-    points = np.concatenate([v, grid[polygon.contains(grid)]])
-    lower, upper = _bounds(formula, np.stack([points, points], axis=2))
-    return bool(np.all((lower <= 0) & (upper >= 0)))
+    return np.concatenate([v, grid[polygon.contains(grid)]])
 
 
 def _bounds(formula: Expression, boxes: Array) -> Interval:

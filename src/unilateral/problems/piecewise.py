@@ -102,11 +102,6 @@ class Piecewise:
         here = self.side == side
         return float(self.lower[here].min()), float(self.upper[here].max())
 
-    def may_be_0(self, side: int) -> bool:
-        """Whether the function may be 0 on a side: no polynomial there is larger than its doubt."""
-        here = self.side == side
-        return bool(np.all(np.abs(self.c[:, here]).sum(axis=0) <= self.doubt[here]))
-
 
 def in_pieces(
     polygon: Polygon,

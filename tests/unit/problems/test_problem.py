@@ -80,6 +80,25 @@ def test_data_of_any_size_in_between_are_accepted(declared):
     )
 
 
+@pytest.mark.parametrize(
+    "zero", ["pos(-x, 1/2)", "-1*pos(-x, 1/2)*y", "pos(-x, 9/20)", "x*pos(-x, 1/2)", "0"]
+)
+def test_what_is_0_is_accepted_though_enclosures_of_it_are_larger(declared, zero):
+    """The root of 5e-324, which intervals make of 0, is 2e-162. Control: what is as small, but not 0."""
+    for tiny in (zero, f"{zero} + 1e-150*y*(1 - y)"):
+        for fields, where in (
+            ({"f": tiny}, "field f"),
+            ({"g": f'[0, 0, 0, "{tiny}"]'}, "field g"),
+            ({"free_sides": "[3]", "q": tiny, "g": "[-1, -1, -1, null]"}, "field q"),
+            ({"u": f"{{0: 0, 1: 0, 2: 0, 3: '{tiny}'}}", "g": "[null, null, null, null]"}, "field u"),
+        ):
+            if tiny == zero:
+                problem_file.load(declared(**fields))
+            else:
+                with pytest.raises(InputError, match=f"{where}.*: it is as large as .*e-"):
+                    problem_file.load(declared(**fields))
+
+
 def test_loads_and_means_see_the_kinks(declared):
     """The integral of f over Omega and the means of g, against their closed forms."""
     problem = problem_file.load(declared(f="pos(x - 0.3, 1)*exp(y)", g="pos(x - 1/3, 3/2)"))
@@ -101,7 +120,8 @@ def test_a_side_below_the_source_is_idle(declared):
     problem = problem_file.load(declared(**IDLE))
     assert problem.range_of_f[0] == pytest.approx(1, abs=1e-2)
     assert problem.idle_sides() == (0, 3)
-    free = problem_file.load(declared(**IDLE, free_sides="[3]"))
+    g = IDLE["g"].replace('"y/2"', "null")
+    free = problem_file.load(declared(f=IDLE["f"], g=g, free_sides="[3]"))
     assert free.idle_sides() == (0,)
 
 
@@ -137,7 +157,7 @@ REFUSED = [
     ),
     ({"g": None}, ": the field g is missing; it holds the obstacle, one formula"),
     ({"f": "x + z"}, ", field f: 'z' is unknown; known are x, y, pi"),
-    ({"g": "[0, '1/(0', 0, 0]", "free_sides": "[1]"}, r", field g\[1\]: '1/\(0' is not a formula in x, y"),
+    ({"g": "[0, '1/(0', 0, 0]"}, r", field g\[1\]: '1/\(0' is not a formula in x, y"),
     ({"f": "true"}, ", field f: it is True; it has to be a formula in x and y"),
     ({"f": ".inf"}, ", field f: '.inf' is not a formula in x, y"),
     (
@@ -186,6 +206,10 @@ REFUSED = [
         r", field g\[0\]: 'none' is no formula; in a list write null for a side that is named in free_sides",
     ),
     ({"free_sides": "[1]", "q": "nil"}, ", field q: 'nil' is no formula; write 0 where there is none, or in"),
+    (
+        {"g": "[0, 0, null, 0]", "free_sides": "[2, 3]"},
+        r", field g\[3\]: side 3 is free; write null, or take it out of free_sides",
+    ),
     ({"g": "[0, 0, 1, 0]"}, ", field g: it jumps at vertex 2, from 0 on side 1 to 1 on side 2"),
     ({"g": "[1 - x, 0, 0, 0]"}, ", field g: it jumps at vertex 0, from 0 on side 3"),
     ({"c": "0"}, ", field c: it is 0 and no side is clamped, so that u is not unique; clamp a side in"),
@@ -314,7 +338,7 @@ def test_numbers_are_read_exactly(declared):
 
 
 def test_a_jump_at_a_free_side_is_harmless(declared):
-    problem = problem_file.load(declared(g='["1 - x", null, 0, 0]', free_sides="[1, 3]"))
+    problem = problem_file.load(declared(g='["1 - x", null, 0, null]', free_sides="[1, 3]"))
     assert problem.enclosed_obstacle.range(0) == pytest.approx((0, 1))
     assert problem.enclosed_obstacle.range(1) == (-np.inf, -np.inf)
 
@@ -355,10 +379,12 @@ def test_terms_that_cancel_are_no_reason_to_refuse(declared):
 def test_g_with_kinks_or_a_narrow_peak_needs_few_pieces(declared, g, pieces):
     """To 1e-10 and better. The smooth one takes 100^(1/8) times the pieces that 1e-8 would take, of degree 7.
 
-    In the last one the rounding of x is magnified by 10^6: EPS * 10^6 and some ten operations.
+    In the last one the rounding of x is magnified by 10^6: EPS * 10^6 and some ten operations. Sides on which
+    g is as small as 1e-117 are not counted: they have more pieces, for g is known as well relative to that.
     """
     found = problem_file.load(declared(f=-1, g=g)).enclosed_obstacle
-    assert len(found.side) <= pieces
+    counted = [side for side in range(4) if np.abs(found.range(side)).max() > 1e-100]
+    assert np.count_nonzero(np.isin(found.side, counted)) <= pieces
     assert found.doubt.max() <= (1e-7 if "10**6" in g else 1e-10)
 
 
