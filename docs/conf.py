@@ -29,7 +29,7 @@ project = "unilateral"
 author = project_copyright = "The unilateral developers"
 version = release = __version__
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "rendering", "sphinx.ext.napoleon"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "rendering"]
 root_doc = "docs/index"
 include_patterns = [
     "docs/*.md",

@@ -53,7 +53,8 @@ def plain(_app: Sphinx, _what: str, _name: str, _of: Any, _options: Any, lines: 
 
 def given(_app: Sphinx, what: str, name: str, of: Any, *_: Any) -> tuple[str, str] | None:
     """Of most classes only the library makes objects, so their constructors are not shown."""
-    hidden = what == "class" and of.__module__.startswith("unilateral.") and of not in (ul.Solver, ul.Stop)
+    made_by_users = (ul.Polygon, ul.Solver, ul.Stop)
+    hidden = what == "class" and of.__module__.startswith("unilateral.") and of not in made_by_users
     return ("", "") if hidden else None
 
 

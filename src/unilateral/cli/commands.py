@@ -172,7 +172,7 @@ def score(**options: Any) -> int:
         "unilateral infsup --mesh natural/level_0/mesh.msh --cells natural/level_0/partition.csv",
     ),
 )
-@option("--mesh", type=FILE, metavar="FILE", help="your own triangles, in any format of meshio")
+@option("--mesh", type=FILE, metavar="FILE", help="your own triangles, in most formats of meshio")
 @option(
     "--h",
     type=POSITIVE,
