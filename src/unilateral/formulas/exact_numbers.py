@@ -46,7 +46,7 @@ def magnitude(e: Expression) -> int:
     """log2 |e| as a whole number, up to an error of 1, for a number e that is not 0; raises as `rounded`."""
     if e.rational is not None:
         return e.rational.numerator.bit_length() - e.rational.denominator.bit_length()
-    return int(math.log2(math.e) * float(_intervals().log(abs(_value(e)))))
+    return int(math.log2(math.e) * float(_intervals().log(abs(_value(e))).mid))
 
 
 @lru_cache(maxsize=1024)

@@ -24,7 +24,6 @@ from unilateral.formulas.expression import (
     Expression,
     atoms_in,
     expression,
-    has_root,
     product,
     total,
 )
@@ -140,12 +139,8 @@ def kinks(formula: Expression, name: str) -> list[tuple[float, Fraction]]:
     """The real zeros of the arguments of every pos(a, k) in the one variable, each with its exponent k.
 
     Raises ValueError where an argument is not a polynomial with rational coefficients (up to degree 2 it may
-    have any), or a non-integer power hides elsewhere.
+    have any).
     """
-    if has_root(formula):
-        raise ValueError(grammar.NO_ROOT)
-    if atoms_in(formula, "log"):
-        raise ValueError(grammar.NO_LOG)
     zeros: set[tuple[float, Fraction]] = set()
     for power in atoms_in(formula, "pos"):
         argument, exponent = power.args

@@ -13,9 +13,9 @@ import sympy
 
 from unilateral.errors import InputError, shown
 from unilateral.formulas import formula
-from unilateral.formulas.expression import Expression
-from unilateral.formulas.grammar import FUNCTIONS, MAX_DENOMINATOR
-from unilateral.formulas.symbolic import kinks, number_of, pos, symbolic
+from unilateral.formulas.expression import Expression, has_log, roots_in
+from unilateral.formulas.grammar import FUNCTIONS, MAX_DENOMINATOR, NO_LOG, NO_ROOT
+from unilateral.formulas.symbolic import kinks, number_of, plain, pos, symbolic
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import Smooth, T, Tensor, X, Y
 from unilateral.problems.cantor_atom import Cantor, Family
@@ -60,6 +60,10 @@ class Builder:
     def along_side(self, text: object, where: str) -> sympy.Expr:
         """A formula in t whose kinks can be found."""
         of_t = self.formula(text, (T,), where)
+        if has_log(plain(of_t)):
+            raise InputError(f"{where}: {NO_LOG}")
+        if roots_in(plain(of_t)):
+            raise InputError(f"{where}: {NO_ROOT}")
         try:
             kinks(of_t, T)
         except ValueError as error:

@@ -7,10 +7,10 @@ from fractions import Fraction
 from typing import Any
 
 from unilateral.errors import InputError
-from unilateral.formulas.expression import ZERO, Expression, atoms_in, has_root, variable
+from unilateral.formulas.expression import ZERO, Expression, atoms_in, has_log, variable
 from unilateral.formulas.expression import number as exact
 from unilateral.formulas.formula import kinks, parse, substituted
-from unilateral.formulas.grammar import NO_LOG, NO_ROOT
+from unilateral.formulas.grammar import NO_LOG
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import arguments
 from unilateral.system.declarations import INTEGER
@@ -102,15 +102,13 @@ def ends_of(polygon: Polygon) -> list[Ends]:
 
 
 def plain(text: object, where: str, field: str) -> Expression:
-    """A formula in x, y without logarithms and roots, 0 for None.
+    """A formula in x, y without logarithms, 0 for None; see `problem_file.check_roots` for its roots.
 
     Raises InputError for a word that says that there is no formula, too.
     """
     if isinstance(text, str) and text.strip().lower() in NOTHING:
         raise InputError(f"{where}: '{text}' is no formula; {INSTEAD[field]}")
     formula = parse(0 if text is None else text, ("x", "y"), where)
-    if atoms_in(formula, "log"):
+    if has_log(formula):
         raise InputError(f"{where}: {NO_LOG}")
-    if has_root(formula):
-        raise InputError(f"{where}: {NO_ROOT}")
     return formula
