@@ -35,8 +35,10 @@ from unilateral.system.optional import require
 Compiled = Callable[..., list[Array]]
 
 
-def parse(text: object, variables: Sequence[str], where: str) -> Expression:
+def parse(text: object, variables: Sequence[str], where: str, least: int | None = grammar.JUMP) -> Expression:
     """The formula in the given variables; `where` names its place in errors.
+
+    Hints in messages use no power of pos below the `least` one that the place allows, None for no pos.
 
     Raises InputError for anything outside the grammar, and for expressions that are not finite.
     """
@@ -44,10 +46,10 @@ def parse(text: object, variables: Sequence[str], where: str) -> Expression:
     try:
         with warnings.catch_warnings(action="ignore"):  # of Python's parser
             tree = grammar.tree(source, where)
-        part: grammar.FormulaPart = grammar.Reader(source, variables, where).visit(tree)
-    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        part: grammar.FormulaPart = grammar.Reader(source, variables, where, least).visit(tree)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
         kind = f"in {', '.join(variables)}" if variables else "of numbers, such as 3, 0.05 or 1/3"
-        mended = grammar.hint(source, error)
+        mended = grammar.hint(source, variables, least)
         raise InputError(f"{where}: '{shown(source)}' is not a formula {kind}{mended}") from None
     return part.value
 
@@ -99,7 +101,7 @@ class _Expanded(_Formulas):
 
 def number(text: object, where: str) -> Expression:
     """An exact number such as 1/3, 0.05 or sqrt(2)."""
-    return parse(text, (), where)
+    return parse(text, (), where, least=None)
 
 
 def real(text: object, where: str) -> float:

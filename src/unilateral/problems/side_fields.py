@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
 from fractions import Fraction
 from typing import Any
 
-from unilateral.errors import InputError
+from unilateral.errors import InputError, shown
 from unilateral.formulas.expression import ZERO, Expression, atoms_in, has_log, variable
 from unilateral.formulas.expression import number as exact
 from unilateral.formulas.formula import kinks, parse, substituted
-from unilateral.formulas.grammar import NO_LOG
+from unilateral.formulas.grammar import JUMP, KINK, NO_LOG
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import arguments
 from unilateral.system.declarations import INTEGER
 
+JOINED = re.compile(r"([-+]?\d+):(\S+)")
+"""A side and its formula that YAML reads as one text, for want of a blank."""
 Ends = tuple[list[Expression], list[Expression]]
 NOTHING = ("none", "null", "nil")
 """What people write for no formula, in small or large letters."""
@@ -34,6 +37,10 @@ def without_contact(of: dict[str, Any], n: int, where: str) -> tuple[tuple[int, 
     """
     given, of_free = of.get("u", {}), f"{where}, field free_sides"
     free = arguments.sides(of.get("free_sides"), n, of_free)
+    for key in given:
+        if isinstance(key, str) and (joined := JOINED.fullmatch(key)):
+            blank = f"the colon in '{shown(key)}' needs a blank after it"
+            raise InputError(f"{where}, field u: {blank}; write {{{shown(': '.join(joined.groups()))}}}")
     keys = [int(key) if INTEGER.match(key) else key for key in given]
     clamped = dict(zip(arguments.sides(keys, n, f"{where}, field u"), given.values(), strict=True))
     for side in {*free} & {*clamped}:
@@ -50,6 +57,11 @@ def on_sides(
     """
     n, listed = len(ends), isinstance(given, list)
     on = {*free} if field == "q" else {*range(n)} - {*free, *clamped}
+    if field == "g" and given is None and on:
+        raise InputError(
+            f"{where}: there is none, and side {min(on)} is neither free nor clamped; write one formula for all "
+            "sides, or a list with one per side"
+        )
     if listed and len(given) != n:
         raise InputError(f"{where}: {len(given)} formulas for {n} sides; give one for all, or one per side")
     texts = enumerate(given if listed else [])
@@ -108,7 +120,8 @@ def plain(text: object, where: str, field: str) -> Expression:
     """
     if isinstance(text, str) and text.strip().lower() in NOTHING:
         raise InputError(f"{where}: '{text}' is no formula; {INSTEAD[field]}")
-    formula = parse(0 if text is None else text, ("x", "y"), where)
+    least = KINK if field in "gu" else JUMP
+    formula = parse(0 if text is None else text, ("x", "y"), where, least)
     if has_log(formula):
         raise InputError(f"{where}: {NO_LOG}")
     return formula

@@ -29,6 +29,8 @@ MAX_DIGITS = 18
 """Whole numbers have at most this many digits: any of these fits into 64 bits."""
 INTEGER = re.compile(rf"[-+]?(0|[1-9][0-9]{{0,{MAX_DIGITS - 1}}})\Z")
 """What is read as a whole number."""
+JOINED = re.compile(r"^\s*([A-Za-z_]\w*):([^\s:].*)$", re.MULTILINE)
+"""The name of a field whose colon has no blank after it."""
 WRITE = {"integer": "a whole number such as 3", "boolean": "true or false"}
 
 
@@ -100,10 +102,13 @@ def own(file: Path | Traversable) -> Any:
 
 
 def _fault(error: Exception, content: str) -> str:
-    """What the parser says, in a line; or that there is a tab, which it does not say."""
+    """What the parser says, in a line; or that there is a tab or no blank, which it does not say."""
     place = getattr(error, "problem_mark", None)
     if place and content[place.index : place.index + 1] == "\t":
         return f"there is a tab in line {place.line + 1}; write spaces"
+    if joined := JOINED.search(content):
+        line = content.count("\n", 0, joined.end()) + 1
+        return f"the colon in line {line} needs a blank after it; write {shown(': '.join(joined.groups()))}"
     return " ".join(str(error).split()).replace(' "<unicode string>",', "")
 
 
@@ -121,6 +126,8 @@ def _said(fault: Any) -> str:
         return f"{message}; write {wanted}" if wanted else message
     known = fault.schema["properties"]
     unknown = min(set(fault.instance) - set(known))
+    if unknown.partition(":")[0] in known:
+        return f"the colon in '{shown(unknown)}' needs a blank after it"
     return f"there is no field '{shown(unknown)}' here; the fields are {', '.join(known)}"
 
 

@@ -8,6 +8,7 @@ import pytest
 import sympy
 from conftest import DATA
 
+import unilateral as ul
 from unilateral.bounds import source
 from unilateral.discrete.condensed import discretise
 from unilateral.errors import InputError
@@ -135,7 +136,7 @@ REFUSED = [
         {"free_side": "[1]"},
         ": there is no field 'free_side' here; the fields are title, polygon, f, g, k, c,",
     ),
-    ({"g": None}, ": the field g is missing; it holds the obstacle, one formula"),
+    ({"g": None}, ", field g: there is none, and side 0 is neither free nor clamped; write one formula for"),
     ({"f": "x + z"}, ", field f: 'z' is unknown; known are x, y, pi"),
     ({"g": "[0, '1/(0', 0, 0]", "free_sides": "[1]"}, r", field g\[1\]: '1/\(0' is not a formula in x, y"),
     ({"f": "true"}, ", field f: it is True; it has to be a formula in x and y"),
@@ -168,9 +169,17 @@ REFUSED = [
     ({"f": "x/sqrt(x**2 + y**2)"}, r", field f: 1/sqrt\(x\*\*2 \+ y\*\*2\) needs x\*\*2 \+ y\*\*2 > 0 in"),
     (
         {"f": "log(x + 1)"},
-        ", field f: log is not allowed here; known are pos, sin, cos, exp, sinh, cosh, tanh",
+        r", field f: log is allowed for numbers only, such as log\(2\)",
     ),
-    ({"g": "null"}, ", field g: it is null; it has to be the obstacle, one formula"),
+    (
+        {"g": "null"},
+        ", field g: there is none, and side 0 is neither free nor clamped; write one formula for",
+    ),
+    (
+        {"g": "null", "free_sides": "[0, 1]", "u": "{3: 0}"},
+        ", field g: there is none, and side 2 is neither free nor clamped; write one formula for all sides",
+    ),
+    ({"u": "{3:0}"}, r", field u: the colon in '3:0' needs a blank after it; write \{3: 0\}"),
     ({"g": "sqrt(x)"}, r", field g: sqrt\(x\) needs x > 0 on side 0, for where it is 0 the root is not Lip"),
     (
         {"g": "[0, 'sqrt(y - 1/3)', 0, 0]"},
@@ -234,7 +243,7 @@ REFUSED = [
         {"free_sides": "[1]", "q": "sqrt(y)"},
         r", field q: sqrt\(y\) needs y > 0 on side 1; write pos\(y, 1/2\), which",
     ),
-    ({"free_sides": "[1]", "q": "log(y + 1)"}, ", field q: log is not allowed here"),
+    ({"free_sides": "[1]", "q": "log(y + 1)"}, ", field q: log is allowed for numbers only"),
     (
         {"free_sides": "[1]", "q": "[null, z, null, null]"},
         r", field q\[1\]: 'z' is unknown; known are x, y, pi",
@@ -306,6 +315,19 @@ def test_a_side_may_be_free_or_clamped_and_data_of_one_may_be_small(declared):
     """Controls of what is refused: what is largest counts, not each side alone."""
     found = problem_file.load(declared(free_sides="[+1]", u="{3: null, +0: 1e-300*x}", g="-9"))
     assert (found.free_sides, found.clamped_sides) == ((1,), (0, 3))
+
+
+@pytest.mark.parametrize("g", [None, "null", "[null, null, null, null]"])
+def test_where_no_side_has_an_obstacle_g_may_be_left_out(declared, run, g):
+    """u = 1 + x on clamped sides, with du/dn = 0 on the others, has f = 0: u_h is u, for it is linear."""
+    file = declared(f=0, g=g, free_sides="[0, 2]", u="{1: 2, 3: 1}", c="0")
+    problem = problem_file.load(file)
+    assert problem.contact_sides == ()
+    s = ul.solve(problem, h=1 / 4, H=1 / 2)
+    assert s.u == pytest.approx(1 + s.mesh.points[:, 0], abs=1e-12)
+    code, printed, _ = run("solve", file, "--h", "1/4", "--H", "1/2")
+    assert code == 0
+    assert "no side carries contact, so the problem is linear" in printed
 
 
 def test_vertices_are_counted_before_they_are_read(declared, monkeypatch):
