@@ -59,8 +59,8 @@ def on_sides(
     on = {*free} if field == "q" else {*range(n)} - {*free, *clamped}
     if field == "g" and given is None and on:
         raise InputError(
-            f"{where}: there is none, and side {min(on)} is neither free nor clamped; write one formula for all "
-            "sides, or a list with one per side"
+            f"{where}: there is none, and side {min(on)} is neither free nor clamped; write one formula for "
+            "all sides, or a list with one per side"
         )
     if listed and len(given) != n:
         raise InputError(f"{where}: {len(given)} formulas for {n} sides; give one for all, or one per side")
