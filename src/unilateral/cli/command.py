@@ -111,7 +111,10 @@ def _fault(error: click.UsageError) -> str:
         return f"there is no option {shown(error.option_name)}{meant(error.option_name, known)}"
     if isinstance(error, click.NoSuchCommand) and error.ctx and isinstance(error.ctx.command, click.Group):
         known = error.ctx.command.list_commands(error.ctx)
-        return f"there is no command '{shown(error.command_name)}'{meant(error.command_name, known)}"
+        name = shown(error.command_name)
+        is_problem = name.endswith((".yaml", ".yml")) or name in _cases()
+        instead = f"; did you mean solve {name}?" if is_problem else meant(error.command_name, known)
+        return f"there is no command '{name}'{instead}"
     if isinstance(error, click.MissingParameter) and error.param:
         return f"{_name(error.param)} is missing"
     if isinstance(error, click.BadParameter) and error.param:

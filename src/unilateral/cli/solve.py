@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from unilateral import api
-from unilateral.accuracy.goal import NORMS, Goal
+from unilateral.accuracy.goal import ACCURACY, NORMS, Goal
 from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import WITHDRAWN, Search
 from unilateral.accuracy.watch import OutOfBudget, Watch
@@ -50,6 +50,7 @@ LIMITS = ("max_unknowns", "max_seconds", "max_memory")
 PASSED_ON = ("h", "H", "accuracy", "norm", "sharp", "absolute", "dry_run", *LIMITS)
 OF_STOP = ("tolerance", "max_steps", "algorithm", "rho")
 """Options that are arguments of `api.solve` and of `Stop`, by the same names."""
+BY_DEFAULT = f"no sizes and no accuracy are given: --accuracy {ACCURACY:g} is taken"
 READING = "the formulas enclosed"
 """The name of the phase before a search, which is long only for formulas that are long or vary fast."""
 FEW = 512
@@ -95,7 +96,7 @@ def _solved(options: SimpleNamespace, problem: Case | Problem, watch: Watch, dra
         **{name: getattr(options, name) for name in PASSED_ON},
         mesh=_mesh(options.mesh, problem),
         stop=Stop(**{name: getattr(options, name) for name in OF_STOP}),
-        tell=None if options.json else _told(problem, drawn),
+        tell=None if options.json else _told(problem, options.by_default, drawn),
         watch=watch,
     )
 
@@ -210,13 +211,15 @@ def _mesh(given: str | None, problem: Case | Problem) -> Any:
     return api.mesh(given, polygon=problem.polygon)
 
 
-def _told(problem: Case | Problem, drawn: bool) -> Callable[[Level], None]:
+def _told(problem: Case | Problem, by_default: bool, drawn: bool) -> Callable[[Level], None]:
     """A function that prints each level, the first one below a line that says what is wanted."""
     first, units = True, problem.units
 
     def one(level: Level) -> None:
         nonlocal first
         clear(drawn)
+        if first and by_default:
+            say(BY_DEFAULT)
         say(level_head(problem.name, level, units) if first else level_line(level, units.length))
         first = False
 

@@ -20,6 +20,7 @@ from yaml.resolver import Resolver
 
 from unilateral.errors import InputError, shown
 
+ENDINGS = (".yaml", ".yml")
 MAX_BYTES = 200_000
 MAX_NODES = 10_000
 """A file has at most this many values, lists and fields."""
@@ -46,13 +47,25 @@ def file_of(name: str) -> Path | None:
         raise InputError(f"{shown(name)} cannot be read: {error.strerror}") from None
     if is_folder:
         raise InputError(f"{name} is a folder; name a YAML file, or a case")
-    if name.endswith((".yaml", ".yml")):
+    if name.endswith(ENDINGS):
         if not is_file:
-            raise InputError(f"there is no file {name} that could declare a case or a problem")
+            missing = f"there is no file {name} that could declare a case or a problem"
+            beside = _same_stem(path)
+            raise InputError(f"{missing}; did you mean {beside}?" if beside else missing)
         return path
     if is_file:
         raise InputError(f"{name} does not end in .yaml or .yml; rename it if it is a YAML file")
+    if beside := _same_stem(path):
+        raise InputError(f"there is no case and no file {name}; did you mean {beside}?")
     return None
+
+
+def _same_stem(path: Path) -> Path | None:
+    """The YAML file beside a path that has its name, but for the ending."""
+    if not path.name:
+        return None
+    names = (f"{stem}{ending}" for stem in (path.name, path.stem) for ending in ENDINGS)
+    return next((file for file in map(path.with_name, names) if file.is_file()), None)
 
 
 def read(file: Path | Traversable, name: str, floats: bool = False) -> Any:

@@ -12,6 +12,7 @@ from conftest import DATA, ROOT
 from documents import blocks
 from typed import KEYS, PROBLEM, solve_json
 
+import unilateral as ul
 from unilateral.accuracy.watch import Watch
 from unilateral.discrete import base
 from unilateral.formulas.decimals import up
@@ -43,6 +44,24 @@ def test_an_accuracy_of_a_case(run):
     (line,) = re.findall(r"  these bounds include +(.*)", out)
     enclosed = r"all rounding errors, and at most (\S+) for how closely f, g and q are enclosed"
     assert float(re.fullmatch(enclosed, line)[1]) == pytest.approx(found["enclosure"], rel=0.1)
+
+
+def test_without_sizes_and_an_accuracy_five_percent_is_reached(run):
+    """It is said, is the goal in JSON, and is what Python takes; limits need no accuracy beside them."""
+    code, out, err = run("solve", "natural", "--max-unknowns", "100000")
+    assert (code, err) == (0, "")
+    assert out.startswith(
+        "no sizes and no accuracy are given: --accuracy 0.05 is taken\n"
+        "natural: ||u - u_h||_1 <= 0.05 ||u||_1\n"
+    )
+    code, found, err = solve_json(run, "natural")
+    assert (code, err, found["certified"]) == (0, "", True)
+    assert found["goal"] == {"accuracy": 0.05, "norm": "h1", "absolute": False}
+    s = ul.solve("natural")
+    assert s.certified
+    assert s.bounds.relative_u <= 0.05
+    assert s.mesh.n_nodes == found["unknowns"]
+    assert "is taken" not in run("solve", "natural", "--accuracy", "0.05")[1]
 
 
 def test_an_absolute_accuracy(run):
