@@ -34,7 +34,7 @@ from unilateral.cli.watching import bar_during, clear, watching
 from unilateral.errors import BudgetError, InputError, counted
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
-from unilateral.solution.certificate import energy
+from unilateral.solution.certificate import Bounds, energy
 from unilateral.solution.solution import ENDINGS, Solution, not_converged, not_unique
 from unilateral.solvers.stop import Stop
 from unilateral.system import as_json
@@ -51,6 +51,10 @@ PASSED_ON = ("h", "H", "accuracy", "norm", "sharp", "absolute", "dry_run", *LIMI
 OF_STOP = ("tolerance", "max_steps", "algorithm", "rho")
 """Options that are arguments of `api.solve` and of `Stop`, by the same names."""
 BY_DEFAULT = f"no sizes and no accuracy are given: --accuracy {ACCURACY:g} is taken"
+TOO_COARSE = (
+    "it is not certain that the error is smaller than u itself; for a mesh that is fine where the bound "
+    f"comes from type --accuracy {ACCURACY:g} in place of --h and --H"
+)
 READING = "the formulas enclosed"
 """The name of the phase before a search, which is long only for formulas that are long or vary fast."""
 FEW = 512
@@ -104,6 +108,7 @@ def _solved(options: SimpleNamespace, problem: Case | Problem, watch: Watch, dra
 def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bool) -> int:
     """Prints what was found; the exit code."""
     search, sharp = found.search, options.sharp
+    own_mesh = options.mesh not in (None, *api.KINDS)
     refused = found.too_large(sharp)
     if refused:
         tell(refused)
@@ -120,12 +125,13 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
     clear(drawn)
     printed = found.record(bounds, errors, sharp) | {"forces": forces}
     printed |= {"seconds": watch.elapsed, "peak_mb": peak_mb()}
-    own_mesh = options.mesh not in (None, *api.KINDS)
     doubt = "" if found.unique else not_unique(found.mesh, own_mesh)
     if doubt:
         tell(f"lambda_H {doubt}")
     if not (search or found.converged):
         tell(not_converged(found.solved.result.bound))
+    if bounds and not (search or errors) and _too_coarse(found, bounds):
+        tell(f"{TOO_COARSE}{', and leave out --mesh' * own_mesh}")
     if not options.json and not search:
         say(head(printed))
     if not options.json and not found.units.reaction:
@@ -141,6 +147,14 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
     if watch.asked:
         return INTERRUPTED
     return 0 if (found.certified if search else found.converged) else NOT_CONVERGED
+
+
+def _too_coarse(found: Solution, bounds: Bounds) -> bool:
+    """Whether the mesh alone may be the reason that the bound is not below the norm of u.
+
+    A u_h that is 0 has no relative error, whatever the mesh.
+    """
+    return found.converged and found.unique and found.solved.u_norm > 0 and not bounds.relative_u < 1
 
 
 def _targets(options: SimpleNamespace) -> list[Path]:
