@@ -513,7 +513,7 @@ NO_SIDES = (-1, 4, 1.5, "1", "left", True, None)
         ],
         (
             {"u": {1: 0}, "free_sides": [1]},
-            "field free_sides: side 1 is clamped; leave it out, or take it out",
+            "field free_sides: side 1 is clamped; remove it from free_sides or",
         ),
         ({"u": {1: 0}, "g": [0] * 4}, "field g[1]: side 1 is clamped; write null, or take it out of u"),
         ({"u": {1: 0}, "q": [None, np.hypot, None, None]}, "field q[1]: side 1 is clamped; write null"),

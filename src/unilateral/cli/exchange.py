@@ -77,7 +77,7 @@ def score(
     if multipliers and len(multipliers) != len(solutions):
         raise InputError(
             f"--multiplier is given {counted(len(multipliers), 'time')} for "
-            f"{counted(len(solutions), 'solution')}; repeat it for each of them"
+            f"{counted(len(solutions), 'solution')}; repeat it for each solution"
         )
     given = [foreign(levels, *each) for each in zip_longest(solutions, multipliers)]
     scored = [scores.score(case, each) for each in given]

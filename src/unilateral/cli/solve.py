@@ -50,10 +50,10 @@ LIMITS = ("max_unknowns", "max_seconds", "max_memory")
 PASSED_ON = ("h", "H", "accuracy", "norm", "sharp", "absolute", "dry_run", *LIMITS)
 OF_STOP = ("tolerance", "max_steps", "algorithm", "rho")
 """Options that are arguments of `api.solve` and of `Stop`, by the same names."""
-BY_DEFAULT = f"no sizes and no accuracy are given: --accuracy {ACCURACY:g} is taken"
+BY_DEFAULT = f"no sizes and no accuracy are given; using --accuracy {ACCURACY:g}"
 TOO_COARSE = (
-    "it is not certain that the error is smaller than u itself; for a mesh that is fine where the bound "
-    f"comes from type --accuracy {ACCURACY:g} in place of --h and --H"
+    "the bound does not rule out an error as large as u itself; "
+    f"--accuracy {ACCURACY:g} in place of --h and --H refines the mesh where the bound comes from"
 )
 READING = "the formulas enclosed"
 """The name of the phase before a search, which is long only for formulas that are long or vary fast."""
@@ -131,7 +131,7 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
     if not (search or found.converged):
         tell(not_converged(found.solved.result.bound))
     if bounds and not (search or errors) and _too_coarse(found, bounds):
-        tell(f"{TOO_COARSE}{', and leave out --mesh' * own_mesh}")
+        tell(f"{TOO_COARSE}{'; it makes its own meshes' * own_mesh}")
     if not options.json and not search:
         say(head(printed))
     if not options.json and not found.units.reaction:

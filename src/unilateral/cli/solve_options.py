@@ -103,13 +103,13 @@ sizes, goal, domain, method = (
     "--max-memory",
     type=POSITIVE,
     metavar="MB",
-    help="the same for the memory of this process (default: what is free)",
+    help="memory limit for this process; the best so far is kept (default: what is free)",
 )
 @domain(
     "--polygon",
     type=POLYGON,
     metavar="NAME|FILE",
-    help="for a case: a named one, or that of a problem file (default: the first that the case is made for)",
+    help="for a case: a named polygon, or that of a problem file (default: the case's first one)",
 )
 @domain("--side", type=int, metavar="I", help="for a case: the side on which it is placed (default 0)")
 @domain(

@@ -23,7 +23,7 @@ def rounded(e: Expression) -> float:
     """The value of an expression without variables to 17 digits.
 
     Raises OverflowError or is infinite where it is too large. Raises ArithmeticError where it is no real
-    number, and ValueError where it cannot be told from 0.
+    number, and ValueError where it cannot be distinguished from 0.
     """
     return float(e.rational if e.rational is not None else _value(e))
 

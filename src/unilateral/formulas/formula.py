@@ -160,7 +160,7 @@ def kinks(formula: Expression, name: str) -> list[tuple[float, Fraction]]:
 def coefficients(formula: Expression, names: Sequence[str]) -> dict[tuple[int, ...], Expression] | None:
     """The coefficients of a polynomial in these variables, by their exponents; None if it is no polynomial.
 
-    Raises ValueError where one cannot be told from 0.
+    Raises ValueError where one cannot be distinguished from 0.
     """
     sums: dict[tuple[int, ...], Expression] = {}
     for of, c in _Expanded((formula,), {}).of(formula).terms:

@@ -103,7 +103,7 @@ def tree(source: str, where: str) -> ast.expr:
     """
     nesting = max(accumulate((c == "(") - (c == ")") for c in source), default=0)
     _check(len(source), MAX_LENGTH, f"{where}: the formula has more than {{}} characters")
-    _check(nesting, MAX_NESTING, f"{where}: the formula has more than {{}} parentheses in each other")
+    _check(nesting, MAX_NESTING, f"{where}: the formula has more than {{}} nested parentheses")
     body = ast.parse(source, mode="eval").body
     operations = sum(isinstance(node, COUNTED) for node in ast.walk(body))
     _check(operations, MAX_OPERATIONS, f"{where}: the formula has more than {{}} operations")
@@ -144,7 +144,7 @@ class Reader(ast.NodeVisitor):
         except ArithmeticError:
             finite = False
         except ValueError:
-            raise self.refuse(node, "cannot be told from 0; write it as a single number") from None
+            raise self.refuse(node, "cannot be distinguished from 0; write it as a single number") from None
         if not finite:
             raise self.refuse(node, "is not a finite real number or function")
         return FormulaPart(result, degree, functions if result.variables else 0)
@@ -213,7 +213,7 @@ class Reader(ast.NodeVisitor):
         if type(node.op) not in OPERATORS:
             text = self.text(node)
             power = f"; write {shown(text.replace('^', '**'))} for {shown(text)}" if "^" in text else ""
-            raise self.refuse(node, f"uses an operator that is not one of + - * / **{power}")
+            raise self.refuse(node, f"uses an operator other than + - * / **{power}")
         degree, functions = max(left.degree, right.degree), max(left.functions, right.functions)
         if isinstance(node.op, ast.Pow):
             k = right.value.rational
@@ -285,7 +285,7 @@ class Reader(ast.NodeVisitor):
 def is_finite_and_real(value: Expression) -> bool:
     """Whether a number is finite and real; a function counts as such, and may fail where it is evaluated.
 
-    Raises ValueError for a number that cannot be told from 0.
+    Raises ValueError for a number that cannot be distinguished from 0.
     """
     try:
         return bool(value.variables) or math.isfinite(rounded(value))

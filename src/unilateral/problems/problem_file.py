@@ -41,7 +41,7 @@ def is_declared_in(name: str) -> bool:
     declaration = declarations.read(file, name)
     if not isinstance(declaration, dict) or not declaration:
         raise InputError(
-            f"{name} has no fields; a problem has polygon, f and g; a case title, polygons, u, ..."
+            f"{name} has no fields; a problem has at least polygon and f, a case title, polygons and u"
         )
     return not FIELDS.isdisjoint(declaration)
 
@@ -173,7 +173,7 @@ def _needs(root: Expression, place: str, read: Callable[[object, str], object] |
         if read:
             read(instead, "")
             return f"{needs}; write {instead}, which is 0 elsewhere"
-    return needs if read else f"{needs}, for where it is 0 the root is not Lipschitz"
+    return needs if read else f"{needs}; a root is not Lipschitz where it is 0"
 
 
 def formula(text: object, where: str) -> Expression:

@@ -44,7 +44,7 @@ def without_contact(of: dict[str, Any], n: int, where: str) -> tuple[tuple[int, 
     keys = [int(key) if INTEGER.match(key) else key for key in given]
     clamped = dict(zip(arguments.sides(keys, n, f"{where}, field u"), given.values(), strict=True))
     for side in {*free} & {*clamped}:
-        raise InputError(f"{of_free}: side {side} is clamped; leave it out, or take it out of u")
+        raise InputError(f"{of_free}: side {side} is clamped; remove it from free_sides or from u")
     return tuple(sorted(free)), dict(sorted(clamped.items()))
 
 
@@ -59,7 +59,7 @@ def on_sides(
     on = {*free} if field == "q" else {*range(n)} - {*free, *clamped}
     if field == "g" and given is None and on:
         raise InputError(
-            f"{where}: there is none, and side {min(on)} is neither free nor clamped; write one formula for "
+            f"{where}: it is missing, and side {min(on)} is neither free nor clamped; write one formula for "
             "all sides, or a list with one per side"
         )
     if listed and len(given) != n:
@@ -68,7 +68,7 @@ def on_sides(
     read = [_listed(field, text, side, on, clamped, f"{where}[{side}]") for side, text in texts]
     read = read or [plain(given, where, field)] * n
     if field == "q" and not (listed or free) and read[0].rational != 0:
-        raise InputError(f"{where}: no side is free; name those with a given flux in free_sides")
+        raise InputError(f"{where}: no side is free; name the sides with a given flux in free_sides")
     if field == "g":
         read = [trace(read[side], ends[side], side, where) if side in on else ZERO for side in range(n)]
     return [formula if side in on else ZERO for side, formula in enumerate(read)]
@@ -103,7 +103,9 @@ def trace(formula: Expression, ends: Ends, side: int, where: str) -> Expression:
     except ValueError as error:
         raise InputError(f"{where}: {error}") from None
     if any(k < 1 for k in powers):
-        raise InputError(f"{where}: a power of pos below 1 on side {side}; it must be Lipschitz")
+        raise InputError(
+            f"{where}: on side {side} a power of pos is below 1; a Lipschitz function has 1 or more"
+        )
     return formula
 
 

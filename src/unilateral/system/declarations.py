@@ -49,7 +49,7 @@ def file_of(name: str) -> Path | None:
         raise InputError(f"{name} is a folder; name a YAML file, or a case")
     if name.endswith(ENDINGS):
         if not is_file:
-            missing = f"there is no file {name} that could declare a case or a problem"
+            missing = f"there is no file {name}"
             beside = _same_stem(path)
             raise InputError(f"{missing}; did you mean {beside}?" if beside else missing)
         return path

@@ -51,8 +51,7 @@ def test_without_sizes_and_an_accuracy_five_percent_is_reached(run):
     code, out, err = run("solve", "natural", "--max-unknowns", "100000")
     assert (code, err) == (0, "")
     assert out.startswith(
-        "no sizes and no accuracy are given: --accuracy 0.05 is taken\n"
-        "natural: ||u - u_h||_1 <= 0.05 ||u||_1\n"
+        "no sizes and no accuracy are given; using --accuracy 0.05\nnatural: ||u - u_h||_1 <= 0.05 ||u||_1\n"
     )
     code, found, err = solve_json(run, "natural")
     assert (code, err, found["certified"]) == (0, "", True)
@@ -61,7 +60,7 @@ def test_without_sizes_and_an_accuracy_five_percent_is_reached(run):
     assert s.certified
     assert s.bounds.relative_u <= 0.05
     assert s.mesh.n_nodes == found["unknowns"]
-    assert "is taken" not in run("solve", "natural", "--accuracy", "0.05")[1]
+    assert "; using" not in run("solve", "natural", "--accuracy", "0.05")[1]
 
 
 def test_an_absolute_accuracy(run):
