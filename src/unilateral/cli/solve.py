@@ -130,8 +130,6 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
         tell(f"lambda_H {doubt}")
     if not (search or found.converged):
         tell(not_converged(found.solved.result.bound))
-    if bounds and not (search or errors) and _too_coarse(found, bounds):
-        tell(f"{TOO_COARSE}{'; it makes its own meshes' * own_mesh}")
     if not options.json and not search:
         say(head(printed))
     if not options.json and not found.units.reaction:
@@ -143,6 +141,8 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
     else:
         least = {norm: found.solved.size(norm, sharp) if bounds else math.nan for norm in NORMS}
         say(table(printed, bounds, least, doubt, found.units))
+        if bounds and not (search or errors) and _too_coarse(found, bounds):
+            say(f"  {'hint':27} {TOO_COARSE}{'; it makes its own meshes' * own_mesh}")
     _keep(found, options, printed)
     if watch.asked:
         return INTERRUPTED
