@@ -35,10 +35,12 @@ from unilateral.system.optional import require
 Compiled = Callable[..., list[Array]]
 
 
-def parse(text: object, variables: Sequence[str], where: str, least: int | None = grammar.JUMP) -> Expression:
+def parse(
+    text: object, variables: Sequence[str], where: str, least_power: int | None = grammar.JUMP
+) -> Expression:
     """The formula in the given variables; `where` names its place in errors.
 
-    Hints in messages use no power of pos below the `least` one that the place allows, None for no pos.
+    Hints in messages use no power of pos below `least_power`, which the place allows; None is for no pos.
 
     Raises InputError for anything outside the grammar, and for expressions that are not finite.
     """
@@ -46,10 +48,10 @@ def parse(text: object, variables: Sequence[str], where: str, least: int | None 
     try:
         with warnings.catch_warnings(action="ignore"):  # of Python's parser
             tree = grammar.tree(source, where)
-        part: grammar.FormulaPart = grammar.Reader(source, variables, where, least).visit(tree)
+        part: grammar.FormulaPart = grammar.Reader(source, variables, where, least_power).visit(tree)
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         kind = f"in {', '.join(variables)}" if variables else "of numbers, such as 3, 0.05 or 1/3"
-        mended = grammar.hint(source, variables, least)
+        mended = grammar.hint(source, variables, least_power)
         raise InputError(f"{where}: '{shown(source)}' is not a formula {kind}{mended}") from None
     return part.value
 
@@ -101,7 +103,7 @@ class _Expanded(_Formulas):
 
 def number(text: object, where: str) -> Expression:
     """An exact number such as 1/3, 0.05 or sqrt(2)."""
-    return parse(text, (), where, least=None)
+    return parse(text, (), where, least_power=None)
 
 
 def real(text: object, where: str) -> float:

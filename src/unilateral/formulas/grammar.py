@@ -67,9 +67,12 @@ LETTERS = {
 }
 """What to write for letters that formulas do not have."""
 MODULES = ("np", "numpy", "math", "sympy", "sp", "ufl")
+"""What people write, with a point, before names that need nothing there."""
 CONDITION = re.compile(r"[<>]|\bif\b")
 COMMA = re.compile(r"(?<![\w.])(\d+),(\d+)")
+"""A number with a decimal comma."""
 THOUSANDS = re.compile(r"(?<![\w.,])[1-9]\d{0,2}(?:,\d{3})+(?![\d,])(\.\d*)?")
+"""A number whose thousands are set off by commas; it has decimals or not."""
 PERCENT = re.compile(r"(?<![\w.])(\d+(?:\.\d*)?)\s*%")
 UNFINISHED = re.compile(r"(?<![\w.])\d+(?:\.\d*)?[eE](?![\w.]|[-+]\w)")
 """A power of ten without its exponent, such as 1e."""
@@ -118,9 +121,11 @@ def _check(size: int, limit: int, message: str) -> None:
 class Reader(ast.NodeVisitor):
     """Makes a `FormulaPart` of a syntax tree; raises InputError for what the grammar does not have."""
 
-    def __init__(self, source: str, variables: Iterable[str], where: str, least: int | None = JUMP) -> None:
-        """`least` is the least power of pos that the formula's place has, None for a place without pos."""
-        self.source, self.where, self.least = source, where, least
+    def __init__(
+        self, source: str, variables: Iterable[str], where: str, least_power: int | None = JUMP
+    ) -> None:
+        """`least_power` is the least power of pos that the place allows, None for a place without pos."""
+        self.source, self.where, self.least_power = source, where, least_power
         self.names = {name: FormulaPart(variable(name), 1.0) for name in variables}
         self.names["pi"] = FormulaPart(variable("pi"))
 
@@ -153,7 +158,7 @@ class Reader(ast.NodeVisitor):
         raise self.refuse(node, "is not allowed in a formula")
 
     def visit_Compare(self, node: ast.AST) -> FormulaPart:
-        raise self.refuse(node, f"is not allowed in a formula{condition(self.names, self.least)}")
+        raise self.refuse(node, f"is not allowed in a formula{condition(self.names, self.least_power)}")
 
     visit_IfExp = visit_Compare
 
@@ -161,8 +166,8 @@ class Reader(ast.NodeVisitor):
         raise self.refuse(node, f"is not allowed in a formula{self.bare(node)}")
 
     def visit_Subscript(self, node: ast.Subscript) -> FormulaPart:
-        of = self.text(node.value)
-        hint = f"; write x for {of}[0] and y for {of}[1]" if {"x", "y"} <= {*self.names} else ""
+        point = shown(self.text(node.value))
+        hint = f"; write x for {point}[0] and y for {point}[1]" if {"x", "y"} <= {*self.names} else ""
         hint = NO_UNITS if isinstance(node.value, ast.Constant) else hint
         raise self.refuse(node, f"is not allowed in a formula{hint}")
 
@@ -170,7 +175,7 @@ class Reader(ast.NodeVisitor):
         """The hint to leave out the module before a name such as np.sin."""
         known = isinstance(node, ast.Attribute) and node.attr in (*self.names, *FUNCTIONS)
         if known and self.text(node.value) in MODULES:
-            return f"; write {node.attr} for {self.text(node)}"
+            return write(node.attr, self.text(node))
         return ""
 
     def visit_Tuple(self, node: ast.Tuple) -> FormulaPart:
@@ -212,7 +217,7 @@ class Reader(ast.NodeVisitor):
         """The part of a formula that an operator makes of two."""
         if type(node.op) not in OPERATORS:
             text = self.text(node)
-            power = f"; write {shown(text.replace('^', '**'))} for {shown(text)}" if "^" in text else ""
+            power = write(text.replace("^", "**"), text) if "^" in text else ""
             raise self.refuse(node, f"uses an operator other than + - * / **{power}")
         degree, functions = max(left.degree, right.degree), max(left.functions, right.functions)
         if isinstance(node.op, ast.Pow):
@@ -250,10 +255,10 @@ class Reader(ast.NodeVisitor):
         if isinstance(node.func, ast.Constant) or name in self.names:
             factors = shown(f"{name}*{self.text(node).removeprefix(name).strip()}")
             return self.refuse(node, f"is not a product; write {factors}")
-        least, instead = INSTEAD.get(name, (NO_POWER, ""))
+        least_power, instead = INSTEAD.get(name, (NO_POWER, ""))
         lower = name.lower()
-        if least != NO_POWER and (self.least is None or least < self.least):
-            return self.refuse(node, f"is not a known function{positive_part(self.names, self.least)}")
+        if least_power != NO_POWER and (self.least_power is None or least_power < self.least_power):
+            return self.refuse(node, f"is not a known function{positive_part(self.names, self.least_power)}")
         if not instead and lower in FUNCTIONS and not node.keywords:
             instead = f"{lower} for {name}"
         hint = f"; write {instead}" if instead else self.bare(node.func)
@@ -298,21 +303,21 @@ def _numbers(e: Expression) -> Iterable[Fraction]:
     return [*(c for _, c in e.terms), *(k for of, _ in e.terms for _, k in of)]
 
 
-def condition(names: Iterable[str], least: int | None) -> str:
-    """What to write in place of a condition, after a semicolon; see `Reader` for `least`."""
-    return f"; {NO_CONDITION}{positive_part(names, least)}"
+def condition(names: Iterable[str], least_power: int | None) -> str:
+    """What to write in place of a condition, after a semicolon; see `Reader` for `least_power`."""
+    return f"; {NO_CONDITION}{positive_part(names, least_power)}"
 
 
-def positive_part(names: Iterable[str], least: int | None) -> str:
+def positive_part(names: Iterable[str], least_power: int | None) -> str:
     """What pos is with the least power of a place, after a semicolon; nothing for a place without pos."""
     variable = next((name for name in names if name != "pi"), None)
-    if least is None or variable is None:
+    if least_power is None or variable is None:
         return ""
-    if least == JUMP:
+    if least_power == JUMP:
         example = f"such as pos({variable} - 1/2, 0) for {variable} > 1/2"
         return f"; pos(a, 0) is 1 where a > 0 and 0 elsewhere, {example}"
-    power = "a" if least == KINK else f"a**{least}"
-    return f"; pos(a, {least}) is {power} where a > 0 and 0 elsewhere; jumps are not allowed here"
+    power = "a" if least_power == KINK else f"a**{least_power}"
+    return f"; pos(a, {least_power}) is {power} where a > 0 and 0 elsewhere; jumps are not allowed here"
 
 
 def named(name: str, known: Iterable[str]) -> str:
@@ -320,29 +325,34 @@ def named(name: str, known: Iterable[str]) -> str:
     if name in UNITS:
         return NO_UNITS
     if name in ("e", "E"):
-        return f"; write exp(1) for {name}"
+        return write("exp(1)", name)
     instead = LETTERS.get(name, name.lower())
-    return f"; write {instead} for {name}" if instead in (*known, *FUNCTIONS) and instead != name else ""
+    return write(instead, name) if instead in (*known, *FUNCTIONS) and instead != name else ""
 
 
-def hint(source: str, names: Sequence[str], least: int | None) -> str:
+def write(instead: str, given: str) -> str:
+    """The hint to write something else, after a semicolon; both texts are cut if they are long."""
+    return f"; write {shown(instead)} for {shown(given)}"
+
+
+def hint(source: str, names: Sequence[str], least_power: int | None) -> str:
     """How to mend what Python's parser refused, after a semicolon; nothing where that cannot be guessed."""
     if CONDITION.search(source):
-        return condition(names, least)
+        return condition(names, least_power)
     if letter := next((letter for letter in source if letter in LETTERS), ""):
-        return f"; write {LETTERS[letter]} for {letter}"
+        return write(LETTERS[letter], letter)
     if part := PERCENT.search(source):
-        return f"; write {part[1]}/100 for {part[0]}"
+        return write(f"{part[1]}/100", part[0])
     if UNFINISHED.search(source):
         return "; write the exponent of a power of ten, such as 1e-3, and exp(1) for the number e"
     if product := FACTOR.search(source):
         if product[2] in (*names, "pi", *FUNCTIONS, "("):
-            return f"; write {product[1]}*{product[2]} for {shown(product[0])}"
+            return write(f"{product[1]}*{product[2]}", product[0])
         if {*product[2]} <= {*names}:
-            return f"; write {'*'.join((product[1], *product[2]))} for {shown(product[0])}"
+            return write("*".join((product[1], *product[2])), product[0])
         return "" if product[2] in ("x", "y", "z") else NO_UNITS
     if zeros := LEADING_ZEROS.search(source):
-        return comma(source) or f"; write {shown(zeros[1])} for {shown(zeros[0])}"
+        return comma(source) or write(zeros[1], zeros[0])
     return comma(source)
 
 
@@ -351,6 +361,6 @@ def comma(source: str) -> str:
     if thousands := THOUSANDS.search(source):
         whole, decimals = thousands[0].replace(",", ""), thousands[0].replace(",", ".")
         clear = thousands[1] or thousands[0].count(",") > 1
-        return f"; write {whole if clear else f'{whole} or {decimals}'} for {thousands[0]}"
+        return write(whole if clear else f"{whole} or {decimals}", thousands[0])
     pair = COMMA.search(source)
-    return f"; write {pair[1]}.{pair[2]} for {pair[0]}" if pair else ""
+    return write(f"{pair[1]}.{pair[2]}", pair[0]) if pair else ""

@@ -54,15 +54,15 @@ class Builder:
     constants: Constants
 
     def formula(
-        self, text: object, variables: tuple[sympy.Symbol, ...], where: str, least: int | None = None
+        self, text: object, variables: tuple[sympy.Symbol, ...], where: str, least_power: int | None = None
     ) -> sympy.Expr:
         names = [*(symbol.name for symbol in variables), *self.constants]
-        parsed = formula.parse(text, names, where, least)
+        parsed = formula.parse(text, names, where, least_power)
         return symbolic(formula.substituted(parsed, self.constants, where))
 
-    def along_side(self, text: object, where: str, least: int = KINK) -> sympy.Expr:
+    def along_side(self, text: object, where: str, least_power: int = KINK) -> sympy.Expr:
         """A formula in t whose kinks can be found."""
-        of_t = self.formula(text, (T,), where, least)
+        of_t = self.formula(text, (T,), where, least_power)
         if has_log(plain(of_t)):
             raise InputError(f"{where}: {NO_LOG}")
         if roots_in(plain(of_t)):
@@ -91,7 +91,7 @@ class Builder:
         if cutoff is not None and cutoff <= 0:
             raise InputError(f"{where}, cutoff: {cutoff} must be positive")
         if entry["atom"] == "tensor":
-            profile = self.along_side(entry["profile"], f"{where}, profile", least=2)
+            profile = self.along_side(entry["profile"], f"{where}, profile", least_power=2)
             if any(k <= Fraction(3, 2) for _, k in kinks(profile, T)):
                 raise InputError(f"{where}, profile: its powers must be above 3/2, or f is not in L2")
             return Tensor(self.polygon, side, 0.0, profile, cutoff)

@@ -122,8 +122,8 @@ def plain(text: object, where: str, field: str) -> Expression:
     """
     if isinstance(text, str) and text.strip().lower() in NOTHING:
         raise InputError(f"{where}: '{text}' is no formula; {INSTEAD[field]}")
-    least = KINK if field in "gu" else JUMP
-    formula = parse(0 if text is None else text, ("x", "y"), where, least)
+    least_power = KINK if field in "gu" else JUMP
+    formula = parse(0 if text is None else text, ("x", "y"), where, least_power)
     if has_log(formula):
         raise InputError(f"{where}: {NO_LOG}")
     return formula

@@ -227,6 +227,14 @@ def test_a_message_quotes_the_beginning_of_a_long_formula():
     assert str(refusal.value).startswith(f"here: '{'y' * 57}...' is unknown; known are x, y, pi")
 
 
+@pytest.mark.parametrize("part", ["{}%", "{}x", "0{}", "{},5", "{}^x", "{}(x)", "{}[0]"])
+def test_a_hint_quotes_the_beginning_of_a_long_number(part):
+    with pytest.raises(InputError) as refusal:
+        parse(part.format("9" * 1000), ("x", "y"), "here")
+    assert "999..." in str(refusal.value)
+    assert len(str(refusal.value)) < 300
+
+
 @pytest.mark.filterwarnings("error")
 def test_python_s_own_warnings_are_not_shown():
     """Of '1or x' Python's parser says that a decimal literal is invalid; our refusal says it, too."""

@@ -37,6 +37,26 @@ def test_the_integral_of_f_is_the_closed_form(f, integral):
         assert found.moments().sum() != pytest.approx(integral + 1e-4, abs=found.unknown)
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_jump_beside_a_root_that_has_no_range_on_large_pieces():
+    """With d = 1/1000, H'' = (t^2 + d)^(1/2): the integral is H(2/3) - H(0) + H(1) - H(1/3).
+
+    On a piece that x = y crosses the terms of (x - y)^2, multiplied out, may be as small as -2.
+    """
+    found = source.enclosed(
+        structured(square(), 1 / 2),
+        ul.Problem(SQUARE, f="pos(x - 1/3, 0)*sqrt(x**2 - 2*x*y + y**2 + 1/1000)", g=-9),
+    )
+    d = 1e-3
+
+    def H(t):
+        root = np.sqrt(t**2 + d)
+        return root**3 / 6 + d / 2 * (t * np.arcsinh(t / np.sqrt(d)) - root)
+
+    assert found.unknown <= 1e-4
+    assert found.moments().sum() == pytest.approx(H(2 / 3) - H(0) + H(1) - H(1 / 3), abs=found.unknown)
+
+
 @pytest.mark.parametrize(
     ("a", "exact"),
     [
