@@ -173,10 +173,9 @@ class Reader(ast.NodeVisitor):
 
     def bare(self, node: ast.expr) -> str:
         """The hint to leave out the module before a name such as np.sin."""
-        known = isinstance(node, ast.Attribute) and node.attr in (*self.names, *FUNCTIONS)
-        if known and self.text(node.value) in MODULES:
-            return write(node.attr, self.text(node))
-        return ""
+        if not isinstance(node, ast.Attribute) or self.text(node.value) not in MODULES:
+            return ""
+        return write(node.attr, self.text(node)) if node.attr in (*self.names, *FUNCTIONS) else ""
 
     def visit_Tuple(self, node: ast.Tuple) -> FormulaPart:
         raise self.refuse(node, f"is not allowed in a formula{comma(self.text(node))}")
