@@ -48,7 +48,7 @@ __all__ = ["KINDS", "Problem", "Solver", "case", "load", "mesh", "open", "solve"
 def Problem(
     polygon: Polygon | Mesh | ArrayLike,
     f: Given,
-    g: Given | Sequence[Given],
+    g: Given | Sequence[Given] = None,
     free_sides: Sequence[int] | None = (),
     name: str = "problem",
     *,
@@ -64,8 +64,8 @@ def Problem(
     if a side is clamped. The errors are measured in the norm (k |v|_1^2 + c ||v||_0^2)^{1/2} and its dual.
 
     `polygon` has the vertices (n, 2), anticlockwise; side i runs from vertex i to the next. f, g for all
-    sides with contact or one per side (None on the others), u on each clamped side, and q for all free sides
-    or one per side (None on the others) are formulas in x and y, as in a problem file, functions of two
+    sides with contact or one per side (None on the others), which is left out where no side carries contact,
+    u on each clamped side, and q for all free sides or one per side (None on the others) are formulas in x and y, as in a problem file, functions of two
     arrays, or arrays. Where one of them is a function nothing can be guaranteed: a solution then has no
     bounds, and no accuracy can be asked for. A function that takes one point at a time is given as
     `np.vectorize(function, otypes=[float])`.

@@ -82,7 +82,7 @@ def test_a_bound_holds_where_f_and_u_on_clamped_sides_are_roots():
 
     Control: the distance from another root is larger than the bound.
     """
-    problem = ul.Problem(SQUARE, f="(1 + x)**(-3/2)/4", g=None, c=0, u=dict.fromkeys(range(4), "sqrt(1 + x)"))
+    problem = ul.Problem(SQUARE, f="(1 + x)**(-3/2)/4", c=0, u=dict.fromkeys(range(4), "sqrt(1 + x)"))
     s = ul.solve(problem, h=1 / 8, H=1 / 4)
     mesh = skfem.MeshTri(s.mesh.points.T.copy(), s.mesh.triangles.T.copy())
     basis = skfem.Basis(mesh, skfem.ElementTriP1(), intorder=8)
