@@ -64,11 +64,11 @@ def Problem(
     if a side is clamped. The errors are measured in the norm (k |v|_1^2 + c ||v||_0^2)^{1/2} and its dual.
 
     `polygon` has the vertices (n, 2), anticlockwise; side i runs from vertex i to the next. f, g for all
-    sides with contact or one per side (None on the others), which is left out where no side carries contact,
-    u on each clamped side, and q for all free sides or one per side (None on the others) are formulas in x and y, as in a problem file, functions of two
-    arrays, or arrays. Where one of them is a function nothing can be guaranteed: a solution then has no
-    bounds, and no accuracy can be asked for. A function that takes one point at a time is given as
-    `np.vectorize(function, otypes=[float])`.
+    sides with contact or one per side (None on the others), u on each clamped side, and q for all free sides
+    or one per side (None on the others) are formulas in x and y, as in a problem file, functions of two
+    arrays, or arrays. Without sides that carry contact g is left out. Where one of them is a function nothing
+    can be guaranteed: a solution then has no bounds, and no accuracy can be asked for. A function that takes
+    one point at a time is given as `np.vectorize(function, otypes=[float])`.
 
     An array (n,) has a value for each node of a mesh, which takes the place of the polygon: see `mesh`. It
     stands for the function that is linear on triangles and boundary edges; bounds are for that one. Of g and
