@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
-from unilateral.accuracy.goal import NORMS, Goal
+from unilateral.accuracy.goal import ACCURACY, NORMS, Goal
 from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import search
 from unilateral.accuracy.watch import Watch
@@ -50,7 +50,7 @@ __all__ = ["KINDS", "Problem", "Solver", "case", "load", "mesh", "open", "solve"
 def Problem(
     polygon: Polygon | Mesh | ArrayLike,
     f: Given,
-    g: Given | Sequence[Given],
+    g: Given | Sequence[Given] = None,
     free_sides: Sequence[int] | None = (),
     name: str = "problem",
     *,
@@ -68,9 +68,9 @@ def Problem(
     `polygon` has the vertices (n, 2), anticlockwise; side i runs from vertex i to the next. f, g for all
     sides with contact or one per side (None on the others), u on each clamped side, and q for all free sides
     or one per side (None on the others) are formulas in x and y, as in a problem file, functions of two
-    arrays, or arrays. Where one of them is a function nothing can be guaranteed: a solution then has no
-    bounds, and no accuracy can be asked for. A function that takes one point at a time is given as
-    `np.vectorize(function, otypes=[float])`.
+    arrays, or arrays. Without sides that carry contact g is left out. Where one of them is a function nothing
+    can be guaranteed: a solution then has no bounds, and no accuracy can be asked for. A function that takes
+    one point at a time is given as `np.vectorize(function, otypes=[float])`.
 
     An array (n,) has a value for each node of a mesh, which takes the place of the polygon: see `mesh`. It
     stands for the function that is linear on triangles and boundary edges; bounds are for that one. Of g and
@@ -202,6 +202,8 @@ def solve(
 ) -> Solution:
     """The solution on given sizes h and H, or up to an accuracy that is then guaranteed.
 
+    If neither is given, the accuracy is 0.05; a mesh of one's own and functions need sizes.
+
     The problem is one of `Problem`, `case` and `load`, or the name of a case or of a YAML file.
     h is the longest boundary edge of the mesh, H the longest cell of the multiplier's partition; take h < H,
     such as H = 2h. Large meshes are refined from coarse ones and solved by multigrid.
@@ -228,6 +230,10 @@ def solve(
     check_kind(mesh)
     check_stop(stop)
     _check_flags(sharp=sharp, absolute=absolute, dry_run=dry_run)
+    without_sizes = h is None and H is None and accuracy is None and not absolute
+    on_own_mesh = isinstance(mesh, Mesh) or mesh_of(problem) is not None
+    if without_sizes and not on_own_mesh and not isinstance(problem, Sampled):
+        accuracy = ACCURACY
     if not (tell is None or callable(tell)) or not isinstance(watch, Watch | None):
         raise InputError("tell has to be a function of a level, and watch a Watch; leave them out")
     limits = {"max_unknowns": max_unknowns, "max_seconds": max_seconds, "max_memory": max_memory}
@@ -238,7 +244,7 @@ def solve(
         tell_faults(only, solver.own_mesh)
         return only
     if h is not None or H is not None or isinstance(mesh, Mesh):
-        raise InputError("an accuracy chooses the sizes and the mesh; give either it or h and H")
+        raise InputError("an accuracy makes its own meshes; leave it out, or leave out h, H and the mesh")
     if mesh_of(problem) is not None:
         raise InputError(
             f"'{problem.name}' was made of a mesh and is solved on it; give H, or make the problem of the "

@@ -356,14 +356,15 @@ def test_bounds_that_contradict_each_other_are_none():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({}, "h and H are needed, and H is missing; ul.solve takes an accuracy in their place"),
+        ({"h": 1 / 8}, "h and H are needed, and H is missing; ul.solve takes an accuracy in their place"),
+        ({"absolute": True}, "absolute is only for an accuracy; leave it out, or give an accuracy"),
         ({"H": 1 / 8}, "and h is missing"),
         ({"h": -1, "H": 1 / 8}, "h = -1 must be a positive number"),
         ({"h": "1/x", "H": 1 / 8}, "h: 'x' is unknown"),
         ({"h": [1], "H": 1 / 8}, "h is [1]; it has to be a number, or a text such as '1/64'"),
         ({"accuracy": {}}, "the accuracy is {}; it has to be a number"),
         ({"h": 1e-9, "H": 1 / 8}, "h = 1e-09 makes 1e+18 unknowns on 'problem', which take at least"),
-        ({"h": 1 / 8, "accuracy": 0.1}, "an accuracy chooses the sizes and the mesh"),
+        ({"h": 1 / 8, "accuracy": 0.1}, "an accuracy makes its own meshes; leave it out, or"),
         ({"accuracy": 10**400}, "the accuracy is 1000000"),
         (
             {"accuracy": 0.1, "mesh": "quads"},
@@ -512,7 +513,7 @@ NO_SIDES = (-1, 4, 1.5, "1", "left", True, None)
         ],
         (
             {"u": {1: 0}, "free_sides": [1]},
-            "field free_sides: side 1 is clamped; leave it out, or take it out",
+            "field free_sides: side 1 is clamped; remove it from free_sides or",
         ),
         ({"u": {1: 0}, "g": [0] * 4}, "field g[1]: side 1 is clamped; write null, or take it out of u"),
         ({"u": {1: 0}, "q": [None, np.hypot, None, None]}, "field q[1]: side 1 is clamped; write null"),

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 NORMS = ("h1", "hm12")
 """The norms of an accuracy: that of u in H1, and that of lambda in H^{-1/2}."""
+ACCURACY = 0.05
+"""The relative error to reach where neither sizes nor an accuracy are given."""
 MAX_SECONDS = 600.0
 """The seconds for all levels together, where no limit is given."""
 

@@ -138,13 +138,17 @@ def _jump(pieces: TrianglePieces, at: Mask, by: Model, wrong: Array, doubt: Arra
 
     The areas are known up to `doubt` (k,). p is changed by a constant so that its integral is that of f.
     """
-    lower, upper = by.range
+    # where f has no range on all of a piece, as 1/a where a may be 0, nothing is known of it there
+    known = np.isfinite(by.range[0]) & np.isfinite(by.range[1])
+    lower, upper = np.where(known, by.range, 0.0)
     middle, most = 0.5 * (lower + upper), np.maximum(np.abs(lower), np.abs(upper))
     area = pieces.area[at]
     shift = middle * wrong / area
     pieces.c[0, at] += shift
-    pieces.jumping[at] += most * np.sqrt(wrong + doubt) + np.abs(shift) * np.sqrt(area)
-    pieces.integral[at] += 0.5 * (upper - lower) * wrong + most * doubt
+    jumping = most * np.sqrt(wrong + doubt) + np.abs(shift) * np.sqrt(area)
+    integral = 0.5 * (upper - lower) * wrong + most * doubt
+    pieces.jumping[at] += np.where(known, jumping, np.inf)
+    pieces.integral[at] += np.where(known, integral, np.inf)
 
 
 def _jumps(

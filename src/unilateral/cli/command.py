@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, TypeAlias
@@ -11,7 +12,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from unilateral.cli.streams import load
-from unilateral.errors import InputError, meant
+from unilateral.errors import InputError, meant, shown
 from unilateral.system.optional import require
 
 CODES = {
@@ -25,6 +26,12 @@ CODES = {
 }
 """What the exit codes say."""
 DOES_NOT_HOLD, NOT_CONVERGED = 1, 3
+MAX_DIGITS = 18
+"""Whole numbers have at most this many digits: any of these fits into 64 bits."""
+MAX_NAME, MAX_PATH = 255, 4095
+"""No name of a file, and no path, is longer."""
+LONG = re.compile(rf"(?<=\()[^()]{{{MAX_NAME + 1},}}(?=\))|(?<=')[^']{{{MAX_NAME + 1},}}(?=')")
+"""What click's messages quote of the command line, if it is long."""
 EVERY = {0, 2, 4, 130, 143}
 """The codes of every command."""
 
@@ -101,15 +108,19 @@ def said(error: click.UsageError) -> str:
 def _fault(error: click.UsageError) -> str:
     if isinstance(error, click.NoSuchOption) and error.ctx:
         known = [name for param in error.ctx.command.get_params(error.ctx) for name in param.opts]
-        return f"there is no option {error.option_name}{meant(error.option_name, known)}"
+        return f"there is no option {shown(error.option_name)}{meant(error.option_name, known)}"
     if isinstance(error, click.NoSuchCommand) and error.ctx and isinstance(error.ctx.command, click.Group):
         known = error.ctx.command.list_commands(error.ctx)
-        return f"there is no command '{error.command_name}'{meant(error.command_name, known)}"
+        name = shown(error.command_name)
+        is_problem = name.endswith((".yaml", ".yml")) or name in _cases()
+        instead = f"; did you mean solve {name}?" if is_problem else meant(error.command_name, known)
+        return f"there is no command '{name}'{instead}"
     if isinstance(error, click.MissingParameter) and error.param:
         return f"{_name(error.param)} is missing"
     if isinstance(error, click.BadParameter) and error.param:
-        return f"argument {_name(error.param)}: {error.message}"
-    return f"{error.message[:1].lower()}{error.message[1:].rstrip('.')}"
+        return f"argument {_name(error.param)}: {LONG.sub(lambda long: shown(long[0]), error.message)}"
+    message = LONG.sub(lambda long: shown(long[0]), error.message)
+    return f"{message[:1].lower()}{message[1:].rstrip('.')}"
 
 
 def _name(param: click.Parameter) -> str:
@@ -118,6 +129,25 @@ def _name(param: click.Parameter) -> str:
 
 Context: TypeAlias = click.Context | None
 Parameter: TypeAlias = click.Parameter | None
+
+
+def is_count(text: str) -> bool:
+    """Whether a text is a whole number without a sign, of a size that is read."""
+    return text.isdecimal() and len(text) <= MAX_DIGITS
+
+
+class File(click.Path):
+    """The name of a file or a folder; the library says whether it can be read or written."""
+
+    def convert(self, value: Any, param: Parameter, ctx: Context) -> Any:
+        if too_long(value):
+            self.fail(f"'{shown(value)}' is too long for the name of a file", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+def too_long(name: str) -> bool:
+    """Whether no system has a file of that name."""
+    return len(name) > MAX_PATH or max(map(len, name.split("/"))) > MAX_NAME
 
 
 class Positive(click.ParamType):
@@ -134,7 +164,8 @@ class Positive(click.ParamType):
             number = math.nan
         if not 0 < number < math.inf:
             mended = load("unilateral.formulas.grammar").comma(value)
-            self.fail(f"'{value}' must be a positive number or a fraction such as 1/64{mended}", param, ctx)
+            what = "must be a positive number or a fraction such as 1/64"
+            self.fail(f"'{shown(value)}' {what}{mended}", param, ctx)
         return number
 
 
@@ -144,8 +175,9 @@ class Count(click.ParamType):
     name = "count"
 
     def convert(self, value: Any, param: Parameter, ctx: Context) -> int:
-        if not str(value).isdecimal() or int(value) < 1:
-            self.fail(f"'{value}' must be a whole number of at least 1", param, ctx)
+        if not is_count(str(value)) or int(value) < 1:
+            limits = f"of at least 1, with at most {MAX_DIGITS} digits"
+            self.fail(f"'{shown(value)}' must be a whole number {limits}", param, ctx)
         return int(value)
 
 
@@ -156,8 +188,8 @@ class Sides(click.ParamType):
 
     def convert(self, value: Any, param: Parameter, ctx: Context) -> tuple[int, ...]:
         parts = value.split(",")
-        if not all(part.isdecimal() for part in parts):
-            self.fail(f"'{value}' must be numbers of sides such as 1,2,3", param, ctx)
+        if not all(map(is_count, parts)):
+            self.fail(f"'{shown(value)}' must be numbers of sides such as 1,2,3", param, ctx)
         return tuple(sorted({int(part) for part in parts}))
 
 
@@ -165,7 +197,7 @@ class Choice(click.Choice[str]):
     """One of a few names."""
 
     def get_invalid_choice_message(self, value: Any, ctx: Context) -> str:
-        return f"'{value}' is none of {', '.join(self.choices)}{meant(value, self.choices)}"
+        return f"'{shown(value)}' is none of {', '.join(self.choices)}{meant(value, self.choices)}"
 
 
 class Name(click.ParamType):
@@ -175,6 +207,11 @@ class Name(click.ParamType):
 
     def __init__(self, known: Callable[[], Sequence[str]], files: bool = True) -> None:
         self.known, self.files = known, files
+
+    def convert(self, value: Any, param: Parameter, ctx: Context) -> Any:
+        if too_long(value):
+            self.fail(f"'{shown(value)}' is too long for a name", param, ctx)
+        return value
 
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str
@@ -193,6 +230,6 @@ def _polygons() -> list[str]:
 
 
 POSITIVE, COUNT, SIDES = Positive(), Count(), Sides()
-FILE, FOLDER = click.Path(readable=False), click.Path(readable=False, file_okay=False)
+FILE, FOLDER = File(readable=False), File(readable=False, file_okay=False)
 CASE, POLYGON = Name(_cases), Name(_polygons)
 as_json = option("--json", is_flag=True, help="print one JSON object, and nothing else")

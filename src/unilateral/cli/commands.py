@@ -122,7 +122,7 @@ def cases(ctx: click.Context, name: str | None, form: str, polygon: str | None, 
     "--polygon",
     type=POLYGON,
     metavar="NAME|FILE",
-    help="a named one, or that of a problem file (default: the first that the case is made for)",
+    help="a named polygon, or that of a problem file (default: the case's first one)",
 )
 @option("--side", type=int, metavar="I", default=0, help="the side on which the case is placed (default 0)")
 @option(

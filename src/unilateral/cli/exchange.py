@@ -80,7 +80,7 @@ def score(
     if multipliers and len(multipliers) != len(solutions):
         raise InputError(
             f"--multiplier is given {counted(len(multipliers), 'time')} for "
-            f"{counted(len(solutions), 'solution')}; repeat it for each of them"
+            f"{counted(len(solutions), 'solution')}; repeat it for each solution"
         )
     given = [foreign(levels, *each) for each in zip_longest(solutions, multipliers)]
     first_on: dict[str, str] = {}

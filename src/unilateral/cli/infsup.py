@@ -10,6 +10,7 @@ import numpy as np
 
 from unilateral import api
 from unilateral.arrays import Array, Index
+from unilateral.cli.command import is_count
 from unilateral.cli.own_mesh import own_mesh
 from unilateral.cli.streams import say
 from unilateral.discrete.choice import check_condensed, check_size
@@ -70,7 +71,7 @@ def _cells(polygon: Polygon, given: str, H: float | None) -> Partition:
     """Equal cells of the size H, or so many on every side as are `given`, or those of a `given` file."""
     if H is not None:
         return partitions.uniform(polygon, H)
-    if not given.isdecimal():
+    if not is_count(given):
         return read_partition(given, polygon)
     if not 1 <= int(given) <= MOST_CELLS:
         raise InputError(f"argument --cells: {given} must lie between 1 and {MOST_CELLS}")

@@ -160,7 +160,8 @@ def _draw_polygon(axes: Axes, problem: Problem) -> None:
     polygon, v = problem.polygon, problem.polygon.vertices
     grid = np.meshgrid(*np.linspace(v.min(axis=0), v.max(axis=0), POINTS).T)
     inside = polygon.contains(np.stack(grid, axis=-1))
-    f = np.where(inside, compile_numpy([problem.f], "xy")(*grid)[0], np.nan)
+    with np.errstate(all="ignore"):  # f need not be defined outside
+        f = np.where(inside, compile_numpy([problem.f], "xy")(*grid)[0], np.nan)
     field = axes.pcolormesh(*grid, f, shading="nearest", rasterized=True, alpha=0.6)
     axes.figure.colorbar(field, cax=axes.inset_axes((1.03, 0, 0.04, 1)), label="f")
     for side in range(polygon.n_sides):

@@ -67,7 +67,7 @@ def table(
         rows["guaranteed"] = _bounded("h1", bounds.u, least["h1"], units)
         if found["multipliers"]:
             rows["also guaranteed"] = _bounded("hm12", bounds.multiplier, least["hm12"], units)
-        enclosed = f"at most {up(bounds.unknown, '.1e')} for how closely f, g and q are enclosed"
+        enclosed = f"at most {up(bounds.unknown, '.1e')} for approximating f, g and q"
         rows["these bounds include"] = f"all rounding errors, and {enclosed}"
     rows |= _contact(found["contact"]) if found["multipliers"] else {"contact": LINEAR}
     for name, force in (found["forces"] or {}).items():
@@ -161,15 +161,15 @@ def ending(search: Search, units: Units) -> str:
     if bound and search.ended == NOT_ENCLOSED:
         return (
             f"  NOT guaranteed, because {NOT_ENCLOSED}: {reached}; {up(bound.unknown, DIGITS)} of this bound "
-            f"is for how closely they are enclosed, and the rest, {best.total - bound.unknown:{DIGITS}}, "
+            f"is for approximating them, and the rest, {best.total - bound.unknown:{DIGITS}}, "
             "is only an estimate"
         )
-    needed = f"; {amounts(search.plan)} would be enough" if search.plan else ""
+    needed = f"; that needs {amounts(search.plan)}" if search.plan else ""
     return f"  NOT certified, {as_options(search.ended)}: {reached}{needed}{_reach(search)}"
 
 
 def _reach(search: Search) -> str:
-    return f"; --accuracy {search.reach:g} is within reach" if search.reach else ""
+    return f"; try --accuracy {search.reach:g}" if search.reach else ""
 
 
 def rounded(plan: Plan) -> Plan:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from unilateral import api
-from unilateral.accuracy.goal import NORMS, Goal
+from unilateral.accuracy.goal import ACCURACY, NORMS, Goal
 from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import WITHDRAWN, Search
 from unilateral.accuracy.watch import OutOfBudget, Watch
@@ -35,7 +35,7 @@ from unilateral.cli.watching import bar_during, clear, watching
 from unilateral.errors import BudgetError, InputError, counted
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
-from unilateral.solution.certificate import energy
+from unilateral.solution.certificate import Bounds, energy
 from unilateral.solution.solution import ENDINGS, Solution, flat_triangles, not_converged, not_unique
 from unilateral.solvers.stop import Stop
 from unilateral.system import as_json
@@ -51,6 +51,11 @@ LIMITS = ("max_unknowns", "max_seconds", "max_memory")
 PASSED_ON = ("h", "H", "accuracy", "norm", "sharp", "absolute", "dry_run", *LIMITS)
 OF_STOP = ("tolerance", "max_steps", "algorithm", "rho")
 """Options that are arguments of `api.solve` and of `Stop`, by the same names."""
+BY_DEFAULT = f"no sizes and no accuracy are given; using --accuracy {ACCURACY:g}"
+TOO_COARSE = (
+    "the bound does not rule out an error as large as u itself; "
+    f"--accuracy {ACCURACY:g} in place of --h and --H refines the mesh where the bound comes from"
+)
 READING = "the formulas enclosed"
 """The name of the phase before a search, which is long only for formulas that are long or vary fast."""
 FEW = 512
@@ -102,7 +107,7 @@ def _solved(options: SimpleNamespace, problem: Case | Problem, watch: Watch, dra
         **{name: getattr(options, name) for name in PASSED_ON},
         mesh=_mesh(options.mesh, problem),
         stop=Stop(**{name: getattr(options, name) for name in OF_STOP}),
-        tell=None if options.json else _told(problem, drawn),
+        tell=None if options.json else _told(problem, options.by_default, drawn),
         watch=watch,
     )
 
@@ -110,6 +115,7 @@ def _solved(options: SimpleNamespace, problem: Case | Problem, watch: Watch, dra
 def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bool) -> dict[str, Any]:
     """Prints what was found; its fields, by the names that --json has."""
     search, sharp = found.search, options.sharp
+    own_mesh = options.mesh not in (None, *api.KINDS)
     refused = found.too_large(sharp)
     if refused:
         tell(refused)
@@ -126,7 +132,6 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
     clear(drawn)
     printed = found.record(bounds, errors, sharp) | {"forces": forces}
     printed |= {"seconds": watch.elapsed, "peak_mb": peak_mb()}
-    own_mesh = options.mesh not in (None, *api.KINDS)
     doubt = "" if found.unique else not_unique(found.mesh, own_mesh)
     if doubt:
         tell(f"lambda_H {doubt}")
@@ -146,7 +151,17 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
     else:
         least = {norm: found.solved.size(norm, sharp) if bounds else math.nan for norm in NORMS}
         say(table(printed, bounds, least, doubt, found.units))
+        if bounds and not (search or errors) and _too_coarse(found, bounds):
+            say(f"  {'hint':27} {TOO_COARSE}{'; it makes its own meshes' * own_mesh}")
     return printed
+
+
+def _too_coarse(found: Solution, bounds: Bounds) -> bool:
+    """Whether the mesh alone may be the reason that the bound is not below the norm of u.
+
+    A u_h that is 0 has no relative error, whatever the mesh.
+    """
+    return found.converged and found.unique and found.solved.u_norm > 0 and not bounds.relative_u < 1
 
 
 def _targets(options: SimpleNamespace) -> list[Path]:
@@ -217,13 +232,15 @@ def _mesh(given: str | None, problem: Case | Problem) -> Any:
     return own_mesh(given, problem.polygon)
 
 
-def _told(problem: Case | Problem, drawn: bool) -> Callable[[Level], None]:
+def _told(problem: Case | Problem, by_default: bool, drawn: bool) -> Callable[[Level], None]:
     """A function that prints each level, the first one below a line that says what is wanted."""
     first, units = True, problem.units
 
     def one(level: Level) -> None:
         nonlocal first
         clear(drawn)
+        if first and by_default:
+            say(BY_DEFAULT)
         say(level_head(problem.name, level, units) if first else level_line(level, units.length))
         first = False
 

@@ -9,7 +9,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from unilateral.accuracy.goal import MAX_SECONDS, NORMS
+from unilateral.accuracy.goal import ACCURACY, MAX_SECONDS, NORMS
 from unilateral.cli.command import (
     CASE,
     COUNT,
@@ -69,7 +69,8 @@ sizes, goal, domain, method = (
     "--accuracy",
     type=POSITIVE,
     metavar="A",
-    help="relative error to reach, such as 1e-2; h, H and the stop are chosen; Ctrl-C keeps the best so far",
+    help="relative error to reach, such as 1e-2; h, H and the stop are chosen; Ctrl-C keeps the best so far "
+    f"(default {ACCURACY:g}, where no sizes are given)",
 )
 @goal(
     "--absolute",
@@ -103,13 +104,13 @@ sizes, goal, domain, method = (
     "--max-memory",
     type=POSITIVE,
     metavar="MB",
-    help="the same for the memory of this process (default: what is free)",
+    help="memory limit for this process; the best so far is kept (default: what is free)",
 )
 @domain(
     "--polygon",
     type=POLYGON,
     metavar="NAME|FILE",
-    help="for a case: a named one, or that of a problem file (default: the first that the case is made for)",
+    help="for a case: a named polygon, or that of a problem file (default: the case's first one)",
 )
 @domain("--side", type=int, metavar="I", help="for a case: the side on which it is placed (default 0)")
 @domain(
@@ -150,19 +151,25 @@ sizes, goal, domain, method = (
 @click.pass_context
 def solve(ctx: click.Context, **options: Any) -> int:
     """Solve a problem, either with given sizes --h and --H or to a guaranteed --accuracy."""
-    _check_alternatives(ctx, options)
+    given = {name for name in options if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE}
+    own_mesh = options["mesh"] not in (None, *KINDS)
+    options["by_default"] = not (own_mesh or given & {"h", "H", "tolerance", "accuracy", "absolute"})
+    if options["by_default"]:
+        options["accuracy"] = ACCURACY
+    _check_alternatives(ctx, options, given, own_mesh)
     return int(load("unilateral.cli.solve").run(SimpleNamespace(**options, begin=ctx.obj)))
 
 
-def _check_alternatives(ctx: click.Context, options: dict[str, Any]) -> None:
+def _check_alternatives(ctx: click.Context, options: dict[str, Any], given: set[str], own_mesh: bool) -> None:
     """Raises UsageError unless the options are those of given sizes, or those of an accuracy."""
-    given = {name for name in options if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE}
+    if own_mesh and options["accuracy"] is not None:
+        ctx.fail("--accuracy makes its own meshes; with a mesh in a file give --H instead")
     if options["accuracy"] is None:
-        needed = ("h", "H") if options["mesh"] in (None, *KINDS) else ("H",)
-        missing = [name for name in needed if name not in given]
+        if own_mesh and "H" not in given:
+            ctx.fail("a mesh in a file needs --H, the longest cell of the multiplier")
+        missing = [name for name in ("h", "H") if name not in given and not own_mesh]
         if missing:
-            named = " and ".join(f"--{name}" for name in needed)
-            ctx.fail(f"solve needs {named}, or --accuracy; --{missing[0]} is missing")
+            ctx.fail(f"solve needs --h and --H, or --accuracy; --{missing[0]} is missing")
         wrong, why = given & OF_ACCURACY, "is only for --accuracy"
     else:
         if options["accuracy"] >= 1 and not options["absolute"]:

@@ -21,7 +21,7 @@ OUTER: dict[str, Callable[..., Expression]] = {
 
 
 def derivative(of: Expression, name: str) -> Expression:
-    """The derivative of a formula without logarithms and roots by the variable of that name."""
+    """The derivative of a formula without logarithms by the variable of that name."""
     return sum((_of_product(c, powers, name) for powers, c in of.terms), ZERO)
 
 

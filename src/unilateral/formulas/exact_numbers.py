@@ -23,7 +23,7 @@ def rounded(e: Expression) -> float:
     """The value of an expression without variables to 17 digits.
 
     Raises OverflowError or is infinite where it is too large. Raises ArithmeticError where it is no real
-    number, and ValueError where it cannot be told from 0.
+    number, and ValueError where it cannot be distinguished from 0.
     """
     return float(e.rational if e.rational is not None else _value(e))
 
@@ -46,7 +46,7 @@ def magnitude(e: Expression) -> int:
     """log2 |e| as a whole number, up to an error of 1, for a number e that is not 0; raises as `rounded`."""
     if e.rational is not None:
         return e.rational.numerator.bit_length() - e.rational.denominator.bit_length()
-    return int(math.log2(math.e) * float(_intervals().log(abs(_value(e)))))
+    return int(math.log2(math.e) * float(_intervals().log(abs(_value(e))).mid))
 
 
 @lru_cache(maxsize=1024)

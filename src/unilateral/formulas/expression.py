@@ -244,10 +244,15 @@ def atoms_in(e: Expression, name: str) -> list[Atom]:
     return list(dict.fromkeys(base for base in bases if isinstance(base, Atom) and base.name == name))
 
 
-def has_root(e: Expression) -> bool:
-    """Whether an expression has a power with variables whose exponent is no whole number."""
+def roots_in(e: Expression) -> list[Power]:
+    """The powers with variables whose exponents are no whole numbers."""
     powers = (part for part in parts_in((e,)) if not isinstance(part, Expression))
-    return any(k.denominator > 1 and base.variables for base, k in powers)
+    return [(base, k) for base, k in powers if k.denominator > 1 and base.variables]
+
+
+def has_log(e: Expression) -> bool:
+    """Whether there is a logarithm of what is not a number."""
+    return any(log.variables for log in atoms_in(e, "log"))
 
 
 def hides_kink(e: Expression, k: Fraction) -> bool:

@@ -24,7 +24,6 @@ from unilateral.formulas.expression import (
     Expression,
     atoms_in,
     expression,
-    has_root,
     product,
     total,
 )
@@ -36,8 +35,12 @@ from unilateral.system.optional import require
 Compiled = Callable[..., list[Array]]
 
 
-def parse(text: object, variables: Sequence[str], where: str) -> Expression:
+def parse(
+    text: object, variables: Sequence[str], where: str, least_power: int | None = grammar.JUMP
+) -> Expression:
     """The formula in the given variables; `where` names its place in errors.
+
+    Hints in messages use no power of pos below `least_power`, which the place allows; None is for no pos.
 
     Raises InputError for anything outside the grammar, and for expressions that are not finite.
     """
@@ -45,10 +48,10 @@ def parse(text: object, variables: Sequence[str], where: str) -> Expression:
     try:
         with warnings.catch_warnings(action="ignore"):  # of Python's parser
             tree = grammar.tree(source, where)
-        part: grammar.FormulaPart = grammar.Reader(source, variables, where).visit(tree)
-    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        part: grammar.FormulaPart = grammar.Reader(source, variables, where, least_power).visit(tree)
+    except (SyntaxError, ValueError, RecursionError, MemoryError):
         kind = f"in {', '.join(variables)}" if variables else "of numbers, such as 3, 0.05 or 1/3"
-        mended = grammar.hint(source, error)
+        mended = grammar.hint(source, variables, least_power)
         raise InputError(f"{where}: '{shown(source)}' is not a formula {kind}{mended}") from None
     return part.value
 
@@ -100,7 +103,7 @@ class _Expanded(_Formulas):
 
 def number(text: object, where: str) -> Expression:
     """An exact number such as 1/3, 0.05 or sqrt(2)."""
-    return parse(text, (), where)
+    return parse(text, (), where, least_power=None)
 
 
 def real(text: object, where: str) -> float:
@@ -140,12 +143,8 @@ def kinks(formula: Expression, name: str) -> list[tuple[float, Fraction]]:
     """The real zeros of the arguments of every pos(a, k) in the one variable, each with its exponent k.
 
     Raises ValueError where an argument is not a polynomial with rational coefficients (up to degree 2 it may
-    have any), or a non-integer power hides elsewhere.
+    have any).
     """
-    if has_root(formula):
-        raise ValueError(grammar.NO_ROOT)
-    if atoms_in(formula, "log"):
-        raise ValueError(grammar.NO_LOG)
     zeros: set[tuple[float, Fraction]] = set()
     for power in atoms_in(formula, "pos"):
         argument, exponent = power.args
@@ -163,7 +162,7 @@ def kinks(formula: Expression, name: str) -> list[tuple[float, Fraction]]:
 def coefficients(formula: Expression, names: Sequence[str]) -> dict[tuple[int, ...], Expression] | None:
     """The coefficients of a polynomial in these variables, by their exponents; None if it is no polynomial.
 
-    Raises ValueError where one cannot be told from 0.
+    Raises ValueError where one cannot be distinguished from 0.
     """
     sums: dict[tuple[int, ...], Expression] = {}
     for of, c in _Expanded((formula,), {}).of(formula).terms:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from itertools import accumulate
@@ -35,25 +35,49 @@ FUNCTIONS = {"pos": 2} | dict.fromkeys(("sin", "cos", "exp", "log", "sqrt", "sin
 """The functions of formulas, each with the number of its arguments."""
 OFFERED = ", ".join(name for name in FUNCTIONS if name not in ("log", "sqrt"))
 """The functions that messages offer: formulas may have those two of numbers, not of x, y or t."""
+NO_POWER, KINK, JUMP = -1, 1, 0
+"""The least power of pos that a hint needs: none, that of a kink, that of a jump."""
 INSTEAD = {
-    "abs": "pos(a, 1) + pos(-a, 1) for abs(a)",
-    "max": "b + pos(a - b, 1) for max(a, b)",
-    "min": "a - pos(a - b, 1) for min(a, b)",
-    "ln": "the number itself, such as 0.6931 for ln(2); there is no logarithm of x or y",
-    "tan": "sin(a)/cos(a) for tan(a)",
-    "sign": "2*pos(a, 0) - 1 for sign(a)",
-    "where": "b + (a - b)*pos(c, 0) for where(c > 0, a, b)",
-} | dict.fromkeys(("heaviside", "Heaviside", "step"), "pos(a, 0), which is 1 where a > 0 and else 0")
-"""What to write in place of functions that people try."""
-NO_LOG = f"log is not allowed here; known are {OFFERED}"
-NO_ROOT = "write a fractional power as pos(a, k), such as pos(a, 1/2) for sqrt(a)"
-STEP = (
-    "; there are no conditions in formulas; pos(a, 0) is 1 where a > 0 and 0 elsewhere, "
-    "such as pos(x - 1/2, 0) for x > 1/2"
+    "abs": (KINK, "pos(a, 1) + pos(-a, 1) for abs(a)"),
+    "max": (KINK, "b + pos(a - b, 1) for max(a, b)"),
+    "min": (KINK, "a - pos(a - b, 1) for min(a, b)"),
+    "sign": (JUMP, "2*pos(a, 0) - 1 for sign(a)"),
+    "where": (JUMP, "b + (a - b)*pos(c, 0) for where(c > 0, a, b)"),
+    "ln": (NO_POWER, "log(a) for ln(a), where a is a number"),
+    "log10": (NO_POWER, "log(a)/log(10) for log10(a), where a is a number"),
+    "tan": (NO_POWER, "sin(a)/cos(a) for tan(a)"),
+    "pow": (NO_POWER, "a**k for pow(a, k)"),
+    "cbrt": (NO_POWER, "a**(1/3) for cbrt(a)"),
+} | dict.fromkeys(
+    ("heaviside", "Heaviside", "step"), (JUMP, "pos(a, 0), which is 1 where a > 0 and 0 elsewhere")
 )
+"""What to write in place of functions that people try, and the least power of pos in it."""
+NO_LOG = "log is allowed for numbers only, such as log(2)"
+NO_ROOT = "write a fractional power as pos(a, k), such as pos(a, 1/2) for sqrt(a)"
+NO_CONDITION = "there are no conditions in formulas"
+NO_UNITS = "; units are not read; write numbers alone, in one system of units such as N and m"
+UNITS = (
+    *("m", "mm", "cm", "km", "s", "kg", "g", "t", "N", "kN", "MN", "Nm", "J", "Pa", "kPa", "MPa", "GPa"),
+    *("bar", "inch", "ft", "lb", "lbf", "psi", "rad", "deg"),
+)
+"""Names of units that people try. One beside a number, as in 600mm, need not be listed."""
+LETTERS = {
+    **{"π": "pi", "²": "**2", "³": "**3", "√": "sqrt"},
+    **{"·": "*", "×": "*", "÷": "/", "−": "-", "–": "-"},
+}
+"""What to write for letters that formulas do not have."""
+MODULES = ("np", "numpy", "math", "sympy", "sp", "ufl")
+"""What people write, with a point, before names that need nothing there."""
 CONDITION = re.compile(r"[<>]|\bif\b")
 COMMA = re.compile(r"(?<![\w.])(\d+),(\d+)")
-FACTOR = re.compile(r"(?<![\w.])(\d+(?:\.\d*)?)\s*(?![eE][-+\d])([a-zA-Z]\w*|\()")
+"""A number with a decimal comma."""
+THOUSANDS = re.compile(r"(?<![\w.,])[1-9]\d{0,2}(?:,\d{3})+(?![\d,])(\.\d*)?")
+"""A number whose thousands are set off by commas; it has decimals or not."""
+PERCENT = re.compile(r"(?<![\w.])(\d+(?:\.\d*)?)\s*%")
+UNFINISHED = re.compile(r"(?<![\w.])\d+(?:\.\d*)?[eE](?![\w.]|[-+]\w)")
+"""A power of ten without its exponent, such as 1e."""
+LEADING_ZEROS = re.compile(r"(?<![\w.])0+([1-9]\d*)(?![\w.])")
+FACTOR = re.compile(r"(?<![\w.])(\d+(?:\.\d*)?(?:[eE][-+]?\d+)?)\s*(?![eE][-+\d])([a-zA-Z]\w*|\()")
 """A number and what it multiplies without a sign, such as 2x."""
 HALF = Fraction(1, 2)
 OPERATORS: dict[type, Callable[[Expression, Expression], Expression]] = {
@@ -82,7 +106,7 @@ def tree(source: str, where: str) -> ast.expr:
     """
     nesting = max(accumulate((c == "(") - (c == ")") for c in source), default=0)
     _check(len(source), MAX_LENGTH, f"{where}: the formula has more than {{}} characters")
-    _check(nesting, MAX_NESTING, f"{where}: the formula has more than {{}} parentheses in each other")
+    _check(nesting, MAX_NESTING, f"{where}: the formula has more than {{}} nested parentheses")
     body = ast.parse(source, mode="eval").body
     operations = sum(isinstance(node, COUNTED) for node in ast.walk(body))
     _check(operations, MAX_OPERATIONS, f"{where}: the formula has more than {{}} operations")
@@ -97,8 +121,11 @@ def _check(size: int, limit: int, message: str) -> None:
 class Reader(ast.NodeVisitor):
     """Makes a `FormulaPart` of a syntax tree; raises InputError for what the grammar does not have."""
 
-    def __init__(self, source: str, variables: Iterable[str], where: str) -> None:
-        self.source, self.where = source, where
+    def __init__(
+        self, source: str, variables: Iterable[str], where: str, least_power: int | None = JUMP
+    ) -> None:
+        """`least_power` is the least power of pos that the place allows, None for a place without pos."""
+        self.source, self.where, self.least_power = source, where, least_power
         self.names = {name: FormulaPart(variable(name), 1.0) for name in variables}
         self.names["pi"] = FormulaPart(variable("pi"))
 
@@ -122,7 +149,7 @@ class Reader(ast.NodeVisitor):
         except ArithmeticError:
             finite = False
         except ValueError:
-            raise self.refuse(node, "cannot be told from 0; write it as a single number") from None
+            raise self.refuse(node, "cannot be distinguished from 0; write it as a single number") from None
         if not finite:
             raise self.refuse(node, "is not a finite real number or function")
         return FormulaPart(result, degree, functions if result.variables else 0)
@@ -131,9 +158,24 @@ class Reader(ast.NodeVisitor):
         raise self.refuse(node, "is not allowed in a formula")
 
     def visit_Compare(self, node: ast.AST) -> FormulaPart:
-        raise self.refuse(node, f"is not allowed in a formula{STEP}")
+        raise self.refuse(node, f"is not allowed in a formula{condition(self.names, self.least_power)}")
 
     visit_IfExp = visit_Compare
+
+    def visit_Attribute(self, node: ast.Attribute) -> FormulaPart:
+        raise self.refuse(node, f"is not allowed in a formula{self.bare(node)}")
+
+    def visit_Subscript(self, node: ast.Subscript) -> FormulaPart:
+        point = shown(self.text(node.value))
+        hint = f"; write x for {point}[0] and y for {point}[1]" if {"x", "y"} <= {*self.names} else ""
+        hint = NO_UNITS if isinstance(node.value, ast.Constant) else hint
+        raise self.refuse(node, f"is not allowed in a formula{hint}")
+
+    def bare(self, node: ast.expr) -> str:
+        """The hint to leave out the module before a name such as np.sin."""
+        if not isinstance(node, ast.Attribute) or self.text(node.value) not in MODULES:
+            return ""
+        return write(node.attr, self.text(node)) if node.attr in (*self.names, *FUNCTIONS) else ""
 
     def visit_Tuple(self, node: ast.Tuple) -> FormulaPart:
         raise self.refuse(node, f"is not allowed in a formula{comma(self.text(node))}")
@@ -149,7 +191,9 @@ class Reader(ast.NodeVisitor):
 
     def visit_Name(self, node: ast.Name) -> FormulaPart:
         if node.id not in self.names:
-            raise self.refuse(node, f"is unknown; known are {', '.join(self.names)}, {OFFERED}")
+            instead = named(node.id, self.names)
+            known = f"; known are {', '.join(self.names)}, {OFFERED}"
+            raise self.refuse(node, f"is unknown{instead or known}")
         return self.names[node.id]
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> FormulaPart:
@@ -171,8 +215,9 @@ class Reader(ast.NodeVisitor):
     def combined(self, node: ast.BinOp, left: FormulaPart, right: FormulaPart) -> FormulaPart:
         """The part of a formula that an operator makes of two."""
         if type(node.op) not in OPERATORS:
-            power = "; write x**2 for x^2" if isinstance(node.op, ast.BitXor) else ""
-            raise self.refuse(node, f"uses an operator that is not one of + - * / **{power}")
+            text = self.text(node)
+            power = write(text.replace("^", "**"), text) if "^" in text else ""
+            raise self.refuse(node, f"uses an operator other than + - * / **{power}")
         degree, functions = max(left.degree, right.degree), max(left.functions, right.functions)
         if isinstance(node.op, ast.Pow):
             k = right.value.rational
@@ -207,9 +252,16 @@ class Reader(ast.NodeVisitor):
     def not_called(self, node: ast.Call, name: str) -> InputError:
         """The refusal of a call of what is no function; it may have been meant as a factor."""
         if isinstance(node.func, ast.Constant) or name in self.names:
-            return self.refuse(node, f"is not a product; write {shown(name)}*(...)")
-        meant = f"write {INSTEAD[name]}" if name in INSTEAD else f"known are {OFFERED}"
-        return self.refuse(node, f"is not a known function; {meant}")
+            factors = shown(f"{name}*{self.text(node).removeprefix(name).strip()}")
+            return self.refuse(node, f"is not a product; write {factors}")
+        least_power, instead = INSTEAD.get(name, (NO_POWER, ""))
+        lower = name.lower()
+        if least_power != NO_POWER and (self.least_power is None or least_power < self.least_power):
+            return self.refuse(node, f"is not a known function{positive_part(self.names, self.least_power)}")
+        if not instead and lower in FUNCTIONS and not node.keywords:
+            instead = f"{lower} for {name}"
+        hint = f"; write {instead}" if instead else self.bare(node.func)
+        return self.refuse(node, f"is not a known function{hint or f'; known are {OFFERED}'}")
 
     def check_limits(self, node: ast.AST, degree: float, functions: int) -> None:
         if degree > MAX_DEGREE:
@@ -221,7 +273,7 @@ class Reader(ast.NodeVisitor):
 
     def check_kink(self, node: ast.AST, base: Expression, k: Fraction) -> None:
         if hides_kink(base, k):
-            raise self.refuse(node, "has a kink; write pos(a, 1) for the positive part of a")
+            raise self.refuse(node, "has a kink; write pos(a, 1) + pos(-a, 1) for abs(a)")
 
     def checked_power(self, node: ast.AST, argument: FormulaPart, power: FormulaPart) -> float:
         """The power k of pos(a, k), which has to be a number within the limits."""
@@ -237,7 +289,7 @@ class Reader(ast.NodeVisitor):
 def is_finite_and_real(value: Expression) -> bool:
     """Whether a number is finite and real; a function counts as such, and may fail where it is evaluated.
 
-    Raises ValueError for a number that cannot be told from 0.
+    Raises ValueError for a number that cannot be distinguished from 0.
     """
     try:
         return bool(value.variables) or math.isfinite(rounded(value))
@@ -250,18 +302,64 @@ def _numbers(e: Expression) -> Iterable[Fraction]:
     return [*(c for _, c in e.terms), *(k for of, _ in e.terms for _, k in of)]
 
 
-def hint(source: str, error: Exception) -> str:
+def condition(names: Iterable[str], least_power: int | None) -> str:
+    """What to write in place of a condition, after a semicolon; see `Reader` for `least_power`."""
+    return f"; {NO_CONDITION}{positive_part(names, least_power)}"
+
+
+def positive_part(names: Iterable[str], least_power: int | None) -> str:
+    """What pos is with the least power of a place, after a semicolon; nothing for a place without pos."""
+    variable = next((name for name in names if name != "pi"), None)
+    if least_power is None or variable is None:
+        return ""
+    if least_power == JUMP:
+        example = f"such as pos({variable} - 1/2, 0) for {variable} > 1/2"
+        return f"; pos(a, 0) is 1 where a > 0 and 0 elsewhere, {example}"
+    power = "a" if least_power == KINK else f"a**{least_power}"
+    return f"; pos(a, {least_power}) is {power} where a > 0 and 0 elsewhere; jumps are not allowed here"
+
+
+def named(name: str, known: Iterable[str]) -> str:
+    """What to write for an unknown name, after a semicolon; nothing where that cannot be guessed."""
+    if name in UNITS:
+        return NO_UNITS
+    if name in ("e", "E"):
+        return write("exp(1)", name)
+    instead = LETTERS.get(name, name.lower())
+    return write(instead, name) if instead in (*known, *FUNCTIONS) and instead != name else ""
+
+
+def write(instead: str, given: str) -> str:
+    """The hint to write something else, after a semicolon; both texts are cut if they are long."""
+    return f"; write {shown(instead)} for {shown(given)}"
+
+
+def hint(source: str, names: Sequence[str], least_power: int | None) -> str:
     """How to mend what Python's parser refused, after a semicolon; nothing where that cannot be guessed."""
-    if "leading zeros" in str(error):
-        return "; write 10 for 010"
     if CONDITION.search(source):
-        return STEP
+        return condition(names, least_power)
+    if letter := next((letter for letter in source if letter in LETTERS), ""):
+        return write(LETTERS[letter], letter)
+    if part := PERCENT.search(source):
+        return write(f"{part[1]}/100", part[0])
+    if UNFINISHED.search(source):
+        return "; write the exponent of a power of ten, such as 1e-3, and exp(1) for the number e"
     if product := FACTOR.search(source):
-        return f"; write {product[1]}*{product[2]} for {shown(product[0])}"
+        if product[2] in (*names, "pi", *FUNCTIONS, "("):
+            return write(f"{product[1]}*{product[2]}", product[0])
+        if {*product[2]} <= {*names}:
+            return write("*".join((product[1], *product[2])), product[0])
+        return "" if product[2] in ("x", "y", "z") else NO_UNITS
+    if zeros := LEADING_ZEROS.search(source):
+        return comma(source) or write(zeros[1], zeros[0])
     return comma(source)
 
 
 def comma(source: str) -> str:
-    """What to write in place of a decimal comma, if there may be one."""
+    """What to write in place of a comma in a number, if there may be one: of decimals or of thousands."""
+    if thousands := THOUSANDS.search(source):
+        whole, decimals = thousands[0].replace(",", ""), thousands[0].replace(",", ".")
+        clear = thousands[1] or thousands[0].count(",") > 1
+        return write(whole if clear else f"{whole} or {decimals}", thousands[0])
     pair = COMMA.search(source)
-    return f"; write {pair[1]}.{pair[2]} for {pair[0]}" if pair else ""
+    return write(f"{pair[1]}.{pair[2]}", pair[0]) if pair else ""

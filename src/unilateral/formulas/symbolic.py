@@ -48,8 +48,8 @@ def number_of(text: object, where: str) -> sympy.Expr:
 def value(e: Expression, context: Any) -> Any:
     """The value of an expression without variables to 17 digits, as a number of a context of mpmath.
 
-    Raises ArithmeticError where it is no real number, and ValueError where it cannot be told from 0 by
-    DIGITS digits.
+    Raises ArithmeticError where it is no real number, and ValueError where DIGITS digits do not
+    distinguish it from 0.
     """
     exact = symbolic(e)
     if exact.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo, sympy.I):
@@ -59,7 +59,7 @@ def value(e: Expression, context: Any) -> Any:
     try:
         close = exact.evalf(17, maxn=DIGITS, strict=True)
     except PrecisionExhausted:
-        raise ValueError(f"'{exact}' cannot be told from 0; write it as a single number") from None
+        raise ValueError(f"'{exact}' cannot be distinguished from 0; write it as a single number") from None
     if not close.is_Float:
         raise ArithmeticError("no real number")
     return context.mpf(close)

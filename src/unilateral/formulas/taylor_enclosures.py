@@ -117,6 +117,13 @@ def power(a: Model, n: int) -> Model:
     return settled(product.basis, product.c, product.rad, values)
 
 
+def root(a: Model, k: float) -> Model:
+    """a^k for a k that is no whole number, where a > 0. Nothing is known where a may be 0 or negative."""
+    positive = a.range[0] > 0
+    lower, upper = interval.of_positive_part(a.range, k)
+    return _power_series(a, k, (np.where(positive, lower, -np.inf), np.where(positive, upper, np.inf)))
+
+
 def positive_power(a: Model, k: float) -> Model:
     """a_+^k for k != 0. Where a has both signs and a >= -d, it is a^k up to d^k for a whole k > 0.
 
@@ -172,7 +179,7 @@ FUNCTIONS: dict[str, Function] = {
 
 
 def evaluate(formula: Expression, variables: Mapping[str, Model], steps: Steps | None = None) -> Model:
-    """A formula of the grammar, without logarithms and roots, on the boxes of its variables' models.
+    """A formula of the grammar, without logarithms, on the boxes of its variables' models.
 
     `steps` gives the value (k,) that a jump pos(a, 0) has on each box, NaN where it has both.
     """
@@ -195,7 +202,7 @@ class _Models(Evaluation[Model]):
         return value.scaled(nearest(e))
 
     def power(self, base: Model, k: Fraction) -> Model:
-        return power(base, int(k))
+        return power(base, int(k)) if k.denominator == 1 else root(base, float(k))
 
     def function(self, of: Atom) -> Model:
         a = self.of(of.args[0])

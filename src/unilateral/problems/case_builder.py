@@ -13,9 +13,9 @@ import sympy
 
 from unilateral.errors import InputError, shown
 from unilateral.formulas import formula
-from unilateral.formulas.expression import Expression
-from unilateral.formulas.grammar import FUNCTIONS, MAX_DENOMINATOR
-from unilateral.formulas.symbolic import kinks, number_of, pos, symbolic
+from unilateral.formulas.expression import Expression, has_log, roots_in
+from unilateral.formulas.grammar import FUNCTIONS, KINK, MAX_DENOMINATOR, NO_LOG, NO_ROOT
+from unilateral.formulas.symbolic import kinks, number_of, plain, pos, symbolic
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import Smooth, T, Tensor, X, Y
 from unilateral.problems.cantor_atom import Cantor, Family
@@ -53,13 +53,20 @@ class Builder:
     base: int
     constants: Constants
 
-    def formula(self, text: object, variables: tuple[sympy.Symbol, ...], where: str) -> sympy.Expr:
-        parsed = formula.parse(text, [*(symbol.name for symbol in variables), *self.constants], where)
+    def formula(
+        self, text: object, variables: tuple[sympy.Symbol, ...], where: str, least_power: int | None = None
+    ) -> sympy.Expr:
+        names = [*(symbol.name for symbol in variables), *self.constants]
+        parsed = formula.parse(text, names, where, least_power)
         return symbolic(formula.substituted(parsed, self.constants, where))
 
-    def along_side(self, text: object, where: str) -> sympy.Expr:
+    def along_side(self, text: object, where: str, least_power: int = KINK) -> sympy.Expr:
         """A formula in t whose kinks can be found."""
-        of_t = self.formula(text, (T,), where)
+        of_t = self.formula(text, (T,), where, least_power)
+        if has_log(plain(of_t)):
+            raise InputError(f"{where}: {NO_LOG}")
+        if roots_in(plain(of_t)):
+            raise InputError(f"{where}: {NO_ROOT}")
         try:
             kinks(of_t, T)
         except ValueError as error:
@@ -84,7 +91,7 @@ class Builder:
         if cutoff is not None and cutoff <= 0:
             raise InputError(f"{where}, cutoff: {cutoff} must be positive")
         if entry["atom"] == "tensor":
-            profile = self.along_side(entry["profile"], f"{where}, profile")
+            profile = self.along_side(entry["profile"], f"{where}, profile", least_power=2)
             if any(k <= Fraction(3, 2) for _, k in kinks(profile, T)):
                 raise InputError(f"{where}, profile: its powers must be above 3/2, or f is not in L2")
             return Tensor(self.polygon, side, 0.0, profile, cutoff)

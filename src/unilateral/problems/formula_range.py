@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from unilateral.arrays import Array, Mask, blocks
+from unilateral.arrays import Array, Index, Mask, blocks
 from unilateral.formulas.expression import Expression
 from unilateral.formulas.formula import compile_numpy
 from unilateral.formulas.interval import Interval
@@ -14,6 +14,8 @@ from unilateral.formulas.taylor import EPS, Model, affine, basis
 from unilateral.formulas.taylor_enclosures import evaluate
 from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
+from unilateral.problems.data import places
+from unilateral.problems.piecewise import in_pieces
 
 ORDER = 3
 SHARP = 1e-3
@@ -75,6 +77,17 @@ def some_points(polygon: Polygon) -> Array:
     along = [np.linspace(low, high, POINTS) for low, high in zip(v.min(axis=0), v.max(axis=0), strict=True)]
     grid = np.stack(np.meshgrid(*along), axis=-1).reshape(-1, 2)
     return np.concatenate([v, grid[polygon.contains(grid)]])
+def range_on_side(polygon: Polygon, formula: Expression, side: int) -> tuple[float, float]:
+    """A lower and an upper bound on the formula in x, y on a side, infinite where none is found."""
+
+    def model(sides: Index, t: Model) -> Model:
+        x, y = places(polygon, sides, t)
+        return evaluate(formula, {"x": x, "y": y})
+
+    others = np.setdiff1d(np.arange(polygon.n_sides), [side]).tolist()
+    pieces = in_pieces(polygon, model, others)
+    here = pieces.side == side
+    return float(pieces.lower[here].min()), float(pieces.upper[here].max())
 
 
 def _bounds(formula: Expression, boxes: Array) -> Interval:

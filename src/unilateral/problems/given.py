@@ -193,6 +193,7 @@ def with_data(
     found = Problem(title=of.title, **fields)
     if isinstance(of, Problem) and q is None:
         vars(found)["enclosed_flux"] = of.enclosed_flux
+    problem_file.check_roots(found, name)
     check(found, name)
     return found
 

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import suppress
+from fractions import Fraction
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -10,11 +14,12 @@ import numpy as np
 
 from unilateral.errors import InputError, shown
 from unilateral.formulas.exact_numbers import rounded
-from unilateral.formulas.expression import ZERO, Expression, atoms_in
+from unilateral.formulas.expression import ZERO, Expression, atoms_in, product, roots_in
 from unilateral.formulas.formula import number
 from unilateral.geometry.polygon import MAX_VERTICES, TOO_MANY, Polygon, named, names
 from unilateral.problems import catalogue
 from unilateral.problems.data_checks import check
+from unilateral.problems.formula_range import range_in, range_on_side
 from unilateral.problems.problem import Problem, curve
 from unilateral.problems.scaled import scaled_polygon
 from unilateral.problems.side_fields import on_sides, plain, trace, without_contact
@@ -36,7 +41,7 @@ def is_declared_in(name: str) -> bool:
     declaration = declarations.read(file, name)
     if not isinstance(declaration, dict) or not declaration:
         raise InputError(
-            f"{name} has no fields; a problem has polygon, f and g; a case title, polygons, u, ..."
+            f"{name} has no fields; a problem has at least polygon and f, a case title, polygons and u"
         )
     return not FIELDS.isdisjoint(declaration)
 
@@ -118,6 +123,7 @@ def made(declaration: Any, where: str, name: str | None = None) -> Problem:
         scaled_polygon(problem)
     except InputError as error:
         raise InputError(f"{where}, fields k and c: scaled by (c/k)^(1/2), {error}") from None
+    check_roots(problem, where)
     check(problem, where)
     return problem
 
@@ -133,6 +139,41 @@ def _coefficient(given: object, where: str, or_0: bool = False) -> Expression:
             f"between {1 / MOST_COEFFICIENT:g} and {MOST_COEFFICIENT:g}" + ", or 0" * or_0
         )
     return coefficient
+
+
+def check_roots(problem: Problem, name: str) -> None:
+    """Raises InputError unless every root in f, g, u and q is taken of what is above 0 in its place.
+
+    Guaranteed ranges of the roots decide that.
+    """
+    for root in _roots(problem.f):
+        if not np.isfinite(range_in(problem.polygon, root)).all():
+            raise InputError(f"{name}, field f: {_needs(root, 'in the polygon', formula)}")
+    for side in range(problem.polygon.n_sides):
+        free = side in problem.free_sides
+        field = "q" if free else "u" if side in problem.clamped_sides else "g"
+        given = problem.q if free else problem.g
+        for root in _roots(given[side]) if given else ():
+            if not np.isfinite(range_on_side(problem.polygon, root, side)).all():
+                read = partial(plain, field=field) if free else None
+                raise InputError(f"{name}, field {field}: {_needs(root, f'on side {side}', read)}")
+
+
+def _roots(formula: Expression) -> list[Expression]:
+    """The powers in a formula whose exponents are no whole numbers."""
+    return [product(1, [power]) for power in roots_in(formula)]
+
+
+def _needs(root: Expression, place: str, read: Callable[[object, str], object] | None) -> str:
+    """What a root needs, and the positive part that can be written in its place if it can be `read`."""
+    ((base, k),) = root.factors[1]
+    radicand = product(1, [(base, Fraction(1))])
+    needs, instead = f"{shown(root)} needs {shown(radicand)} > 0 {place}", f"pos({radicand}, {k})"
+    with suppress(InputError):
+        if read:
+            read(instead, "")
+            return f"{needs}; write {instead}, which is 0 elsewhere"
+    return needs if read else f"{needs}; a root is not Lipschitz where it is 0"
 
 
 def formula(text: object, where: str) -> Expression:

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Collection
 from fractions import Fraction
 from typing import Any
 
-from unilateral.errors import InputError
-from unilateral.formulas.expression import ZERO, Expression, atoms_in, has_root, variable
+from unilateral.errors import InputError, shown
+from unilateral.formulas.expression import ZERO, Expression, atoms_in, has_log, variable
 from unilateral.formulas.expression import number as exact
 from unilateral.formulas.formula import kinks, parse, substituted
-from unilateral.formulas.grammar import NO_LOG, NO_ROOT
+from unilateral.formulas.grammar import JUMP, KINK, NO_LOG
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import arguments
 from unilateral.system.declarations import INTEGER
 
+JOINED = re.compile(r"([-+]?\d+):(\S+)")
+"""A side and its formula that YAML reads as one text, for want of a blank."""
 Ends = tuple[list[Expression], list[Expression]]
 NOTHING = ("none", "null", "nil")
 """What people write for no formula, in small or large letters."""
@@ -34,10 +37,14 @@ def without_contact(of: dict[str, Any], n: int, where: str) -> tuple[tuple[int, 
     """
     given, of_free = of.get("u", {}), f"{where}, field free_sides"
     free = arguments.sides(of.get("free_sides"), n, of_free)
+    for key in given:
+        if isinstance(key, str) and (joined := JOINED.fullmatch(key)):
+            blank = f"the colon in '{shown(key)}' needs a blank after it"
+            raise InputError(f"{where}, field u: {blank}; write {{{shown(': '.join(joined.groups()))}}}")
     keys = [int(key) if INTEGER.match(key) else key for key in given]
     clamped = dict(zip(arguments.sides(keys, n, f"{where}, field u"), given.values(), strict=True))
     for side in {*free} & {*clamped}:
-        raise InputError(f"{of_free}: side {side} is clamped; leave it out, or take it out of u")
+        raise InputError(f"{of_free}: side {side} is clamped; remove it from free_sides or from u")
     return tuple(sorted(free)), dict(sorted(clamped.items()))
 
 
@@ -50,13 +57,18 @@ def on_sides(
     """
     n, listed = len(ends), isinstance(given, list)
     on = {*free} if field == "q" else {*range(n)} - {*free, *clamped}
+    if field == "g" and given is None and on:
+        raise InputError(
+            f"{where}: it is missing, and side {min(on)} is neither free nor clamped; write one formula for "
+            "all sides, or a list with one per side"
+        )
     if listed and len(given) != n:
         raise InputError(f"{where}: {len(given)} formulas for {n} sides; give one for all, or one per side")
     texts = enumerate(given if listed else [])
     read = [_listed(field, text, side, on, clamped, f"{where}[{side}]") for side, text in texts]
     read = read or [plain(given, where, field)] * n
     if field == "q" and not (listed or free) and read[0].rational != 0:
-        raise InputError(f"{where}: no side is free; name those with a given flux in free_sides")
+        raise InputError(f"{where}: no side is free; name the sides with a given flux in free_sides")
     if field == "g":
         read = [trace(read[side], ends[side], side, where) if side in on else ZERO for side in range(n)]
     return [formula if side in on else ZERO for side, formula in enumerate(read)]
@@ -93,7 +105,9 @@ def trace(formula: Expression, ends: Ends, side: int, where: str) -> Expression:
     except ValueError as error:
         raise InputError(f"{where}: {error}") from None
     if any(k < 1 for k in powers):
-        raise InputError(f"{where}: a power of pos below 1 on side {side}; it must be Lipschitz")
+        raise InputError(
+            f"{where}: on side {side} a power of pos is below 1; a Lipschitz function has 1 or more"
+        )
     return formula
 
 
@@ -104,15 +118,14 @@ def ends_of(polygon: Polygon) -> list[Ends]:
 
 
 def plain(text: object, where: str, field: str) -> Expression:
-    """A formula in x, y without logarithms and roots, 0 for None.
+    """A formula in x, y without logarithms, 0 for None; see `problem_file.check_roots` for its roots.
 
     Raises InputError for a word that says that there is no formula, too.
     """
     if isinstance(text, str) and text.strip().lower() in NOTHING:
         raise InputError(f"{where}: '{text}' is no formula; {INSTEAD[field]}")
-    formula = parse(0 if text is None else text, ("x", "y"), where)
-    if atoms_in(formula, "log"):
+    least_power = KINK if field in "gu" else JUMP
+    formula = parse(0 if text is None else text, ("x", "y"), where, least_power)
+    if has_log(formula):
         raise InputError(f"{where}: {NO_LOG}")
-    if has_root(formula):
-        raise InputError(f"{where}: {NO_ROOT}")
     return formula

@@ -49,6 +49,8 @@ def sized(
     polygon: Polygon, h: float | None, H: float | None, given: Mesh | str, stop: Stop
 ) -> tuple[Mesh, Partition]:
     """The mesh and the partition of sizes h and H at most. Raises InputError where one of them is missing."""
+    if isinstance(given, Mesh) and H is None:
+        raise InputError("a mesh of one's own needs H, the longest cell of the multiplier")
     wanted_H = _checked("H", H)
     if isinstance(given, Mesh):
         if h is not None:

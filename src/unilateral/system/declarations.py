@@ -20,6 +20,7 @@ from yaml.resolver import Resolver
 
 from unilateral.errors import InputError, shown
 
+ENDINGS = (".yaml", ".yml")
 MAX_BYTES = 200_000
 MAX_NODES = 10_000
 """A file has at most this many values, lists and fields."""
@@ -29,6 +30,8 @@ MAX_DIGITS = 18
 """Whole numbers have at most this many digits: any of these fits into 64 bits."""
 INTEGER = re.compile(rf"[-+]?(0|[1-9][0-9]{{0,{MAX_DIGITS - 1}}})\Z")
 """What is read as a whole number."""
+JOINED = re.compile(r"^\s*([A-Za-z_]\w*):([^\s:].*)$", re.MULTILINE)
+"""The name of a field whose colon has no blank after it."""
 WRITE = {"integer": "a whole number such as 3", "boolean": "true or false"}
 
 
@@ -44,13 +47,25 @@ def file_of(name: str) -> Path | None:
         raise InputError(f"{shown(name)} cannot be read: {error.strerror}") from None
     if is_folder:
         raise InputError(f"{name} is a folder; name a YAML file, or a case")
-    if name.endswith((".yaml", ".yml")):
+    if name.endswith(ENDINGS):
         if not is_file:
-            raise InputError(f"there is no file {name} that could declare a case or a problem")
+            missing = f"there is no file {name}"
+            beside = _same_stem(path)
+            raise InputError(f"{missing}; did you mean {beside}?" if beside else missing)
         return path
     if is_file:
         raise InputError(f"{name} does not end in .yaml or .yml; rename it if it is a YAML file")
+    if beside := _same_stem(path):
+        raise InputError(f"there is no case and no file {name}; did you mean {beside}?")
     return None
+
+
+def _same_stem(path: Path) -> Path | None:
+    """The YAML file beside a path that has its name, but for the ending."""
+    if not path.name:
+        return None
+    names = (f"{stem}{ending}" for stem in (path.name, path.stem) for ending in ENDINGS)
+    return next((file for file in map(path.with_name, names) if file.is_file()), None)
 
 
 def read(file: Path | Traversable, name: str, floats: bool = False) -> Any:
@@ -100,10 +115,13 @@ def own(file: Path | Traversable) -> Any:
 
 
 def _fault(error: Exception, content: str) -> str:
-    """What the parser says, in a line; or that there is a tab, which it does not say."""
+    """What the parser says, in a line; or that there is a tab or no blank, which it does not say."""
     place = getattr(error, "problem_mark", None)
     if place and content[place.index : place.index + 1] == "\t":
         return f"there is a tab in line {place.line + 1}; write spaces"
+    if joined := JOINED.search(content):
+        line = content.count("\n", 0, joined.end()) + 1
+        return f"the colon in line {line} needs a blank after it; write {shown(': '.join(joined.groups()))}"
     return " ".join(str(error).split()).replace(' "<unicode string>",', "")
 
 
@@ -121,6 +139,8 @@ def _said(fault: Any) -> str:
         return f"{message}; write {wanted}" if wanted else message
     known = fault.schema["properties"]
     unknown = min(set(fault.instance) - set(known))
+    if unknown.partition(":")[0] in known:
+        return f"the colon in '{shown(unknown)}' needs a blank after it"
     return f"there is no field '{shown(unknown)}' here; the fields are {', '.join(known)}"
 
 

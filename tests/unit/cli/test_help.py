@@ -99,7 +99,7 @@ def test_bash_completes(tmp_path, words, found):
     assert ("compopt" in (tmp_path / "files").read_text()) == takes_files
 
 
-@pytest.mark.parametrize("arguments", [("--help",), ("solve", "nothing"), ("cases", "--nothing")])
+@pytest.mark.parametrize("arguments", [("--help",), ("solve", "natural", "--h", "1"), ("cases", "--nothing")])
 def test_there_are_no_colours_on_a_terminal(arguments):
     """Nor would NO_COLOR change anything: the bytes are the same with it; see no-color.org."""
     printed = []

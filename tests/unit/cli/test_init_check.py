@@ -14,7 +14,10 @@ SHELTER = str(ROOT / "examples/shelter.yaml")
 
 
 def test_what_init_writes_can_be_checked_and_solved(run, tmp_path):
-    """The commands in its first lines are the ones to type; control: a field less, and it is refused."""
+    """The commands in its first lines are the ones to type. It shows contact that ends, and a gap.
+
+    Control: a field less, and it is refused.
+    """
     file = tmp_path / "my_problem.yaml"
     code, out, _ = run("init", str(file))
     assert (code, out.split(", ")[0]) == (0, f"written: {file}")
@@ -24,6 +27,9 @@ def test_what_init_writes_can_be_checked_and_solved(run, tmp_path):
     assert len(commands) == 2
     for command, *rest in commands:
         assert run(command, *" ".join(rest).split())[0] == 0
+    contact = run("solve", str(file), "--accuracy", "0.05")[1].split("  contact  ")[1]
+    assert re.search(r"contact, side 0 +0\.\d+ to 1; length 0\.", contact)  # it ends inside the side
+    assert "side 3" not in contact.partition("force")[0]
     file.write_text(text.replace("f: ", "#"), encoding="utf-8")
     code, _, err = run("check", str(file))
     assert (code, err) == (

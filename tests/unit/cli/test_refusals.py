@@ -26,7 +26,15 @@ BAD = [
     ("draw", "there is no command 'draw'; see 'unilateral --help'"),
     ("slove", "there is no command 'slove'; did you mean solve?; see 'unilateral --help'"),
     ("solve", "PROBLEM is missing; see 'unilateral solve --help'"),
-    ("solve natural", "solve needs --h and --H, or --accuracy; --h is missing"),
+    ("solve natural --absolute", "solve needs --h and --H, or --accuracy; --h is missing"),
+    ("solve natural --tolerance 1e-9", "solve needs --h and --H, or --accuracy; --h is missing"),
+    ("solve natural --mesh own.msh", "a mesh in a file needs --H, the longest cell of the multiplier; see"),
+    (
+        "solve natural --mesh own.msh --accuracy 1/2",
+        "--accuracy makes its own meshes; with a mesh in a file give",
+    ),
+    ("seal.yaml", "there is no command 'seal.yaml'; did you mean solve seal.yaml?"),
+    ("natural", "there is no command 'natural'; did you mean solve natural?"),
     ("solve natural --h 1/8", "solve needs --h and --H, or --accuracy; --H is missing"),
     (f"solve natural {AT} --accuracy 0.1", "--H is chosen by --accuracy; leave one of the"),
     ("solve natural --accuracy 0.1 --tolerance 1", "--tolerance is chosen by --accuracy"),
@@ -116,6 +124,26 @@ def test_bad_arguments(refused, tmp_path, monkeypatch, typed, message):
     monkeypatch.chdir(tmp_path)
     assert message in refused(*shlex.split(typed))
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("typed", "message"),
+    [
+        ("solve seal", "there is no case and no file seal; did you mean seal.yaml?"),
+        ("solve seal.yml", "did you mean seal.yaml?"),
+        ("check ../here/seal.txt", "no file ../here/seal.txt; did you mean ../here/seal.yaml?"),
+        ("export thirds --h 1/8 --H 1/4 --polygon seal --out out", "did you mean seal.yaml?"),
+        ("solve shelf", "case 'shelf' is unknown"),
+        ("check shelf.yaml", "there is no file shelf.yaml\n"),
+    ],
+)
+def test_a_file_that_differs_in_its_ending_is_offered(refused, tmp_path, monkeypatch, typed, message):
+    """Control: one with another name is not."""
+    folder = tmp_path / "here"
+    folder.mkdir()
+    (folder / "seal.yaml").write_text(OWN_PROBLEM)
+    monkeypatch.chdir(folder)
+    assert message in refused(*typed.split())
 
 
 OWN_PROBLEM = "polygon: [[0, 0], [1, 0], [0, 1]]\nf: 1\ng: 0\n"

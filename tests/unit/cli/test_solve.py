@@ -361,3 +361,18 @@ def test_errors_of_multipliers_are_not_printed_where_there_are_none(run, tmp_pat
     out = run(*case, "--free-sides", "0")[1]
     assert re.search(r"\|u - u_h\|_1 += ", out)
     assert "lambda" not in out
+
+
+def test_where_the_bound_is_as_large_as_u_an_accuracy_is_offered_and_is_reached(run, problem_file_of):
+    """Two vertices are 1e-6 apart. Controls: without one of them, and where u is 0, nothing is said."""
+    near = "[[0, 0], [1, 0], [1, 1], [0.500001, 1.000001], [0.5, 1], [0, 1]]"
+    file = problem_file_of(polygon=near, f="-1 - x", g="-x/10")
+    code, out, told = run("solve", file, *SIZES)
+    assert (code, told) == (0, "")
+    assert "does not rule out an error as large as u itself" in out
+    (offered,) = re.findall(r"(--accuracy \S+) in place of --h and --H", out)
+    code, out, told = run("solve", file, *offered.split())
+    assert (code, told) == (0, "")
+    assert "  certified: " in out
+    for fields in ({"f": "-1 - x", "g": "-x/10"}, {"f": "0", "g": "-1"}):
+        assert "hint" not in run("solve", problem_file_of(**fields), *SIZES)[1]

@@ -12,6 +12,7 @@ from conftest import DATA, ROOT
 from documents import blocks
 from typed import KEYS, PROBLEM, solve_json
 
+import unilateral as ul
 from unilateral.accuracy.watch import Watch
 from unilateral.discrete import base
 from unilateral.formulas.decimals import up
@@ -41,8 +42,25 @@ def test_an_accuracy_of_a_case(run):
     bound = re.escape(up(found["total_bound"], ".4e"))
     assert re.search(rf"  certified: .* <= {bound} <= 0.0\d+ \|\|u\|\|_1, \|\|u\|\|_1 >= ", out)
     (line,) = re.findall(r"  these bounds include +(.*)", out)
-    enclosed = r"all rounding errors, and at most (\S+) for how closely f, g and q are enclosed"
+    enclosed = r"all rounding errors, and at most (\S+) for approximating f, g and q"
     assert float(re.fullmatch(enclosed, line)[1]) == pytest.approx(found["enclosure"], rel=0.1)
+
+
+def test_without_sizes_and_an_accuracy_five_percent_is_reached(run):
+    """It is said, is the goal in JSON, and is what Python takes; limits need no accuracy beside them."""
+    code, out, err = run("solve", "natural", "--max-unknowns", "100000")
+    assert (code, err) == (0, "")
+    assert out.startswith(
+        "no sizes and no accuracy are given; using --accuracy 0.05\nnatural: ||u - u_h||_1 <= 0.05 ||u||_1\n"
+    )
+    code, found, err = solve_json(run, "natural")
+    assert (code, err, found["certified"]) == (0, "", True)
+    assert found["goal"] == {"accuracy": 0.05, "norm": "h1", "absolute": False}
+    s = ul.solve("natural")
+    assert s.certified
+    assert s.bounds.relative_u <= 0.05
+    assert s.mesh.n_nodes == found["unknowns"]
+    assert "; using" not in run("solve", "natural", "--accuracy", "0.05")[1]
 
 
 def test_an_absolute_accuracy(run):
@@ -118,12 +136,12 @@ def looks(monkeypatch):
 @pytest.mark.parametrize(("option", "value"), [("--max-unknowns", "100"), ("--max-seconds", "60")])
 @pytest.mark.usefixtures("looks")
 def test_a_budget_that_ends_is_code_3(run, option, value):
-    """And what would be enough is said: more than the unknowns so far."""
+    """And what it needs is said: more than the unknowns so far."""
     arguments = ("natural", "--accuracy", "1e-3", option, value)
     code, out, err = run("solve", *arguments)
     assert (code, err) == (3, "")
     assert re.search(rf"NOT certified, out of budget \(.*{option} {value}.*\): \|\|u - u_h\|\|_1 <= ", out)
-    (needed,) = re.findall(r"; about (\S+) unknowns, \S+ s and \S+ MB would be enough\n", out)
+    (needed,) = re.findall(r"; that needs about (\S+) unknowns, \S+ s and \S+ MB\n", out)
     code, found, _ = solve_json(run, *arguments[:3], "--max-unknowns", "100")
     assert float(needed) > 1e4 > found["unknowns"]
     assert (code, found["certified"]) == (3, False)
@@ -192,7 +210,7 @@ def test_a_dry_run_says_what_is_needed(run):
     *before, last = (int(level[3]) for level in level_rows(out))
     assert max(before) < 400 <= last < 2000
     limited = (*dry, "--max-unknowns", "9999")
-    said = r"; not within --max-unknowns 9999; --accuracy (0\.02|0\.05) is within reach\n"
+    said = r"; not within --max-unknowns 9999; try --accuracy (0\.02|0\.05)\n"
     (reach,) = re.findall(said, run(*limited)[1])
     assert json.loads(run(*limited, "--json")[1])["reach"] == float(reach)
 

@@ -14,6 +14,7 @@ SMOOTH = [
     "sinh(x)*cosh(x - y) + tanh(3*x*y)",
     "(x + y)**5/(1 + y**2)**2",
     "pi*x/3 - sqrt(2)*y",
+    "sqrt(3 + x*y)*x - (2 + x)**(-1/3)",
     "5",
 ]
 PLACES = np.random.default_rng(0).uniform(-1, 1, (2, 50))

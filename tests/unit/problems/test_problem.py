@@ -8,6 +8,7 @@ import pytest
 import sympy
 from conftest import DATA
 
+import unilateral as ul
 from unilateral.bounds import source
 from unilateral.discrete.condensed import discretise
 from unilateral.errors import InputError
@@ -155,7 +156,7 @@ REFUSED = [
         {"free_side": "[1]"},
         ": there is no field 'free_side' here; the fields are title, polygon, f, g, k, c,",
     ),
-    ({"g": None}, ": the field g is missing; it holds the obstacle, one formula"),
+    ({"g": None}, ", field g: it is missing, and side 0 is neither free nor clamped; write one formula for"),
     ({"f": "x + z"}, ", field f: 'z' is unknown; known are x, y, pi"),
     ({"g": "[0, '1/(0', 0, 0]"}, r", field g\[1\]: '1/\(0' is not a formula in x, y"),
     ({"f": "true"}, ", field f: it is True; it has to be a formula in x and y"),
@@ -179,15 +180,33 @@ REFUSED = [
     ),
     ({"g": "1e141*x"}, r", field g: it is as large as 1e\+141 on side 0, and squares of errors"),
     ({"f": "pos(sin(1)**2*y + cos(1)**2*y - y + x - 1/2, 0)"}, r", field f: the argument of pos\("),
-    ({"f": "sqrt(x)"}, r", field f: write a fractional power as pos\(a, k\), such as pos\(a, 1/2\) for sqrt"),
+    (
+        {"f": "sqrt(x)"},
+        r", field f: sqrt\(x\) needs x > 0 in the polygon; write pos\(x, 1/2\), which is 0 elsewhere",
+    ),
+    ({"f": "sqrt(x*y)"}, r", field f: sqrt\(x\*y\) needs x\*y > 0 in the polygon$"),
+    ({"f": "1 + (x - y)**(1/21)"}, r", field f: \(x - y\)\*\*\(1/21\) needs x - y > 0 in the polygon$"),
+    ({"f": "x/sqrt(x**2 + y**2)"}, r", field f: 1/sqrt\(x\*\*2 \+ y\*\*2\) needs x\*\*2 \+ y\*\*2 > 0 in"),
     (
         {"f": "log(x + 1)"},
-        ", field f: log is not allowed here; known are pos, sin, cos, exp, sinh, cosh, tanh",
+        r", field f: log is allowed for numbers only, such as log\(2\)",
     ),
-    ({"g": "null"}, ", field g: it is null; it has to be the obstacle, one formula"),
-    ({"g": "sqrt(x)"}, r", field g: write a fractional power as pos\(a, k\)"),
-    ({"g": "[0, sqrt(x + 3) - 2, 0, 0]"}, r", field g\[1\]: write a fractional power as pos\(a, k\)"),
-    ({"g": "pos(x - 1/2, 1/2)"}, ", field g: a power of pos below 1 on side 0"),
+    (
+        {"g": "null"},
+        ", field g: it is missing, and side 0 is neither free nor clamped; write one formula for",
+    ),
+    (
+        {"g": "null", "free_sides": "[0, 1]", "u": "{3: 0}"},
+        ", field g: it is missing, and side 2 is neither free nor clamped; write one formula for all sides",
+    ),
+    ({"u": "{3:0}"}, r", field u: the colon in '3:0' needs a blank after it; write \{3: 0\}"),
+    ({"g": "sqrt(x)"}, r", field g: sqrt\(x\) needs x > 0 on side 0; a root is not Lipschitz"),
+    (
+        {"g": "[0, 'sqrt(y - 1/3)', 0, 0]"},
+        r", field g: sqrt\(y - 1/3\) needs y - 1/3 > 0 on side 1; a root is",
+    ),
+    ({"g": "sqrt(1 + pos(x - 1/2, 1/2))"}, ", field g: on side 0 a power of pos is below 1"),
+    ({"g": "pos(x - 1/2, 1/2)"}, ", field g: on side 0 a power of pos is below 1"),
     ({"f": "pos(x*y - 1/4, 1)"}, r"must be linear, or c - \(x - a\)\*\*2 - \(y - b\)\*\*2"),
     ({"f": "pos(sin(x), 1)"}, r", field f: the argument of pos\(sin\(x\), 1\) must be lin"),
     ({"g": "[0, 0]"}, ", field g: 2 formulas for 4 sides; give one for all, or one per"),
@@ -213,7 +232,10 @@ REFUSED = [
     ({"g": "[0, 0, 1, 0]"}, ", field g: it jumps at vertex 2, from 0 on side 1 to 1 on side 2"),
     ({"g": "[1 - x, 0, 0, 0]"}, ", field g: it jumps at vertex 0, from 0 on side 3"),
     ({"c": "0"}, ", field c: it is 0 and no side is clamped, so that u is not unique; clamp a side in"),
-    ({"u": "{0: 0}", "free_sides": "[0]"}, ", field free_sides: side 0 is clamped; leave it out, or take it"),
+    (
+        {"u": "{0: 0}", "free_sides": "[0]"},
+        ", field free_sides: side 0 is clamped; remove it from free_sides",
+    ),
     (
         {"u": "{0: 0}", "g": "[null, 1, 1, 1]"},
         r", field u: at vertex 0, \(0, 0\), u is 0 on side 0, which is clamped, but g is 1 on side 3; u >= g",
@@ -225,7 +247,7 @@ REFUSED = [
     ({"u": "0", "g": "0"}, ", field u: it is 0; it has to be a formula for each clamped side, by its number"),
     (
         {"u": "{0: 'pos(x - 1/2, 1/2)'}", "g": "-9"},
-        r", field u\[0\]: a power of pos below 1 on side 0; it must",
+        r", field u\[0\]: on side 0 a power of pos is below 1; a Lip",
     ),
     ({"u": "{0: 1/y}", "g": "-9"}, ", field u: it is not finite on side 0, or no bound can be found"),
     ({"u": "{0: 0}", "g": "[0, 0, 0, 0]"}, r", field g\[0\]: side 0 is clamped; write null, or take it out"),
@@ -236,7 +258,7 @@ REFUSED = [
         {"polygon": "[[0, 0], [1e70, 0], [0, 1e70]]", "c": "1e20"},
         r", fields k and c: scaled by \(c/k\)\^\(1/2\), polygon 'own' is too large",
     ),
-    ({"q": "x"}, ", field q: no side is free; name those with a given flux in free_sides"),
+    ({"q": "x"}, ", field q: no side is free; name the sides with a given flux in free_sides"),
     (
         {"free_sides": "[1]", "q": "[null, 1, x, null]"},
         r", field q\[2\]: side 2 is not free; write null, or name it in free_sides",
@@ -244,8 +266,11 @@ REFUSED = [
     ({"free_sides": "[1]", "q": "[1, 2]"}, ", field q: 2 formulas for 4 sides; give one for all, or one per"),
     ({"free_sides": "[1]", "q": "1/(y - 1/3)"}, ", field q: it is not finite on side 1, or no bound can be"),
     ({"free_sides": "[0]", "q": "pos(x, -1/4)"}, ", field q: "),
-    ({"free_sides": "[1]", "q": "sqrt(y)"}, r", field q: write a fractional power as pos\(a, k\)"),
-    ({"free_sides": "[1]", "q": "log(y + 1)"}, ", field q: log is not allowed here"),
+    (
+        {"free_sides": "[1]", "q": "sqrt(y)"},
+        r", field q: sqrt\(y\) needs y > 0 on side 1; write pos\(y, 1/2\), which",
+    ),
+    ({"free_sides": "[1]", "q": "log(y + 1)"}, ", field q: log is allowed for numbers only"),
     (
         {"free_sides": "[1]", "q": "[null, z, null, null]"},
         r", field q\[1\]: 'z' is unknown; known are x, y, pi",
@@ -284,7 +309,7 @@ OF_SIDES += [
     ({"free_sides": "[1, 1]"}, ", field free_sides: side 1 is given twice; give it once"),
     ({"u": "{1: 0, 1: 1}"}, ": '1' is given twice, again in line 4; give it once"),
     ({"u": "{1: 0, +1: 1}"}, ", field u: side 1 is given twice; give it once"),
-    ({"u": "{1: 0}", "free_sides": "[0, 1]"}, ", field free_sides: side 1 is clamped; leave it out, or take"),
+    ({"u": "{1: 0}", "free_sides": "[0, 1]"}, ", field free_sides: side 1 is clamped; remove it from"),
     (
         {"u": "{1: 0}", "g": "[0, 0, 0, 0]"},
         r", field g\[1\]: side 1 is clamped; write null, or take it out of u",
@@ -317,6 +342,19 @@ def test_a_side_may_be_free_or_clamped_and_data_of_one_may_be_small(declared):
     """Controls of what is refused: what is largest counts, not each side alone."""
     found = problem_file.load(declared(free_sides="[+1]", u="{3: null, +0: 1e-300*x}", g="-9"))
     assert (found.free_sides, found.clamped_sides) == ((1,), (0, 3))
+
+
+@pytest.mark.parametrize("g", [None, "null", "[null, null, null, null]"])
+def test_where_no_side_has_an_obstacle_g_may_be_left_out(declared, run, g):
+    """u = 1 + x on clamped sides, with du/dn = 0 on the others, has f = 0: u_h is u, for it is linear."""
+    file = declared(f=0, g=g, free_sides="[0, 2]", u="{1: 2, 3: 1}", c="0")
+    problem = problem_file.load(file)
+    assert problem.contact_sides == ()
+    s = ul.solve(problem, h=1 / 4, H=1 / 2)
+    assert s.u == pytest.approx(1 + s.mesh.points[:, 0], abs=1e-12)
+    code, printed, _ = run("solve", file, "--h", "1/4", "--H", "1/2")
+    assert code == 0
+    assert "no side carries contact, so the problem is linear" in printed
 
 
 def test_vertices_are_counted_before_they_are_read(declared, monkeypatch):

@@ -18,7 +18,7 @@ from functools import cache, cached_property
 from importlib import import_module
 from typing import Any
 
-from unilateral.errors import InputError, meant
+from unilateral.errors import InputError, meant, shown
 from unilateral.study import registry
 from unilateral.study.ledger.controls import smallest_share, spoilt, told
 from unilateral.study.ledger.entries import entries
@@ -192,6 +192,6 @@ def find(wanted: str) -> Claim:
     known = {claim.id: claim for claim in ledger()}
     if wanted not in known:
         raise InputError(
-            f"there is no claim '{wanted}'{meant(wanted, known)}; 'unilateral claims' lists them all"
+            f"there is no claim '{shown(wanted)}'{meant(wanted, known)}; 'unilateral claims' lists them all"
         )
     return known[wanted]

@@ -1,0 +1,74 @@
+"""Whatever is typed of 5000 characters is refused with exit code 2, and messages show its beginning only."""
+
+import click
+import pytest
+from conftest import ROOT
+
+from unilateral.cli.application import COMMANDS, application
+
+LONG = {
+    "digits": "9" * 5000,
+    "words": "1 a " * 1250,
+    "list": "1," * 2500 + "1",
+    "path": "a/" * 2500 + "b.svg",
+}
+SIZES = {"--h": "1/8", "--H": "1/4"}
+ARGUMENTS = {
+    "solve": ["natural"],
+    "check": [str(ROOT / "examples/shelter.yaml")],
+    "cases": ["natural"],
+    "export": ["natural"],
+    "score": ["folder", "u.csv"],
+}
+OPTIONS = {
+    "solve": SIZES,
+    "export": SIZES | {"--out": "out"},
+    "infsup": SIZES | {"--polygon": "square"},
+}
+IN_PLACE = {"--mesh": "--h", "--cells": "--H"}
+"""Options, and those in whose place they are given."""
+OF_ACCURACY = ("--accuracy", "--norm", "--max-unknowns", "--max-seconds", "--max-memory")
+
+
+def typed(command, param, text):
+    """The arguments with which a command would run, but for this text as one of them."""
+    arguments, options = [*ARGUMENTS.get(command, [])], dict(OPTIONS.get(command, {}))
+    if isinstance(param, click.Argument):
+        at = 1 if param.name == "solutions" else 0
+        arguments[at : at + 1] = [text]
+    else:
+        name = max(param.opts, key=len)
+        if name in OF_ACCURACY:
+            options = {"--accuracy": "1/2"}
+        options.pop(IN_PLACE.get(name), None)
+        options[name] = text
+    return [command, *arguments, *(each for pair in options.items() for each in pair)]
+
+
+PARAMS = [
+    (name, param)
+    for name in COMMANDS
+    for param in application.get_command(click.Context(application), name).params
+    if not getattr(param, "is_flag", False)
+]
+
+
+@pytest.mark.parametrize(("command", "param"), PARAMS, ids=[f"{name} {param.name}" for name, param in PARAMS])
+def test_a_long_argument_is_cut(refused, tmp_path, monkeypatch, command, param):
+    """Beside the argument's beginning a message has some 200 characters, with the names that are known."""
+    monkeypatch.chdir(tmp_path)
+    for text in LONG.values():
+        assert len(refused(*typed(command, param, text))) < 400
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("text", LONG.values(), ids=LONG)
+@pytest.mark.parametrize("before", [[], ["solve", "natural"]], ids=str)
+def test_so_is_a_long_name_of_a_command_or_an_option(refused, before, text):
+    for name in (text, f"--{text}"):
+        assert len(refused(*before, name)) < 300
+
+
+def test_a_number_with_as_many_digits_as_are_read_is_no_long_one(run):
+    """Control: 18 digits are a number of unknowns."""
+    assert run("solve", "natural", "--accuracy", "1/2", "--max-unknowns", "9" * 18)[0] == 0
