@@ -77,6 +77,8 @@ def some_points(polygon: Polygon) -> Array:
     along = [np.linspace(low, high, POINTS) for low, high in zip(v.min(axis=0), v.max(axis=0), strict=True)]
     grid = np.stack(np.meshgrid(*along), axis=-1).reshape(-1, 2)
     return np.concatenate([v, grid[polygon.contains(grid)]])
+
+
 def range_on_side(polygon: Polygon, formula: Expression, side: int) -> tuple[float, float]:
     """A lower and an upper bound on the formula in x, y on a side, infinite where none is found."""
 
