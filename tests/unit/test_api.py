@@ -69,7 +69,11 @@ def test_without_a_tolerance_functions_are_solved_to_a_small_share():
     [
         (lambda x, y: np.sqrt(x - 0.5), 0, "problem, field f: the function is nan at"),
         (-1, lambda x, y: 1 / (0 * x), r"problem, field g\[0\]: the function is inf at \(0"),
-        (lambda x, y: x + 1j * y, 0, "problem, field f: the function returns complex numbers"),
+        (
+            lambda x, y: x + 1j * y,
+            0,
+            "problem, field f, value of the function: it holds values of the type complex128",
+        ),
     ],
 )
 def test_a_function_that_gives_no_number_is_refused(algorithm, f, g, said):
@@ -83,6 +87,11 @@ POINTWISE = (
     "such as np.sin and np.where, or give np.vectorize(function, otypes=[float])",
 )
 ARGUMENTS = "it has to take two, x and y, such as lambda x, y: x - y; of a function u of points write"
+INTEGERS = (
+    "value of the function: the values are integers (int",
+    "give floating-point numbers, as",
+    "otypes=[float]",
+)
 EACH = "it has to return a real number for each point"
 
 
@@ -98,11 +107,15 @@ EACH = "it has to return a real number for each point"
         (lambda x, y: np.zeros(7), ("the function returns an array of the shape (7,) for x and y", EACH)),
         (lambda x, y: (x, y), ("the function returns an array of the shape (2, ", EACH)),
         (lambda x, y: x[..., None] + [1, 2], ("the function returns an array of the shape (", EACH)),
-        (lambda x, y: "a", ("the function returns 'a'", EACH)),
-        (lambda x, y: None, ("the function returns nothing", EACH)),
-        (lambda x, y: np.ma.masked_greater(x, -1), ("the function returns masked numbers", EACH)),
-        (lambda x, y: x + 1j, ("the function returns complex numbers", EACH)),
-        (lambda x, y: {}, ("the function returns {}", EACH)),
+        (lambda x, y: "a", ("value of the function: it is 'a'", EACH)),
+        (lambda x, y: None, ("value of the function: it is None", EACH)),
+        (lambda x, y: np.ma.masked_greater(x, -1), ("value of the function: ", "numbers are masked")),
+        (lambda x, y: x + 1j, ("it holds values of the type complex128", EACH)),
+        (np.vectorize(lambda x, y: 0 if x < 0.5 else -1.5), INTEGERS),
+        (lambda x, y: np.where(x > 0.5, 1, 0), INTEGERS),
+        (lambda x, y: np.zeros(x.shape, np.int8), INTEGERS),
+        (lambda x, y: x > 0.5, ("it holds values of the type bool", EACH)),
+        (lambda x, y: {}, ("value of the function: it is {}", EACH)),
         (
             lambda x, y: 1 / 0,
             ("the function failed (ZeroDivisionError: division by zero)", "two arrays x and y"),
@@ -118,7 +131,7 @@ def test_a_function_that_does_not_give_a_number_for_each_point_is_refused(functi
     ):
         with pytest.raises(ul.InputError) as told:
             solve()
-        assert re.match(rf"problem, field {field}(\[0\])?: ", str(told.value))
+        assert re.match(rf"problem, field {field}(\[0\])?[:,] ", str(told.value))
         assert all(reason in str(told.value) for reason in reasons), told.value
 
 
@@ -132,7 +145,7 @@ def test_functions_of_one_number_for_all_points_of_other_types_and_ones_that_ove
         return x
 
     for form, functions in {
-        "-1": [lambda x, y: -1, lambda x, y: np.full(x.shape, -1, dtype=np.int8), lambda x, y: [[-1]]],
+        "-1": [lambda x, y: -1, lambda x, y: np.full(x.shape, -1, np.float32), lambda x, y: [[-1.0]]],
         "-1 - x": [overwriting, np.vectorize(lambda x, y: -1 - x, otypes=[float]), lambda x, y, k=1: -k - x],
     }.items():
         for f in functions:

@@ -8,7 +8,7 @@ from importlib import resources
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Mask
+from unilateral.arrays import Array, Index, Mask, floats
 from unilateral.errors import InputError, meant
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.plane import cross, first_crossing
@@ -44,7 +44,7 @@ class Polygon(Rebuilt):
     doubt: float = 0.0
 
     def __post_init__(self) -> None:
-        vertices = np.array(self.vertices, dtype=float)
+        vertices = floats(self.vertices, f"polygon '{self.name}'")
         vertices.setflags(write=False)
         object.__setattr__(self, "vertices", vertices)
         _check(vertices, self.name)

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from unilateral.accuracy.search import Search
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array, Index, floats
 from unilateral.bounds.clamped_ends import Clamps, none
 from unilateral.bounds.forces import Force, forces
 from unilateral.bounds.local_bounds import LocalBound
 from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.choice import bound_mb
-from unilateral.errors import InputError, SolutionWarning, shown
+from unilateral.errors import InputError, SolutionWarning
 from unilateral.formulas.decimals import plus_minus, up
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -131,16 +131,6 @@ def not_unique(mesh: Mesh, own: bool) -> str:
 def not_converged(bound: float) -> str:
     """Says that an iteration did not converge, with the bound on its algebraic error."""
     return f"the iteration did not converge: the algebraic error is at most {up(bound, '.4e')}"
-
-
-def floats(given: ArrayLike, name: str) -> Array:
-    """Real numbers as an array. Raises InputError for what is none."""
-    try:
-        if np.iscomplexobj(given):
-            raise TypeError
-        return np.asarray(given, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name}: {shown(repr(given))} has to be an array of real numbers") from None
 
 
 @dataclass(frozen=True, eq=False)

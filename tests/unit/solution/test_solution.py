@@ -101,7 +101,7 @@ def test_what_cannot_be_evaluated_is_refused(shelter):
             shelter.u_at(of)
     for of in ("a", [("a", "b")], [(1j, 0)], [(0, 0), (1,)], {}):
         for at in (shelter.u_at, shelter.grad_at, shelter.flux_at):
-            with pytest.raises(ul.InputError, match=r"points: .* has to be an array of real numbers"):
+            with pytest.raises(ul.InputError, match=r"points: .*; it has to be an array of real numbers"):
                 at(of)
     for side in ("a", None, 1.5, True, [0, 1]):
         with pytest.raises(
@@ -109,7 +109,7 @@ def test_what_cannot_be_evaluated_is_refused(shelter):
         ):
             shelter.lambda_at(side, 0)
     for t in ("a", 1j, [[0], [0, 1]]):
-        with pytest.raises(ul.InputError, match=r"t: .* has to be an array of real numbers"):
+        with pytest.raises(ul.InputError, match=r"t: .*; it has to be an array of real numbers"):
             shelter.lambda_at(0, t)
     with pytest.raises(ul.InputError, match="side: the polygon has the sides 0 to 4, not 5"):
         shelter.lambda_at(5, 0)
