@@ -18,7 +18,7 @@ from unilateral.errors import InputError, counted
 from unilateral.fem.condense import condense
 from unilateral.fem.form import H1, Form
 from unilateral.fem.spaces import mixed_spaces
-from unilateral.formulas.decimals import between, down
+from unilateral.formulas.decimals import down, guaranteed, interval
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.files import read_partition
 from unilateral.geometry.mesh import Mesh
@@ -151,7 +151,8 @@ def _beta(found: dict[str, Any]) -> str:
         return f"not computed: {found['not_solved']}"
     if found["beta_upper"] == 0:
         return "0 up to rounding: lambda_H may not be unique; take larger cells or shorter edges"
-    return f"between {between(found['beta_lower'], found['beta_upper'], '.4f', 'and')}, guaranteed"
+    ends = found["beta_lower"], found["beta_upper"]
+    return guaranteed(interval(*ends, spec=".4f"), *ends)
 
 
 def _theorem_5(found: dict[str, Any]) -> str:

@@ -32,6 +32,7 @@ from unilateral.cli.report import (
 from unilateral.cli.streams import say, tell
 from unilateral.cli.watching import bar_during, clear, watching
 from unilateral.errors import BudgetError, InputError, counted
+from unilateral.formulas.decimals import fields
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
 from unilateral.solution.certificate import energy
@@ -231,7 +232,7 @@ def _tell_faults(search: Search) -> None:
         tell(f"{counted(withdrawn, 'bound')} {WITHDRAWN}")
 
 
-def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float]] | None:
+def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float | str | None]] | None:
     """The forces over the boundary and over each side with multipliers, and the reactions on clamped sides.
 
     None for more than SIDES sides, and where all are free.
@@ -241,6 +242,6 @@ def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float]] | None:
         return None
     held = np.unique(cells.side[found.solved.discrete.cells])
     forces = found.forces(sharp)
-    sides = {f"side_{i}": forces.sides[i]._asdict() for i in held}
-    rows = {"_".join(["reaction", *map(str, row)]): of._asdict() for row, of in forces.reactions.items()}
-    return ({"boundary": forces.whole._asdict()} | sides if sides else {}) | rows or None
+    sides = {f"side_{i}": fields(*forces.sides[i]) for i in held}
+    rows = {"_".join(["reaction", *map(str, row)]): fields(*of) for row, of in forces.reactions.items()}
+    return ({"boundary": fields(*forces.whole)} | sides if sides else {}) | rows or None

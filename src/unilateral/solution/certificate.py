@@ -8,7 +8,7 @@ from dataclasses import asdict
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from unilateral.formulas.decimals import percent, up
+from unilateral.formulas.decimals import guaranteed, interval, percent
 from unilateral.formulas.exact_numbers import rounded
 from unilateral.formulas.expression import ONE
 from unilateral.norms.dual import Errors
@@ -70,16 +70,16 @@ class Bounds(NamedTuple):
         """Every number is rounded up.
 
         >>> Bounds(0.0123456, 0.25, 0.0, 0.045678)
-        Bounds: ||u - u_h||_1 <= 0.01235 (4.6 %), ||lambda - lambda_H||_-1/2 <= 0.25, guaranteed
+        Bounds: ||u - u_h||_1 at most 0.01235 (4.6 %), ||lambda - lambda_H||_-1/2 at most 0.25, guaranteed
         """
-        of = {"||u - u_h||_1": (self.u, self.relative_u)}
-        of["||lambda - lambda_H||_-1/2"] = self.multiplier, self.relative_multiplier
-        known = (
-            f"{name} <= {up(bound, '.4g')}" + f" ({percent(part)})" * (part < math.inf)
-            for name, (bound, part) in of.items()
+        errors = {"||u - u_h||_1": (self.u, self.relative_u)}
+        errors["||lambda - lambda_H||_-1/2"] = self.multiplier, self.relative_multiplier
+        parts = [
+            f"{name} {interval(-math.inf, bound)}" + f" ({percent(part)})" * (part < math.inf)
+            for name, (bound, part) in errors.items()
             if not math.isnan(bound)
-        )
-        return f"Bounds: {', '.join(known)}, guaranteed"
+        ]
+        return f"Bounds: {guaranteed(', '.join(parts), -math.inf, max(self.u, self.multiplier))}"
 
 
 class BoundsWithoutReaction(Bounds):

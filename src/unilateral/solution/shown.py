@@ -13,7 +13,7 @@ import numpy as np
 from unilateral.arrays import Array, Index, Mask
 from unilateral.discrete.choice import bound_mb
 from unilateral.errors import InputError
-from unilateral.formulas.decimals import between, up
+from unilateral.formulas.decimals import guaranteed, interval, up
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.sampled import Sampled
 from unilateral.solution.certificate import relative
@@ -139,7 +139,8 @@ def accuracy(solution: Solution) -> str:
         return NO_BOUND
     trivial = solution.units.trivial and solution.units.reaction and not solution.problem.clamped_sides
     what = (WHAT if trivial else IN_ENERGY)[norm]
-    text = f"error of {what}: at most {_share(total, solved.size(norm, sharp))}, guaranteed"
+    text = f"error of {what}: at most {_share(total, solved.size(norm, sharp))}"
+    text = guaranteed(text, -math.inf, total)
     if goal is None or solution.certified:
         return text
     wanted = f"{goal.accuracy:g}" if goal.absolute else f"{100 * goal.accuracy:.3g} %"
@@ -152,10 +153,8 @@ def force(solution: Solution, of: Shown) -> str:
         return ""
     goal = solution.search.best.goal if solution.search else None
     whole = solution.force(goal is not None and goal.sharp)
-    guaranteed = between(whole.lower, whole.upper, ".4g", "and")
-    return (
-        f"force over the boundary, ∫λ: {whole.value:.4g}; the exact one is between {guaranteed}, guaranteed"
-    )
+    text = interval(whole.lower, whole.upper, whole.value, ".4g")
+    return guaranteed(f"force over the boundary, ∫λ: {text}", whole.lower, whole.upper)
 
 
 def _share(bound: float, size: float) -> str:

@@ -23,7 +23,7 @@ from unilateral.bounds.local_bounds import LocalBound
 from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.choice import bound_mb
 from unilateral.errors import InputError, SolutionWarning
-from unilateral.formulas.decimals import plus_minus, up
+from unilateral.formulas.decimals import guaranteed, interval, is_bounded
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.files import write_mesh
@@ -77,14 +77,25 @@ class Forces(NamedTuple):
     reactions: Mapping[tuple[int, ...], Force] = MappingProxyType({})
 
     def __repr__(self) -> str:
+        """One "guaranteed" at the end if all have bounds, else one for each that has."""
         clamped = {side for row in self.reactions for side in row}
-        sides = [f"{i}: {plus_minus(*each)}" for i, each in enumerate(self.sides) if i not in clamped]
+        held = {side: force for side, force in enumerate(self.sides) if side not in clamped}
+        every = [self.whole, *held.values(), *self.reactions.values()]
+        for_all = all(is_bounded(force.lower, force.upper) for force in every)
+        sides = [f"{side}: {_written(force, not for_all)}" for side, force in held.items()]
         more = f" and {len(sides) - SHOWN} more" if len(sides) > SHOWN else ""
-        shown = [f"on sides {', '.join(sides[:SHOWN])}{more}"] if sides else []
+        parts = [_written(self.whole, not for_all)]
+        parts += [f"on sides {', '.join(sides[:SHOWN])}{more}"] if sides else []
         for row, force in self.reactions.items():
-            on = f"side{'s' * (len(row) > 1)} {' and '.join(map(str, row))}"
-            shown.append(f"reaction on {on}: {plus_minus(*force)}")
-        return f"Forces: {'; '.join([plus_minus(*self.whole), *shown])}; guaranteed"
+            where = f"side{'s' * (len(row) > 1)} {' and '.join(map(str, row))}"
+            parts.append(f"reaction on {where}: {_written(force, not for_all)}")
+        return f"Forces: {'; '.join(parts)}{'; guaranteed' if for_all else ''}"
+
+
+def _written(force: Force, alone: bool) -> str:
+    """A force with its bounds; if it stands `alone`, with the word "guaranteed" where it has one."""
+    text = interval(force.lower, force.upper, force.value)
+    return guaranteed(text, force.lower, force.upper) if alone else text
 
 
 def clamped_rows(n: int, clamped: Sequence[int]) -> list[list[int]]:
@@ -130,7 +141,7 @@ def not_unique(mesh: Mesh, own: bool) -> str:
 
 def not_converged(bound: float) -> str:
     """Says that an iteration did not converge, with the bound on its algebraic error."""
-    return f"the iteration did not converge: the algebraic error is at most {up(bound, '.4e')}"
+    return f"the iteration did not converge: the algebraic error is {interval(-math.inf, bound, spec='.4e')}"
 
 
 @dataclass(frozen=True, eq=False)

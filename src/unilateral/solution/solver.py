@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import warnings
 from collections.abc import Mapping, Sequence
@@ -202,6 +203,8 @@ def not_certified(search: Search, found: Solution) -> str:
     parts = [f"the accuracy {best.goal.accuracy:g} is not certified: {search.ended}"]
     if not search.believed:
         parts.append("no bound is left")
+    elif not best.total < math.inf:
+        parts.append("no bound is known")
     elif best.goal.absolute or not best.size > 0:
         parts.append(f"reached is {up(best.total, '.4e')}")
     else:

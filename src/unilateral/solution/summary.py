@@ -7,11 +7,12 @@ already, and there is no picture.
 from __future__ import annotations
 
 import base64
+import math
 from html import escape
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from unilateral.formulas.decimals import percent, plus_minus, up
+from unilateral.formulas.decimals import guaranteed, interval, percent
 from unilateral.problems.sampled import Sampled
 from unilateral.solution.certificate import sizes
 
@@ -52,7 +53,9 @@ def rows(of: Solution) -> dict[str, str]:
     if not len(cells):
         found["contact"] = LINEAR
     if not of.converged:
-        found["not converged"] = f"the algebraic error is at most {up(solved.result.bound, '.2g')}"
+        found["not converged"] = (
+            f"the algebraic error is {interval(-math.inf, solved.result.bound, spec='.2g')}"
+        )
     if not of.unique:
         found["lambda_H"] = "may not be unique"
     return found
@@ -67,15 +70,14 @@ def _bounded(of: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, str]
     parts = {"error of u": (bounds.u, bounds.relative_u, names.h1)}
     if len(of.solved.discrete.cells):
         parts["error of lambda"] = bounds.multiplier, bounds.relative_multiplier, names.hm12
-    rows = {
-        name: f"at most {up(bound, '.3g')}"
-        + (f", {percent(part)} of {norm}" if part < 1 else "")
-        + ", guaranteed"
-        for name, (bound, part, norm) in parts.items()
-    }
+    rows = {}
+    for name, (bound, part, norm) in parts.items():
+        share = f", {percent(part)} of {norm}" if part < 1 else ""
+        rows[name] = guaranteed(f"{interval(-math.inf, bound, spec='.3g')}{share}", -math.inf, bound)
     if len(parts) == 1:
         return rows
-    return rows | {"force": f"{plus_minus(*of.force(sharp))}, guaranteed"}
+    value, lower, upper = of.force(sharp)
+    return rows | {"force": guaranteed(interval(lower, upper, value), lower, upper)}
 
 
 def _title(of: Solution) -> str:

@@ -100,7 +100,7 @@ def test_what_is_guaranteed_stands_on_the_page(solution, page):
     assert "<h1>a &lt;b&gt;bold&lt;b&gt; &amp; plain</h1>" in text
     assert re.search(r"<p>Error of u in H¹: at most [\d.]+ %, guaranteed\.</p>", text)
     whole = solution.forces().whole
-    said = re.search(r"∫λ: (\S+); the exact one is between (\S+) and (\S+), guaranteed", text)
+    said = re.search(r"∫λ: (\S+), between (\S+) and (\S+), guaranteed", text)
     value, lower, upper = map(float, said.groups())
     assert value == pytest.approx(whole.value, rel=1e-3)
     assert lower <= whole.lower <= whole.upper <= upper
