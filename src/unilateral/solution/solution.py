@@ -207,8 +207,12 @@ class Solution:
 
     @property
     def multiplier(self) -> Array:
-        """(m,) lambda_H, which approximates k du/dn, on the cells of the partition; 0 on free sides."""
-        return self.units.flux * self.solved.lambda_H
+        """(m,) lambda_H, which approximates k du/dn, on the cells of the partition; 0 on free sides.
+
+        NaN on clamped sides, on which there are no multipliers: their reactions are in `forces`.
+        """
+        clamped = np.isin(self.partition.side, self.problem.clamped_sides)
+        return np.where(clamped, math.nan, self.units.flux * self.solved.lambda_H)
 
     @property
     def gap(self) -> Array:
@@ -278,9 +282,10 @@ class Solution:
         return found.reshape((*places.shape[:-1], *found.shape[1:]))
 
     def lambda_at(self, side: int, t: ArrayLike) -> Array:
-        """lambda_H at the arc lengths t from the start of a side, in the shape of t; NaN beyond the side.
+        """lambda_H at the arc lengths t from the start of a side, in the shape of t.
 
-        Where two cells meet it is that of the later one. Raises InputError for a side that is not there.
+        It is NaN beyond the side, and on clamped sides, see `multiplier`. Where two cells meet it is that of
+        the later one. Raises InputError for a side that is not there.
 
         >>> import unilateral as ul
         >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
@@ -353,7 +358,8 @@ class Solution:
         if not is_case(case):
             return None
         judged = of.unique and len(of.cells) > 0
-        return errors(case, self.mesh, self.u, self.partition, self.multiplier, judged, dual)
+        lambda_H = self.units.flux * self.solved.lambda_H
+        return errors(case, self.mesh, self.u, self.partition, lambda_H, judged, dual)
 
     @property
     def bounds(self) -> Bounds | None:
@@ -481,11 +487,12 @@ class Solution:
 
         .json has the `certificate`; .svg, .png and .pdf the picture; .html a page on which u_h is turned and
         zoomed, in any browser and without a network. In .vtu the boundary edges carry the mean of lambda_H on
-        each. Raises InputError for another ending.
+        each, NaN on clamped sides. Raises InputError for another ending.
         """
         check_target(path, ENDINGS)
         if Path(path).suffix == ".vtu":
-            on_edges = self.partition.means(self.multiplier, self.mesh.s)
+            on_edges = self.partition.means(self.units.flux * self.solved.lambda_H, self.mesh.s)
+            on_edges[np.isin(self.mesh.side, self.problem.clamped_sides)] = math.nan
             write_mesh(self.mesh, path, {"multiplier": on_edges}, {"u": self.u})
             return
         if Path(path).suffix == ".json":

@@ -260,3 +260,32 @@ def test_functions_have_no_equilibrated_flux():
     s = ul.solve(ul.Problem(SQUARE, f=lambda x, y: -1, g=0), **SIZES)
     with pytest.raises(ul.InputError, match=r"for f, g, q or u is a function; take k \* s\.grad_at"):
         s.flux_at((0.5, 0.5))
+
+
+def test_there_is_no_multiplier_on_clamped_sides(tmp_path):
+    """Neither in the arrays nor in any file, where 0 would be read as a reaction of 0: it is about 2.8.
+
+    f = -4 on the unit square with c = 0, so that the force on side 0 and the reaction on side 3 add up to 4.
+    """
+    problem = ul.Problem(SQUARE, -4, [0, None, None, None], free_sides=[1, 2], u={3: 0.5}, c=0)
+    s = ul.solve(problem, h=1 / 8, H=1 / 4)
+    clamped = s.partition.side == 3
+    np.testing.assert_array_equal(np.isnan(s.multiplier), clamped)
+    assert np.isnan(s.lambda_at(3, [0.1, 0.9])).all()
+    assert s.lambda_at(0, 0.9) > 0
+    assert s.forces().reactions[3,].value == pytest.approx(4 - s.forces().whole.value, abs=1e-3)
+    for name in ("s.nc", "s.csv", "s.vtu"):
+        s.save(tmp_path / name)
+    cells = pd.read_csv(tmp_path / "s.csv")
+    np.testing.assert_array_equal(cells["multiplier"].isna(), clamped)
+    with xr.open_dataset(tmp_path / "s.nc") as table:
+        np.testing.assert_array_equal(np.isnan(table["multiplier"]), clamped)
+    again = ul.open(tmp_path / "s.nc")
+    np.testing.assert_array_equal(again.multiplier, s.multiplier)
+    np.testing.assert_array_equal(again.solved.lambda_H, s.solved.lambda_H)
+    on_edges = meshio.read(tmp_path / "s.vtu").cell_data["multiplier"][1]
+    np.testing.assert_array_equal(np.isnan(on_edges), s.mesh.side == 3)
+    on = s.mesh.side == 0
+    whole = on_edges[on] @ np.diff(s.mesh.s)[on]
+    assert whole == pytest.approx(s.forces().whole.value)
+    assert not np.isnan(ul.solve("natural", h=1 / 8, H=1 / 4).multiplier).any()
