@@ -21,6 +21,7 @@ from unilateral.formulas.decimals import up
 from unilateral.geometry.files import write_mesh
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
+from unilateral.solvers.stop import ALGORITHMS
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -240,7 +241,7 @@ def test_a_multiplier_that_may_not_be_unique_on_a_mesh_of_one_s_own(tmp_path):
 def test_an_iteration_that_did_not_converge_is_warned_of_once():
     """At the call, with the bound that is left; control: without the limit of its steps it converges."""
     for wanted, said in (
-        (SIZES, r"the iteration did not converge: the algebraic error is at most \S+$"),
+        (SIZES, r"the iteration did not converge: the algebraic error is at most \S+ after 3 steps; "),
         ({"accuracy": 1e-3}, r"not certified: the iteration did not converge \(max_steps=, .*; reached is "),
     ):
         with warnings.catch_warnings(record=True) as told:
@@ -251,6 +252,30 @@ def test_an_iteration_that_did_not_converge_is_warned_of_once():
         assert re.search(said, str(told[0].message))
     with warnings.catch_warnings(action="error"):
         assert ul.solve("natural", **SIZES, stop=ul.Stop(algorithm="uzawa")).converged
+
+
+@pytest.mark.parametrize("algorithm", ["uzawa", "nesterov", "auto"])
+def test_a_rho_with_which_steps_need_not_converge_is_refused_at_once(algorithm):
+    """Above 2 / lambda_max(S), by (5.2), or 1 / lambda_max(S) for Nesterov's steps, by eigenvalues of S."""
+    S = ul.Solver("natural", **SIZES).matrices().S
+    limit = {"nesterov": 1.0}.get(algorithm, 2.0) / np.linalg.eigvalsh(S)[-1]
+    for factor in (1.001, 1e3):
+        stop = ul.Stop(algorithm=algorithm, rho=factor * limit)
+        with pytest.raises(ul.InputError, match=rf"rho = .* is too large: .* = {limit:.4g}; take a smaller"):
+            ul.solve("natural", **SIZES, stop=stop)
+    with pytest.raises(ul.InputError, match="is too large"):
+        ul.solve("natural", accuracy=0.1, stop=ul.Stop(algorithm=algorithm, rho=10))
+    assert ul.solve("natural", **SIZES, stop=ul.Stop(algorithm=algorithm, rho=0.999 * limit)).converged
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_a_tolerance_below_rounding_ends_soon_and_is_told(algorithm):
+    """Without all of max_steps; what is reached is as small as by the active set, which makes no steps."""
+    with pytest.warns(ul.SolutionWarning, match="rounding al.*; take a larger tolerance"):
+        s = ul.solve("natural", **SIZES, stop=ul.Stop(algorithm=algorithm, tolerance=1e-18))
+    assert not s.iterations > 10_000
+    assert s.solved.result.bound < 4e-12
+    ul.solve("natural", **SIZES, stop=ul.Stop(algorithm=algorithm, tolerance=1e-11))
 
 
 @pytest.mark.parametrize("absolute", [False, True])

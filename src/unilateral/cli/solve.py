@@ -125,7 +125,7 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
     if doubt:
         tell(f"lambda_H {doubt}")
     if not (search or found.converged):
-        tell(not_converged(found.solved.result.bound))
+        tell(not_converged(found.solved))
     if not options.json and not search:
         say(head(printed))
     if not options.json and not found.units.reaction:

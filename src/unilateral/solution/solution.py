@@ -23,7 +23,7 @@ from unilateral.bounds.local_bounds import LocalBound
 from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.choice import bound_mb
 from unilateral.errors import InputError, SolutionWarning
-from unilateral.formulas.decimals import guaranteed, interval, is_bounded
+from unilateral.formulas.decimals import guaranteed, interval, is_bounded, up
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.files import write_mesh
@@ -62,6 +62,8 @@ def in_units(force: Force, unit: float) -> Force:
     return Force(value, lower - ROUNDING * abs(lower), upper + ROUNDING * abs(upper))
 
 
+ENDED_BY_ROUNDING = ("active_set", "multigrid")
+"""Algorithms that end where nothing falls any more, and not after `max_steps`."""
 SHOWN = 12
 """At most this many sides are printed."""
 
@@ -139,9 +141,16 @@ def not_unique(mesh: Mesh, own: bool) -> str:
     return f"may not be unique, because beta is 0 up to rounding; {advice}"
 
 
-def not_converged(bound: float) -> str:
-    """Says that an iteration did not converge, with the bound on its algebraic error."""
-    return f"the iteration did not converge: the algebraic error is {interval(-math.inf, bound, spec='.4e')}"
+def not_converged(solved: DiscreteSolution) -> str:
+    """Says that an iteration did not converge, with the bound on its algebraic error, and why."""
+    result = solved.result
+    bound = interval(-math.inf, result.bound, spec=".4e")
+    told = f"the iteration did not converge: the algebraic error is {bound}"
+    if 2 * result.rounding > result.bound:
+        return f"{told}, because rounding alone adds {up(result.rounding, '.1e')}; take a larger tolerance"
+    if result.algorithm in ENDED_BY_ROUNDING:
+        return f"{told}, because rounding allows no less; take a larger tolerance"
+    return f"{told} after {result.iterations:.6g} steps; allow more of them, or take another algorithm"
 
 
 @dataclass(frozen=True, eq=False)

@@ -192,7 +192,7 @@ def tell_faults(found: Solution, own_mesh: bool = False) -> None:
         warnings.warn(not_certified(search, found), SolutionWarning, stacklevel=3)
         return
     if not found.converged:
-        warnings.warn(not_converged(found.solved.result.bound), SolutionWarning, stacklevel=3)
+        warnings.warn(not_converged(found.solved), SolutionWarning, stacklevel=3)
     if not found.unique:
         warnings.warn(f"lambda_H {not_unique(found.mesh, own_mesh)}", SolutionWarning, stacklevel=3)
 

@@ -149,7 +149,10 @@ def test_too_few_steps_end_with_code_3_and_a_message(run, algorithm):
     code, found, err = solve_json(run, *options)
     assert (code, found["converged"], found["iterations"]) == (3, False, 1)
     bound = up(found["algebraic_bound"], ".4e")
-    assert err == f"unilateral: the iteration did not converge: the algebraic error is at most {bound}\n"
+    assert err == (
+        f"unilateral: the iteration did not converge: the algebraic error is at most {bound} after 1 steps; "
+        "allow more of them, or take another algorithm\n"
+    )
     code, out, _ = run("solve", *options)
     assert code == 3
     assert f"{algorithm} NOT converged" in out
