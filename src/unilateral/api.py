@@ -28,6 +28,7 @@ from unilateral.geometry.files import read_mesh
 from unilateral.geometry.foreign import halved, mesh_from
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
+from unilateral.problems import arguments
 from unilateral.problems import problem as problems
 from unilateral.problems.given import Coefficient, Given, bare, case, load, mesh_of, problem_of, with_data
 from unilateral.problems.sampled import Sampled
@@ -83,9 +84,7 @@ def Problem(
     >>> ul.Problem([(0, 0), (1, 0), (0, 1)], f=-1, g="-y/4", c=0, u={0: "x*(1 - x)"}).clamped_sides
     (0,)
     """
-    if not isinstance(u, Mapping | None):
-        raise InputError(f"{name}, field u: it is {shown(repr(u))}; it has to be a dict such as {{3: 0}}")
-    of = bare(polygon, free_sides, k, c, name, u or ())
+    of = bare(polygon, free_sides, k, c, name, u)
     if f is None:
         raise InputError(f"{name}, field f: there is no formula; write 0 where there is none")
     return with_data(of, f, [None] * of.polygon.n_sides if g is None else g, q, u=u)
@@ -188,12 +187,13 @@ def solve(
     h, H, accuracy = (number(*each) for each in (("h", h), ("H", H), ("the accuracy", accuracy)))
     check_kind(mesh)
     check_stop(stop)
-    _check_flags(sharp=sharp, absolute=absolute, dry_run=dry_run)
+    arguments.check_flags(sharp=sharp, absolute=absolute, dry_run=dry_run)
     if not (tell is None or callable(tell)) or not isinstance(watch, Watch | None):
         raise InputError("tell has to be a function of a level, and watch a Watch; leave them out")
     limits = {"max_unknowns": max_unknowns, "max_seconds": max_seconds, "max_memory": max_memory}
     if accuracy is None:
-        _check_sizes_alone(limits, absolute=absolute, dry_run=dry_run, norm=norm != NORMS[0])
+        other_norm = not (isinstance(norm, str) and norm == NORMS[0])
+        _check_sizes_alone(limits, absolute=absolute, dry_run=dry_run, norm=other_norm)
         solver = Solver(problem, h, H, mesh=mesh, stop=stop)
         only = solver.found()
         tell_faults(only, solver.own_mesh)
@@ -235,12 +235,6 @@ def _problem(of: object) -> AnyProblem:
             f"{shown(repr(of))} is not a problem; take ul.Problem(...), ul.case(name) or ul.load(path)"
         )
     return found
-
-
-def _check_flags(**flags: object) -> None:
-    for name, given in flags.items():
-        if not isinstance(given, bool):
-            raise InputError(f"{name} is {shown(repr(given))}; it has to be True or False")
 
 
 def _check_sizes_alone(limits: Mapping[str, Size | None], **others: bool) -> None:

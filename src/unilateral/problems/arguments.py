@@ -77,3 +77,10 @@ def side(given: Any, n: int, where: str) -> int:
     if not 0 <= found < n:
         raise InputError(f"{where}: the polygon has the sides 0 to {n - 1}, not {shown(repr(given))}{kind}")
     return found
+
+
+def check_flags(**flags: object) -> None:
+    """Raises InputError, with its name, for a flag that is neither True nor False."""
+    for name, given in flags.items():
+        if not isinstance(given, bool | np.bool_):
+            raise InputError(f"{name} is {shown(repr(given))}; it has to be True or False")

@@ -363,6 +363,7 @@ class Solution:
 
         Without `dual` the one in H^{-1/2} is NaN, because on large meshes it costs more than a solve.
         """
+        arguments.check_flags(dual=dual)
         of, case = self.solved.discrete, self.solved.discrete.data
         if not is_case(case):
             return None
@@ -450,6 +451,7 @@ class Solution:
         return self._forces(sharp, [part])[0]
 
     def _forces(self, sharp: bool, parts: list[list[int]]) -> list[Force]:
+        arguments.check_flags(sharp=sharp)
         bounds, of, discrete = self._bounds(sharp), self.solved, self.solved.discrete
         form, n, error = discrete.form, self.polygon.n_sides, bounds.multiplier if bounds else math.inf
         unknown = np.where(np.isin(np.arange(n), form.clamped), math.nan, np.zeros((2, n)))

@@ -79,9 +79,12 @@ class Solver:
         self.stop = stop or Stop()
         known = problem_of(problem)
         if known is None:
-            of = bare(problem, free_sides, k, c, "problem", u or ())  # type: ignore[arg-type]
+            of = bare(problem, free_sides, k, c, "problem", u)  # type: ignore[arg-type]
             self.problem: AnyProblem = with_data(of, q=q, u=u)
-        elif free_sides or k != 1 or c != 1 or q is not None or u:
+        elif any(
+            hasattr(given, "__array__") or given not in (default, None, [], {})
+            for given, default in ((free_sides, ()), (k, 1), (c, 1), (q, None), (u, None))
+        ):
             raise InputError("free_sides, k, c, q and u belong to a polygon; a problem has its own")
         else:
             self.problem = known

@@ -105,9 +105,13 @@ def test_a_folder_that_is_not_there(tmp_path, name):
 
 def test_what_the_disk_refuses(tmp_path):
     """A folder that comes into the way meanwhile: its name is taken by no file."""
-    said = r"a\.nc cannot be written: Is a directory"
-    with pytest.raises(StorageError, match=said), replacing(tmp_path / "a.nc") as temporary:
-        (tmp_path / "a.nc").mkdir()
+    with pytest.raises(StorageError, match=r"a\.nc cannot be written: Is a directory"):
+        written_beside_a_folder(tmp_path / "a.nc")
+
+
+def written_beside_a_folder(path):
+    with replacing(path) as temporary:
+        path.mkdir()
         temporary.write_text("new")
 
 
