@@ -35,7 +35,7 @@ from unilateral.errors import BudgetError, InputError, counted
 from unilateral.formulas.decimals import fields
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
-from unilateral.solution.certificate import energy
+from unilateral.solution.certificate import energy, record, too_large
 from unilateral.solution.solution import ENDINGS, Solution, not_converged, not_unique
 from unilateral.solvers.stop import Stop
 from unilateral.system import as_json
@@ -104,7 +104,7 @@ def _solved(options: SimpleNamespace, problem: Case | Problem, watch: Watch, dra
 def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bool) -> int:
     """Prints what was found; the exit code."""
     search, sharp = found.search, options.sharp
-    refused = found.too_large(sharp)
+    refused = too_large(found.solved, sharp)
     if refused:
         tell(refused)
         bounds = None
@@ -113,12 +113,12 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
     if search:
         _tell_faults(search)
         if not options.json:
-            say(ending(search, found.units))
+            say(ending(search, found.problem.units))
     dual = found.partition.n_cells <= FEW
     errors = _allowed("true errors", lambda: found.true_errors(dual), found, watch)
     forces = _allowed("forces", lambda: _forces(found, sharp), found, watch) if bounds else None
     clear(drawn)
-    printed = found.record(bounds, errors, sharp) | {"forces": forces}
+    printed = record(found, bounds, errors, sharp) | {"forces": forces}
     printed |= {"seconds": watch.elapsed, "peak_mb": peak_mb()}
     own_mesh = options.mesh not in (None, *api.KINDS)
     doubt = "" if found.unique else not_unique(found.mesh, own_mesh)
@@ -128,15 +128,15 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
         tell(not_converged(found.solved))
     if not options.json and not search:
         say(head(printed))
-    if not options.json and not found.units.reaction:
-        say(f"  {WITHOUT_REACTION.format(energy(found.units, 'v'))}")
-    elif not (options.json or found.units.trivial):
+    if not options.json and not found.problem.units.reaction:
+        say(f"  {WITHOUT_REACTION.format(energy(found.problem.units, 'v'))}")
+    elif not (options.json or found.problem.units.trivial):
         say(f"  {NORMS_WITH_COEFFICIENTS}")
     if options.json:
         say(as_json.text(printed))
     else:
         least = {norm: found.solved.size(norm, sharp) if bounds else math.nan for norm in NORMS}
-        say(table(printed, bounds, least, doubt, found.units))
+        say(table(printed, bounds, least, doubt, found.problem.units))
     _keep(found, options, printed)
     if watch.asked:
         return INTERRUPTED

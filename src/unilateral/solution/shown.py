@@ -96,7 +96,8 @@ class Shown:
 
 def shown(solution: Solution) -> Shown:
     """What is drawn of a solution; the guaranteed bound is computed if the memory allows it."""
-    gap, g_means = solution.gap, solution.units.value * solution.solved.discrete.g_means
+    units = solution.problem.units
+    gap, g_means = solution.gap, units.value * solution.solved.discrete.g_means
     free = np.isnan(gap)
     return Shown(
         title=solution.problem.title or solution.problem.name,
@@ -137,7 +138,8 @@ def accuracy(solution: Solution) -> str:
     total = solved.total(norm, sharp)
     if not math.isfinite(total) or (search and not search.believed):
         return NO_BOUND
-    trivial = solution.units.trivial and solution.units.reaction and not solution.problem.clamped_sides
+    units = solution.problem.units
+    trivial = units.trivial and units.reaction and not solution.problem.clamped_sides
     what = (WHAT if trivial else IN_ENERGY)[norm]
     text = f"error of {what}: at most {_share(total, solved.size(norm, sharp))}"
     text = guaranteed(text, -math.inf, total)

@@ -21,7 +21,6 @@ from unilateral.bounds.clamped_ends import Clamps, none
 from unilateral.bounds.forces import Force, forces
 from unilateral.bounds.local_bounds import LocalBound
 from unilateral.discrete.base import DiscreteSolution
-from unilateral.discrete.choice import bound_mb
 from unilateral.errors import InputError, SolutionWarning
 from unilateral.formulas.decimals import guaranteed, interval, is_bounded, up
 from unilateral.geometry import mesh as meshes
@@ -34,14 +33,12 @@ from unilateral.norms.dual import Errors, errors
 from unilateral.norms.fortin import beta_below
 from unilateral.problems import arguments
 from unilateral.problems.data import is_case
-from unilateral.problems.units import Units
 from unilateral.solution import summary, tables
-from unilateral.solution.certificate import Bounds, BoundsWithoutReaction, record, relative
+from unilateral.solution.certificate import Bounds, BoundsWithoutReaction, record, relative, too_large
 from unilateral.solution.contact import Contact
 from unilateral.solution.evaluation import flux, gradient, located, value
 from unilateral.system import as_json
 from unilateral.system.files import check_target, replacing
-from unilateral.system.memory import available_mb
 from unilateral.system.optional import require
 
 if TYPE_CHECKING:
@@ -178,7 +175,7 @@ class Solution:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies and pickles keep what a file keeps, see `save`, and the bounds that are computed."""
-        solved = self.solved.kept(self.believed)
+        solved = self.solved.kept(self._believed)
         return type(self), (solved, self.problem, self.search.kept(solved) if self.search else None)
 
     def __repr__(self) -> str:
@@ -194,11 +191,6 @@ class Solution:
         """The domain, as the user gave it."""
         return self.problem.polygon
 
-    @property
-    def units(self) -> Units:
-        """What 1 in the scaled problem is in the user's units, for k and c."""
-        return self.problem.units
-
     @cached_property
     def mesh(self) -> Mesh:
         """`points` (n, 2) and `triangles` (k, 3)."""
@@ -212,7 +204,7 @@ class Solution:
     @property
     def u(self) -> Array:
         """(n,) u_h at the nodes of the mesh."""
-        return self.units.value * self.solved.u_h
+        return self.problem.units.value * self.solved.u_h
 
     @property
     def multiplier(self) -> Array:
@@ -221,12 +213,12 @@ class Solution:
         NaN on clamped sides, on which there are no multipliers: their reactions are in `forces`.
         """
         clamped = np.isin(self.partition.side, self.problem.clamped_sides)
-        return np.where(clamped, math.nan, self.units.flux * self.solved.lambda_H)
+        return np.where(clamped, math.nan, self.problem.units.flux * self.solved.lambda_H)
 
     @property
     def gap(self) -> Array:
         """(m,) the means of u_h - g on the cells; NaN on free sides."""
-        return self.units.value * self.solved.gap
+        return self.problem.units.value * self.solved.gap
 
     @cached_property
     def contact(self) -> Contact:
@@ -279,7 +271,7 @@ class Solution:
             raise InputError(
                 "there is no equilibrated flux, for f, g, q or u is a function; take k * s.grad_at(points)"
             )
-        return self.units.flux * self._at(points, partial(flux, of_v, self.solved.u_h, q))
+        return self.problem.units.flux * self._at(points, partial(flux, of_v, self.solved.u_h, q))
 
     def _at(self, points: ArrayLike, of: Callable[[Index, Array], Array]) -> Array:
         places = floats(points, "points")
@@ -344,7 +336,7 @@ class Solution:
         return beta_below(of.mesh, of.partition, of.form) if len(of.cells) else math.nan
 
     @property
-    def believed(self) -> bool:
+    def _believed(self) -> bool:
         """Whether bounds are believed: only a fault of this program makes those of all levels contradict."""
         return self.search is None or bool(self.search.believed)
 
@@ -368,7 +360,7 @@ class Solution:
         if not is_case(case):
             return None
         judged = of.unique and len(of.cells) > 0
-        lambda_H = self.units.flux * self.solved.lambda_H
+        lambda_H = self.problem.units.flux * self.solved.lambda_H
         return errors(case, self.mesh, self.u, self.partition, lambda_H, judged, dual)
 
     @property
@@ -397,26 +389,17 @@ class Solution:
         return self._bounds(sharp=True)
 
     def _bounds(self, sharp: bool) -> Bounds | None:
-        refused = self.too_large(sharp)
+        refused = too_large(self.solved, sharp)
         if refused:
             warnings.warn(refused, SolutionWarning, stacklevel=3)
-        bound = self.solved.bound(sharp) if self.believed and not refused else None
+        bound = self.solved.bound(sharp) if self._believed and not refused else None
         if bound is None:
             return None
         of_u, of_lambda = (self.solved.size(norm, sharp) for norm in ("h1", "hm12"))
         parts = relative(bound.u, of_u), relative(bound.lambda_, of_lambda)
-        kind = Bounds if self.units.reaction else BoundsWithoutReaction
+        kind = Bounds if self.problem.units.reaction else BoundsWithoutReaction
         of_multiplier = bound.lambda_ if len(self.solved.discrete.cells) else math.nan
         return kind(bound.u, of_multiplier, bound.unknown, *parts)
-
-    def too_large(self, sharp: bool) -> str:
-        """Says that bounds that are not yet computed take more memory than is free; else empty."""
-        if self.solved.discrete.data is None or self.solved.known(sharp):
-            return ""
-        needed, free = bound_mb(self.solved.discrete.mesh, sharp), available_mb()
-        if needed <= free:
-            return ""
-        return f"no guaranteed bound: it takes about {needed:.0f} MB, and {free:.0f} MB are free"
 
     def forces(self, sharp: bool = False) -> Forces:
         """The integrals of lambda_H over the boundary and over each side, with guaranteed bounds on lambda's.
@@ -461,7 +444,7 @@ class Solution:
             if known and isinstance(local, LocalBound):
                 clamps = Clamps(form, known.outflows, local.ends, known.of_fluxes)
         found = forces(discrete.mesh, discrete.partition, of.lambda_H, error, parts, clamps)
-        return [in_units(force, self.units.force) for force in found]
+        return [in_units(force, self.problem.units.force) for force in found]
 
     def cells(self) -> pd.DataFrame:
         """A row per cell: its side, arc lengths and places of its ends, lambda_H, the mean of u_h - g."""
@@ -480,11 +463,7 @@ class Solution:
         included, except the one in H^{-1/2}.
         """
         sharp = self.search is not None and self.search.best.goal.sharp
-        return self.record(self._bounds(sharp), self.true_errors(dual=False), sharp)
-
-    def record(self, bounds: Bounds | None, errors: Errors | None, sharp: bool) -> dict[str, Any]:
-        """The fields of `certificate` with these errors and bounds, the `sharp` ones or the cheap ones."""
-        return record(self, bounds, errors, sharp)
+        return record(self, self._bounds(sharp), self.true_errors(dual=False), sharp)
 
     def dataset(self) -> xr.Dataset:
         """u_h on its mesh, and the columns of `cells`, by the CF conventions."""
@@ -502,7 +481,7 @@ class Solution:
         """
         check_target(path, ENDINGS)
         if Path(path).suffix == ".vtu":
-            on_edges = self.partition.means(self.units.flux * self.solved.lambda_H, self.mesh.s)
+            on_edges = self.partition.means(self.problem.units.flux * self.solved.lambda_H, self.mesh.s)
             on_edges[np.isin(self.mesh.side, self.problem.clamped_sides)] = math.nan
             write_mesh(self.mesh, path, {"multiplier": on_edges}, {"u": self.u})
             return

@@ -150,7 +150,7 @@ def _record(solution: Solution) -> dict[str, Any]:
         "tolerance": solved.tolerance,
         "result": result,
         "facts": {"unique": solved.facts.unique, "beta": solved.facts.beta},
-        "believed": solution.believed,
+        "believed": search is None or bool(search.believed),
         "search": _of_search(search) if search else None,
     }
 

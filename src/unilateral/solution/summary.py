@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from unilateral.formulas.decimals import guaranteed, interval, percent
 from unilateral.problems.sampled import Sampled
-from unilateral.solution.certificate import sizes
+from unilateral.solution.certificate import sizes, too_large
 
 if TYPE_CHECKING:
     from unilateral.solution.certificate import Bounds
@@ -44,7 +44,7 @@ def rows(of: Solution) -> dict[str, str]:
     sharp = of.search is not None and of.search.best.goal.sharp
     cells, solved = of.solved.discrete.cells, of.solved
     found = {"unknowns": f"{of.mesh.n_nodes}, and {len(cells)} multipliers"}
-    if not solved.known(sharp) and (of.mesh.n_nodes > QUICK or of.too_large(sharp)):
+    if not solved.known(sharp) and (of.mesh.n_nodes > QUICK or too_large(of.solved, sharp)):
         found["error of u"] = "not bounded yet: see bounds"
     else:
         found |= _bounded(of, of.sharp_bounds if sharp else of.bounds, sharp)
@@ -65,8 +65,11 @@ def _bounded(of: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, str]
     """The rows of guaranteed errors and of the force."""
     if bounds is None:
         why = "f, g, q or u is a function" if isinstance(of.problem, Sampled) else "there is no bound"
-        return {"error of u": f"unknown, for {why}", "force": f"{of.solved.force * of.units.force:.4g}"}
-    names = sizes(of.units)
+        return {
+            "error of u": f"unknown, for {why}",
+            "force": f"{of.solved.force * of.problem.units.force:.4g}",
+        }
+    names = sizes(of.problem.units)
     parts = {"error of u": (bounds.u, bounds.relative_u, names.h1)}
     if len(of.solved.discrete.cells):
         parts["error of lambda"] = bounds.multiplier, bounds.relative_multiplier, names.hm12
