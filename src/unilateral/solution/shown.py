@@ -31,6 +31,8 @@ MOST = 200_000
 """A surface has at most about this many triangles: more are smaller than what is seen, and take long."""
 CONSTANT = 1e-12
 """u_h that varies by less than this, relative to its size, is shown as a constant."""
+APART = 0.07
+"""The numbers of sides are at least this fraction of the perimeter apart."""
 NO_BOUND = "no guaranteed bound on the error"
 
 
@@ -92,6 +94,16 @@ class Shown:
         some = "on all sides with an obstacle" if self.clamped else "on all sides that are not free"
         where = "everywhere" if held.all() else some
         return f"{'in contact' if (self.contact.lambda_H[held] > 0).all() else 'u = g'} {where}"
+
+
+def numbered(of: Shown) -> list[int]:
+    """The sides that are numbered: as many as there is room for along the boundary."""
+    polygon, last, found = of.mesh.polygon, -1.0, list[int]()
+    for side, middle in enumerate((polygon.starts[:-1] + polygon.lengths / 2) / polygon.perimeter):
+        if middle - last >= APART:
+            last = middle
+            found.append(side)
+    return found
 
 
 def shown(solution: Solution) -> Shown:
