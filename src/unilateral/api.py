@@ -76,7 +76,8 @@ def Problem(
     q the values at other nodes than those of their sides are not read. The problem is solved on that mesh,
     so `solve` takes H only.
 
-    Raises InputError as for a problem file, and for an array that does not fit the mesh.
+    Raises InputError as for a problem file, and for an array that does not fit the mesh, has masked numbers,
+    integers or labels in another order than 0, 1, 2, …; a function may not return such an array either.
 
     >>> import unilateral as ul
     >>> ul.Problem([(0, 0), (1, 0), (0, 1)], f="x - 1", g=[0, None, 0], free_sides=[1]).free_sides
@@ -199,7 +200,7 @@ def solve(
         tell_faults(only, solver.own_mesh)
         return only
     if h is not None or H is not None or isinstance(mesh, Mesh):
-        raise InputError("an accuracy chooses the sizes and the mesh; give either it or h and H")
+        raise InputError("an accuracy makes its own mesh and cells; with h or a mesh give H and no accuracy")
     if mesh_of(problem) is not None:
         raise InputError(
             f"'{problem.name}' was made of a mesh and is solved on it; give H, or make the problem of the "

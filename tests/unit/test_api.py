@@ -401,7 +401,7 @@ def test_bounds_that_contradict_each_other_are_none():
         ({"h": [1], "H": 1 / 8}, "h is [1]; it has to be a number, or a text such as '1/64'"),
         ({"accuracy": {}}, "the accuracy is {}; it has to be a number"),
         ({"h": 1e-9, "H": 1 / 8}, "h = 1e-09 makes 1e+18 unknowns on 'problem', which take at least"),
-        ({"h": 1 / 8, "accuracy": 0.1}, "an accuracy chooses the sizes and the mesh"),
+        ({"h": 1 / 8, "accuracy": 0.1}, "an accuracy makes its own mesh and cells; with h or a mesh give H"),
         ({"accuracy": 10**400}, "the accuracy is 1000000"),
         (
             {"accuracy": 0.1, "mesh": "quads"},

@@ -75,7 +75,7 @@ def table(
         if found["multipliers"]:
             label = "also guaranteed" if bounds.multiplier < math.inf else "error of lambda"
             rows[label] = _bounded("hm12", bounds.multiplier, least["hm12"], units)
-        enclosed = f"at most {up(bounds.unknown, '.1e')} for how closely f, g and q are enclosed"
+        enclosed = f"at most {up(bounds.unknown, '.1e')} for approximating f, g and q"
         rows["these bounds include"] = f"all rounding errors, and {enclosed}"
     rows |= _contact(found["contact"]) if found["multipliers"] else {"contact": LINEAR}
     for name, force in (found["forces"] or {}).items():
@@ -169,7 +169,7 @@ def ending(search: Search, units: Units) -> str:
     if bound and search.ended == NOT_ENCLOSED:
         return (
             f"  NOT guaranteed, because {NOT_ENCLOSED}: {reached}; {up(bound.unknown, DIGITS)} of this bound "
-            f"is for how closely they are enclosed, and the rest, {best.total - bound.unknown:{DIGITS}}, "
+            f"is for approximating f and g, and the rest, {best.total - bound.unknown:{DIGITS}}, "
             "is only an estimate"
         )
     needed = f"; {amounts(search.plan)} would be enough" if search.plan else ""

@@ -41,7 +41,7 @@ def test_an_accuracy_of_a_case(run):
     bound = re.escape(up(found["total_bound"], ".4e"))
     assert re.search(rf"  certified: .* <= {bound} <= 0.0\d+ \|\|u\|\|_1, \|\|u\|\|_1 >= ", out)
     (line,) = re.findall(r"  these bounds include +(.*)", out)
-    enclosed = r"all rounding errors, and at most (\S+) for how closely f, g and q are enclosed"
+    enclosed = r"all rounding errors, and at most (\S+) for approximating f, g and q"
     assert float(re.fullmatch(enclosed, line)[1]) == pytest.approx(found["enclosure"], rel=0.1)
 
 
