@@ -251,3 +251,22 @@ def test_a_number_may_be_masked_too(name):
     given = {"f": -1, "g": 0} | {name: np.ma.masked}
     with pytest.raises(ul.InputError, match=f"field {name}: 1 of 1 numbers are masked"):
         ul.Problem([(0, 0), (1, 0), (0, 1)], **given)
+
+
+def test_the_force_of_a_function_of_one_point_at_a_time_is_not_of_its_integers():
+    """f = 0 for x < 1/2 and -3/2 beyond; cut to -1 the force would be a third less.
+
+    All of the boundary is in contact, so that u is linear in f; by symmetry in x the force is that of
+    f = -3/4, the mean. Quadrature of the jump moves it by at most 3/2 times a column of triangles, h wide, times max w,
+    where w <= 1 solves -lap w + w = 0 with w = 1 on the boundary.
+    """
+    step, square = lambda x, y: 0 if x < 0.5 else -1.5, [(0, 0), (1, 0), (1, 1), (0, 1)]
+    h = 1 / 32
+    force, right = (
+        ul.solve(ul.Problem(square, f, 0), h=h, H=2 * h).forces().whole.value
+        for f in (np.vectorize(step, otypes=[float]), -0.75)
+    )
+    assert force == pytest.approx(right, abs=1.5 * h)
+    assert abs(right * 2 / 3 - force) > 3 * 1.5 * h
+    with pytest.raises(ul.InputError, match="the values are integers"):
+        ul.solve(ul.Problem(square, np.vectorize(step), 0), h=h, H=2 * h)

@@ -78,10 +78,10 @@ class Forces(NamedTuple):
     def __repr__(self) -> str:
         """One "guaranteed" at the end if all have bounds, else one for each that has."""
         clamped = {side for row in self.reactions for side in row}
-        held = {side: force for side, force in enumerate(self.sides) if side not in clamped}
-        every = [self.whole, *held.values(), *self.reactions.values()]
+        others = {side: force for side, force in enumerate(self.sides) if side not in clamped}
+        every = [self.whole, *others.values(), *self.reactions.values()]
         for_all = all(is_bounded(force.lower, force.upper) for force in every)
-        sides = [f"{side}: {_written(force, not for_all)}" for side, force in held.items()]
+        sides = [f"{side}: {_written(force, not for_all)}" for side, force in others.items()]
         more = f" and {len(sides) - SHOWN} more" if len(sides) > SHOWN else ""
         parts = [_written(self.whole, not for_all)]
         parts += [f"on sides {', '.join(sides[:SHOWN])}{more}"] if sides else []
