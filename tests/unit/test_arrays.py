@@ -257,8 +257,8 @@ def test_the_force_of_a_function_of_one_point_at_a_time_is_not_of_its_integers()
     """f = 0 for x < 1/2 and -3/2 beyond; cut to -1 the force would be a third less.
 
     All of the boundary is in contact, so that u is linear in f; by symmetry in x the force is that of
-    f = -3/4, the mean. Quadrature of the jump moves it by at most 3/2 times a column of triangles, h wide, times max w,
-    where w <= 1 solves -lap w + w = 0 with w = 1 on the boundary.
+    f = -3/4, the mean. Quadrature of the jump moves it by at most 3/2 times a column of triangles, h wide,
+    times max w, where w <= 1 solves -lap w + w = 0 with w = 1 on the boundary.
     """
     step, square = lambda x, y: 0 if x < 0.5 else -1.5, [(0, 0), (1, 0), (1, 1), (0, 1)]
     h = 1 / 32
