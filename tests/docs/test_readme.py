@@ -75,3 +75,22 @@ def test_every_example_is_on_a_page():
     problems = sorted((ROOT / "examples").glob("*.yaml"))
     assert len(problems) > 3
     assert [path.name for path in problems if f"examples/{path.name}" not in pages] == []
+
+
+def test_the_first_snippets_pass_a_type_checker(tmp_path):
+    """As README and the first page on Python have them; control: an attribute of what may be None."""
+    snippets = [
+        block.text
+        for page in ("README.md", "docs/python.md")
+        for block in blocks(page)
+        if block.kind == "python"
+    ]
+    files = [tmp_path / f"snippet_{i}.py" for i in range(len(snippets))]
+    for file, snippet in zip(files, snippets, strict=True):
+        file.write_text(snippet)
+    (tmp_path / "wrong.py").write_text(snippets[0].replace("s.bounds", "s.bounds.u"))
+    checked = [sys.executable, "-m", "mypy", *map(str, [*files, tmp_path / "wrong.py"])]
+    found = subprocess.run(checked, cwd=ROOT, capture_output=True, text=True).stdout.splitlines()
+    errors = [line for line in found if ": error: " in line]
+    assert len(errors) == 1
+    assert 'wrong.py:5: error: Item "None" of "Bounds | None" has no attribute "u"' in errors[0]

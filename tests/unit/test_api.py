@@ -21,6 +21,7 @@ from unilateral.formulas.decimals import up
 from unilateral.geometry.files import write_mesh
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
+from unilateral.solvers.stop import ALGORITHMS
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -69,7 +70,11 @@ def test_without_a_tolerance_functions_are_solved_to_a_small_share():
     [
         (lambda x, y: np.sqrt(x - 0.5), 0, "problem, field f: the function is nan at"),
         (-1, lambda x, y: 1 / (0 * x), r"problem, field g\[0\]: the function is inf at \(0"),
-        (lambda x, y: x + 1j * y, 0, "problem, field f: the function returns complex numbers"),
+        (
+            lambda x, y: x + 1j * y,
+            0,
+            "problem, field f, value of the function: it holds values of the type complex128",
+        ),
     ],
 )
 def test_a_function_that_gives_no_number_is_refused(algorithm, f, g, said):
@@ -83,6 +88,11 @@ POINTWISE = (
     "such as np.sin and np.where, or give np.vectorize(function, otypes=[float])",
 )
 ARGUMENTS = "it has to take two, x and y, such as lambda x, y: x - y; of a function u of points write"
+INTEGERS = (
+    "value of the function: the values are integers (int",
+    "give floating-point numbers, as",
+    "otypes=[float]",
+)
 EACH = "it has to return a real number for each point"
 
 
@@ -98,11 +108,15 @@ EACH = "it has to return a real number for each point"
         (lambda x, y: np.zeros(7), ("the function returns an array of the shape (7,) for x and y", EACH)),
         (lambda x, y: (x, y), ("the function returns an array of the shape (2, ", EACH)),
         (lambda x, y: x[..., None] + [1, 2], ("the function returns an array of the shape (", EACH)),
-        (lambda x, y: "a", ("the function returns 'a'", EACH)),
-        (lambda x, y: None, ("the function returns nothing", EACH)),
-        (lambda x, y: np.ma.masked_greater(x, -1), ("the function returns masked numbers", EACH)),
-        (lambda x, y: x + 1j, ("the function returns complex numbers", EACH)),
-        (lambda x, y: {}, ("the function returns {}", EACH)),
+        (lambda x, y: "a", ("value of the function: it is 'a'", EACH)),
+        (lambda x, y: None, ("value of the function: it is None", EACH)),
+        (lambda x, y: np.ma.masked_greater(x, -1), ("value of the function: ", "numbers are masked")),
+        (lambda x, y: x + 1j, ("it holds values of the type complex128", EACH)),
+        (np.vectorize(lambda x, y: 0 if x < 0.5 else -1.5), INTEGERS),
+        (lambda x, y: np.where(x > 0.5, 1, 0), INTEGERS),
+        (lambda x, y: np.zeros(x.shape, np.int8), INTEGERS),
+        (lambda x, y: x > 0.5, ("it holds values of the type bool", EACH)),
+        (lambda x, y: {}, ("value of the function: it is {}", EACH)),
         (
             lambda x, y: 1 / 0,
             ("the function failed (ZeroDivisionError: division by zero)", "two arrays x and y"),
@@ -118,7 +132,7 @@ def test_a_function_that_does_not_give_a_number_for_each_point_is_refused(functi
     ):
         with pytest.raises(ul.InputError) as told:
             solve()
-        assert re.match(rf"problem, field {field}(\[0\])?: ", str(told.value))
+        assert re.match(rf"problem, field {field}(\[0\])?[:,] ", str(told.value))
         assert all(reason in str(told.value) for reason in reasons), told.value
 
 
@@ -132,7 +146,7 @@ def test_functions_of_one_number_for_all_points_of_other_types_and_ones_that_ove
         return x
 
     for form, functions in {
-        "-1": [lambda x, y: -1, lambda x, y: np.full(x.shape, -1, dtype=np.int8), lambda x, y: [[-1]]],
+        "-1": [lambda x, y: -1, lambda x, y: np.full(x.shape, -1, np.float32), lambda x, y: [[-1.0]]],
         "-1 - x": [overwriting, np.vectorize(lambda x, y: -1 - x, otypes=[float]), lambda x, y, k=1: -k - x],
     }.items():
         for f in functions:
@@ -227,7 +241,7 @@ def test_a_multiplier_that_may_not_be_unique_on_a_mesh_of_one_s_own(tmp_path):
 def test_an_iteration_that_did_not_converge_is_warned_of_once():
     """At the call, with the bound that is left; control: without the limit of its steps it converges."""
     for wanted, said in (
-        (SIZES, r"the iteration did not converge: the algebraic error is at most \S+$"),
+        (SIZES, r"the iteration did not converge: the algebraic error is at most \S+ after 3 steps; "),
         ({"accuracy": 1e-3}, r"not certified: the iteration did not converge \(max_steps=, .*; reached is "),
     ):
         with warnings.catch_warnings(record=True) as told:
@@ -238,6 +252,30 @@ def test_an_iteration_that_did_not_converge_is_warned_of_once():
         assert re.search(said, str(told[0].message))
     with warnings.catch_warnings(action="error"):
         assert ul.solve("natural", **SIZES, stop=ul.Stop(algorithm="uzawa")).converged
+
+
+@pytest.mark.parametrize("algorithm", ["uzawa", "nesterov", "auto"])
+def test_a_rho_with_which_steps_need_not_converge_is_refused_at_once(algorithm):
+    """Above 2 / lambda_max(S), by (5.2), or 1 / lambda_max(S) for Nesterov's steps, by eigenvalues of S."""
+    S = ul.Solver("natural", **SIZES).matrices().S
+    limit = {"nesterov": 1.0}.get(algorithm, 2.0) / np.linalg.eigvalsh(S)[-1]
+    for factor in (1.001, 1e3):
+        stop = ul.Stop(algorithm=algorithm, rho=factor * limit)
+        with pytest.raises(ul.InputError, match=rf"rho = .* is too large: .* = {limit:.4g}; take a smaller"):
+            ul.solve("natural", **SIZES, stop=stop)
+    with pytest.raises(ul.InputError, match="is too large"):
+        ul.solve("natural", accuracy=0.1, stop=ul.Stop(algorithm=algorithm, rho=10))
+    assert ul.solve("natural", **SIZES, stop=ul.Stop(algorithm=algorithm, rho=0.999 * limit)).converged
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_a_tolerance_below_rounding_ends_soon_and_is_told(algorithm):
+    """Without all of max_steps; what is reached is as small as by the active set, which makes no steps."""
+    with pytest.warns(ul.SolutionWarning, match="rounding al.*; take a larger tolerance"):
+        s = ul.solve("natural", **SIZES, stop=ul.Stop(algorithm=algorithm, tolerance=1e-18))
+    assert not s.iterations > 10_000
+    assert s.solved.result.bound < 4e-12
+    ul.solve("natural", **SIZES, stop=ul.Stop(algorithm=algorithm, tolerance=1e-11))
 
 
 @pytest.mark.parametrize("absolute", [False, True])
@@ -289,7 +327,7 @@ def test_a_name_stays_what_it_is():
 
 def test_bounds_that_do_not_fit_into_the_memory_are_warned_of(monkeypatch):
     """289 unknowns take 0.1 MB, sharply 1.4 MB; control: those that are known, or that nobody can compute."""
-    monkeypatch.setattr("unilateral.solution.solution.available_mb", lambda: 1.0)
+    monkeypatch.setattr("unilateral.solution.certificate.available_mb", lambda: 1.0)
     s = ul.solve("natural", **SIZES)
     with pytest.warns(ul.SolutionWarning) as told:
         assert s.sharp_bounds is None
@@ -298,7 +336,7 @@ def test_bounds_that_do_not_fit_into_the_memory_are_warned_of(monkeypatch):
     with warnings.catch_warnings(action="error"):
         assert s.bounds.u > 0
         assert ul.solve(ul.Problem(SQUARE, f=lambda x, y: -1, g=0), **SIZES).sharp_bounds is None
-        monkeypatch.setattr("unilateral.solution.solution.available_mb", lambda: 0.0)
+        monkeypatch.setattr("unilateral.solution.certificate.available_mb", lambda: 0.0)
         assert s.bounds.u > 0
 
 

@@ -13,7 +13,7 @@ from unilateral.accuracy.halvings import evenness
 from unilateral.bounds.flux_residuals import SUMS, underflow
 from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.choice import SHARP, SPARSE, wants_multigrid
-from unilateral.formulas.decimals import up
+from unilateral.formulas.decimals import interval
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.solvers.stop import Stop
@@ -61,7 +61,7 @@ class Level:
     predicted: float = math.inf
 
     def __repr__(self) -> str:
-        return f"Level: {self.unknowns} unknowns, the error is at most {up(self.total, '.3g')}"
+        return f"Level: {self.unknowns} unknowns, the error is {interval(-math.inf, self.total, spec='.3g')}"
 
     @property
     def partition(self) -> Partition:

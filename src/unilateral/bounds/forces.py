@@ -45,7 +45,7 @@ from unilateral.bounds.force_mesh import condensed, extended
 from unilateral.bounds.source import Source
 from unilateral.fem.condense import Condensed
 from unilateral.fem.p1 import coupling, h1_norm
-from unilateral.formulas.decimals import plus_minus
+from unilateral.formulas.decimals import guaranteed, interval
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -69,7 +69,8 @@ class Force(NamedTuple):
         >>> Force(6.1144, 6.0135, 6.2266)
         Force: 6.11 ± 0.12, guaranteed
         """
-        return f"Force: {plus_minus(self.value, self.lower, self.upper)}, guaranteed"
+        ends = self.lower, self.upper
+        return f"Force: {guaranteed(interval(*ends, self.value), *ends)}"
 
 
 def forces(

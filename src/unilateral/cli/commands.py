@@ -45,7 +45,7 @@ def init(file: str) -> int:
     examples=("unilateral init my_problem.yaml", "unilateral check my_problem.yaml --out my_problem.svg")
 )
 @argument("file", type=FILE, help="a YAML file that declares a problem")
-@option("--out", type=FILE, metavar="PICTURE", help="also draw it, as a .svg, .png or .pdf file")
+@option("--out", type=FILE, metavar="PICTURE", help="a .svg, .png or .pdf file in which it is drawn")
 def check(file: str, out: str | None) -> int:
     """Show how a problem file is read, before anything is solved."""
     say(load("unilateral.cli.init_check").check(file, out))
@@ -131,7 +131,13 @@ def cases(ctx: click.Context, name: str | None, form: str, polygon: str | None, 
     metavar="I,J,...",
     help="sides without contact that become free (Neumann) sides",
 )
-@option("--out", type=FOLDER, metavar="DIR", required=True, help="a new folder")
+@option(
+    "--out",
+    type=FOLDER,
+    metavar="DIR",
+    required=True,
+    help="a new folder for all files; one that is there is refused",
+)
 def export(**options: Any) -> int:
     """Write a case as files for another solver: meshes, data and formulas."""
     return int(load("unilateral.cli.exchange").export(**options))

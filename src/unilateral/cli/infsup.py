@@ -19,7 +19,7 @@ from unilateral.errors import InputError, counted
 from unilateral.fem.condense import condense
 from unilateral.fem.form import H1, Form
 from unilateral.fem.spaces import mixed_spaces
-from unilateral.formulas.decimals import between, down
+from unilateral.formulas.decimals import down, interval
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.files import read_partition
 from unilateral.geometry.mesh import Mesh
@@ -150,7 +150,7 @@ def _beta(found: dict[str, Any]) -> str:
         return f"not computed: {found['not_solved']}"
     if found["beta_upper"] == 0:
         return "0 up to rounding: lambda_H may not be unique; take larger cells or shorter edges"
-    return f"between {between(found['beta_lower'], found['beta_upper'], '.4f', 'and')}, up to rounding"
+    return f"{interval(found['beta_lower'], found['beta_upper'], spec='.4f')}, up to rounding"
 
 
 def _theorem_5(found: dict[str, Any]) -> str:

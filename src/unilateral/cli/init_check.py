@@ -162,8 +162,14 @@ def _draw_polygon(axes: Axes, problem: Problem) -> None:
     inside = polygon.contains(np.stack(grid, axis=-1))
     with np.errstate(all="ignore"):  # f need not be defined outside
         f = np.where(inside, compile_numpy([problem.f], "xy")(*grid)[0], np.nan)
-    field = axes.pcolormesh(*grid, f, shading="nearest", rasterized=True, alpha=0.6)
-    axes.figure.colorbar(field, cax=axes.inset_axes((1.03, 0, 0.04, 1)), label="f")
+    least, largest = float(np.nanmin(f)), float(np.nanmax(f))
+    # A constant has the colour in the middle and one tick; matplotlib would show a range of 8 % about it
+    room = 0.0 if least < largest else abs(least) or 1.0
+    look: Any = {"vmin": least - room, "vmax": largest + room, "shading": "nearest", "alpha": 0.6}
+    field = axes.pcolormesh(*grid, f, rasterized=True, **look)
+    bar = axes.figure.colorbar(field, cax=axes.inset_axes((1.03, 0, 0.04, 1)), label="f")
+    if room:
+        bar.set_ticks([least], labels=[f"{least:.4g}".replace("-", "−")])
     for side in range(polygon.n_sides):
         ends = v[[side, (side + 1) % polygon.n_sides]]
         clamped = side in problem.clamped_sides

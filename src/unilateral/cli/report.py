@@ -16,7 +16,7 @@ from unilateral.accuracy.plan import Plan
 from unilateral.accuracy.search import NOT_ENCLOSED, Search
 from unilateral.cli.streams import as_options, sized
 from unilateral.errors import counted
-from unilateral.formulas.decimals import between, down, up
+from unilateral.formulas.decimals import down, guaranteed, interval, up
 from unilateral.problems.units import Units
 from unilateral.solution.certificate import Bounds, Named, energy, relative, sizes
 from unilateral.solution.summary import LINEAR
@@ -53,31 +53,38 @@ def table(
     """
     steps = "" if _unknown(found["iterations"]) else f", after {counted(found['iterations'], 'step')}"
     outcome, unique = "converged" if found["converged"] else "NOT converged", found["unique"]
-    algebraic = f"algebraic error <= {up(found['algebraic_bound'], DIGITS)}, guaranteed{steps}"
+    algebraic = guaranteed(
+        f"algebraic error {interval(-math.inf, found['algebraic_bound'], spec=DIGITS)}",
+        -math.inf,
+        found["algebraic_bound"],
+    )
     rows = {
         "unknowns": f"{found['unknowns']} and {counted(found['multipliers'], 'multiplier')}",
-        f"{found['algorithm']} {outcome}": algebraic,
+        f"{found['algorithm']} {outcome}": algebraic + steps,
     }
     if found["multipliers"] and not _unknown(found["hm12_algebraic_bound"]):
-        of_lambda = f"at most {up(found['hm12_algebraic_bound'], DIGITS)} in H^(-1/2), guaranteed"
-        rows["that of lambda_H"] = f"{of_lambda}, as beta >= {down(found['beta'], '.3f')}"
+        bound = found["hm12_algebraic_bound"]
+        of_lambda = f"{interval(-math.inf, bound, spec=DIGITS)} in H^(-1/2)"
+        of_beta = f"as beta >= {down(found['beta'], '.3f')}"
+        rows["that of lambda_H"] = f"{guaranteed(of_lambda, -math.inf, bound)}, {of_beta}"
     if not _unknown(found["h1_error"]):
         rows |= _errors(found, unique, errors_of(units))
     if bounds is not None:
-        rows["guaranteed"] = _bounded("h1", bounds.u, least["h1"], units)
+        label = "guaranteed" if bounds.u < math.inf else "error of u"
+        rows[label] = _bounded("h1", bounds.u, least["h1"], units)
         if found["multipliers"]:
-            rows["also guaranteed"] = _bounded("hm12", bounds.multiplier, least["hm12"], units)
+            label = "also guaranteed" if bounds.multiplier < math.inf else "error of lambda"
+            rows[label] = _bounded("hm12", bounds.multiplier, least["hm12"], units)
         enclosed = f"at most {up(bounds.unknown, '.1e')} for approximating f, g and q"
         rows["these bounds include"] = f"all rounding errors, and {enclosed}"
     rows |= _contact(found["contact"]) if found["multipliers"] else {"contact": LINEAR}
     for name, force in (found["forces"] or {}).items():
-        guaranteed = between(force["lower"], force["upper"], DIGITS, "and")
         kind, *row = name.split("_")
         of_row = f"reaction, side{'s' * (len(row) > 1)} {', '.join(row)}"
         label = {"reaction": of_row, "forces": "sum of forces, reactions"}.get(
             kind, f"force, {name.replace('_', ' ')}"
         )
-        rows[label] = f"{force['value']:{DIGITS}}, between {guaranteed}"
+        rows[label] = interval(force["lower"], force["upper"], force["value"], DIGITS)
     if doubt:
         rows["lambda_H"] = doubt
     rows["time and memory"] = f"{found['seconds']:.2f} s, {found['peak_mb']:.0f} MB"
@@ -86,7 +93,10 @@ def table(
 
 def _bounded(norm: str, bound: float, size: float, units: Units) -> str:
     """A bound on the error in a norm, and, where that is known to be `size` or more, on the relative one."""
-    text = f"{getattr(errors_of(units), norm)} <= {up(bound, DIGITS)}"
+    error = getattr(errors_of(units), norm)
+    if not bound < math.inf:
+        return f"{error} is unknown"
+    text = f"{error} <= {up(bound, DIGITS)}"
     if size > 0:
         share, named = up(relative(bound, size), ".3g"), getattr(sizes(units), norm)
         text += f" <= {share} {named}, {named} >= {down(size, DIGITS)}"

@@ -33,9 +33,10 @@ from unilateral.cli.report import (
 from unilateral.cli.streams import say, tell
 from unilateral.cli.watching import bar_during, clear, watching
 from unilateral.errors import BudgetError, InputError, counted
+from unilateral.formulas.decimals import fields
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
-from unilateral.solution.certificate import Bounds, energy
+from unilateral.solution.certificate import Bounds, energy, record, too_large
 from unilateral.solution.solution import ENDINGS, Solution, flat_triangles, not_converged, not_unique
 from unilateral.solvers.stop import Stop
 from unilateral.system import as_json
@@ -116,7 +117,7 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
     """Prints what was found; its fields, by the names that --json has."""
     search, sharp = found.search, options.sharp
     own_mesh = options.mesh not in (None, *api.KINDS)
-    refused = found.too_large(sharp)
+    refused = too_large(found.solved, sharp)
     if refused:
         tell(refused)
         bounds = None
@@ -125,12 +126,12 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
     if search:
         _tell_faults(search)
         if not options.json:
-            say(ending(search, found.units))
+            say(ending(search, found.problem.units))
     dual = found.partition.n_cells <= FEW
     errors = _allowed("true errors", lambda: found.true_errors(dual), found, watch)
     forces = _allowed("forces", lambda: _forces(found, sharp), found, watch) if bounds else None
     clear(drawn)
-    printed = found.record(bounds, errors, sharp) | {"forces": forces}
+    printed = record(found, bounds, errors, sharp) | {"forces": forces}
     printed |= {"seconds": watch.elapsed, "peak_mb": peak_mb()}
     doubt = "" if found.unique else not_unique(found.mesh, own_mesh)
     if doubt:
@@ -139,18 +140,18 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
     if bounds and not (sharp or certified) and (flat := flat_triangles(found.solved)):
         tell(flat)
     if not (search or found.converged):
-        tell(not_converged(found.solved.result.bound))
+        tell(not_converged(found.solved))
     if not options.json and not search:
         say(head(printed))
-    if not options.json and not found.units.reaction:
-        say(f"  {WITHOUT_REACTION.format(energy(found.units, 'v'))}")
-    elif not (options.json or found.units.trivial):
+    if not options.json and not found.problem.units.reaction:
+        say(f"  {WITHOUT_REACTION.format(energy(found.problem.units, 'v'))}")
+    elif not (options.json or found.problem.units.trivial):
         say(f"  {NORMS_WITH_COEFFICIENTS}")
     if options.json:
         say(as_json.text(printed))
     else:
         least = {norm: found.solved.size(norm, sharp) if bounds else math.nan for norm in NORMS}
-        say(table(printed, bounds, least, doubt, found.units))
+        say(table(printed, bounds, least, doubt, found.problem.units))
         if bounds and not (search or errors) and _too_coarse(found, bounds):
             say(f"  {'hint':27} {TOO_COARSE}{'; it makes its own meshes' * own_mesh}")
     return printed
@@ -255,7 +256,7 @@ def _tell_faults(search: Search) -> None:
         tell(f"{counted(withdrawn, 'bound')} {WITHDRAWN}")
 
 
-def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float]] | None:
+def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float | str | None]] | None:
     """The forces over the boundary and over each side with multipliers, and the reactions on clamped sides.
 
     None for more than SIDES sides, and where all are free.
@@ -265,8 +266,8 @@ def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float]] | None:
         return None
     held = np.unique(cells.side[found.solved.discrete.cells])
     forces = found.forces(sharp)
-    sides = {f"side_{i}": forces.sides[i]._asdict() for i in held}
-    rows = {"_".join(["reaction", *map(str, row)]): of._asdict() for row, of in forces.reactions.items()}
+    sides = {f"side_{i}": fields(*forces.sides[i]) for i in held}
+    rows = {"_".join(["reaction", *map(str, row)]): fields(*of) for row, of in forces.reactions.items()}
     if forces.total and len(sides) + len(rows) > 1:
-        rows["forces_and_reactions"] = forces.total._asdict()
-    return ({"boundary": forces.whole._asdict()} | sides if sides else {}) | rows or None
+        rows["forces_and_reactions"] = fields(*forces.total)
+    return ({"boundary": fields(*forces.whole)} | sides if sides else {}) | rows or None

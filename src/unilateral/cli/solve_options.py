@@ -55,7 +55,9 @@ sizes, goal, domain, method = (
     multiple=True,
     help="keep the solution: .vtu, .csv, .nc, .json, .svg, .png, .pdf or .html; may be repeated",
 )
-@option("--out", type=FOLDER, metavar="FOLDER", help="write all useful files to this folder")
+@option(
+    "--out", type=FOLDER, metavar="FOLDER", help="a folder for all useful files; for a single file take -o"
+)
 @option("--sharp", is_flag=True, help="tighter but slower bounds, especially for lambda")
 @sizes("--h", type=POSITIVE, metavar="EDGE", help="longest boundary edge of the mesh, such as 1/64")
 @sizes("--H", "H", type=POSITIVE, metavar="CELL", help="longest cell of the multiplier, such as 1/32")

@@ -17,6 +17,7 @@ from unilateral.fem.condense import condense
 from unilateral.fem.p1 import h1_norm
 from unilateral.fem.residual_rounding import Rounded, constrained, dual_norm, loaded, residual
 from unilateral.fem.spaces import FORMS, MixedSpaces, mixed_spaces
+from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import Exact, ExactErrors, exact
@@ -77,6 +78,14 @@ class CondensedProblem(DiscreteProblem):
         result = DualResult(zero, 0, 0, bound, False, rho, "none")
         return self.solution(result, 0.0).result if bound < math.inf else result
 
+    @cached_property
+    def least_bound(self) -> float:
+        """The iteration's own bound at lambda = 0 times EPS: in double precision it falls no further."""
+        operator, zero = self.spaces.operator, np.zeros(len(self.offset))
+        if not len(zero) or operator.singular:
+            return 0.0
+        return EPS * residual_bound(operator, self.offset, zero, 1.9 / operator.lambda_max)
+
     def crude(self, share: float) -> float:
         """A tolerance: a `share` of the residual at lambda = 0, and what rounding may add to the bound."""
         return share * (self.first.bound - self.first.rounding) + ROOM * self.first.rounding
@@ -96,10 +105,11 @@ class CondensedProblem(DiscreteProblem):
         """
         operator = self.spaces.operator
         wanted = self.crude(FIRST) if tolerance is None else tolerance
-        result = iterate(operator, self.offset, wanted, stop, start)
+        least = self.least_bound if wanted < self.least_bound else 0.0
+        result = iterate(operator, self.offset, max(wanted, least), stop, start)
         solution = self.solution(result, wanted)
         less = wanted - ROOM * solution.result.rounding
-        if result.converged and solution.result.bound > wanted and less > 0:
+        if result.converged and solution.result.bound > wanted and less > least:
             more = iterate(operator, self.offset, less, stop, result.lambda_H)
             solution = self.solution(more.after(result), wanted)
         if result.converged:

@@ -35,7 +35,7 @@ from unilateral.problems.case import Case
 from unilateral.problems.fields import listed
 from unilateral.solution.certificate import energy
 from unilateral.solution.tables import of_cells, write_csv
-from unilateral.system.files import check_folder, hidden_beside, write_netcdf, writing_failed
+from unilateral.system.files import check_writable, hidden_beside, write_netcdf, writing_failed
 
 LEVEL_FILES = {
     "mesh.msh": "the mesh, for Gmsh's readers",
@@ -65,7 +65,7 @@ def export(case: Case, coarse: Mesh, H: float, levels: int, folder: str | os.Pat
     is_there = InputError(f"{folder} exists already; name a new folder")
     if folder.exists():
         raise is_there
-    check_folder(folder)
+    check_writable(folder)
     try:
         with hidden_beside(folder) as hidden:
             made = hidden / folder.name

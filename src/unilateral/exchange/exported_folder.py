@@ -197,11 +197,11 @@ def _multiplier(
     if sum(given) > 1:
         raise InputError(f"{file}: there is more than one multiplier; hand in one")
     if found.cells is not None:
-        return _of_cells(mesh, *found.cells, file), "constant on cells"
+        return _of_cells(level, *found.cells, file), "constant on cells"
     if found.edges is not None:
         ends, at = found.edges
         return constant(
-            Partition(mesh.polygon, mesh.s), _on_edges(mesh, node[ends], at, file)
+            Partition(mesh.polygon, mesh.s), _on_edges(level, node[ends], at, file)
         ), "constant on edges"
     if "multiplier" in values:
         return continuous(mesh, values["multiplier"][mesh.boundary]), "linear on edges"
@@ -211,9 +211,10 @@ def _multiplier(
     return None, "none"
 
 
-def _of_cells(mesh: Mesh, start: Array, end: Array, values: Array, file: str) -> Trace:
-    order = np.argsort(start)
-    start, end, values = start[order], end[order], values[order]
+def _of_cells(level: ExportedLevel, start: Array, end: Array, values: Array, file: str) -> Trace:
+    mesh, order = level.mesh, np.argsort(start)
+    start, end = start[order], end[order]
+    values = _where_wanted(level, mesh.polygon.sides_of(0.5 * (start + end)), values[order])
     same = _same(mesh, last_digit(np.append(start, end)))
     apart = np.flatnonzero(np.abs(start[1:] - end[:-1]) > same)
     if apart.size:
@@ -238,8 +239,14 @@ def _of_cells(mesh: Mesh, start: Array, end: Array, values: Array, file: str) ->
     return constant(cells, values)
 
 
-def _on_edges(mesh: Mesh, ends: Index, values: Array, file: str) -> Array:
+def _where_wanted(level: ExportedLevel, side: Index, values: Array) -> Array:
+    """A multiplier (k,) on the sides (k,), with 0 for NaN on clamped sides: nothing is asked of it there."""
+    return np.where(np.isnan(values) & np.isin(side, level.clamped), 0.0, values)
+
+
+def _on_edges(level: ExportedLevel, ends: Index, values: Array, file: str) -> Array:
     """(nb,) values of boundary edges, from line cells with those end nodes (k, 2) in any order."""
+    mesh = level.mesh
     nb, at = len(mesh.boundary), np.full(mesh.n_nodes, -1)
     at[mesh.boundary] = np.arange(nb)
     first, last = at[ends].T
@@ -251,6 +258,7 @@ def _on_edges(mesh: Mesh, ends: Index, values: Array, file: str) -> Array:
         raise InputError(f"{file}: line cell {wrong[0]} is no boundary edge of the mesh")
     found = np.full(nb, np.nan)
     found[edge] = values
+    found = _where_wanted(level, mesh.side, found)
     wrong = np.flatnonzero(~(np.abs(found) < LARGEST))
     if wrong.size:
         place = _place(mesh.points, mesh.boundary[wrong])

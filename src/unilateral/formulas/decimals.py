@@ -32,11 +32,6 @@ def down(x: float | Decimal, spec: str) -> str:
     return _rounded(x, spec, ROUND_FLOOR)
 
 
-def between(lower: float, upper: float, spec: str, word: str = "to") -> str:
-    """Two bounds with a word between them."""
-    return f"{down(lower, spec)} {word} {up(upper, spec)}"
-
-
 def percent(part: float) -> str:
     """A part of a whole in percent, rounded up.
 
@@ -47,14 +42,64 @@ def percent(part: float) -> str:
         return f"{up(Decimal(part).scaleb(2), '.2g')} %"
 
 
-def plus_minus(value: float, lower: float, upper: float) -> str:
+def interval(lower: float, upper: float, value: float = math.nan, spec: str = "") -> str:
+    """What is known of a number: its approximate `value`, and the ends of an interval that contains it.
+
+    An end that is infinite or NaN is not known, and a value that is not finite is left out. All intervals
+    that are printed are written here. Both ends are rounded outwards, to a format or, without a `spec`, as
+    the least distance of two digits from the value. A lower end of 0 alone is known of every norm, constant
+    and contact force; it is not told.
+
+    >>> interval(6.0135, 6.2266, 6.1144), interval(6.0135, 6.2266, 6.1144, ".2f")
+    ('6.11 ± 0.12', '6.11, between 6.01 and 6.23')
+    >>> interval(-math.inf, 2 / 3), interval(1, math.inf, 1.5), interval(-math.inf, 2.0, 1.5)
+    ('at most 0.6667', '1.5, at least 1', '1.5, at most 2')
+    >>> interval(0, math.inf, 1.5), interval(-math.inf, math.inf, 1.5), interval(math.nan, math.nan)
+    ('1.5, no upper bound', '1.5, no bound', 'unknown')
+    """
+    has_lower, has_upper, has_value = (math.isfinite(x) for x in (lower, upper, value))
+    if has_lower and has_upper and has_value and not spec:
+        return _plus_minus(value, lower, upper)
+    spec = spec or ".4g"
+    if has_lower and has_upper:
+        ends = f"between {down(lower, spec)} and {up(upper, spec)}"
+    elif has_upper:
+        ends = f"at most {up(upper, spec)}"
+    elif has_lower and lower != 0:
+        ends = f"at least {down(lower, spec)}"
+    elif has_value:
+        ends = "no upper bound" if has_lower else "no bound"
+    else:
+        ends = "unknown"
+    return f"{value:{spec}}, {ends}" if has_value else ends
+
+
+def is_bounded(lower: float, upper: float) -> bool:
+    """Whether more is known of a number than, at most, that it is not negative; see `interval`."""
+    return math.isfinite(upper) or (math.isfinite(lower) and lower != 0)
+
+
+def guaranteed(text: str, lower: float, upper: float) -> str:
+    """A text that tells an interval, with the word after it; as it is where no end is known."""
+    return f"{text}, guaranteed" if is_bounded(lower, upper) else text
+
+
+def fields(value: float, lower: float, upper: float) -> dict[str, float | str | None]:
+    """An interval about a value for programs: `known` says which of its ends are: both, lower, upper or None.
+
+    JSON has null for what is not finite.
+    """
+    ends = {"lower": lower, "upper": upper}
+    finite = [name for name, end in ends.items() if math.isfinite(end)]
+    return {"value": value, **ends, "known": "both" if len(finite) == 2 else "".join(finite) or None}
+
+
+def _plus_minus(value: float, lower: float, upper: float) -> str:
     """A number and the least distance, of two digits, that leaves both bounds between them.
 
-    >>> plus_minus(6.1144, 6.0135, 6.2266), plus_minus(1.5, 1.0, math.inf), plus_minus(6e9, 6e9, 6.1e9)
-    ('6.11 ± 0.12', '1.5, at least 1', '(6.00 ± 0.10)e+09')
+    >>> _plus_minus(6e9, 6e9, 6.1e9)
+    '(6.00 ± 0.10)e+09'
     """
-    if not (math.isfinite(lower) and math.isfinite(upper)):
-        return f"{value:.4g}, at least {down(lower, '.4g')}"
     with localcontext(prec=EXACT):
         of, low, high = Decimal(value), Decimal(lower), Decimal(upper)
         apart = max(high - of, of - low)

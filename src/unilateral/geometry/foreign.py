@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array, Index, floats, indices
 from unilateral.errors import InputError, SolutionWarning, counted, shown
 from unilateral.geometry.mesh import Mesh, from_arrays, refine
 from unilateral.geometry.outline import Outline, outline
@@ -121,10 +121,7 @@ def from_meshio(content: Any, where: str) -> tuple[Array, Array]:
 
 def _in_plane(points: ArrayLike, where: str) -> Array:
     """(n, 2) the points, whose third coordinates, if there are any, have to be 0."""
-    try:
-        found = np.asarray(points, dtype=float)
-    except (TypeError, ValueError):
-        raise InputError(f"{where}: the points have to be numbers, an array of the shape (n, 2)") from None
+    found = floats(points, f"{where}, points", "they have to be numbers, an array of the shape (n, 2)")
     if found.ndim != 2 or found.shape[1] != 3:
         return found
     lifted = np.flatnonzero(found[:, 2])
@@ -138,12 +135,8 @@ def _in_plane(points: ArrayLike, where: str) -> Array:
 
 def _whole(triangles: ArrayLike, where: str) -> Index:
     """(m, 3) the triangles, if they are whole numbers."""
-    try:
-        found = np.asarray(triangles, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        found = np.zeros(0)
+    wanted = "they have to be whole numbers, an array of the shape (m, 3)"
+    found = indices(triangles, f"{where}, triangles", wanted)
     if found.ndim == 2 and found.shape[1] != 3 and found.size:
         raise InputError(f"{where}: there are cells of {found.shape[1]} nodes; only plain triangles will do")
-    if found.ndim != 2 or not np.array_equal(found, np.round(found)):
-        raise InputError(f"{where}: the triangles have to be whole numbers, an array of the shape (m, 3)")
-    return np.asarray(triangles).astype(np.intp)
+    return found

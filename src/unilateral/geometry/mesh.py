@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from unilateral.arrays import Array, Index, Int32
+from unilateral.arrays import Array, Index, Int32, floats, indices
 from unilateral.errors import InputError
 from unilateral.geometry import exact_mesh, refinement, triangulation_checks
 from unilateral.geometry import partition as partitions
@@ -155,7 +155,7 @@ def from_arrays(
     `where`, unless this is then a triangulation of the polygon: conforming, without degenerate
     triangles, repeated or unused nodes, its boundary the polygon's.
     """
-    nodes, cells = np.array(points, dtype=float), np.array(triangles, dtype=np.intp)
+    nodes, cells = floats(points, f"{where}, points"), indices(triangles, f"{where}, triangles")
     triangulation_checks.check_arrays(nodes, cells, where)
     cells = triangulation_checks.anticlockwise(nodes, cells)
     triangulation_checks.check_areas(nodes, cells, where)

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from unilateral.arrays import Array, Index, Mask
+from unilateral.arrays import Array, Index, Mask, floats
 from unilateral.errors import InputError
 from unilateral.geometry.polygon import Polygon
 from unilateral.system.copies import Rebuilt
@@ -35,7 +35,7 @@ class Partition(Rebuilt):
     points: Array
 
     def __post_init__(self) -> None:
-        points = np.array(self.points, dtype=float)
+        points = floats(self.points, "partition")
         points.setflags(write=False)
         object.__setattr__(self, "points", points)
         _check(self.polygon, points)
@@ -125,7 +125,7 @@ def from_points(polygon: Polygon, points: ArrayLike) -> Partition:
 
     Raises InputError if the points miss a vertex, do not increase strictly, or leave [0, perimeter].
     """
-    snapped = np.array(points, dtype=float)
+    snapped = floats(points, "partition")
     if snapped.size:
         distance = np.abs(snapped[None] - polygon.starts[:, None])
         vertex = np.flatnonzero(distance.min(axis=1) <= VERTEX_TOLERANCE * polygon.perimeter)

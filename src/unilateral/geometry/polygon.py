@@ -8,8 +8,8 @@ from importlib import resources
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Mask
-from unilateral.errors import InputError, meant, shown
+from unilateral.arrays import Array, Index, Mask, floats
+from unilateral.errors import InputError, meant
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.plane import cross, first_crossing
 from unilateral.system.copies import Rebuilt
@@ -62,13 +62,8 @@ class Polygon(Rebuilt):
     doubt: float = 0.0
 
     def __post_init__(self) -> None:
-        try:
-            vertices = np.array(self.vertices, dtype=float)
-        except (TypeError, ValueError, OverflowError):
-            raise InputError(
-                f"polygon '{self.name}': its vertices are {shown(repr(self.vertices))}; they have to be "
-                "pairs (x, y), such as [(0, 0), (1, 0), (0, 1)]"
-            ) from None
+        pairs = "its vertices have to be pairs (x, y), such as [(0, 0), (1, 0), (0, 1)]"
+        vertices = floats(self.vertices, f"polygon '{self.name}'", pairs)
         vertices.setflags(write=False)
         object.__setattr__(self, "vertices", vertices)
         _check(vertices, self.name)

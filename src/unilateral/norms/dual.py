@@ -26,7 +26,7 @@ import scipy.sparse as sp
 
 from unilateral.arrays import Array, Index
 from unilateral.fem.form import H1, Form
-from unilateral.formulas.decimals import between
+from unilateral.formulas.decimals import interval
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import cell_means
@@ -210,11 +210,10 @@ class Errors(NamedTuple):
         """Bounds are rounded so that they stay bounds.
 
         >>> Errors(0.123456, 0.111111, 0.222222, 0.3)
-        Errors: ||u - u_h||_1 = 0.1235, ||lambda - lambda_H||_-1/2 in 0.1111 to 0.2223, in L2 0.3
+        Errors: ||u - u_h||_1 = 0.1235, ||lambda - lambda_H||_-1/2 between 0.1111 and 0.2223, in L2 0.3
         """
-        dual = between(self.hm12_lower, self.hm12_upper, ".4g")
-        of_lambda = f"||lambda - lambda_H||_-1/2 in {dual}, in L2 {self.l2:.4g}"
-        return f"Errors: ||u - u_h||_1 = {self.h1:.4g}, {of_lambda}"
+        dual = f"||lambda - lambda_H||_-1/2 {interval(self.hm12_lower, self.hm12_upper)}"
+        return f"Errors: ||u - u_h||_1 = {self.h1:.4g}, {dual}, in L2 {self.l2:.4g}"
 
 
 class ErrorsWithoutReaction(Errors):

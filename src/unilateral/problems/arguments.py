@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from unilateral.arrays import Array
+from unilateral.arrays import Array, floats
 from unilateral.errors import InputError, shown
 from unilateral.geometry.polygon import Polygon
 
@@ -24,13 +24,7 @@ def vertices(polygon: object, where: str) -> Array:
     """(n, 2) the vertices of a polygon, or those that are given."""
     if isinstance(polygon, Polygon):
         return polygon.vertices
-    try:
-        given: Any = polygon if hasattr(polygon, "__array__") else np.array(polygon, dtype=object)
-        if np.iscomplexobj(np.asarray(given)):
-            raise TypeError
-        found = np.asarray(given, dtype=float)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{where}: it is {shown(repr(polygon))}; {PAIRS}") from None
+    found = floats(polygon, where, PAIRS)
     if found.ndim != 2 or found.shape[1] != 2:
         turned = "; transpose it" if found.ndim == 2 and len(found) == 2 else ""
         what = f"has the shape {found.shape}" if found.ndim else f"is {shown(repr(polygon))}"
@@ -44,12 +38,14 @@ def vertices(polygon: object, where: str) -> Array:
 
 
 def number(given: Any, where: str) -> Any:
-    """A number of any library as one of a file, exactly; anything else as it is."""
+    """A number of any library as one of a file, exactly; anything else as it is. It may not be masked."""
     if isinstance(given, Fraction | Decimal):
         return str(given)
     if not callable(given) and hasattr(given, "__array__"):
         array = np.asarray(given)
-        given = array.item() if array.ndim == 0 and array.dtype.kind in "iuf" else given
+        if array.ndim == 0 and array.dtype.kind in "iuf":
+            floats(given, where)
+            given = array.item()
     if isinstance(given, complex) or (isinstance(given, float) and not math.isfinite(given)):
         raise InputError(f"{where}: it is {given}; it has to be a finite number, or a formula")
     if hasattr(given, "free_symbols"):
@@ -81,3 +77,10 @@ def side(given: Any, n: int, where: str) -> int:
     if not 0 <= found < n:
         raise InputError(f"{where}: the polygon has the sides 0 to {n - 1}, not {shown(repr(given))}{kind}")
     return found
+
+
+def check_flags(**flags: object) -> None:
+    """Raises InputError, with its name, for a flag that is neither True nor False."""
+    for name, given in flags.items():
+        if not isinstance(given, bool | np.bool_):
+            raise InputError(f"{name} is {shown(repr(given))}; it has to be True or False")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Number
@@ -123,14 +123,16 @@ def bare(
     k: object,
     c: object,
     name: str,
-    clamped: Iterable[int] = (),
+    u: Mapping[int, Given] | None = None,
 ) -> Problem:
     """The problem with f = g = u = q = 0 on a polygon, or on that of a mesh, which is then part of it.
 
-    Raises InputError as for a problem file.
+    The keys of `u` are the clamped sides. Raises InputError as for a problem file.
     """
     if not isinstance(name, str) or not name:
         raise InputError(f"name is {shown(repr(name))}; it has to be a text")
+    if not isinstance(u, Mapping | None):
+        raise InputError(f"{name}, field u: it is {shown(repr(u))}; it has to be a dict such as {{3: 0}}")
     mesh = domain if isinstance(domain, Mesh) else None
     polygon = domain.polygon if isinstance(domain, Mesh) else domain
     vertices = arguments.vertices(polygon, f"{name}, field polygon")
@@ -139,7 +141,7 @@ def bare(
         "free_sides": arguments.sides(free_sides, len(vertices), f"{name}, field free_sides"),
         "k": arguments.number(k, f"{name}, field k"),
         "c": arguments.number(c, f"{name}, field c"),
-        "u": {str(side): 0 for side in arguments.sides(clamped, len(vertices), f"{name}, field u")},
+        "u": {str(side): 0 for side in arguments.sides(u, len(vertices), f"{name}, field u")},
     }
     found = problem_file.made(fields | {"f": 0, "g": 0}, name, name)
     return replace(found, polygon=mesh.polygon, nodal=Nodal(mesh)) if mesh else found

@@ -8,7 +8,7 @@ from typing import TypeGuard
 
 import numpy as np
 
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array, Index, nodal_values
 from unilateral.errors import InputError
 from unilateral.formulas.taylor import EPS, Model, constant, number
 from unilateral.geometry.curves import Singular
@@ -94,24 +94,20 @@ def is_array(given: object) -> TypeGuard[Array]:
 def at_nodes(mesh: Mesh | None, given: Array, where: str, read: Index | None = None) -> Array:
     """(n,) the values that are given at the nodes of a mesh; `read` are the nodes that count, by default all.
 
-    Raises InputError, beginning with `where`, for another shape, and for what is no finite real number.
+    Raises InputError, beginning with `where`, for another shape, for what is no finite real number, and as
+    `nodal_values`.
     """
     if mesh is None:
         raise InputError(
             f"{where}: an array has a value for each node of a mesh; give the mesh in place of the polygon, "
             "as in ul.Problem(mesh, f, g)"
         )
-    values = np.asarray(given)
+    values = nodal_values(given, where)
     if values.shape != (mesh.n_nodes,):
         raise InputError(
             f"{where}: the array has the shape {values.shape}; it has to be ({mesh.n_nodes},), a value for "
             "each of mesh.points"
         )
-    if values.dtype.kind not in "biuf":
-        raise InputError(
-            f"{where}: the array holds values of the type {values.dtype}; it has to hold real numbers"
-        )
-    values = values.astype(float)
     wrong = np.flatnonzero(~np.isfinite(values if read is None else values[read]))
     if wrong.size:
         node = int(wrong[0] if read is None else read[wrong[0]])

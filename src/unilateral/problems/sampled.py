@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from unilateral.arrays import Array, Index
-from unilateral.errors import InputError, shown
+from unilateral.arrays import Array, Index, nodal_values
+from unilateral.errors import InputError
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.fields import as_html, as_text, fields_of, headed
 from unilateral.problems.nodal import Nodal, NodalTraces
@@ -17,6 +17,7 @@ from unilateral.problems.units import Units
 from unilateral.system.copies import Rebuilt
 
 Function = Callable[[Array, Array], Array]
+EACH = "it has to return a real number for each point"
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +133,7 @@ def _failed(function: Function, point: Array, error: Exception) -> str:
     except Exception:  # as before
         return (
             f"the function failed ({type(error).__name__}: {error}); it has to take two arrays x and y and "
-            "return numbers of their shape, such as lambda x, y: np.where(x > 1/2, 1, 0)"
+            "return numbers of their shape, such as lambda x, y: np.where(x > 1/2, 1.0, 0.0)"
         )
     return (
         f"the function takes one point at a time, and no arrays ({type(error).__name__}: {error}); write it "
@@ -142,19 +143,10 @@ def _failed(function: Function, point: Array, error: Exception) -> str:
 
 def _numbers(given: object, shape: tuple[int, ...], where: str) -> Array:
     """What a function returned as numbers of that shape; one number is that of all points."""
-    wanted = "it has to return a real number for each point"
-    try:
-        array = np.asarray(given)
-        if given is None or np.iscomplexobj(array) or np.ma.is_masked(given):
-            kind = "masked" if np.ma.is_masked(given) else "complex"
-            what = "nothing" if given is None else f"{kind} numbers"
-            raise InputError(f"{where}: the function returns {what}; {wanted}")
-        numbers = array.astype(float)
-    except (TypeError, ValueError):
-        raise InputError(f"{where}: the function returns {shown(repr(given))}; {wanted}") from None
+    numbers = nodal_values(given, f"{where}, value of the function", EACH)
     if numbers.size != 1 and numbers.shape != shape:
         raise InputError(
             f"{where}: the function returns an array of the shape {numbers.shape} for x and y of the shape "
-            f"{shape}; {wanted}"
+            f"{shape}; {EACH}"
         )
     return np.broadcast_to(numbers, shape) if numbers.shape == shape else np.full(shape, numbers.item())

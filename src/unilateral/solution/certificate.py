@@ -8,11 +8,14 @@ from dataclasses import asdict
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from unilateral.formulas.decimals import percent, up
+from unilateral.discrete.base import DiscreteSolution
+from unilateral.discrete.choice import bound_mb
+from unilateral.formulas.decimals import guaranteed, interval, percent
 from unilateral.formulas.exact_numbers import rounded
 from unilateral.formulas.expression import ONE
 from unilateral.norms.dual import Errors
 from unilateral.problems.units import Units
+from unilateral.system.memory import available_mb
 
 if TYPE_CHECKING:
     from unilateral.problems.given import AnyProblem
@@ -70,16 +73,16 @@ class Bounds(NamedTuple):
         """Every number is rounded up.
 
         >>> Bounds(0.0123456, 0.25, 0.0, 0.045678)
-        Bounds: ||u - u_h||_1 <= 0.01235 (4.6 %), ||lambda - lambda_H||_-1/2 <= 0.25, guaranteed
+        Bounds: ||u - u_h||_1 at most 0.01235 (4.6 %), ||lambda - lambda_H||_-1/2 at most 0.25, guaranteed
         """
-        of = {"||u - u_h||_1": (self.u, self.relative_u)}
-        of["||lambda - lambda_H||_-1/2"] = self.multiplier, self.relative_multiplier
-        known = (
-            f"{name} <= {up(bound, '.4g')}" + f" ({percent(part)})" * (part < math.inf)
-            for name, (bound, part) in of.items()
+        errors = {"||u - u_h||_1": (self.u, self.relative_u)}
+        errors["||lambda - lambda_H||_-1/2"] = self.multiplier, self.relative_multiplier
+        parts = [
+            f"{name} {interval(-math.inf, bound)}" + f" ({percent(part)})" * (part < math.inf)
+            for name, (bound, part) in errors.items()
             if not math.isnan(bound)
-        )
-        return f"Bounds: {', '.join(known)}, guaranteed"
+        ]
+        return f"Bounds: {guaranteed(', '.join(parts), -math.inf, max(self.u, self.multiplier))}"
 
 
 class BoundsWithoutReaction(Bounds):
@@ -94,7 +97,7 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
 
     `bounds` are the `sharp` ones or the cheap ones. Sizes and the contact are in the user's units.
     """
-    solved, search, units = solution.solved, solution.search, solution.units
+    solved, search, units = solution.solved, solution.search, solution.problem.units
     discrete, result, goal = solved.discrete, solved.result, search.best.goal if search else None
     mesh, cells, contact = discrete.mesh, discrete.partition, solution.contact
     levels = search.summaries if search else ()
@@ -151,3 +154,13 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
 def relative(bound: float, size: float) -> float:
     """A bound over a lower bound on the solution's norm, rounded up; NaN where that is 0 or unknown."""
     return math.nextafter(bound / size, math.inf) if size > 0 else math.nan
+
+
+def too_large(solved: DiscreteSolution, sharp: bool) -> str:
+    """Says that bounds that are not yet computed take more memory than is free; else empty."""
+    if solved.discrete.data is None or solved.known(sharp):
+        return ""
+    needed, free = bound_mb(solved.discrete.mesh, sharp), available_mb()
+    if needed <= free:
+        return ""
+    return f"no guaranteed bound: it takes about {needed:.0f} MB, and {free:.0f} MB are free"

@@ -12,7 +12,8 @@ import numpy as np
 
 from unilateral import __version__
 from unilateral.arrays import Array
-from unilateral.solution.shown import Shown, force, shown
+from unilateral.formulas.decimals import guaranteed, interval
+from unilateral.solution.shown import Shown, force, numbered, shown
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from unilateral.solution.solution import Solution
 
 CONTACT, OBSTACLE, GAP, FREE, CLAMPED = "#d62728", "#222222", "#1f77b4", "#888888", "#000000"
+MOST_FORCES = 12
+"""The forces of at most this many sides are listed."""
 HEIGHT, FLATTEST, FAR = 0.6, 0.1, 1.3
 """The height of the surface over the longer side of the domain, and the least ratio of the domain's sides.
 
@@ -46,6 +49,7 @@ def page(solution: Solution) -> str:
     return Template(template.read_text(encoding="utf-8")).substitute(
         title=escape(of.title),
         sentences="\n".join(f"<p>{escape(text[0].upper() + text[1:])}.</p>" for text in sentences if text),
+        forces=forces(solution, of),
         described=escape(described(of)),
         no_gap=f"There is no gap: {escape(of.no_gap)}." if of.no_gap else "",
         plotly=get_plotlyjs(),
@@ -53,6 +57,26 @@ def page(solution: Solution) -> str:
         boundary=along(of).to_json(),
         version=__version__,
     )
+
+
+def forces(solution: Solution, of: Shown) -> str:
+    """A table of the forces on sides with contact, and of the reactions on clamped ones, with their bounds.
+
+    At most MOST_FORCES sides are in it. It is left out where bounds take more memory than is free.
+    """
+    if not of.accuracy:
+        return ""
+    search, partition = solution.search, of.contact.partition
+    found = solution.forces(search is not None and search.best.goal.sharp)
+    with_contact = np.unique(partition.side[~of.free])[:MOST_FORCES].tolist()
+    rows = {f"force, side {side}": found.sides[side] for side in with_contact}
+    for row, reaction in found.reactions.items():
+        rows[f"reaction, side{'s' * (len(row) > 1)} {' and '.join(map(str, row))}"] = reaction
+    lines = []
+    for name, (value, lower, upper) in rows.items():
+        text = guaranteed(interval(lower, upper, value), lower, upper)
+        lines.append(f"<tr><th>{name}</th><td>{text}</td></tr>")
+    return f"<table>{''.join(lines)}</table>"
 
 
 def _coarser(of: Shown) -> str:
@@ -86,7 +110,7 @@ def surface(of: Shown) -> Figure:
     clamped = [_line(_clamped(of), CLAMPED, 5, "clamped")] if of.clamped else []
     margin = {"l": 0, "r": 0, "t": 0, "b": 50}
     layout = {"template": "none", "margin": margin, "legend": LEGEND, "scene": _scene(of)}
-    return go.Figure([mesh, contact, obstacle, *clamped], layout)
+    return go.Figure([mesh, contact, obstacle, *clamped, _sides(of)], layout)
 
 
 def _scene(of: Shown) -> dict[str, Any]:
@@ -113,6 +137,18 @@ def _line(points: Array, colour: str, width: float, name: str) -> Any:
 
     (x, y, z), look = points.T, {"color": colour, "width": width}
     return go.Scatter3d(x=x, y=y, z=z, mode="lines", line=look, name=name, hovertemplate=VALUES.format(name))
+
+
+def _sides(of: Shown) -> Any:
+    """The numbers of the sides, a little outside at the height of u_h."""
+    import plotly.graph_objects as go
+
+    polygon, sides = of.mesh.polygon, numbered(of)
+    middles = np.concatenate([_on_side(of, i, polygon.starts[[i]] + polygon.lengths[i] / 2) for i in sides])
+    away = SHORT * np.ptp(of.mesh.points, axis=0).min() * polygon.normals[sides]
+    (x, y), z = (middles[:, :2] + away).T, middles[:, 2]
+    look: Any = {"mode": "text", "text": [str(i) for i in sides], "hoverinfo": "skip", "showlegend": False}
+    return go.Scatter3d(x=x, y=y, z=z, name="numbers of sides", **look)
 
 
 def _contact(of: Shown) -> Array:
@@ -175,6 +211,9 @@ def along(of: Shown) -> Figure:
     for side in np.unique(cells.side[of.free]):
         named = {"annotation_text": "clamped", "annotation_textangle": -90} if side in of.clamped else {}
         figure.add_vrect(*polygon.starts[[side, side + 1]], **GREY, **named)
+    for side in numbered(of):
+        middle, text = polygon.starts[side] + polygon.lengths[side] / 2, str(side) if side else "side 0"
+        figure.add_annotation(x=middle, y=1, yref="y domain", yanchor="top", text=text, showarrow=False)
     figure.update_xaxes(range=[0, polygon.perimeter], zeroline=False)
     figure.update_xaxes(title="arc length from vertex 0, anticlockwise", row=2, col=1)
     figure.update_yaxes(automargin=True, rangemode="tozero")

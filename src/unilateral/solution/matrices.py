@@ -52,6 +52,10 @@ class Matrices:
     _operator: Callable[[], DualOperator]
     _unit: float
 
+    def __repr__(self) -> str:
+        m, n = self.B.shape
+        return f"Matrices: A ({n}, {n}), B ({m}, {n}), F ({n},), g, H and cells ({m},), D and S ({m}, {m})"
+
     @cached_property
     def D(self) -> Array:
         """(m, m) B A^{-1} B^T, dense. Raises InputError where that takes more memory than is free."""

@@ -15,8 +15,8 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FixedLocator
 
 from unilateral.errors import InputError, shown
-from unilateral.solution.plot_domain import APART, CONTACT, FREE, TALLEST, domain, mesh, numbered, ticks
-from unilateral.solution.shown import Shown
+from unilateral.solution.plot_domain import CONTACT, FREE, TALLEST, domain, mesh, ticks
+from unilateral.solution.shown import APART, Shown, numbered
 
 GAP = "tab:blue"
 CLAMPED: Any = {"facecolor": "0.93", "edgecolor": "0.8", "linewidth": 0, "hatch": "///"}
@@ -75,7 +75,7 @@ def on_axes(ax: object, of: Shown) -> Axes:
     """Draws u_h with the contact set on axes, and returns these. Raises InputError for what are none."""
     if not isinstance(ax, Axes) or ax.name != "rectilinear":
         raise InputError(f"ax is {shown(repr(ax))}; it has to be plane axes of matplotlib, such as plt.gca()")
-    domain(ax, of)
+    domain(ax, of, inside=True)
     return ax
 
 

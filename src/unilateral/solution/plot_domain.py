@@ -15,7 +15,7 @@ from matplotlib.ticker import FixedLocator, MaxNLocator
 from matplotlib.tri import Triangulation
 
 from unilateral.arrays import Array
-from unilateral.solution.shown import Shown
+from unilateral.solution.shown import Shown, numbered
 
 CONTACT, FREE = "tab:red", "0.45"
 LINE, TRIANGLES = 20.0, 20_000
@@ -32,19 +32,21 @@ MARGIN = 0.03
 """The margin around the domain, as a fraction of its size."""
 LEVELS = 12
 """At most this many levels of u_h have a line."""
-APART = 0.07
-"""The numbers of sides are at least this fraction of the perimeter apart."""
 OUTSIDE = withTickedStroke(spacing=6, angle=-135, length=1.4)
 CLAMPED: Any = {"color": "k", "linewidth": 1.5, "path_effects": [OUTSIDE], "clip_on": False, "zorder": 2}
 """Oblique strokes, as for walls: to the right of a side as one goes anticlockwise, which is outside."""
 
 
-def domain(axes: Axes, of: Shown) -> None:
-    """u_h with its lines of level, a colour bar of the panel's height, sides with numbers, and contact."""
+def domain(axes: Axes, of: Shown, inside: bool = False) -> None:
+    """u_h with its lines of level, a colour bar of the panel's height, sides with numbers, and contact.
+
+    The colour bar is beside the axes, or takes a part of them if all has to stay `inside`.
+    """
     field, lines = _shaded(axes, of, of.u, Normalize(*of.limits)), {"linewidths": 0.5, "linestyles": "solid"}
     if of.varies:
         axes.tricontour(_surface(of), of.u[of.surface[0]], LEVELS, colors="w", alpha=0.6, **lines)
-    _bar(axes, field, "$u_h$").set_ticks(ticks() if of.varies else FixedLocator([float(of.u[0])]))
+    bar = _bar_in_slot(axes, field, "$u_h$") if inside else _bar(axes, field, "$u_h$")
+    bar.set_ticks(ticks() if of.varies else FixedLocator([float(of.u[0])]))
     _outline(axes, of)
     axes.set(xlabel="x", ylabel="y", title=of.where)
     _fitted(axes, of)
@@ -81,19 +83,15 @@ def _bar(axes: Axes, field: ScalarMappable, label: str) -> Colorbar:
     return axes.figure.colorbar(field, cax=axes.inset_axes((1.03, 0, 0.04, 1)), label=label)
 
 
+def _bar_in_slot(axes: Axes, field: ScalarMappable, label: str) -> Colorbar:
+    """A colour bar below the axes, which give up a part of their height to it; nothing is at their sides."""
+    assert axes.figure is not None
+    return axes.figure.colorbar(field, ax=axes, label=label, location="bottom", fraction=0.06, pad=0.22)
+
+
 def ticks(room: float = 1.0) -> MaxNLocator:
     """Few ticks at round numbers, the fewer the smaller the room is."""
     return MaxNLocator(int(np.clip(np.ceil(4 * room), 1, 4)), steps=[1, 2, 2.5, 5, 10])
-
-
-def numbered(of: Shown) -> list[int]:
-    """The sides that are numbered: as many as there is room for along the boundary."""
-    polygon, last, found = of.mesh.polygon, -1.0, list[int]()
-    for side, middle in enumerate((polygon.starts[:-1] + polygon.lengths / 2) / polygon.perimeter):
-        if middle - last >= APART:
-            last = middle
-            found.append(side)
-    return found
 
 
 def _outline(axes: Axes, of: Shown) -> None:

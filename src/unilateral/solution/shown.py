@@ -13,7 +13,7 @@ import numpy as np
 from unilateral.arrays import Array, Index, Mask
 from unilateral.discrete.choice import bound_mb
 from unilateral.errors import InputError
-from unilateral.formulas.decimals import between, up
+from unilateral.formulas.decimals import guaranteed, interval, up
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.sampled import Sampled
 from unilateral.solution.certificate import relative
@@ -31,6 +31,8 @@ MOST = 200_000
 """A surface has at most about this many triangles: more are smaller than what is seen, and take long."""
 CONSTANT = 1e-12
 """u_h that varies by less than this, relative to its size, is shown as a constant."""
+APART = 0.07
+"""The numbers of sides are at least this fraction of the perimeter apart."""
 NO_BOUND = "no guaranteed bound on the error"
 
 
@@ -94,9 +96,20 @@ class Shown:
         return f"{'in contact' if (self.contact.lambda_H[held] > 0).all() else 'u = g'} {where}"
 
 
+def numbered(of: Shown) -> list[int]:
+    """The sides that are numbered: as many as there is room for along the boundary."""
+    polygon, last, found = of.mesh.polygon, -1.0, list[int]()
+    for side, middle in enumerate((polygon.starts[:-1] + polygon.lengths / 2) / polygon.perimeter):
+        if middle - last >= APART:
+            last = middle
+            found.append(side)
+    return found
+
+
 def shown(solution: Solution) -> Shown:
     """What is drawn of a solution; the guaranteed bound is computed if the memory allows it."""
-    gap, g_means = solution.gap, solution.units.value * solution.solved.discrete.g_means
+    units = solution.problem.units
+    gap, g_means = solution.gap, units.value * solution.solved.discrete.g_means
     free = np.isnan(gap)
     return Shown(
         title=solution.problem.title or solution.problem.name,
@@ -137,9 +150,11 @@ def accuracy(solution: Solution) -> str:
     total = solved.total(norm, sharp)
     if not math.isfinite(total) or (search and not search.believed):
         return NO_BOUND
-    trivial = solution.units.trivial and solution.units.reaction and not solution.problem.clamped_sides
+    units = solution.problem.units
+    trivial = units.trivial and units.reaction and not solution.problem.clamped_sides
     what = (WHAT if trivial else IN_ENERGY)[norm]
-    text = f"error of {what}: at most {_share(total, solved.size(norm, sharp))}, guaranteed"
+    text = f"error of {what}: at most {_share(total, solved.size(norm, sharp))}"
+    text = guaranteed(text, -math.inf, total)
     if goal is None or solution.certified:
         return text
     wanted = f"{goal.accuracy:g}" if goal.absolute else f"{100 * goal.accuracy:.3g} %"
@@ -152,10 +167,8 @@ def force(solution: Solution, of: Shown) -> str:
         return ""
     goal = solution.search.best.goal if solution.search else None
     whole = solution.force(goal is not None and goal.sharp)
-    guaranteed = between(whole.lower, whole.upper, ".4g", "and")
-    return (
-        f"force over the boundary, ∫λ: {whole.value:.4g}; the exact one is between {guaranteed}, guaranteed"
-    )
+    text = interval(whole.lower, whole.upper, whole.value, ".4g")
+    return guaranteed(f"force over the boundary, ∫λ: {text}", whole.lower, whole.upper)
 
 
 def _share(bound: float, size: float) -> str:

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from unilateral.arrays import floats
 from unilateral.discrete.choice import check_size, levels_for
 from unilateral.errors import InputError, shown
 from unilateral.formulas.formula import real
@@ -29,7 +30,10 @@ def number(name: str, given: Size | None) -> float | None:
     try:
         if isinstance(given, bool):
             raise TypeError
-        return given if given is None else float(given)
+        if given is None:
+            return None
+        # A number of NumPy may be masked; an array of several is no number
+        return float(floats(given, name)[()]) if hasattr(given, "__array__") else float(given)
     except (TypeError, ValueError, OverflowError):
         raise InputError(
             f"{name} is {shown(repr(given))}; it has to be a number, or a text such as '1/64'"

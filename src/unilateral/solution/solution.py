@@ -16,14 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from unilateral.accuracy.search import Search
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array, Index, floats
 from unilateral.bounds.clamped_ends import Clamps, none
 from unilateral.bounds.forces import Force, forces
 from unilateral.bounds.local_bounds import LocalBound
 from unilateral.discrete.base import DiscreteSolution
-from unilateral.discrete.choice import bound_mb
-from unilateral.errors import InputError, SolutionWarning, shown
-from unilateral.formulas.decimals import plus_minus, up
+from unilateral.errors import InputError, SolutionWarning
+from unilateral.formulas.decimals import guaranteed, interval, is_bounded, up
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.files import write_mesh
@@ -34,14 +33,12 @@ from unilateral.norms.dual import Errors, errors
 from unilateral.norms.fortin import beta_below
 from unilateral.problems import arguments
 from unilateral.problems.data import is_case
-from unilateral.problems.units import Units
 from unilateral.solution import summary, tables
-from unilateral.solution.certificate import Bounds, BoundsWithoutReaction, record, relative
+from unilateral.solution.certificate import Bounds, BoundsWithoutReaction, record, relative, too_large
 from unilateral.solution.contact import Contact
 from unilateral.solution.evaluation import flux, gradient, located, value
 from unilateral.system import as_json
 from unilateral.system.files import check_target, replacing
-from unilateral.system.memory import available_mb
 from unilateral.system.optional import require
 
 if TYPE_CHECKING:
@@ -68,6 +65,8 @@ FLAT = 10.0
 It is 1.9 times the error then if u varies across them only, and for flatter ones the factor grows in
 proportion: the error is like their height, but the flux of `equilibrated` is off by their length.
 """
+ENDED_BY_ROUNDING = ("active_set", "multigrid")
+"""Algorithms that end where nothing falls any more, and not after `max_steps`."""
 SHOWN = 12
 """At most this many sides are printed."""
 
@@ -85,16 +84,27 @@ class Forces(NamedTuple):
     total: Force | None = None
 
     def __repr__(self) -> str:
+        """One "guaranteed" at the end if all have bounds, else one for each that has."""
         clamped = {side for row in self.reactions for side in row}
-        sides = [f"{i}: {plus_minus(*each)}" for i, each in enumerate(self.sides) if i not in clamped]
+        others = {side: force for side, force in enumerate(self.sides) if side not in clamped}
+        every = [self.whole, *others.values(), *self.reactions.values()]
+        for_all = all(is_bounded(force.lower, force.upper) for force in every)
+        sides = [f"{side}: {_written(force, not for_all)}" for side, force in others.items()]
         more = f" and {len(sides) - SHOWN} more" if len(sides) > SHOWN else ""
-        shown = [f"on sides {', '.join(sides[:SHOWN])}{more}"] if sides else []
+        parts = [_written(self.whole, not for_all)]
+        parts += [f"on sides {', '.join(sides[:SHOWN])}{more}"] if sides else []
         for row, force in self.reactions.items():
-            on = f"side{'s' * (len(row) > 1)} {' and '.join(map(str, row))}"
-            shown.append(f"reaction on {on}: {plus_minus(*force)}")
+            where = f"side{'s' * (len(row) > 1)} {' and '.join(map(str, row))}"
+            parts.append(f"reaction on {where}: {_written(force, not for_all)}")
         if self.total:
-            shown.append(f"sum of forces and reactions: {plus_minus(*self.total)}")
-        return f"Forces: {'; '.join([plus_minus(*self.whole), *shown])}; guaranteed"
+            parts.append(f"sum of forces and reactions: {_written(self.total, not for_all)}")
+        return f"Forces: {'; '.join(parts)}{'; guaranteed' if for_all else ''}"
+
+
+def _written(force: Force, alone: bool) -> str:
+    """A force with its bounds; if it stands `alone`, with the word "guaranteed" where it has one."""
+    text = interval(force.lower, force.upper, force.value)
+    return guaranteed(text, force.lower, force.upper) if alone else text
 
 
 def clamped_rows(n: int, clamped: Sequence[int]) -> list[list[int]]:
@@ -154,19 +164,16 @@ def flat_triangles(found: DiscreteSolution) -> str:
     )
 
 
-def not_converged(bound: float) -> str:
-    """Says that an iteration did not converge, with the bound on its algebraic error."""
-    return f"the iteration did not converge: the algebraic error is at most {up(bound, '.4e')}"
-
-
-def floats(given: ArrayLike, name: str) -> Array:
-    """Real numbers as an array. Raises InputError for what is none."""
-    try:
-        if np.iscomplexobj(given):
-            raise TypeError
-        return np.asarray(given, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise InputError(f"{name}: {shown(repr(given))} has to be an array of real numbers") from None
+def not_converged(solved: DiscreteSolution) -> str:
+    """Says that an iteration did not converge, with the bound on its algebraic error, and why."""
+    result = solved.result
+    bound = interval(-math.inf, result.bound, spec=".4e")
+    told = f"the iteration did not converge: the algebraic error is {bound}"
+    if 2 * result.rounding > result.bound:
+        return f"{told}, because rounding alone adds {up(result.rounding, '.1e')}; take a larger tolerance"
+    if result.algorithm in ENDED_BY_ROUNDING:
+        return f"{told}, because rounding allows no less; take a larger tolerance"
+    return f"{told} after {result.iterations:.6g} steps; allow more of them, or take another algorithm"
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,7 +202,7 @@ class Solution:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies and pickles keep what a file keeps, see `save`, and the bounds that are computed."""
-        solved = self.solved.kept(self.believed)
+        solved = self.solved.kept(self._believed)
         return type(self), (solved, self.problem, self.search.kept(solved) if self.search else None)
 
     def __repr__(self) -> str:
@@ -211,11 +218,6 @@ class Solution:
         """The domain, as the user gave it."""
         return self.problem.polygon
 
-    @property
-    def units(self) -> Units:
-        """What 1 in the scaled problem is in the user's units, for k and c."""
-        return self.problem.units
-
     @cached_property
     def mesh(self) -> Mesh:
         """`points` (n, 2) and `triangles` (k, 3)."""
@@ -229,17 +231,21 @@ class Solution:
     @property
     def u(self) -> Array:
         """(n,) u_h at the nodes of the mesh."""
-        return self.units.value * self.solved.u_h
+        return self.problem.units.value * self.solved.u_h
 
     @property
     def multiplier(self) -> Array:
-        """(m,) lambda_H, which approximates k du/dn, on the cells of the partition; 0 on free sides."""
-        return self.units.flux * self.solved.lambda_H
+        """(m,) lambda_H, which approximates k du/dn, on the cells of the partition; 0 on free sides.
+
+        NaN on clamped sides, on which there are no multipliers: their reactions are in `forces`.
+        """
+        clamped = np.isin(self.partition.side, self.problem.clamped_sides)
+        return np.where(clamped, math.nan, self.problem.units.flux * self.solved.lambda_H)
 
     @property
     def gap(self) -> Array:
         """(m,) the means of u_h - g on the cells; NaN on free sides."""
-        return self.units.value * self.solved.gap
+        return self.problem.units.value * self.solved.gap
 
     @cached_property
     def contact(self) -> Contact:
@@ -292,7 +298,7 @@ class Solution:
             raise InputError(
                 "there is no equilibrated flux, for f, g, q or u is a function; take k * s.grad_at(points)"
             )
-        return self.units.flux * self._at(points, partial(flux, of_v, self.solved.u_h, q))
+        return self.problem.units.flux * self._at(points, partial(flux, of_v, self.solved.u_h, q))
 
     def _at(self, points: ArrayLike, of: Callable[[Index, Array], Array]) -> Array:
         places = floats(points, "points")
@@ -304,9 +310,10 @@ class Solution:
         return found.reshape((*places.shape[:-1], *found.shape[1:]))
 
     def lambda_at(self, side: int, t: ArrayLike) -> Array:
-        """lambda_H at the arc lengths t from the start of a side, in the shape of t; NaN beyond the side.
+        """lambda_H at the arc lengths t from the start of a side, in the shape of t.
 
-        Where two cells meet it is that of the later one. Raises InputError for a side that is not there.
+        It is NaN beyond the side, and on clamped sides, see `multiplier`. Where two cells meet it is that of
+        the later one. Raises InputError for a side that is not there.
 
         >>> import unilateral as ul
         >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
@@ -356,7 +363,7 @@ class Solution:
         return beta_below(of.mesh, of.partition, of.form) if len(of.cells) else math.nan
 
     @property
-    def believed(self) -> bool:
+    def _believed(self) -> bool:
         """Whether bounds are believed: only a fault of this program makes those of all levels contradict."""
         return self.search is None or bool(self.search.believed)
 
@@ -375,11 +382,13 @@ class Solution:
 
         Without `dual` the one in H^{-1/2} is NaN, because on large meshes it costs more than a solve.
         """
+        arguments.check_flags(dual=dual)
         of, case = self.solved.discrete, self.solved.discrete.data
         if not is_case(case):
             return None
         judged = of.unique and len(of.cells) > 0
-        return errors(case, self.mesh, self.u, self.partition, self.multiplier, judged, dual)
+        lambda_H = self.problem.units.flux * self.solved.lambda_H
+        return errors(case, self.mesh, self.u, self.partition, lambda_H, judged, dual)
 
     @property
     def bounds(self) -> Bounds | None:
@@ -407,26 +416,17 @@ class Solution:
         return self._bounds(sharp=True)
 
     def _bounds(self, sharp: bool) -> Bounds | None:
-        refused = self.too_large(sharp)
+        refused = too_large(self.solved, sharp)
         if refused:
             warnings.warn(refused, SolutionWarning, stacklevel=3)
-        bound = self.solved.bound(sharp) if self.believed and not refused else None
+        bound = self.solved.bound(sharp) if self._believed and not refused else None
         if bound is None:
             return None
         of_u, of_lambda = (self.solved.size(norm, sharp) for norm in ("h1", "hm12"))
         parts = relative(bound.u, of_u), relative(bound.lambda_, of_lambda)
-        kind = Bounds if self.units.reaction else BoundsWithoutReaction
+        kind = Bounds if self.problem.units.reaction else BoundsWithoutReaction
         of_multiplier = bound.lambda_ if len(self.solved.discrete.cells) else math.nan
         return kind(bound.u, of_multiplier, bound.unknown, *parts)
-
-    def too_large(self, sharp: bool) -> str:
-        """Says that bounds that are not yet computed take more memory than is free; else empty."""
-        if self.solved.discrete.data is None or self.solved.known(sharp):
-            return ""
-        needed, free = bound_mb(self.solved.discrete.mesh, sharp), available_mb()
-        if needed <= free:
-            return ""
-        return f"no guaranteed bound: it takes about {needed:.0f} MB, and {free:.0f} MB are free"
 
     def forces(self, sharp: bool = False) -> Forces:
         """The integrals of lambda_H over the boundary and over each side, with guaranteed bounds on lambda's.
@@ -444,7 +444,7 @@ class Solution:
         every = [side for side in range(n) if side not in clamped]
         whole, total, *each = self._forces(sharp, [every, [*range(n)], *with_contact, *rows])
         reactions = dict(zip(map(tuple, rows), each[n:], strict=True))
-        return Forces(whole, each[:n], reactions, None if self.units.reaction else total)
+        return Forces(whole, each[:n], reactions, None if self.problem.units.reaction else total)
 
     def force(self, sharp: bool = False, sides: Sequence[int] | None = None) -> Force:
         """The force over all sides with contact, see `forces`, or over some sides, with their reactions.
@@ -463,6 +463,7 @@ class Solution:
         return self._forces(sharp, [part])[0]
 
     def _forces(self, sharp: bool, parts: list[list[int]]) -> list[Force]:
+        arguments.check_flags(sharp=sharp)
         bounds, of, discrete = self._bounds(sharp), self.solved, self.solved.discrete
         form, n, error = discrete.form, self.polygon.n_sides, bounds.multiplier if bounds else math.inf
         unknown = np.where(np.isin(np.arange(n), form.clamped), math.nan, np.zeros((2, n)))
@@ -472,7 +473,7 @@ class Solution:
             if known and isinstance(local, LocalBound):
                 clamps = Clamps(form, known.outflows, local.ends, known.of_fluxes, of.force_balance)
         found = forces(discrete.mesh, discrete.partition, of.lambda_H, error, parts, clamps)
-        return [in_units(force, self.units.force) for force in found]
+        return [in_units(force, self.problem.units.force) for force in found]
 
     def cells(self) -> pd.DataFrame:
         """A row per cell: its side, arc lengths and places of its ends, lambda_H, the mean of u_h - g."""
@@ -491,11 +492,7 @@ class Solution:
         included, except the one in H^{-1/2}.
         """
         sharp = self.search is not None and self.search.best.goal.sharp
-        return self.record(self._bounds(sharp), self.true_errors(dual=False), sharp)
-
-    def record(self, bounds: Bounds | None, errors: Errors | None, sharp: bool) -> dict[str, Any]:
-        """The fields of `certificate` with these errors and bounds, the `sharp` ones or the cheap ones."""
-        return record(self, bounds, errors, sharp)
+        return record(self, self._bounds(sharp), self.true_errors(dual=False), sharp)
 
     def dataset(self) -> xr.Dataset:
         """u_h on its mesh, and the columns of `cells`, by the CF conventions."""
@@ -509,11 +506,12 @@ class Solution:
 
         .json has the `certificate`; .svg, .png and .pdf the picture; .html a page on which u_h is turned and
         zoomed, in any browser and without a network. In .vtu the boundary edges carry the mean of lambda_H on
-        each. Raises InputError for another ending.
+        each, NaN on clamped sides. Raises InputError for another ending.
         """
         check_target(path, ENDINGS)
         if Path(path).suffix == ".vtu":
-            on_edges = self.partition.means(self.multiplier, self.mesh.s)
+            on_edges = self.partition.means(self.problem.units.flux * self.solved.lambda_H, self.mesh.s)
+            on_edges[np.isin(self.mesh.side, self.problem.clamped_sides)] = math.nan
             write_mesh(self.mesh, path, {"multiplier": on_edges}, {"u": self.u})
             return
         if Path(path).suffix == ".json":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import warnings
 from collections.abc import Mapping, Sequence
@@ -78,9 +79,12 @@ class Solver:
         self.stop = stop or Stop()
         known = problem_of(problem)
         if known is None:
-            of = bare(problem, free_sides, k, c, "problem", u or ())  # type: ignore[arg-type]
+            of = bare(problem, free_sides, k, c, "problem", u)  # type: ignore[arg-type]
             self.problem: AnyProblem = with_data(of, q=q, u=u)
-        elif free_sides or k != 1 or c != 1 or q is not None or u:
+        elif any(
+            hasattr(given, "__array__") or given not in (default, None, [], {})
+            for given, default in ((free_sides, ()), (k, 1), (c, 1), (q, None), (u, None))
+        ):
             raise InputError("free_sides, k, c, q and u belong to a polygon; a problem has its own")
         else:
             self.problem = known
@@ -191,7 +195,7 @@ def tell_faults(found: Solution, own_mesh: bool = False) -> None:
         warnings.warn(not_certified(search, found), SolutionWarning, stacklevel=3)
         return
     if not found.converged:
-        warnings.warn(not_converged(found.solved.result.bound), SolutionWarning, stacklevel=3)
+        warnings.warn(not_converged(found.solved), SolutionWarning, stacklevel=3)
     if not found.unique:
         warnings.warn(f"lambda_H {not_unique(found.mesh, own_mesh)}", SolutionWarning, stacklevel=3)
 
@@ -202,11 +206,13 @@ def not_certified(search: Search, found: Solution) -> str:
     parts = [f"the accuracy {best.goal.accuracy:g} is not certified: {search.ended}"]
     if not search.believed:
         parts.append("no bound is left")
+    elif not best.total < math.inf:
+        parts.append("no bound is known")
     elif best.goal.absolute or not best.size > 0:
         parts.append(f"reached is {up(best.total, '.4e')}")
     else:
         share = up(relative(best.total, best.size), ".3g")
-        size = getattr(sizes(found.units), best.goal.norm)
+        size = getattr(sizes(found.problem.units), best.goal.norm)
         parts.append(f"reached is {share} of {size}, or {up(best.total, '.4e')}")
     if search.refusal:
         parts.append(str(search.refusal))

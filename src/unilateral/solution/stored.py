@@ -150,8 +150,8 @@ def _record(solution: Solution) -> dict[str, Any]:
         "problem": record(solution.problem),
         "tolerance": solved.tolerance,
         "result": result,
-        "facts": solved.facts._asdict(),
-        "believed": solution.believed,
+        "facts": {"unique": solved.facts.unique, "beta": solved.facts.beta},
+        "believed": search is None or bool(search.believed),
         "search": _of_search(search) if search else None,
     }
 
@@ -184,7 +184,8 @@ def _solution(known: dict[str, Any], arrays: Arrays, path: Path) -> Solution:
     without = [*problem.free_sides, *problem.clamped_sides]
     cells, lambda_H = np.flatnonzero(~np.isin(partition.side, without)), arrays["multiplier"]
     _check_finite(path, u=arrays["u"], multiplier=lambda_H[cells])
-    facts, g_means = Facts(**known["facts"]), arrays["g_means"]
+    # No lower bound on ||lambda_H||_-1/2 is read, for an accuracy of lambda would be certified by it
+    facts, g_means = Facts(**known["facts"] | {"lambda_norm": 0.0}), arrays["g_means"]
     form = form_of(of_v, mesh)
     discrete = KeptProblem(mesh, partition, cells, NO_LOAD, g_means, facts, data=data, form=form)
     result = DualResult(lambda_H=lambda_H[cells], **known["result"])

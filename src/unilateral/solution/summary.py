@@ -7,13 +7,14 @@ already, and there is no picture.
 from __future__ import annotations
 
 import base64
+import math
 from html import escape
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
-from unilateral.formulas.decimals import percent, plus_minus, up
+from unilateral.formulas.decimals import guaranteed, interval, percent
 from unilateral.problems.sampled import Sampled
-from unilateral.solution.certificate import sizes
+from unilateral.solution.certificate import sizes, too_large
 
 if TYPE_CHECKING:
     from unilateral.solution.certificate import Bounds
@@ -44,7 +45,7 @@ def rows(of: Solution) -> dict[str, str]:
     cells, solved = of.solved.discrete.cells, of.solved
     found = {"polygon": f"{of.polygon.n_sides} sides"}
     found["unknowns"] = f"{of.mesh.n_nodes}, and {len(cells)} multipliers"
-    if not solved.known(sharp) and (of.mesh.n_nodes > QUICK or of.too_large(sharp)):
+    if not solved.known(sharp) and (of.mesh.n_nodes > QUICK or too_large(of.solved, sharp)):
         found["error of u"] = "not bounded yet: see bounds"
     else:
         found |= _bounded(of, of.sharp_bounds if sharp else of.bounds, sharp)
@@ -53,7 +54,9 @@ def rows(of: Solution) -> dict[str, str]:
     if not len(cells):
         found["contact"] = LINEAR
     if not of.converged:
-        found["not converged"] = f"the algebraic error is at most {up(solved.result.bound, '.2g')}"
+        found["not converged"] = (
+            f"the algebraic error is {interval(-math.inf, solved.result.bound, spec='.2g')}"
+        )
     if not of.unique:
         found["lambda_H"] = "may not be unique"
     return found
@@ -63,20 +66,22 @@ def _bounded(of: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, str]
     """The rows of guaranteed errors and of the force."""
     if bounds is None:
         why = "f, g, q or u is a function" if isinstance(of.problem, Sampled) else "there is no bound"
-        return {"error of u": f"unknown, for {why}", "force": f"{of.solved.force * of.units.force:.4g}"}
-    names = sizes(of.units)
+        return {
+            "error of u": f"unknown, for {why}",
+            "force": f"{of.solved.force * of.problem.units.force:.4g}",
+        }
+    names = sizes(of.problem.units)
     parts = {"error of u": (bounds.u, bounds.relative_u, names.h1)}
     if len(of.solved.discrete.cells):
         parts["error of lambda"] = bounds.multiplier, bounds.relative_multiplier, names.hm12
-    rows = {
-        name: f"at most {up(bound, '.3g')}"
-        + (f", {percent(part)} of {norm}" if part < 1 else "")
-        + ", guaranteed"
-        for name, (bound, part, norm) in parts.items()
-    }
+    rows = {}
+    for name, (bound, part, norm) in parts.items():
+        share = f", {percent(part)} of {norm}" if part < 1 else ""
+        rows[name] = guaranteed(f"{interval(-math.inf, bound, spec='.3g')}{share}", -math.inf, bound)
     if len(parts) == 1:
         return rows
-    return rows | {"force": f"{plus_minus(*of.force(sharp))}, guaranteed"}
+    value, lower, upper = of.force(sharp)
+    return rows | {"force": guaranteed(interval(lower, upper, value), lower, upper)}
 
 
 def _title(of: Solution) -> str:

@@ -30,7 +30,7 @@ LONG_NAMES = {
     "y_start": "y of the start of the cell",
     "x_end": "x of the end of the cell",
     "y_end": "y of the end of the cell",
-    "multiplier": "lambda_H on the cell",
+    "multiplier": "lambda_H on the cell; missing on clamped sides",
     "gap": "mean of u_h - g on the cell",
 }
 

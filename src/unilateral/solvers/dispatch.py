@@ -29,9 +29,26 @@ def iterate(
         algorithm = "active_set"
     elif algorithm == "auto":
         algorithm = _plain_or_faster(operator, offset, tolerance, stop, start)
+    _check_rho(operator, algorithm, stop.rho)
     if algorithm == "active_set":
         return active_set(operator, offset, tolerance)
     return uzawa(operator, offset, tolerance, stop.rho, start, stop.max_steps, algorithm)
+
+
+def _check_rho(operator: DualOperator, algorithm: str, rho: float | None) -> None:
+    """Raises InputError for a step rho with which the steps need not converge, and may take all of max_steps.
+
+    Uzawa's steps y - rho (S y + b) are contractions for rho < 2/lambda_max(S), see (5.2). Nesterov's momentum
+    is proved to converge for rho <= 1/lambda_max(S). The others only begin with rho.
+    """
+    most = {"uzawa": 2.0, "nesterov": 1.0}.get(algorithm, math.inf)
+    if rho is None or rho * operator.lambda_max < most or (rho * operator.lambda_max == most == 1.0):
+        return
+    limit = most / operator.lambda_max
+    raise InputError(
+        f"rho = {rho:g} is too large: steps of the algorithm {algorithm} are sure to converge for rho below "
+        f"{most:g} / lambda_max(S) = {limit:.4g}; take a smaller one, or leave rho out"
+    )
 
 
 def _plain_or_faster(

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 HIDDEN = ".tmp"
 """The end of the names of folders in which files are written; git ignores them."""
+WRITABLE = 0o222
+"""The permissions to write; a file that has none of them is kept, even from those who may write any file."""
 OVERHEAD = 2**20
 """netCDF takes fewer bytes than this beside the values."""
 BAD_PLACE = (
@@ -44,17 +46,32 @@ def check_target(path: str | os.PathLike[str], endings: Mapping[str, Sequence[st
         *others, last = endings
         raise InputError(f"{path}: the ending must be {', '.join(others)} or {last}")
     require(f"files that end in {path.suffix} need", *endings[path.suffix])
-    check_folder(path)
-    if path.is_dir():
-        raise InputError(f"{path} cannot be written: it is a folder")
+    check_writable(path)
 
 
-def check_folder(path: Path) -> None:
-    """Raises InputError unless the folder of a file is there and may be written."""
-    if not path.parent.is_dir():
-        raise InputError(f"{path} cannot be written: there is no folder {path.parent}")
-    if not os.access(path.parent, os.W_OK):
-        raise InputError(f"{path} cannot be written: nothing may be written in {path.parent}")
+def check_writable(path: Path) -> Path:
+    """The file that is written: that of the path, or the one that it links to.
+
+    Raises InputError unless its folder is there and may be written, and for what is there but is no file that
+    may be written.
+    """
+    target = Path(os.path.realpath(path)) if path.is_symlink() else path
+    if not target.parent.is_dir():
+        raise InputError(f"{path} cannot be written: there is no folder {target.parent}")
+    if not os.access(target.parent, os.W_OK):
+        raise InputError(f"{path} cannot be written: nothing may be written in {target.parent}")
+    if target.exists():
+        if not target.is_file():
+            raise InputError(
+                f"{path} cannot be written: it is {'a folder' if target.is_dir() else 'no file'}"
+            )
+        mode = target.stat().st_mode
+        if not mode & WRITABLE or not os.access(target, os.W_OK):
+            raise InputError(
+                f"{path} cannot be written: it is write-protected; take another name, or allow it by "
+                f"chmod u+w {target}"
+            )
+    return target
 
 
 def writing_failed(path: Path, error: OSError) -> InputError:
@@ -67,15 +84,16 @@ def writing_failed(path: Path, error: OSError) -> InputError:
 def replacing(path: str | os.PathLike[str]) -> Iterator[Path]:
     """A path of the same name in a folder of its own; files there take their places if the block succeeds.
 
-    Raises InputError for a folder that is not there or may not be written, StorageError for a full disk.
+    A link stays one: the file that it links to is replaced. Raises InputError as `check_writable`, and
+    StorageError for a full disk.
     """
     path = Path(path)
-    check_folder(path)
+    target = check_writable(path)
     try:
-        with hidden_beside(path) as folder:
+        with hidden_beside(target) as folder:
             yield folder / path.name
             for file in sorted(folder.iterdir()):
-                os.replace(file, path.parent / file.name)
+                os.replace(file, target if file.name == path.name else target.parent / file.name)
     except OSError as error:
         raise writing_failed(path, error) from error
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from conftest import coupled
 
-from unilateral.formulas.decimals import between, down
+from unilateral.formulas.decimals import down, interval
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.files import write_mesh
 from unilateral.geometry.partition import uniform
@@ -50,8 +50,8 @@ def test_the_constants_are_the_library_s(run, found):
         "triangles": [],
     }
     _, out, _ = run("infsup", *SQUARE, "--h", "1/16", "--H", "1/8")
-    bounds = between(expected.beta_lower, expected.beta_upper, ".4f", "and")
-    assert f"  beta in H^(-1/2)  between {bounds}, up to rounding\n" in out
+    bounds = interval(expected.beta_lower, expected.beta_upper, spec=".4f")
+    assert f"  beta in H^(-1/2)  {bounds}, up to rounding\n" in out
     assert "  local rule        kept\n" in out
     proved = down(beta_below(coupled("square", 16, 8).mesh, uniform(square(), 1 / 8)), ".4f")
     assert f"  Theorem 5         proves beta >= {proved} here, guaranteed: delta = 0.5, alpha_1 = 1\n" in out

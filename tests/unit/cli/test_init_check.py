@@ -125,3 +125,16 @@ def test_the_picture_has_the_sides_and_the_obstacle(tmp_path, run):
     for picture in pictures:
         assert run("check", SHELTER, "--out", str(picture))[0] == 0
     assert pictures[0].read_bytes() == pictures[1].read_bytes()
+
+
+@pytest.mark.parametrize("f", [-4, 0, 1e-3])
+def test_the_picture_of_a_constant_has_one_tick_at_it(tmp_path, f):
+    """Its colours span no range that f does not have; control: another f has more ticks."""
+    for text, ticks in ((f"{f:f}", 1), (f"{f:f} + x", None)):
+        file = tmp_path / "problem.yaml"
+        file.write_text(f"polygon: [[0, 0], [1, 0], [0, 1]]\nf: {text}\ng: 0\n")
+        page = drawn(problem_file.load(str(file)))
+        page.draw_without_rendering()
+        (bar,) = page.axes[0].child_axes
+        assert ticks is None or bar.get_yticks().tolist() == [f]
+        assert ticks or len(bar.get_yticks()) > 2

@@ -14,7 +14,7 @@ from unilateral.bounds.source import enclosed
 from unilateral.cli.streams import sized
 from unilateral.discrete import condensed
 from unilateral.fem.form import H1
-from unilateral.formulas.decimals import between, down, up
+from unilateral.formulas.decimals import down, interval, up
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.fortin import beta_below
 
@@ -29,7 +29,7 @@ def test_solve_prints_a_table(run):
     assert (code, err) == (0, "")
     assert out.startswith("natural: h = 0.0625, H = 0.125, h/H = 0.5\n")
     solution = condensed.solve(discrete("natural", 16, 8))
-    assert f"uzawa converged             algebraic error <= {up(solution.result.bound, '.4e')}" in out
+    assert f"uzawa converged             algebraic error at most {up(solution.result.bound, '.4e')}" in out
     assert f"after {solution.result.iterations} steps" in out
     for name, sign, value in (("u - u_h||_1", "=", "h1"), ("lambda - lambda_H||_0", "=", "l2")):
         assert re.search(rf"\|\|{re.escape(name)} +{sign} {getattr(solution.errors, value):.4e}\n", out), name
@@ -149,7 +149,10 @@ def test_too_few_steps_end_with_code_3_and_a_message(run, algorithm):
     code, found, err = solve_json(run, *options)
     assert (code, found["converged"], found["iterations"]) == (3, False, 1)
     bound = up(found["algebraic_bound"], ".4e")
-    assert err == f"unilateral: the iteration did not converge: the algebraic error is at most {bound}\n"
+    assert err == (
+        f"unilateral: the iteration did not converge: the algebraic error is at most {bound} after 1 steps; "
+        "allow more of them, or take another algorithm\n"
+    )
     code, out, _ = run("solve", *options)
     assert code == 3
     assert f"{algorithm} NOT converged" in out
@@ -263,8 +266,10 @@ def test_the_forces_are_printed(run, monkeypatch):
     whole = found["forces"]["boundary"]
     assert 15.9 < whole["lower"] <= 16 <= whole["upper"] < 16.1
     _, out, _ = run("solve", "natural", *FINER, "--sharp")
-    value, *bounds = found["forces"]["side_2"].values()
-    numbers = f"{value:.4e}, between {between(*bounds, '.4e', 'and')}"
+    of = found["forces"]["side_2"]
+    assert of["known"] == "both"
+    numbers = interval(of["lower"], of["upper"], of["value"], ".4e")
+    assert re.fullmatch(r"\S+, between \S+ and \S+", numbers)
     assert f"  force, side 2               {numbers}\n" in out
     _, found, _ = solve_json(run, "thirds", *FINER, "--free-sides", "1,3")
     assert list(found["forces"]) == ["boundary", "side_0", "side_2"]
@@ -295,7 +300,7 @@ def test_idle_sides_are_left_out_on_request(run, problem_file_of):
 
 def test_a_bound_that_does_not_fit_into_the_memory_is_left_out(run, monkeypatch):
     """1089 unknowns take 1 MB, and by the sharp bound 5; control: the cheap one."""
-    monkeypatch.setattr("unilateral.solution.solution.available_mb", lambda: 2.0)
+    monkeypatch.setattr("unilateral.solution.certificate.available_mb", lambda: 2.0)
     sizes = "--h", "1/32", "--H", "1/16"
     code, out, err = run("solve", "no_contact", *sizes, "--sharp")
     assert (code, err) == (0, "unilateral: no guaranteed bound: it takes about 5 MB, and 2 MB are free\n")

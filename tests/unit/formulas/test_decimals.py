@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from unilateral.formulas.decimals import between, down, percent, plus_minus, up
+from unilateral.formulas.decimals import down, interval, percent, up
 
 SPECS = (".4e", ".0e", ".1e", ".2f", ".0f", ".6g", ".3g", ".1g")
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
@@ -46,8 +46,8 @@ def test_what_has_no_digits_is_written_as_it_is(x, spec):
 
 
 def test_two_bounds():
-    assert between(1 / 3, 2 / 3, ".2f") == "0.33 to 0.67"
-    assert between(4 / 3, 4 / 3, ".4e", "and") == "1.3333e+00 and 1.3334e+00"
+    assert interval(1 / 3, 2 / 3, spec=".2f") == "between 0.33 and 0.67"
+    assert interval(4 / 3, 4 / 3, 4 / 3, ".4e") == "1.3333e+00, between 1.3333e+00 and 1.3334e+00"
 
 
 @pytest.mark.parametrize("spec", ["", "4e", ".e", ".2%", "10.2f", ".2F"])
@@ -63,7 +63,7 @@ def test_a_number_with_its_distance_has_both_bounds_between():
         value = float(rng.normal() * 10.0 ** rng.uniform(-300, 300))
         below, above = (float(10.0 ** rng.uniform(-12, 3) * abs(value)) for _ in range(2))
         lower, upper = value - below, value + above
-        text = plus_minus(value, lower, upper)
+        text = interval(lower, upper, value)
         shown, _, wide = text.partition(" ± ")
         power = Fraction(10) ** int(text.partition("e")[2] or 0)
         shown, wide = (Fraction(each.strip("()").partition(")")[0]) * power for each in (shown, wide))
@@ -73,8 +73,9 @@ def test_a_number_with_its_distance_has_both_bounds_between():
 
 
 def test_a_number_without_a_distance_or_bound():
-    assert plus_minus(0.0, 0.0, 0.0) == "0 ± 0"
-    assert plus_minus(2.0, 1.23456, math.inf) == "2, at least 1.234"
+    assert interval(0.0, 0.0, 0.0) == "0 ± 0"
+    assert interval(1.23456, math.inf, 2.0) == "2, at least 1.234"
+    assert interval(-math.inf, 0.55485, 0.4857) == "0.4857, at most 0.5549"
 
 
 @given(st.floats(1e-300, 1e300))

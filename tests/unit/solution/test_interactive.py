@@ -11,6 +11,7 @@ from conftest import ROOT
 from matplotlib.image import imread
 
 import unilateral as ul
+from unilateral.formulas.decimals import interval
 from unilateral.solution import interactive, shown
 from unilateral.solution.coarser import clustered
 
@@ -100,7 +101,7 @@ def test_what_is_guaranteed_stands_on_the_page(solution, page):
     assert "<h1>a &lt;b&gt;bold&lt;b&gt; &amp; plain</h1>" in text
     assert re.search(r"<p>Error of u in H¹: at most [\d.]+ %, guaranteed\.</p>", text)
     whole = solution.forces().whole
-    said = re.search(r"∫λ: (\S+); the exact one is between (\S+) and (\S+), guaranteed", text)
+    said = re.search(r"∫λ: (\S+), between (\S+) and (\S+), guaranteed", text)
     value, lower, upper = map(float, said.groups())
     assert value == pytest.approx(whole.value, rel=1e-3)
     assert lower <= whole.lower <= whole.upper <= upper
@@ -233,9 +234,34 @@ def test_clamped_sides_are_hatched_outside(tmp_path):
         np.testing.assert_allclose(z[part][0::3], height[part][0::3], atol=1e-12)
         np.testing.assert_array_equal(z[part][0::3], z[part][1::3])
     said = [each["text"] for each in data(tmp_path / "clamped.html", "boundary")["layout"]["annotations"]]
-    assert said == ["clamped"] * 4
+    assert [text for text in said if text == "clamped"] == ["clamped"] * 4
 
 
 def test_without_clamped_sides_no_line_is_called_so(page):
     assert "clamped" not in traces(page, "surface")
-    assert "annotations" not in data(page, "boundary")["layout"]
+    assert "clamped" not in [each["text"] for each in data(page, "boundary")["layout"]["annotations"]]
+
+
+def test_forces_and_reactions_stand_on_the_page_with_their_bounds():
+    """Those of `forces`, each side by its number; of functions without a guarantee."""
+    sides = [0, None, None, None]
+    for f, said in ((-4, ", guaranteed"), (lambda x, y: 0 * x - 4, "")):
+        s = ul.solve(ul.Problem(SQUARE, f, sides, free_sides=[1, 2], u={3: 0.5}), h=1 / 8, H=1 / 4)
+        rows = dict(re.findall("<tr><th>(.*?)</th><td>(.*?)</td></tr>", interactive.page(s)))
+        assert list(rows) == ["force, side 0", "reaction, side 3"]
+        for text, force in zip(rows.values(), (s.forces().sides[0], s.forces().reactions[3,]), strict=True):
+            lower, upper, value = force.lower, force.upper, force.value
+            assert text == interval(lower, upper, value) + said
+
+
+def test_sides_have_their_numbers_in_both_pictures():
+    s = ul.solve(ul.Problem(SQUARE, -1, 0), h=1 / 8, H=1 / 4)
+    of = shown.shown(s)
+    numbers = interactive.surface(of).data[-1]
+    assert (numbers.mode, list(numbers.text)) == ("text", ["0", "1", "2", "3"])
+    places = np.column_stack([numbers.x, numbers.y])
+    middles = s.polygon.at(np.arange(4), s.polygon.lengths / 2)
+    assert np.all(np.sum((places - middles) * s.polygon.normals, axis=1) > 0)
+    np.testing.assert_allclose(places, middles, atol=0.05)
+    named = [each.text for each in interactive.along(of).layout.annotations]
+    assert named == ["side 0", "1", "2", "3"]

@@ -223,6 +223,22 @@ def test_on_axes_of_a_figure_of_ones_own_the_domain_is_drawn(adapted):
     np.testing.assert_array_equal(right.collections[0].get_array(), adapted.u)
 
 
+@pytest.mark.parametrize("layout", [None, "constrained", "tight"])
+def test_on_axes_of_a_figure_of_ones_own_nothing_reaches_the_next_axes(adapted, layout):
+    """Whatever the layout of the figure is. Control: the colour bar of `plot()` is beside its axes."""
+    page = Figure(figsize=(9, 4), layout=layout)
+    left, right = page.subplots(1, 2)
+    adapted.plot(ax=left)
+    page.draw_without_rendering()
+    assert left.get_tightbbox().x1 < right.get_window_extent().x0
+    (bar,) = [axes for axes in page.axes if axes not in (left, right)]
+    assert bar.get_tightbbox().x1 < right.get_window_extent().x0
+    own = adapted.plot()
+    own.draw_without_rendering()
+    (beside,) = own.axes[0].child_axes
+    assert beside.get_window_extent().x0 > own.axes[0].get_window_extent().x1
+
+
 @pytest.mark.parametrize("make", [lambda: 3, Figure, lambda: Figure().subplots(2)])
 def test_what_are_no_axes_is_refused(adapted, make):
     with pytest.raises(ul.InputError, match=r"^ax is .*; it has to be plane axes of matplotlib, such as "):

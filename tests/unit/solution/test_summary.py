@@ -51,7 +51,17 @@ def test_a_printed_force_has_the_guaranteed_interval_inside(cog):
 def test_all_that_users_meet_prints_little(cog, functions):
     """At most 400 characters; control: what a mesh holds has many more."""
     given = [ul.case("natural"), functions, cog.problem, ul.load(ROOT / "examples/plate.yaml"), ul.Stop()]
-    parts = [cog, cog.mesh, cog.partition, cog.polygon, cog.contact, cog.bounds, cog.search, cog.units]
+    parts = [
+        cog,
+        cog.mesh,
+        cog.partition,
+        cog.polygon,
+        cog.contact,
+        cog.bounds,
+        cog.search,
+        cog.problem.units,
+        ul.Solver("natural", h=1 / 4, H=1 / 2).matrices(),
+    ]
     parts += [cog.solved, cog.solved.discrete, cog.search.best, cog.forces(), cog.forces().whole]
     parts += cog.contact.intervals[:1]
     for each in [*given, *parts, ul.solve("natural", **SIZES).errors]:
@@ -112,7 +122,7 @@ def test_printing_warns_of_nothing_and_tells_what_is_unsure(functions, monkeypat
         assert "lambda_H         may not be unique" in repr(same)
         assert "not converged    the algebraic error is at most " in repr(early)
         assert "error of u       unknown, for f, g, q or u is a func" in repr(ul.solve(functions, **SIZES))
-        monkeypatch.setattr("unilateral.solution.solution.available_mb", lambda: 0.0)
+        monkeypatch.setattr("unilateral.solution.certificate.available_mb", lambda: 0.0)
         assert "not bounded yet: see bounds" in repr(ul.solve("natural", **SIZES))
 
 
@@ -128,7 +138,7 @@ def test_a_linear_problem_has_no_row_of_lambda_and_of_no_force():
     """No side carries contact; its error of u is bounded all the same."""
     rows = summary.rows(ul.solve(ul.Problem(SQUARE, f="x", g=None, free_sides=[0, 1, 2, 3]), **SIZES))
     assert rows["contact"] == summary.LINEAR
-    assert set(rows) == {"unknowns", "error of u", "contact"}
+    assert set(rows) == {"polygon", "unknowns", "error of u", "contact"}
     assert "guaranteed" in rows["error of u"]
 
 
@@ -147,3 +157,13 @@ def test_a_search_for_a_sharp_bound_prints_that():
     assert s.sharp_bounds.u < 0.999 * s.bounds.u
     printed = float(re.search(r"at most (\S+),", summary.rows(s)["error of u"])[1])
     assert s.sharp_bounds.u <= printed <= 1.01 * s.sharp_bounds.u
+
+
+def test_a_solution_lists_what_users_are_told_of(cog):
+    """The attributes that docs/python.md has in its table, and none that serve other modules."""
+    page = (ROOT / "docs/python.md").read_text(encoding="utf-8")
+    table = page.partition("It has these attributes")[2].partition("\n\n`s.save`")[0]
+    told = set(re.findall(r"`(\w+)[^`]*`", "".join(re.findall(r"^\| (`.*?) \|", table, re.MULTILINE))))
+    listed = {name for name in dir(cog) if not name.startswith("_")}
+    assert told <= listed
+    assert not listed & {"believed", "record", "too_large", "units"}

@@ -105,13 +105,18 @@ def test_a_folder_that_is_not_there(tmp_path, name):
     assert not list(tmp_path.iterdir())
 
 
-def test_a_folder_in_the_way(tmp_path):
+def test_a_folder_that_comes_into_the_way(tmp_path):
     """Its name is taken by no file."""
-    (tmp_path / "a.nc").mkdir()
     said = r"a\.nc cannot be written: Is a directory"
-    with pytest.raises(InputError, match=said) as found, replacing(tmp_path / "a.nc") as temporary:
-        temporary.write_text("new")
+    with pytest.raises(InputError, match=said) as found:
+        written_beside_a_folder(tmp_path / "a.nc")
     assert found.value.exit_code == 2
+
+
+def written_beside_a_folder(path):
+    with replacing(path) as temporary:
+        path.mkdir()
+        temporary.write_text("new")
 
 
 UNCLOSED = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
@@ -222,3 +227,53 @@ def test_a_full_disk_is_told_as_the_system_tells_it(tmp_path, size):
     assert "File too large" not in str(plain.value)
     write_netcdf(xr.Dataset({"x": [1.0]}), tmp_path / "other.nc")
     assert xr.load_dataset(tmp_path / "other.nc").x == 1
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_a_write_protected_file_is_kept(tmp_path, name):
+    """Whoever runs it: the superuser may write any file, and this one was protected for a reason."""
+    path = tmp_path / name
+    path.write_text(UNFILLED)
+    path.chmod(0o444)
+    with pytest.raises(
+        InputError, match=rf"{name} cannot be written: it is write-protected; take another name"
+    ):
+        WRITERS[name](path)
+    assert path.read_text() == UNFILLED
+    assert [each.name for each in tmp_path.iterdir()] == [name]
+    path.chmod(0o644)
+    WRITERS[name](path)
+    assert path.read_bytes() != UNFILLED.encode()
+
+
+@pytest.mark.parametrize("name", [name for name in WRITERS if name != "paper.md"])
+def test_a_link_stays_and_the_file_behind_it_is_replaced(tmp_path, name):
+    """As a shell's redirection does; the file behind it may have another ending, and may not be there yet."""
+    (tmp_path / "elsewhere").mkdir()
+    behind, link = tmp_path / "elsewhere" / "data", tmp_path / name
+    link.symlink_to(behind)
+    WRITERS[name](link)
+    first = behind.read_bytes()
+    behind.write_text(UNFILLED)
+    WRITERS[name](link)
+    assert link.is_symlink()
+    assert behind.read_bytes() == first
+    assert {each.name for each in tmp_path.rglob("*")} == {"elsewhere", "data", name}
+    behind.chmod(0o444)
+    with pytest.raises(InputError, match="is write-protected"):
+        WRITERS[name](link)
+    behind.unlink()
+    behind.parent.rmdir()
+    with pytest.raises(InputError, match=rf"{name} cannot be written: there is no folder"):
+        WRITERS[name](link)
+
+
+def test_what_is_no_file_is_kept(tmp_path):
+    os.mkfifo(tmp_path / "pipe.nc")
+    with (
+        pytest.raises(InputError, match=r"pipe\.nc cannot be written: it is no file"),
+        replacing(tmp_path / "pipe.nc"),
+    ):
+        pass
+    with pytest.raises(InputError, match=r"cannot be written: it is a folder"), replacing(tmp_path):
+        pass
