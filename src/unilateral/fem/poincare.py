@@ -160,8 +160,8 @@ def _least(B: sp.csr_array) -> float:
 def _most_in_rows(B: sp.csr_array, order: Index) -> tuple[int, int]:
     """The most places for numbers in a row of the factor L of B (n, n), and in one of L + L^T.
 
-    SuperLU leaves out numbers that cancel to 0. Nothing cancels in a matrix with the same places whose numbers
-    beside the diagonal are negative; this one is a graph's Laplacian, plus 1/n.
+    SuperLU leaves out numbers that cancel to 0. Nothing cancels in a matrix with the same places whose
+    numbers beside the diagonal are negative; this one is a graph's Laplacian, plus 1/n.
     """
     n, places = B.shape[0], B.copy()
     places.data[:] = -1.0
@@ -172,7 +172,7 @@ def _most_in_rows(B: sp.csr_array, order: Index) -> tuple[int, int]:
 
 
 def _skew(factors: SuperLU, D: Array) -> float:
-    """The least number for which |v . L W v| <= it times v . D v by Gershgorin's theorem, for W = U - P L^T."""
+    """A number s with |v . L W v| <= s v . D v, for W = U - P L^T, by Gershgorin's theorem."""
     root = np.empty(len(D))
     root[factors.perm_c] = np.sqrt(D)
     L, U = factors.L, factors.U
