@@ -39,12 +39,12 @@ class Constraint:
     `unknowns` (nb, 3) are the ones at the start, the end and the midpoint of every edge. `at_unknowns`
     (2 nb,) is p at these, -inf where there is no p. `jumps` (nb,) says whether p is smaller at an end of
     the edge than on the edge before or after, by more than p of data that fit together can be there
-    (`Obstacle.allowed_jumps`). So it may be at a clamped side, where v = u_D > g; on a clamped edge it is a
-    u_D that is no trace. `rounding` (nb,) is that of p. The other fields belong to
-    K intervals of edges with Q points each: the `edge` (K,); the places `x` (K, Q) in [0, 1] on it, their
-    `weight`, `p` and its derivative, the `slope`; the `doubt` (K,), which includes the rounding of p; and an
-    `upper` bound (K,) on g. The edges `clamped` (nb,) have v = u_D, and `steep` (nb,) bounds the L2 norm of
-    the derivative of u_D - p there.
+    (`Obstacle.allowed_jumps`), or whether rounding hides that. So it may be at a clamped side, where
+    v = u_D > g; on a clamped edge it is a u_D that is no trace. `rounding` (nb,) is that of p. The other
+    fields belong to K intervals of edges with Q points each: the `edge` (K,); the places `x` (K, Q) in [0, 1]
+    on it, their `weight`, `p` and its derivative, the `slope`; the `doubt` (K,), which includes the rounding
+    of p; and an `upper` bound (K,) on g. The edges `clamped` (nb,) have v = u_D, and `steep` (nb,) bounds the
+    L2 norm of the derivative of u_D - p there.
     """
 
     mesh: Mesh

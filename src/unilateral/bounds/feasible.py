@@ -113,7 +113,7 @@ def missing(g: Constraint, v: Array, touching: Mask, flux: Array) -> Missing:
     shared = np.bincount(triangle, minlength=len(mesh.triangles))[triangle]
     added, fixed = np.maximum(doubt, np.roll(doubt, 1)), g.clamped | np.roll(g.clamped, 1)
     most, push = np.maximum(added, np.roll(added, -1)), 0.5 * np.diff(mesh.s) * flux.sum(axis=1)
-    # u_D that jumps is no trace: there is no u then, and no v
+    # u_D that jumps, or may for all that rounding shows, is no trace: there is no u then, and no v
     squares = np.where(g.clamped & g.jumps, math.inf, shared * squares)
     return Missing(squares, slack + most * push, np.where(fixed, 0.0, added), np.where(fixed, added, 0.0))
 

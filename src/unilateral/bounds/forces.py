@@ -121,7 +121,8 @@ def balance(source: Source, flux: Flux) -> tuple[float, float]:
     integral = float(mesh.areas @ source.f_h.mean(axis=1))
     changed = SUMS + 3 * mesh.distortion
     doubt = float(
-        np.sqrt(mesh.areas) @ source.rest + (changed * mesh.areas) @ np.abs(source.f_h).mean(axis=1)
+        ((1 + changed) * np.sqrt(mesh.areas)) @ source.rest
+        + (changed * mesh.areas) @ np.abs(source.f_h).mean(axis=1)
     )
     # int sigma^k over [-1, 1] is 2 / (k + 1) for even k, and 0 for odd ones
     k, lengths, sizes = np.arange(len(flux.c)), np.diff(flux.points), np.abs(flux.c).sum(axis=0)

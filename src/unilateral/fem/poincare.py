@@ -15,19 +15,21 @@ and ||v - I v||_0 <= KAPPA h |v - I v|_1. With t = |v - I v|_1,
 
 so lambda is at least the least value of t^2 + lambda_h (1 - KAPPA h t)^2, which is the right-hand side.
 
-lambda_h is the least eigenvalue of a matrix B with the diagonal D. Pivots that are computed are those of a
-matrix that differs by E from the one that was factorised, where
+lambda_h is the least eigenvalue of a matrix B with the diagonal D. Let L and U be the factors that are
+computed of B - shift D - mu, and P > 0 their pivots. U is P L^T up to rounding, W = U - P L^T, and
 
-    |E_ij| <= (r + 2) EPS (D_ii D_jj)^{1/2}
+    L P L^T = B - shift D - mu + E - L W,     |E_ij| <= (r + 2) EPS/2 (D_ii D_jj)^{1/2},
 
-for at most r numbers in a row of the factor L (N. J. Higham, Accuracy and Stability of Numerical Algorithms,
-2002, theorem 10.3), and E_ij = 0 where L + L^T has no number. The entries of B are rounded likewise, so that
-r + 16 is taken for r + 2. With at most w numbers in a row of L + L^T, -E <= shift D with
+for at most r numbers in a row of L (N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002,
+theorem 9.3, and for the root Cauchy and Schwarz as in theorem 10.3), and E_ij = 0 where L + L^T has no place.
+The entries of B are rounded likewise, by less than 20 EPS/2. With at most w numbers in a row of L + L^T,
+E <= (r + 22) w EPS/2 D by Gershgorin's theorem for D^{-1/2} E D^{-1/2}. With
 
-    shift = (r + 16) w EPS,
+    shift = (r + 16) w EPS
 
-by Gershgorin's theorem for D^{-1/2} E D^{-1/2}. So B >= mu if B - shift D - mu has positive pivots. However
-small the least triangles are, v . shift D v is small where v is smooth, for D has the squares of gradients.
+that is at most 3/4 shift D, as r >= 1. That W leaves a quarter is seen once L and U are known. So B >= mu if
+the pivots are positive. However small the least triangles are, v . shift D v is small where v is smooth, for
+D has the squares of gradients.
 """
 
 from __future__ import annotations
@@ -36,7 +38,7 @@ import math
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import LinearOperator, eigsh
+from scipy.sparse.linalg import LinearOperator, SuperLU, eigsh
 
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
@@ -144,12 +146,37 @@ def _least(B: sp.csr_array) -> float:
         solve = LinearOperator(B.shape, factor.solve)
         found, x = eigsh(B, k=1, sigma=0.0, OPinv=solve, v0=np.ones(len(D)))
         # shift = (r + 16) w EPS; v . shift D v counts twice, for what it takes is of second order, too
-        in_rows, in_columns = np.bincount(factor.lu.L.indices), np.diff(factor.lu.L.indptr)
-        shift = (int(in_rows.max()) + 16) * int((in_rows + in_columns).max()) * EPS
+        r, w = _most_in_rows(B, factor.order)
+        shift = (r + 16) * w * EPS
         mu = LESS * float(found[0] - 2 * shift * (D @ x[:, 0] ** 2))
-        # B - shift D - mu has positive pivots, with the same numbers in L
+        # B - shift D - mu has positive pivots, with places for as many numbers in L
         shifted = factorise((B - sp.diags_array(mu + shift * D)).tocsr(), factor.order)
     except RuntimeError:  # a pivot is 0, or the iteration for the eigenvalue does not end
         return 0.0
     positive = np.array_equal(shifted.perm_r, shifted.perm_c) and shifted.U.diagonal().min() > 0
-    return mu if mu > 0 and positive else 0.0
+    return mu if mu > 0 and positive and _skew(shifted, D[factor.order]) <= shift / 4 else 0.0
+
+
+def _most_in_rows(B: sp.csr_array, order: Index) -> tuple[int, int]:
+    """The most places for numbers in a row of the factor L of B (n, n), and in one of L + L^T.
+
+    SuperLU leaves out numbers that cancel to 0. Nothing cancels in a matrix with the same places whose
+    numbers beside the diagonal are negative; this one is a graph's Laplacian, plus 1/n.
+    """
+    n, places = B.shape[0], B.copy()
+    places.data[:] = -1.0
+    places.setdiag(np.diff(B.indptr) - 1 + 1 / n)
+    L = factorise(places, order).L
+    in_rows, in_columns = np.bincount(L.indices), np.diff(L.indptr)
+    return int(in_rows.max()), int((in_rows + in_columns).max())
+
+
+def _skew(factors: SuperLU, D: Array) -> float:
+    """A number s with |v . L W v| <= s v . D v, for W = U - P L^T, by Gershgorin's theorem."""
+    root = np.empty(len(D))
+    root[factors.perm_c] = np.sqrt(D)
+    L, U = factors.L, factors.U
+    W = abs(U - sp.diags_array(U.diagonal()) @ L.T)
+    rows = abs(L) @ (W @ (1 / root)) / root
+    columns = W.T @ (abs(L).T @ (1 / root)) / root
+    return float(np.max(rows + columns) / 2)

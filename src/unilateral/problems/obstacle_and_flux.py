@@ -38,6 +38,13 @@ JUMP = 1e-12
 That is for users who round: `data_checks` refuses what differs by more, beyond the doubt of both, and
 `bounds.constraint` takes away what differs by less.
 """
+HIDDEN = 2.0**-26
+"""Rounding hides whether data fit together at a vertex if it leaves fewer than half of the digits there.
+
+They are those of the larger one of the two sides, for a number itself may be 0.
+"""
+TINY = 1e-140
+"""Data of this size are taken for 0, see `data_checks.SMALLEST`."""
 WIDE = 4 * PLACES
 """For q no piece is cut in parts shorter than half of this many units in the last place of the perimeter."""
 
@@ -89,18 +96,31 @@ class Obstacle(Piecewise):
         """(n,) by how much `ends` may differ at the vertices, beyond their doubts, where users rounded."""
         return np.asarray(JUMP * np.abs(self.ends).max(axis=0))
 
+    @property
+    def hidden(self) -> Mask:
+        """(n,) whether rounding hides at a vertex whether the two `ends` fit together.
+
+        So it is with steep data, as a place is rounded: u may jump there for all that is known.
+        """
+        sizes = np.full(self.polygon.n_sides, TINY)
+        np.maximum.at(sizes, self.side, np.abs(self.c).sum(axis=0))
+        doubt = self.end_doubts.sum(axis=0)
+        apart = np.abs(np.diff(self.ends, axis=0)[0]) > self.rounded_jumps + doubt
+        return ~apart & ~(doubt <= HIDDEN * np.maximum(sizes, np.roll(sizes, 1)))
+
     def allowed_jumps(self, s: Array, side: Index) -> Array:
         """(k,) by how much the polynomials of data that fit together may differ at the start of edges.
 
         The edges lie on the sides (k,), between the arc lengths s (k + 1,) of the perimeter. On either of two
         that meet the polynomial is within its doubt of g. If `data_checks` accepts them, the two g at a
         vertex differ by at most `rounded_jumps` and twice the `end_doubts`: their values are known up to
-        these, and compared up to these.
+        these, and compared up to these. None is allowed, not even 0, where it is `hidden`.
         """
         start, end = self.outer_pieces(s)
         allowed = self.doubt[start] + np.roll(self.doubt[end], 1)
         vertices = np.searchsorted(side, np.arange(self.polygon.n_sides))
         allowed[vertices] += self.rounded_jumps + 2 * self.end_doubts.sum(axis=0)
+        allowed[vertices[self.hidden]] = -np.inf
         return np.asarray(allowed)
 
 

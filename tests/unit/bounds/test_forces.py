@@ -320,6 +320,8 @@ def test_all_that_is_not_known_of_f_and_q_is_in_the_balance():
         lower, upper = balance(of, none)
         assert 0.5 * (lower + upper) == pytest.approx(1)
         assert width + 1e-16 < upper - 1 < width + 1e-8
+    unknown = replace(source, f_h=np.zeros((2, 3)), rest=np.full(2, 3.0))  # areas are rounded, too
+    assert 6 * math.sqrt(1 / 2) * (1 + 1e-12) < balance(unknown, none)[1] < 6 * math.sqrt(1 / 2) * (1 + 1e-8)
     far = replace(source, f_h=np.array([[1e9, 1e9, 1e9], [-1e9, -1e9, -1e9]]))
     assert balance(far, none)[1] > 1e9 * np.finfo(float).eps
     exact = balance(source, flux)

@@ -115,6 +115,7 @@ def test_no_eigenvalue_is_below_what_is_found_whatever_is_rounded(monkeypatch):
     assert all(mu == 0 or mu <= exact for mu, exact in zip(found, least, strict=True))
     assert 10 < np.count_nonzero(found) < 55
     monkeypatch.setattr(poincare, "EPS", 0.0)
+    monkeypatch.setattr(poincare, "_skew", lambda factors, D: 0.0)
     without = [poincare._least(B) for B in matrices]
     assert any(mu > exact for mu, exact in zip(without, least, strict=True))
 
@@ -125,6 +126,34 @@ def nearly_singular(rng, least):
     scale = 10 ** rng.uniform(0, 6, 6)
     B = scale[:, None] * ((Q * np.append(least, rng.uniform(0.1, 1, 5))) @ Q.T) * scale
     return sp.csr_array(0.5 * (B + B.T))
+
+
+def test_places_whose_numbers_cancel_are_counted():
+    """SuperLU leaves them out, but what cancels is rounded. By hand: the factor's column 1 has 3 places.
+
+    Without pivoting row 2 gets 1/2 - 1 * 1/2 = 0 in column 1, and row 3 a place in column 2 by that.
+    """
+    B = sp.csr_array(np.array([[2.0, 1, 1, 0], [1, 2, 0.5, 1], [1, 0.5, 2, 0], [0, 1, 0, 2]]))
+    assert poincare.factorise(B, np.arange(4)).L.nnz == 7
+    assert poincare._most_in_rows(B, np.arange(4)) == (3, 5)
+
+
+def test_factors_that_are_not_transposed_to_each_other_prove_nothing(monkeypatch):
+    """Nor do positive pivots: [[1, 1/3], [-1/3, -1/20]] has 1 and 11/180, and -1/20 on its diagonal.
+
+    W = U - P L^T has 2/3 in the corner, so that L W has 2/3 and -2/9 in the last column.
+    """
+    skew = sp.csr_array(np.array([[1.0, 1 / 3], [-1 / 3, -1 / 20]]))
+    factors = poincare.factorise(skew, np.arange(2))
+    assert factors.U.diagonal().min() > 0
+    # half of the last row and the last column of |L W| with D = 1
+    assert poincare._skew(factors, np.ones(2)) == pytest.approx(0.5 * (2 / 9 + 2 / 3 + 2 / 9))
+    symmetric = poincare.factorise(sp.csr_array(np.array([[4.0, 2.0], [2.0, 3.0]])), np.arange(2))
+    assert poincare._skew(symmetric, np.ones(2)) == 0
+    B = sp.csr_array(np.diag([1.0, 2.0, 3.0]) + 0.1)
+    assert poincare._least(B) > 0
+    monkeypatch.setattr(poincare, "_skew", lambda factors, D: 1e-12)
+    assert poincare._least(B) == 0
 
 
 # Each term on two right triangles, where the matrix has four unknowns

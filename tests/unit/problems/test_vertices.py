@@ -241,6 +241,30 @@ def test_no_jump_that_is_left_over_has_a_bound(c):
         assert math.isfinite(s.forces().whole.upper) == finite
 
 
+STEEP = "tanh({}*(y - 1))"
+"""On side 1 of the square; it is 0 at (1, 1), but there y is rounded by 1e-16."""
+
+
+@pytest.mark.parametrize(
+    ("slope", "u", "finite"),
+    [("1e30", "1", False), ("1e30", "0", False), ("1e15", "1/2", False), ("1e5", "0", True)],
+)
+def test_no_bound_is_finite_where_rounding_hides_a_jump(slope, u, finite):
+    """u = 1 at the vertex is 1 off, which no u in H^1 is. Control: a slope of 1e5 leaves enough digits."""
+    given = {1: STEEP.format(slope), 2: u}
+    s = ul.solve(ul.Problem(UNIT, 0, [-9, None, None, -9], u=given), h=1 / 4, H=1 / 2)
+    assert math.isfinite(s.bounds.u) == math.isfinite(s.bounds.multiplier) == finite
+    assert ("guaranteed" in repr(s.bounds)) == finite
+
+
+def test_a_steep_u_that_is_above_g_has_a_bound():
+    """Whatever u is at (1, 1) it is above g there. Control: not if g is one of its values."""
+    for g, finite in ((-9, True), ("-1/2", False)):
+        problem = ul.Problem(UNIT, 0, [-9, None, g, None], [3], u={1: STEEP.format("1e15")})
+        s = ul.solve(problem, h=1 / 4, H=1 / 2)
+        assert math.isfinite(s.bounds.u) == finite
+
+
 @pytest.mark.parametrize("c", [0, 1])
 @pytest.mark.parametrize("least", [-1, -1e9, -1e12])
 def test_a_bound_is_above_the_error_and_what_was_taken_for_rounding(least, c):

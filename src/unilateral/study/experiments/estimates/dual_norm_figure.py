@@ -22,7 +22,7 @@ COLUMNS = ["kind", "case", "h", "H", "h_over_H", "lower", "upper", "mean", "gap"
 COMPARED = 2
 DASH = 2.6
 NOTE = (
-    "Markers: r.m.s. means of the guaranteed bounds, with bars from one to the other; the shortcuts of "
+    "Markers: r.m.s. means of the two bounds, with bars from one to the other; the shortcuts of "
     r"$\mu=1$ and $\mu=\pm1$ are one line."
 )
 
