@@ -91,7 +91,7 @@ class CondensedProblem(DiscreteProblem):
         return share * (self.first.bound - self.first.rounding) + ROOM * self.first.rounding
 
     def solved(self, stop: Stop) -> DiscreteSolution:
-        """(u_h, lambda_H), with an algebraic error of at most `stop.tolerance`, or a fraction of other errors."""
+        """(u_h, lambda_H), with an algebraic error up to `stop.tolerance`, or a fraction of other errors."""
         return solve(self, stop)
 
     def iterated(
