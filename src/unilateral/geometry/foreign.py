@@ -36,21 +36,21 @@ def mesh_from(
     points, cells = _in_plane(points, where), _whole(cells, where)
     if polygon is not None:
         return from_arrays(polygon, points, cells, where, rounded=True)
-    found = outline(points, cells, where)
-    mesh = from_arrays(found.polygon, points, cells, where, rounded=True)
-    _tell_moved(found, points, mesh, where)
+    boundary = outline(points, cells, where)
+    mesh = from_arrays(boundary.polygon, points, cells, where, rounded=True)
+    _tell_moved(boundary, points, mesh, where)
     return mesh
 
 
-def _tell_moved(found: Outline, points: Array, mesh: Mesh, where: str) -> None:
+def _tell_moved(boundary: Outline, points: Array, mesh: Mesh, where: str) -> None:
     """Warns where turns of the boundary were taken for rounding, and nodes moved for that."""
     away = np.hypot(*(mesh.points - points).T)
     moved, farthest = int(np.count_nonzero(away)), int(away.argmax())
-    if moved and len(found.rounded):
-        turns, nodes = counted(len(found.rounded), "node"), counted(moved, "node was", "nodes were")
+    if moved and len(boundary.rounded):
+        turns, nodes = counted(len(boundary.rounded), "node"), counted(moved, "node was", "nodes were")
         warnings.warn(
             f"{where}: the polygon has {mesh.polygon.n_sides} sides; the turns of its boundary at {turns}, "
-            f"of up to {np.degrees(found.turn):.2g} degrees, are taken for rounding of coordinates, and "
+            f"of up to {np.degrees(boundary.turn):.2g} degrees, are taken for rounding of coordinates, and "
             f"{nodes} moved onto the sides, node {node(points, farthest)} by {away[farthest]:.2g}",
             SolutionWarning,
             stacklevel=4,

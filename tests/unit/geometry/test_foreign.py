@@ -196,7 +196,7 @@ def test_what_is_no_polygon_is_refused(given, message):
 
 
 def test_a_polygon_of_no_numbers_is_refused():
-    with pytest.raises(ul.InputError, match="its vertices are 'square'; they have to be pairs"):
+    with pytest.raises(ul.InputError, match="it is 'square'; its vertices have to be pairs"):
         ul.Polygon("square")
 
 
