@@ -105,7 +105,7 @@ def from_meshio(content: Any, where: str) -> tuple[Array, Array]:
             f"{where}: there are cells of type {curved[0]}, {SECOND_ORDER}, in gmsh by Mesh.ElementOrder = 1"
         )
     if foreign:
-        raise InputError(f"{where}: there are cells of type {foreign[0]}; only plain triangles will do")
+        raise InputError(f"{where}: there are cells of type {foreign[0]}; take plain triangles")
     points = np.asarray(content.points, dtype=float)
     blocks = [np.asarray(block.data) for block in content.cells if block.type == "triangle"]
     if points.size == 0:
@@ -138,5 +138,5 @@ def _whole(triangles: ArrayLike, where: str) -> Index:
     wanted = "they have to be whole numbers, an array of the shape (m, 3)"
     found = indices(triangles, f"{where}, triangles", wanted)
     if found.ndim == 2 and found.shape[1] != 3 and found.size:
-        raise InputError(f"{where}: there are cells of {found.shape[1]} nodes; only plain triangles will do")
+        raise InputError(f"{where}: there are cells of {found.shape[1]} nodes; take plain triangles")
     return found
