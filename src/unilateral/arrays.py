@@ -1,4 +1,4 @@
-"""Types of arrays, whose shapes docstrings give; the door for arrays of users; blocks of long arrays."""
+"""Types of arrays, whose shapes docstrings give; checks of arrays that users give; blocks of long arrays."""
 
 from __future__ import annotations
 
