@@ -1,7 +1,7 @@
 """`make bench`: runs what has not yet run, one process after the other, and writes benchmarks/results.nc.
 
-With sizes, as in `make bench sizes="256"`, these only, and the table is printed, not written. A run that was
-stopped goes on where it was; `benchmarks/runs` holds what is done, and is to be removed to measure anew.
+With sizes, as in `make bench sizes="256"`, these only, and the table is printed, not written. A run that
+was stopped resumes: `benchmarks/runs` holds finished runs. Remove that folder to measure anew.
 """
 
 from __future__ import annotations

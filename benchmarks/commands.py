@@ -1,7 +1,7 @@
 """Whole processes: what a user types, and drivers of other packages; writes benchmarks/commands.json.
 
 `make bench` runs it, too. Seconds and memory are those of the processes from their start to their end. With
-sizes, as in `python -m benchmarks.commands 32`, these only, and nothing is written. It goes on where it was.
+sizes, as in `python -m benchmarks.commands 32`, these only, and nothing is written. If stopped, it resumes.
 """
 
 from __future__ import annotations

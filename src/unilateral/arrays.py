@@ -1,4 +1,4 @@
-"""Types of arrays, whose shapes docstrings give; the door for arrays of users; blocks of long arrays."""
+"""Types of arrays, whose shapes docstrings give; checks of arrays that users give; blocks of long arrays."""
 
 from __future__ import annotations
 
@@ -117,14 +117,14 @@ def _check_mask_and_labels(given: Any, where: str) -> None:
         if masked.size:
             raise InputError(
                 f"{where}: {masked.size} of {given.size} numbers are masked, the first at the place "
-                f"{masked[0]}; give an array without masked numbers, such as array.filled(0.0) if 0 is meant"
+                f"{masked[0]}; give an array without masked numbers, such as array.filled(0.0) if these are 0"
             )
     for labels in _labels(given):
         if labels not in ([*range(len(labels))], [*"xyz"][: len(labels)]):
             raise InputError(
                 f"{where}: the labels of the {type(given).__name__} begin with "
                 f"{shown(', '.join(map(str, labels[:4])))}; they have to be 0, 1, 2, … in order, or give "
-                "its .to_numpy() if its rows are in the order that is meant"
+                "its .to_numpy() if its rows are in the right order"
             )
 
 

@@ -79,7 +79,7 @@ REFUSED = {
     "a series in another order": (
         pd.Series(VALUES)[::-1],
         "the labels of the Series begin with 8, 7, 6, 5; they have to be 0, 1, 2, … in order, or give its "
-        ".to_numpy() if its rows are in the order that is meant",
+        ".to_numpy() if its rows are in the right order",
     ),
     "a part of a series": (pd.Series(VALUES)[1:], "the labels of the Series begin with 1, 2, 3, 4"),
     "named rows": (pd.Series([1.0, 2.0], ["a", "b"]), "the labels of the Series begin with a, b"),

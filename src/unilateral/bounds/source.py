@@ -96,12 +96,12 @@ class Source:
 
     @property
     def unknown(self) -> float:
-        """What of that is f - p, whose means are not known."""
+        """A bound on the L2 norm of f - p, the part of f that the polynomials miss."""
         return float(np.linalg.norm(self.rest))
 
     @property
     def irreducible(self) -> float:
-        """What of that hardly falls on finer meshes."""
+        """The part of that norm that hardly falls on finer meshes."""
         return 0.0 if self.resolved else self.unknown
 
     def put(self, at: Index | slice, of: Source) -> None:

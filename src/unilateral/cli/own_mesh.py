@@ -12,7 +12,7 @@ from unilateral.geometry.polygon import Polygon
 
 
 def own_mesh(file: str, polygon: Polygon | None) -> Mesh:
-    """The mesh in the file; what was changed in it is told on standard error."""
+    """The mesh in the file. Warnings say what was changed in it."""
     if not Path(file).is_file():
         raise InputError(f"argument --mesh: there is no file '{file}'")
     with warnings.catch_warnings():

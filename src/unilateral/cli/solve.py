@@ -157,12 +157,12 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
     return printed
 
 
-def _too_coarse(found: Solution, bounds: Bounds) -> bool:
+def _too_coarse(solution: Solution, bounds: Bounds) -> bool:
     """Whether the mesh alone may be the reason that the bound is not below the norm of u.
 
     A u_h that is 0 has no relative error, whatever the mesh.
     """
-    return found.converged and found.unique and found.solved.u_norm > 0 and not bounds.relative_u < 1
+    return solution.converged and solution.unique and solution.solved.u_norm > 0 and not bounds.relative_u < 1
 
 
 def _targets(options: SimpleNamespace) -> list[Path]:

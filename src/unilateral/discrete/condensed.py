@@ -66,7 +66,7 @@ class CondensedProblem(DiscreteProblem):
         return self.exact.errors(self.spaces, lambda_H) if self.exact else None
 
     def lambda_norm(self, lambda_H: Array) -> float:
-        """That norm up to the rounding of A_3."""
+        """Lower bound on the discrete dual norm of lambda_H, up to the rounding of A_3."""
         return (1 - FORMS) * float(dnrm2(self.spaces.operator.half @ lambda_H))
 
     @cached_property
@@ -91,7 +91,7 @@ class CondensedProblem(DiscreteProblem):
         return share * (self.first.bound - self.first.rounding) + ROOM * self.first.rounding
 
     def solved(self, stop: Stop) -> DiscreteSolution:
-        """See `solve`."""
+        """(u_h, lambda_H), with an algebraic error up to `stop.tolerance`, or a fraction of other errors."""
         return solve(self, stop)
 
     def iterated(

@@ -76,7 +76,7 @@ def _plain(folder: Path, name: object) -> str:
     """A name from problem.json. Raises InputError for one that leads out of the folder."""
     if not isinstance(name, str) or Path(name).name != name or name in ("", ".."):
         raise InputError(
-            f"{folder / 'problem.json'}: {shown(repr(name))} is no name of what is in this folder"
+            f"{folder / 'problem.json'}: {shown(repr(name))} is not the name of a file in this folder"
         )
     return name
 

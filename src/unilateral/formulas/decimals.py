@@ -47,8 +47,8 @@ def interval(lower: float, upper: float, value: float = math.nan, spec: str = ""
 
     An end that is infinite or NaN is not known, and a value that is not finite is left out. All intervals
     that are printed are written here. Both ends are rounded outwards, to a format or, without a `spec`, as
-    the least distance of two digits from the value. A lower end of 0 alone is known of every norm, constant
-    and contact force; it is not told.
+    the least distance of two digits from the value. A lower end of 0 alone is not printed: every norm,
+    constant and contact force has it.
 
     >>> interval(6.0135, 6.2266, 6.1144), interval(6.0135, 6.2266, 6.1144, ".2f")
     ('6.11 ± 0.12', '6.11, between 6.01 and 6.23')
@@ -80,14 +80,14 @@ def is_bounded(lower: float, upper: float) -> bool:
 
 
 def guaranteed(text: str, lower: float, upper: float) -> str:
-    """A text that tells an interval, with the word after it; as it is where no end is known."""
+    """The text of an interval, with the word "guaranteed" after it if at least one end is known."""
     return f"{text}, guaranteed" if is_bounded(lower, upper) else text
 
 
 def fields(value: float, lower: float, upper: float) -> dict[str, float | str | None]:
     """An interval about a value for programs: `known` says which of its ends are: both, lower, upper or None.
 
-    JSON has null for what is not finite.
+    Numbers that are not finite become null in JSON.
     """
     ends = {"lower": lower, "upper": upper}
     finite = [name for name, end in ends.items() if math.isfinite(end)]

@@ -109,8 +109,8 @@ def read_mesh(path: str | os.PathLike[str], polygon: Polygon | None = None) -> M
     unused = np.setdiff1d(np.arange(len(points)), used)
     what = counted(len(unused), "node of no triangle is", "nodes of no triangle are")
     warnings.warn(
-        f"{where}: {what} left out, such as node {node(points[:, :2], int(unused[0]))}; the others are "
-        "numbered anew",
+        f"{where}: {what} left out, such as node {node(points[:, :2], int(unused[0]))}; the other "
+        "nodes are numbered anew",
         SolutionWarning,
         stacklevel=3,
     )

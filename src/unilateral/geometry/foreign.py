@@ -36,21 +36,21 @@ def mesh_from(
     points, cells = _in_plane(points, where), _whole(cells, where)
     if polygon is not None:
         return from_arrays(polygon, points, cells, where, rounded=True)
-    found = outline(points, cells, where)
-    mesh = from_arrays(found.polygon, points, cells, where, rounded=True)
-    _tell_moved(found, points, mesh, where)
+    boundary = outline(points, cells, where)
+    mesh = from_arrays(boundary.polygon, points, cells, where, rounded=True)
+    _tell_moved(boundary, points, mesh, where)
     return mesh
 
 
-def _tell_moved(found: Outline, points: Array, mesh: Mesh, where: str) -> None:
+def _tell_moved(boundary: Outline, points: Array, mesh: Mesh, where: str) -> None:
     """Warns where turns of the boundary were taken for rounding, and nodes moved for that."""
     away = np.hypot(*(mesh.points - points).T)
     moved, farthest = int(np.count_nonzero(away)), int(away.argmax())
-    if moved and len(found.rounded):
-        turns, nodes = counted(len(found.rounded), "node"), counted(moved, "node was", "nodes were")
+    if moved and len(boundary.rounded):
+        turns, nodes = counted(len(boundary.rounded), "node"), counted(moved, "node was", "nodes were")
         warnings.warn(
             f"{where}: the polygon has {mesh.polygon.n_sides} sides; the turns of its boundary at {turns}, "
-            f"of up to {np.degrees(found.turn):.2g} degrees, are taken for rounding of coordinates, and "
+            f"of up to {np.degrees(boundary.turn):.2g} degrees, are taken for rounding of coordinates, and "
             f"{nodes} moved onto the sides, node {node(points, farthest)} by {away[farthest]:.2g}",
             SolutionWarning,
             stacklevel=4,
@@ -105,7 +105,7 @@ def from_meshio(content: Any, where: str) -> tuple[Array, Array]:
             f"{where}: there are cells of type {curved[0]}, {SECOND_ORDER}, in gmsh by Mesh.ElementOrder = 1"
         )
     if foreign:
-        raise InputError(f"{where}: there are cells of type {foreign[0]}; only plain triangles will do")
+        raise InputError(f"{where}: there are cells of type {foreign[0]}; take plain triangles")
     points = np.asarray(content.points, dtype=float)
     blocks = [np.asarray(block.data) for block in content.cells if block.type == "triangle"]
     if points.size == 0:
@@ -138,5 +138,5 @@ def _whole(triangles: ArrayLike, where: str) -> Index:
     wanted = "they have to be whole numbers, an array of the shape (m, 3)"
     found = indices(triangles, f"{where}, triangles", wanted)
     if found.ndim == 2 and found.shape[1] != 3 and found.size:
-        raise InputError(f"{where}: there are cells of {found.shape[1]} nodes; only plain triangles will do")
+        raise InputError(f"{where}: there are cells of {found.shape[1]} nodes; take plain triangles")
     return found

@@ -62,8 +62,8 @@ def units(values: ArrayLike) -> Array:
     ([0.0001, 0.0001, 0.001], [0.0, 0.0])
     """
     numbers = np.abs(np.asarray(values, dtype=float))
-    found = np.maximum(_significant_units(numbers), _decimal_unit(numbers))
-    return np.maximum(found, _single_units(numbers, 0.5 * found))
+    decimal = np.maximum(_significant_units(numbers), _decimal_unit(numbers))
+    return np.maximum(decimal, _single_units(numbers, 0.5 * decimal))
 
 
 def as_typed(values: ArrayLike) -> bool:

@@ -139,7 +139,7 @@ def _check(case: Case, sample: _Sample, size: float) -> None:
 
 
 def _check_given(case: Case, sample: _Sample, size: float) -> None:
-    """Raises InputError where u is not what is declared on a clamped side."""
+    """Raises InputError where u differs from the declared u on a clamped side."""
     x, y = case.polygon.at(
         np.full(len(sample.t), sample.side), sample.t * case.polygon.lengths[sample.side]
     ).T
@@ -147,7 +147,7 @@ def _check_given(case: Case, sample: _Sample, size: float) -> None:
     k = int(np.argmax(np.abs(sample.u - given)))
     if abs(sample.u[k] - given[k]) > ROUND_OFF * size:
         values = f"u = {sample.u[k]:.6g}, declared is {given[k]:.6g}"
-        raise InputError(f"{_place(case, sample.side, sample.t[k])}: u is not what is declared ({values})")
+        raise InputError(f"{_place(case, sample.side, sample.t[k])}: u is not as declared ({values})")
 
 
 def _contact(case: Case, side: int) -> list[tuple[float, float]]:

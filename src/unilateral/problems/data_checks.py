@@ -71,8 +71,8 @@ def check_vertices(of: Sampled) -> None:
 def _end(of: Sampled, side: int, end: float) -> tuple[float, float]:
     """g or u at the end t = 0 or 1 of a side, and how well it is known there.
 
-    Second differences next to the vertex are the noise of the function, for all else in them is as small as
-    the square of a step. Its slope there is multiplied by the rounding of places.
+    Second differences next to the vertex show the noise of the function, because all else in them is as small
+    as the square of a step. To the noise comes the slope there, times the rounding of places.
     """
     polygon, steps = of.polygon, STEP * np.arange(STEPS + 1)
     length = polygon.lengths[side]
@@ -121,7 +121,7 @@ def _check_vertex(
 
 
 def _always() -> bool:
-    """That a smaller g than another one may be of any size."""
+    """For a side whose g is not the largest: it may be of any size."""
     return True
 
 

@@ -159,18 +159,18 @@ def _at_vertices(
 ) -> tuple[Array, Array]:
     """(2, n), (2, n) the `ends` and `end_doubts` of an `Obstacle`.
 
-    They are those at the vertex itself, however little is known of g on the pieces there. Where nothing is
-    known at the point, as next to a singularity, they are those of the pieces.
+    g is enclosed at the vertex itself, however little is known of it on the pieces beside the vertex. If no
+    enclosure is known at the vertex, as next to a singularity, that of the piece there is taken.
     """
     n = polygon.n_sides
     ends, doubts = np.zeros((2, 2, n))
-    held = np.setdiff1d(np.arange(n), free)
-    for row, t in ((0, 1.0), (1, 0.0)) if held.size else ():
-        place = np.full(len(held), t)
-        exact = on_intervals(model, held, place, place)
-        piece = np.searchsorted(side, held, side="right") - 1 if t else np.searchsorted(side, held)
+    with_g = np.setdiff1d(np.arange(n), free)
+    for row, t in ((0, 1.0), (1, 0.0)) if with_g.size else ():
+        place = np.full(len(with_g), t)
+        exact = on_intervals(model, with_g, place, place)
+        piece = np.searchsorted(side, with_g, side="right") - 1 if t else np.searchsorted(side, with_g)
         value = c[:, piece].sum(axis=0) if t else SIGNS @ c[:, piece]
-        known, vertex = np.isfinite(exact.rad), (held + int(t)) % n
+        known, vertex = np.isfinite(exact.rad), (with_g + int(t)) % n
         ends[row, vertex] = np.where(known, exact.c[0], value)
         doubts[row, vertex] = np.where(known, exact.rad, doubt[piece])
     return ends, doubts

@@ -174,13 +174,15 @@ def _together(pieces: Sequence[IntervalPieces]) -> IntervalPieces:
 def _too_wide(pieces: IntervalPieces, least: float) -> Mask:
     """Where a function is not known up to SHARP times its spread on its side above `least`.
 
-    Below `least` that is its depth there. On another side its numbers may be of another size.
+    On a piece where it is below `least`, its depth below `least` counts, if that is more. Each side has its
+    own scale, because the numbers of another side may be of another size.
     """
-    held, n = np.isfinite(pieces.lower), int(pieces.side.max(initial=-1)) + 1
+    n = int(pieces.side.max(initial=-1)) + 1
+    known = np.isfinite(pieces.lower)
     at_centre, size = pieces.c[0], np.abs(pieces.c).sum(axis=0)
     lowest, highest = np.full(n, np.inf), np.full(n, -np.inf)
-    np.minimum.at(lowest, pieces.side[held], at_centre[held])
-    np.maximum.at(highest, pieces.side[held], at_centre[held])
+    np.minimum.at(lowest, pieces.side[known], at_centre[known])
+    np.maximum.at(highest, pieces.side[known], at_centre[known])
     floor = np.maximum(least, lowest)[pieces.side]
     scale = np.maximum(highest[pieces.side] - floor, floor - pieces.lower)
     return np.asarray(~(pieces.rad <= np.maximum(SHARP * scale, FLOOR * size)))

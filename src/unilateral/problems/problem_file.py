@@ -152,8 +152,8 @@ def check_roots(problem: Problem, name: str) -> None:
     for side in range(problem.polygon.n_sides):
         free = side in problem.free_sides
         field = "q" if free else "u" if side in problem.clamped_sides else "g"
-        given = problem.q if free else problem.g
-        for root in _roots(given[side]) if given else ():
+        formulas = problem.q if free else problem.g
+        for root in _roots(formulas[side]) if formulas else ():
             if not np.isfinite(range_on_side(problem.polygon, root, side)).all():
                 read = partial(plain, field=field) if free else None
                 raise InputError(f"{name}, field {field}: {_needs(root, f'on side {side}', read)}")

@@ -148,9 +148,9 @@ def not_unique(mesh: Mesh, own: bool) -> str:
     return f"may not be unique, because beta is 0 up to rounding; {advice}"
 
 
-def flat_triangles(found: DiscreteSolution) -> str:
+def flat_triangles(solved: DiscreteSolution) -> str:
     """Says that flat triangles make up most of the cheap bound; else empty."""
-    bound, mesh = found.bound(False), found.discrete.mesh
+    bound, mesh = solved.bound(False), solved.discrete.mesh
     if not isinstance(bound, LocalBound):
         return ""
     flatness = mesh.longest_edges**2 / (2 * mesh.areas)  # the longest edge over the height on it

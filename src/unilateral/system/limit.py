@@ -21,9 +21,9 @@ class OutOfTime(Exception):
 def limited(function: Callable[[], T], seconds: float) -> T:
     """What the function returns, or what it raises; OutOfTime after so many seconds.
 
-    It runs in a thread, which is ended where it goes on in Python. So this works in any thread and on any
-    system; signals would do so neither. A function that never returns to Python goes on until the program
-    ends, and one that holds Python's lock meanwhile is not limited.
+    It runs in a thread, which ends at its next line of Python. This works in any thread and on any system,
+    unlike signals. A function that never returns to Python runs until the program ends, and one that holds
+    Python's lock meanwhile is not limited.
     """
     returned, raised = list[T](), list[BaseException]()
 
@@ -40,12 +40,13 @@ def limited(function: Callable[[], T], seconds: float) -> T:
         while thread.is_alive() and monotonic() < end:
             thread.join(WAIT)
     finally:
-        if thread.is_alive():
+        late = thread.is_alive()
+        if late:
             ctypes.pythonapi.PyThreadState_SetAsyncExc(
                 ctypes.c_ulong(thread.ident or 0), ctypes.py_object(SystemExit)
             )
+    if late:  # not what ending the thread may have raised in it meanwhile
+        raise OutOfTime
     if raised:
         raise raised[0]
-    if not returned:
-        raise OutOfTime
     return returned[0]

@@ -476,7 +476,7 @@ def test_names_that_lead_out_of_the_folder_are_refused(folder, tmp_path, refused
         if file.name != "problem.json":
             (tmp_path / file.name).symlink_to(file)
     said = refused("score", tmp_path, "u.csv")
-    assert said.endswith(f"problem.json: {name!r} is no name of what is in this folder\n")
+    assert said.endswith(f"problem.json: {name!r} is not the name of a file in this folder\n")
 
 
 def test_what_is_missing_for_a_rate_is_told(folder, tmp_path, run):

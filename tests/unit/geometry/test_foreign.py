@@ -87,8 +87,8 @@ def test_halving_keeps_the_polygon_and_the_numbers_of_nodes():
 BOTH = np.r_[TRIANGLES, TRIANGLES + len(POINTS)]
 REFUSED = {
     "unused": ((np.r_[POINTS, [[2, 2]]], TRIANGLES), "node 81 (2, 2) belongs to no triangle; leave it out"),
-    "quads": ((POINTS, [[0, 1, 2, 3]]), "there are cells of 4 nodes; only plain triangles will do"),
-    "quads of scikit-fem": ((skfem.MeshQuad(),), "there are cells of 4 nodes; only plain triangles will do"),
+    "quads": ((POINTS, [[0, 1, 2, 3]]), "there are cells of 4 nodes; take plain triangles"),
+    "quads of scikit-fem": ((skfem.MeshQuad(),), "there are cells of 4 nodes; take plain triangles"),
     "from 1": ((POINTS, TRIANGLES + 1), "but the nodes' numbers run from 0 to 80"),
     "fractions": ((POINTS, TRIANGLES / 2), "mesh, triangles: they have to be whole numbers"),
     "words": ((POINTS, "triangles"), "mesh, triangles: it is 'triangles'; they have to be whole numbers"),
@@ -196,7 +196,7 @@ def test_what_is_no_polygon_is_refused(given, message):
 
 
 def test_a_polygon_of_no_numbers_is_refused():
-    with pytest.raises(ul.InputError, match="its vertices are 'square'; they have to be pairs"):
+    with pytest.raises(ul.InputError, match="it is 'square'; its vertices have to be pairs"):
         ul.Polygon("square")
 
 
