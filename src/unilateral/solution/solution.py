@@ -88,6 +88,7 @@ class Forces(NamedTuple):
         clamped = {side for row in self.reactions for side in row}
         others = {side: force for side, force in enumerate(self.sides) if side not in clamped}
         every = [self.whole, *others.values(), *self.reactions.values()]
+        every += [self.total] if self.total else []
         for_all = all(is_bounded(force.lower, force.upper) for force in every)
         sides = [f"{side}: {_written(force, not for_all)}" for side, force in others.items()]
         more = f" and {len(sides) - SHOWN} more" if len(sides) > SHOWN else ""

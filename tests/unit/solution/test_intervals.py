@@ -120,6 +120,8 @@ def test_what_was_printed_once_is_found_to_be_wrong():
 def test_forces_say_guaranteed_once_only_if_all_have_bounds():
     known, unknown = Force(1.0, 0.75, 1.25), Force(2.0, 0.0, math.inf)
     assert repr(Forces(known, [known])) == "Forces: 1.00 ± 0.25; on sides 0: 1.00 ± 0.25; guaranteed"
+    total = repr(Forces(known, [known], {}, Force(1.0, -math.inf, math.inf)))
+    assert total.endswith("sum of forces and reactions: 1, no bound")
     assert repr(Forces(unknown, [known, unknown], {(1,): Force(math.nan, -math.inf, math.inf)})) == (
         "Forces: 2, no upper bound; on sides 0: 1.00 ± 0.25, guaranteed; reaction on side 1: unknown"
     )
