@@ -62,8 +62,8 @@ def check_vertices(of: Sampled) -> None:
     """Raises InputError where g or u jumps at a vertex, or u < g: then no u in H^1 has that trace."""
     n = of.polygon.n_sides
     for vertex in _between(of):
-        end, doubt_of_end = _end(of, (vertex - 1) % n, 1.0)
         start, doubt_of_start = _end(of, vertex, 0.0)
+        end, doubt_of_end = _end(of, (vertex - 1) % n, 1.0)
         allowed = KEPT * max(abs(end), abs(start)) + doubt_of_end + doubt_of_start
         _check_vertex(of, of.name, vertex, end, start, allowed)
 
