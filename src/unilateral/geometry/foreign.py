@@ -59,7 +59,7 @@ def _tell_moved(found: Outline, points: Array, mesh: Mesh, where: str) -> None:
 
 def halved(mesh: Mesh, times: int) -> Mesh:
     """The mesh with every edge halved so many times. Raises InputError for what is no such number."""
-    if not isinstance(times, int | np.integer) or not 0 <= times <= MOST_HALVINGS:
+    if not isinstance(times, int | np.integer) or isinstance(times, bool) or not 0 <= times <= MOST_HALVINGS:
         raise InputError(
             f"halvings is {shown(repr(times))}; it has to be a whole number from 0 to {MOST_HALVINGS}"
         )
@@ -89,7 +89,8 @@ def _arrays(given: Any, triangles: ArrayLike | None, where: str) -> tuple[Any, A
         return np.transpose(given.p), np.transpose(given.t)
     if hasattr(given, "x") and hasattr(given, "y") and hasattr(given, "triangles"):  # matplotlib
         mask = getattr(given, "mask", None)
-        return np.column_stack([given.x, given.y]), given.triangles[... if mask is None else ~mask]
+        x, y = (floats(of, f"{where}, {name}") for name, of in (("x", given.x), ("y", given.y)))
+        return np.column_stack([x, y]), given.triangles[... if mask is None else ~mask]
     raise InputError(
         f"{where}: {shown(' '.join(repr(given).split()))} is no mesh; give a file, points and triangles, or "
         "a mesh of meshio, scikit-fem or matplotlib"
@@ -106,8 +107,10 @@ def from_meshio(content: Any, where: str) -> tuple[Array, Array]:
         )
     if foreign:
         raise InputError(f"{where}: there are cells of type {foreign[0]}; only plain triangles will do")
-    points = np.asarray(content.points, dtype=float)
-    blocks = [np.asarray(block.data) for block in content.cells if block.type == "triangle"]
+    points = floats(content.points, f"{where}, points")
+    blocks = [
+        indices(block.data, f"{where}, triangles") for block in content.cells if block.type == "triangle"
+    ]
     if points.size == 0:
         raise InputError(f"{where}: there are no nodes; a mesh of plain triangles is needed")
     if points.ndim != 2 or any(block.size and block.shape[1:] != (3,) for block in blocks):

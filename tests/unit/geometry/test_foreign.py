@@ -75,6 +75,24 @@ def test_masked_triangles_are_left_out():
     assert ul.mesh(points, triangles).polygon.area == pytest.approx(0.5)
 
 
+def test_masks_on_objects_of_other_programs_are_seen():
+    """Their constructors drop masks; who sets the attribute afterwards keeps one. Control: without a mask."""
+    masked = np.ma.masked_array(POINTS, mask=POINTS == 1)
+    of_matplotlib = matplotlib.tri.Triangulation(*POINTS.T, TRIANGLES)
+    of_meshio = meshio.Mesh(in_space(), [("triangle", TRIANGLES)])
+    assert ul.mesh(of_matplotlib).n_nodes == ul.mesh(of_meshio).n_nodes == len(POINTS)
+    of_matplotlib.x, of_meshio.points = masked[:, 0], masked
+    for given, field in ((of_matplotlib, "x"), (of_meshio, "points")):
+        with pytest.raises(ul.InputError, match=f"^mesh, {field}: .* numbers are masked"):
+            ul.mesh(given)
+
+
+@pytest.mark.parametrize("times", [True, False, 1.0, np.True_])
+def test_halvings_are_whole_numbers(times):
+    with pytest.raises(ul.InputError, match=r"^halvings is .*; it has to be a whole number from 0 to 12$"):
+        ul.mesh(MESH, halvings=times)
+
+
 def test_halving_keeps_the_polygon_and_the_numbers_of_nodes():
     mesh = ul.mesh(MESH)
     finer = ul.mesh(mesh, halvings=2)
@@ -196,7 +214,7 @@ def test_what_is_no_polygon_is_refused(given, message):
 
 
 def test_a_polygon_of_no_numbers_is_refused():
-    with pytest.raises(ul.InputError, match="its vertices are 'square'; they have to be pairs"):
+    with pytest.raises(ul.InputError, match="it is 'square'; its vertices have to be pairs"):
         ul.Polygon("square")
 
 
