@@ -78,9 +78,9 @@ def _arrays(given: Any, triangles: ArrayLike | None, where: str) -> tuple[Any, A
         return given, triangles
     if isinstance(given, Mesh):
         return given.points, given.triangles
-    if hasattr(given, "points") and isinstance(getattr(given, "cells", None), list):  # meshio
+    if hasattr(given, "points") and _are_blocks(getattr(given, "cells", None)):  # meshio
         return from_meshio(given, where)
-    if hasattr(given, "p") and hasattr(given, "t"):  # scikit-fem
+    if all(getattr(getattr(given, name, None), "ndim", 0) == 2 for name in ("p", "t")):  # scikit-fem
         if given.p.shape[1] > getattr(given, "nvertices", given.p.shape[1]):
             raise InputError(
                 f"{where}: it is a {type(given).__name__}, {SECOND_ORDER}, in scikit-fem by "
@@ -90,11 +90,16 @@ def _arrays(given: Any, triangles: ArrayLike | None, where: str) -> tuple[Any, A
     if hasattr(given, "x") and hasattr(given, "y") and hasattr(given, "triangles"):  # matplotlib
         mask = getattr(given, "mask", None)
         x, y = (floats(of, f"{where}, {name}") for name, of in (("x", given.x), ("y", given.y)))
-        return np.column_stack([x, y]), given.triangles[... if mask is None else ~mask]
+        return np.column_stack([x, y]), given.triangles[... if mask is None else ~np.asarray(mask, bool)]
     raise InputError(
         f"{where}: {shown(' '.join(repr(given).split()))} is no mesh; give a file, points and triangles, or "
         "a mesh of meshio, scikit-fem or matplotlib"
     )
+
+
+def _are_blocks(cells: Any) -> bool:
+    """Whether they are the cells of a mesh of meshio, of the version that is asked for."""
+    return isinstance(cells, list) and all(hasattr(each, "type") and hasattr(each, "data") for each in cells)
 
 
 def from_meshio(content: Any, where: str) -> tuple[Array, Array]:

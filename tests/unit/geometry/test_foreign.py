@@ -1,6 +1,7 @@
 """Meshes of other programs and of arrays: read alike, and refused in one sentence each."""
 
 import re
+from types import SimpleNamespace
 
 import gmsh
 import matplotlib.tri
@@ -85,6 +86,22 @@ def test_masks_on_objects_of_other_programs_are_seen():
     for given, field in ((of_matplotlib, "x"), (of_meshio, "points")):
         with pytest.raises(ul.InputError, match=f"^mesh, {field}: .* numbers are masked"):
             ul.mesh(given)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        SimpleNamespace(p=None, t=None),
+        SimpleNamespace(p=POINTS.T, t=[1, 2]),
+        SimpleNamespace(points=POINTS, cells=[("triangle", TRIANGLES)]),
+    ],
+    ids=["nothing", "numbers", "tuples"],
+)
+def test_what_looks_like_a_mesh_of_another_program_is_none(given):
+    """As older versions of these programs made them. Control: the arrays in a right place."""
+    with pytest.raises(ul.InputError, match="is no mesh; give a file, points and triangles"):
+        ul.mesh(given)
+    assert ul.mesh(SimpleNamespace(p=POINTS.T, t=TRIANGLES.T)).n_nodes == len(POINTS)
 
 
 @pytest.mark.parametrize("times", [True, False, 1.0, np.True_])
