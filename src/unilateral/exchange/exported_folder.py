@@ -65,8 +65,10 @@ def exported(folder: str | os.PathLike[str]) -> tuple[Case, list[ExportedLevel]]
         polygon = Polygon(np.array(problem["vertices"]), problem["polygon"])
         found = cases.load(folder / f"{_plain(folder, problem['case'])}.yaml", polygon, problem["side"])
         case = replace(found, free_sides=tuple(problem["free_sides"]))
+        if not problem["levels"]:
+            raise ValueError("problem.json names no levels")
         return case, [_level(folder, case, _plain(folder, entry["folder"])) for entry in problem["levels"]]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise InputError(
             f"{folder}: this is not a folder that 'unilateral export' wrote ({error})"
         ) from error
@@ -126,9 +128,11 @@ def _matched(levels: list[ExportedLevel], points: Array, file: str) -> tuple[Exp
     best = int(np.argmin([far.sum() + len(lost) for far, lost in zip(off, absent, strict=True)]))
     level, far, lost = levels[best], np.flatnonzero(off[best]), absent[best]
     if far.size:
+        rounded = near[best][0].max() <= math.sqrt(2) * unit
+        digits = ", or write places with more digits" if rounded else ""
         raise InputError(
             f"{file}: another mesh; {far.size} of its {len(points)} points are no nodes of {level.name}, the "
-            f"nearest level, the first at {_place(points, far)}; solve on the mesh that was exported"
+            f"nearest level, the first at {_place(points, far)}; solve on the mesh that was exported{digits}"
         )
     if lost.size:
         raise InputError(

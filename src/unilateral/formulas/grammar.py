@@ -190,6 +190,9 @@ class Reader(ast.NodeVisitor):
         return self.checked(node, lambda: number(Fraction(value)))
 
     def visit_Name(self, node: ast.Name) -> FormulaPart:
+        if node.id in FUNCTIONS:
+            argument = "(a, k)" if FUNCTIONS[node.id] > 1 else "(a)"
+            raise self.refuse(node, f"is a function; write its argument after it, as in {node.id}{argument}")
         if node.id not in self.names:
             instead = named(node.id, self.names)
             known = f"; known are {', '.join(self.names)}, {OFFERED}"

@@ -59,7 +59,7 @@ def _tell_moved(boundary: Outline, points: Array, mesh: Mesh, where: str) -> Non
 
 def halved(mesh: Mesh, times: int) -> Mesh:
     """The mesh with every edge halved so many times. Raises InputError for what is no such number."""
-    if not isinstance(times, int | np.integer) or not 0 <= times <= MOST_HALVINGS:
+    if not isinstance(times, int | np.integer) or isinstance(times, bool) or not 0 <= times <= MOST_HALVINGS:
         raise InputError(
             f"halvings is {shown(repr(times))}; it has to be a whole number from 0 to {MOST_HALVINGS}"
         )
@@ -78,9 +78,9 @@ def _arrays(given: Any, triangles: ArrayLike | None, where: str) -> tuple[Any, A
         return given, triangles
     if isinstance(given, Mesh):
         return given.points, given.triangles
-    if hasattr(given, "points") and isinstance(getattr(given, "cells", None), list):  # meshio
+    if hasattr(given, "points") and _are_blocks(getattr(given, "cells", None)):  # meshio
         return from_meshio(given, where)
-    if hasattr(given, "p") and hasattr(given, "t"):  # scikit-fem
+    if all(getattr(getattr(given, name, None), "ndim", 0) == 2 for name in ("p", "t")):  # scikit-fem
         if given.p.shape[1] > getattr(given, "nvertices", given.p.shape[1]):
             raise InputError(
                 f"{where}: it is a {type(given).__name__}, {SECOND_ORDER}, in scikit-fem by "
@@ -89,11 +89,17 @@ def _arrays(given: Any, triangles: ArrayLike | None, where: str) -> tuple[Any, A
         return np.transpose(given.p), np.transpose(given.t)
     if hasattr(given, "x") and hasattr(given, "y") and hasattr(given, "triangles"):  # matplotlib
         mask = getattr(given, "mask", None)
-        return np.column_stack([given.x, given.y]), given.triangles[... if mask is None else ~mask]
+        x, y = (floats(of, f"{where}, {name}") for name, of in (("x", given.x), ("y", given.y)))
+        return np.column_stack([x, y]), given.triangles[... if mask is None else ~np.asarray(mask, bool)]
     raise InputError(
         f"{where}: {shown(' '.join(repr(given).split()))} is no mesh; give a file, points and triangles, or "
         "a mesh of meshio, scikit-fem or matplotlib"
     )
+
+
+def _are_blocks(cells: Any) -> bool:
+    """Whether they are the cells of a mesh of meshio, of the version that is asked for."""
+    return isinstance(cells, list) and all(hasattr(each, "type") and hasattr(each, "data") for each in cells)
 
 
 def from_meshio(content: Any, where: str) -> tuple[Array, Array]:
@@ -106,8 +112,10 @@ def from_meshio(content: Any, where: str) -> tuple[Array, Array]:
         )
     if foreign:
         raise InputError(f"{where}: there are cells of type {foreign[0]}; take plain triangles")
-    points = np.asarray(content.points, dtype=float)
-    blocks = [np.asarray(block.data) for block in content.cells if block.type == "triangle"]
+    points = floats(content.points, f"{where}, points")
+    blocks = [
+        indices(block.data, f"{where}, triangles") for block in content.cells if block.type == "triangle"
+    ]
     if points.size == 0:
         raise InputError(f"{where}: there are no nodes; a mesh of plain triangles is needed")
     if points.ndim != 2 or any(block.size and block.shape[1:] != (3,) for block in blocks):

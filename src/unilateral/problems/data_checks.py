@@ -106,7 +106,8 @@ def _check_vertex(
     before, clamped = (vertex - 1) % of.polygon.n_sides, of.clamped_sides
     if (before in clamped) == (vertex in clamped):
         if abs(start - end) > allowed:
-            jump = f"from {end:.6g} on side {before} to {start:.6g} on side {vertex}"
+            one, other = _apart(end, start)
+            jump = f"from {one} on side {before} to {other} on side {vertex}"
             where = _field(of, name, vertex)
             raise InputError(f"{where}: it jumps at vertex {vertex}, {jump}; it has to be continuous")
         return
@@ -114,10 +115,17 @@ def _check_vertex(
     (of_u, u), (of_g, g) = (last, first) if before in clamped else (first, last)
     if u < g - allowed:
         x, y = of.polygon.vertices[vertex]
+        below, above = _apart(u, g)
         raise InputError(
-            f"{name}, field u: at vertex {vertex}, ({x:.6g}, {y:.6g}), u is {u:.6g} on side {of_u}, which is "
-            f"clamped, but g is {g:.6g} on side {of_g}; u >= g has to hold there"
+            f"{name}, field u: at vertex {vertex}, ({x:.6g}, {y:.6g}), u is {below} on side {of_u}, which is "
+            f"clamped, but g is {above} on side {of_g}; u >= g has to hold there"
         )
+
+
+def _apart(one: float, other: float) -> tuple[str, str]:
+    """Two different numbers with as many digits, at least 6, as tell them apart."""
+    texts = ((f"{one:.{digits}g}", f"{other:.{digits}g}") for digits in range(6, 18))
+    return next(pair for pair in texts if pair[0] != pair[1])
 
 
 def _always() -> bool:

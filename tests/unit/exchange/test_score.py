@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import cache
@@ -213,7 +214,10 @@ def test_places_with_too_few_digits_are_another_mesh(twelfths, tmp_path, digits)
     """Control: 1/12 is written as 0.1 or 0.08, a fifth or a twenty-fifth of an edge off."""
     made, u, _ = twelfths
     u.to_csv(tmp_path / "u.csv", index=False, float_format=f"%.{digits}f")
-    with pytest.raises(InputError, match="another mesh"):
+    with pytest.raises(InputError, match=r"another mesh; .*, or write places with more digits$"):
+        foreign(exported(made)[1], str(tmp_path / "u.csv"))
+    u.assign(x=u.x**1.1).to_csv(tmp_path / "u.csv", index=False)
+    with pytest.raises(InputError, match=r"another mesh; .*; solve on the mesh that was exported$"):
         foreign(exported(made)[1], str(tmp_path / "u.csv"))
 
 
@@ -412,6 +416,17 @@ def spoilt(what, points):
 def test_what_cannot_be_scored_is_one_error(folder, tmp_path, refused, what, message):
     spoilt(what, own(*FINEST).mesh.points).to_csv(tmp_path / "u.csv", index=False)
     assert f"{tmp_path / 'u.csv'}: {message}" in refused("score", folder, tmp_path / "u.csv")
+
+
+@pytest.mark.parametrize("spoil", [lambda text: "[" * 10**5, lambda text: text | {"levels": []}])
+def test_a_damaged_description_of_a_folder_is_one_error(folder, tmp_path, refused, spoil):
+    """Nested too deeply for a parser; without a level."""
+    made = tmp_path / "made"
+    shutil.copytree(folder, made)
+    spoilt_text = spoil(json.loads((made / "problem.json").read_text()))
+    text = spoilt_text if isinstance(spoilt_text, str) else json.dumps(spoilt_text)
+    (made / "problem.json").write_text(text)
+    assert "not a folder that 'unilateral export' wrote" in refused("score", made, "u.csv")
 
 
 def test_files_that_do_not_fit_together_are_one_error(folder, tmp_path, refused):

@@ -1,6 +1,7 @@
 """Meshes of other programs and of arrays: read alike, and refused in one sentence each."""
 
 import re
+from types import SimpleNamespace
 
 import gmsh
 import matplotlib.tri
@@ -73,6 +74,40 @@ def test_masked_triangles_are_left_out():
     with pytest.raises(ul.InputError, match="belongs to no triangle; leave it out"):
         ul.mesh(of)
     assert ul.mesh(points, triangles).polygon.area == pytest.approx(0.5)
+
+
+def test_masks_on_objects_of_other_programs_are_seen():
+    """Their constructors drop masks; who sets the attribute afterwards keeps one. Control: without a mask."""
+    masked = np.ma.masked_array(POINTS, mask=POINTS == 1)
+    of_matplotlib = matplotlib.tri.Triangulation(*POINTS.T, TRIANGLES)
+    of_meshio = meshio.Mesh(in_space(), [("triangle", TRIANGLES)])
+    assert ul.mesh(of_matplotlib).n_nodes == ul.mesh(of_meshio).n_nodes == len(POINTS)
+    of_matplotlib.x, of_meshio.points = masked[:, 0], masked
+    for given, field in ((of_matplotlib, "x"), (of_meshio, "points")):
+        with pytest.raises(ul.InputError, match=f"^mesh, {field}: .* numbers are masked"):
+            ul.mesh(given)
+
+
+@pytest.mark.parametrize(
+    "given",
+    [
+        SimpleNamespace(p=None, t=None),
+        SimpleNamespace(p=POINTS.T, t=[1, 2]),
+        SimpleNamespace(points=POINTS, cells=[("triangle", TRIANGLES)]),
+    ],
+    ids=["nothing", "numbers", "tuples"],
+)
+def test_what_looks_like_a_mesh_of_another_program_is_none(given):
+    """As older versions of these programs made them. Control: the arrays in a right place."""
+    with pytest.raises(ul.InputError, match="is no mesh; give a file, points and triangles"):
+        ul.mesh(given)
+    assert ul.mesh(SimpleNamespace(p=POINTS.T, t=TRIANGLES.T)).n_nodes == len(POINTS)
+
+
+@pytest.mark.parametrize("times", [True, False, 1.0, np.True_])
+def test_halvings_are_whole_numbers(times):
+    with pytest.raises(ul.InputError, match=r"^halvings is .*; it has to be a whole number from 0 to 12$"):
+        ul.mesh(MESH, halvings=times)
 
 
 def test_halving_keeps_the_polygon_and_the_numbers_of_nodes():

@@ -229,6 +229,18 @@ def test_a_large_number_on_another_side_hides_no_jump(fields, u, message, c):
             ul.Problem(MESH, 0, **{"free_sides": [1]} | fields, u=u, c=c)
 
 
+def test_numbers_that_differ_are_told_apart():
+    """1e9 and 1e9 + 1/100 agree in 10 digits, so 12 are written. Control: 0 and 1 have one."""
+    for g, told in (([1e9, 1e9 + 0.01, None, None], "from 1000000000 on side 0 to 1000000000.01 on side 1"),
+                    ([0, 1, None, None], "from 0 on side 0 to 1 on side 1")):  # fmt: skip
+        with pytest.raises(ul.InputError, match=f"it jumps at vertex 1, {told};"):
+            ul.Problem(square(), -1, g, free_sides=[2, 3])
+    with pytest.raises(
+        ul.InputError, match=r"u is 1000000000 on side 3, .* but g is 1000000000\.01 on side 0"
+    ):
+        ul.Problem(square(), -1, [1e9 + 0.01, None, None, None], free_sides=[1, 2], u={3: 1e9})
+
+
 @pytest.mark.parametrize("c", [0, 1])
 def test_no_jump_that_is_left_over_has_a_bound(c):
     """What `check` refuses, unchecked. Control: u_D above g at a vertex, and one that fits, have one."""
