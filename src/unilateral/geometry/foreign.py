@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from unilateral.arrays import Array, Index, floats, indices
 from unilateral.errors import InputError, SolutionWarning, counted, shown
 from unilateral.geometry.mesh import Mesh, from_arrays, refine
-from unilateral.geometry.outline import Outline, outline
+from unilateral.geometry.outline import GIVE_IT, SLIGHT, Outline, outline
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.triangulation_checks import node
 from unilateral.system.memory import available_mb
@@ -28,7 +28,8 @@ def mesh_from(
     """The mesh of points (n, 2) and `triangles` (m, 3), or of another program's object.
 
     By default the polygon is the one that the triangles' boundary forms, as `outline` finds it. Raises
-    InputError as `from_arrays`. Warns by a SolutionWarning where nodes were moved onto its sides.
+    InputError as `from_arrays`. Warns by a SolutionWarning where nodes were moved onto its sides, and where
+    corners turn by less than SLIGHT.
     """
     if isinstance(given, Mesh) and triangles is None and polygon is None:
         return given
@@ -39,6 +40,7 @@ def mesh_from(
     boundary = outline(points, cells, where)
     mesh = from_arrays(boundary.polygon, points, cells, where, rounded=True)
     _tell_moved(boundary, points, mesh, where)
+    _tell_slight(mesh.polygon, where)
     return mesh
 
 
@@ -52,6 +54,24 @@ def _tell_moved(boundary: Outline, points: Array, mesh: Mesh, where: str) -> Non
             f"{where}: the polygon has {mesh.polygon.n_sides} sides; the turns of its boundary at {turns}, "
             f"of up to {np.degrees(boundary.turn):.2g} degrees, are taken for rounding of coordinates, and "
             f"{nodes} moved onto the sides, node {node(points, farthest)} by {away[farthest]:.2g}",
+            SolutionWarning,
+            stacklevel=4,
+        )
+
+
+def _tell_slight(polygon: Polygon, where: str) -> None:
+    """Warns of corners that may come from a rounding that the coordinates show no more.
+
+    A mesh that was rounded, and scaled or moved afterwards, has such corners on its straight sides.
+    """
+    slight = np.flatnonzero(np.abs(np.pi - polygon.angles) < SLIGHT)
+    if slight.size:
+        x, y = polygon.vertices[slight[0]]
+        turns = counted(slight.size, "vertex turns", "vertices turn")
+        warnings.warn(
+            f"{where}: the polygon has {polygon.n_sides} sides, and {turns} by less than "
+            f"{np.degrees(SLIGHT):.0f} degree, the first at ({x:.9g}, {y:.9g}); if the boundary is straight "
+            f"there, {GIVE_IT}",
             SolutionWarning,
             stacklevel=4,
         )

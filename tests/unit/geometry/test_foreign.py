@@ -244,3 +244,16 @@ def test_meshes_of_second_order_are_refused_with_the_cure(given):
         ul.mesh(given)
     of = skfem.MeshTri2().refined(1)
     assert ul.mesh(skfem.MeshTri(of.p[:, : of.nvertices], of.t)).n_nodes == 9
+
+
+def test_slight_corners_are_told():
+    """Of a mesh that was rounded to 4 decimals and scaled afterwards, so that its numbers do not show it.
+
+    Without a word it would have more sides than four. Control: nothing is told of the mesh as it was.
+    """
+    strip = skfem.MeshTri.init_tensor(np.linspace(0, 1, 9), np.linspace(0, 0.3, 3))
+    turn = np.array([[np.cos(0.01), np.sin(0.01)], [-np.sin(0.01), np.cos(0.01)]])
+    assert ul.mesh(strip.p.T @ turn, strip.t.T).polygon.n_sides == 4
+    with pytest.warns(ul.SolutionWarning, match="turn by less than 1 degree, the first at .* by polygon="):
+        scaled = ul.mesh(np.round(strip.p.T @ turn, 4) * 0.0254, strip.t.T)
+    assert scaled.polygon.n_sides > 4
