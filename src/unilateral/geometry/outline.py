@@ -75,10 +75,10 @@ def outline(points: Array, triangles: Index, where: str) -> Outline:
         unclear |= straight & hidden & np.any(rounded | unclear)
         unclear |= _restless(np.where(corners & (np.abs(turns) < SLIGHT), turns, 0.0), ~hidden)
     if unclear.any():
-        first = int(unclear.argmax())
+        worst = int(np.where(unclear, np.abs(turns), -1.0).argmax())
         raise InputError(
-            f"{where}: the boundary turns by {np.degrees(abs(turns[first])):.2g} degrees at node "
-            f"{node(points, line[first])}, where coordinates are rounded by up to {by_digits[first]:.1g}; "
+            f"{where}: the boundary turns by {np.degrees(abs(turns[worst])):.2g} degrees at node "
+            f"{node(points, line[worst])}, where coordinates are rounded by up to {by_digits[worst]:.1g}; "
             f"it is not clear whether there is a corner; {GIVE_IT}"
         )
     if np.count_nonzero(corners) > MAX_VERTICES:

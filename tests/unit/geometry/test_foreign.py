@@ -251,7 +251,7 @@ def test_slight_corners_are_told():
 
     Without a word it would have more sides than four. Control: nothing is told of the mesh as it was.
     """
-    strip = skfem.MeshTri.init_tensor(np.linspace(0, 1, 9), np.linspace(0, 0.3, 3))
+    strip = skfem.MeshTri.init_tensor(np.linspace(0, 1, 3), np.linspace(0, 0.3, 9))
     turn = np.array([[np.cos(0.01), np.sin(0.01)], [-np.sin(0.01), np.cos(0.01)]])
     assert ul.mesh(strip.p.T @ turn, strip.t.T).polygon.n_sides == 4
     with pytest.warns(ul.SolutionWarning, match="turn by less than 1 degree, the first at .* by polygon="):
