@@ -76,7 +76,7 @@ def test_a_damaged_mesh_says_how_it_is_made_anew(tmp_path):
     (tmp_path / "mesh.vtu").write_text("")
     read = f"scenes.stored_mesh({str(tmp_path / 'mesh.vtu')!r}, {{'polygon': 'square'}})"
     found, _ = ended(f"from unilateral.study import scenes; {read}", tmp_path)
-    said = r"unilateral: .*mesh\.vtu: no mesh can be read .*; 'snakemake -j2 -f .*mesh\.vtu' makes it anew\n"
+    said = r"unilateral: .*mesh\.vtu: the file is empty.*; 'snakemake -j2 -f .*mesh\.vtu' makes it anew\n"
     assert re.fullmatch(said, found.stderr)
     assert found.returncode == 4
 

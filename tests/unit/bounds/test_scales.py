@@ -88,7 +88,7 @@ def test_data_beyond_are_refused() -> None:
 @pytest.mark.parametrize("size", [2.0**-560, 2.0**-900])
 def test_squares_that_vanish_are_bounded(size: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Were such data not refused, and as they may be on a part of the polygon. Control: nothing is added."""
-    monkeypatch.setattr(data_checks, "ALMOST_ZERO", 1.0)
+    monkeypatch.setattr(data_checks, "SMALLEST", 0.0)
 
     def found() -> ul.Solution:
         of = problem("cosine", repr(size))

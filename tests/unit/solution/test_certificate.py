@@ -27,8 +27,8 @@ def test_nothing_is_relative_to_what_may_be_0(size):
 
 def test_bounds_print_no_part_that_is_not_known():
     known = Bounds(0.5, math.nan, 0.0)
-    assert repr(known) == "Bounds: ||u - u_h||_1 <= 0.5, guaranteed"
-    assert repr(BoundsWithoutReaction(*known)).startswith("Bounds: k^(1/2) |u - u_h|_1 <= 0.5")
+    assert repr(known) == "Bounds: ||u - u_h||_1 at most 0.5, guaranteed"
+    assert repr(BoundsWithoutReaction(*known)).startswith("Bounds: k^(1/2) |u - u_h|_1 at most 0.5")
 
 
 @pytest.fixture(scope="module")

@@ -221,7 +221,7 @@ def test_numbers_that_are_no_solution_are_refused(name, value, message, tmp_path
     s, file = solved("case"), tmp_path / "s.nc"
     s.save(file)
     signed(file, record_of(file))
-    assert ul.open(file).bounds == s.bounds
+    assert ul.open(file).bounds.u == s.bounds.u
     assert 40 not in s.mesh.boundary
     changed(file, name, 40 if name != "multiplier" else 3, value)
     with pytest.raises(ul.InputError, match=message):
