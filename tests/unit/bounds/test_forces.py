@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from types import SimpleNamespace
 
+import mpmath
 import numpy as np
 import pytest
 import scipy.optimize
@@ -16,7 +17,7 @@ from unilateral.bounds.clamped_ends import ClampedEnds, Clamps, unclamped
 from unilateral.bounds.flux_residuals import SUMS
 from unilateral.bounds.force_mesh import LIGHT, MOST, extended, small_mesh
 from unilateral.bounds.forces import balance, forces
-from unilateral.bounds.source import Source
+from unilateral.bounds.source import Source, source_of
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.form import Form
@@ -471,3 +472,55 @@ def test_the_norm_of_w_is_rounded_up_and_grows(boundary, monkeypatch):
     (found,) = boundary._most(np.zeros((16, 1)))
     assert 1.5 * 0.5 * 1e6 * (1 + 0.999 * SUMS) <= found <= 1.5 * 0.5 * 1e6 * (1 + 1.001 * SUMS)
     assert seen == [1.0]
+
+
+def exact_balance(polygon, f, q):
+    """- int f - int q with 40 digits, f = a + bx + cy and q = a + bx + cy on the sides that have one."""
+
+    def mean(linear, corners):
+        x, y = (sum(map(mpmath.mpf, each)) / len(corners) for each in np.transpose(corners).tolist())
+        return linear[0] + linear[1] * x + linear[2] * y
+
+    with mpmath.workdps(40):
+        total, v = mpmath.mpf(0), polygon.vertices
+        for i in range(1, len(v) - 1):  # triangles (v_0, v_i, v_{i+1}), with signs
+            (ax, ay), (bx, by), (cx, cy) = (tuple(map(mpmath.mpf, p)) for p in v[[0, i, i + 1]].tolist())
+            area = ((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) / 2
+            total += area * mean(f, v[[0, i, i + 1]])
+        for side, linear in q.items():
+            ends = v[[side, (side + 1) % len(v)]]
+            (ax, ay), (bx, by) = (tuple(map(mpmath.mpf, p)) for p in ends.tolist())
+            total += mpmath.hypot(bx - ax, by - ay) * mean(linear, ends)
+        return -total
+
+
+def test_the_balance_of_random_data_on_random_polygons():
+    """60 polygons, far from the origin too, with f and q of sizes from 1e-6 to 1e6: the exact sum is inside.
+
+    Control: it is not inside an interval that is moved by its width.
+    """
+    rng = np.random.default_rng(17)
+    for _ in range(60):
+        n = int(rng.integers(3, 7))
+        angle = 2 * np.pi * (np.arange(n) + rng.uniform(-0.3, 0.3, n)) / n
+        place = 10 ** rng.uniform(-2, 4)
+        radius = rng.uniform(0.5, 1, n)[:, None]
+        polygon = Polygon(radius * np.column_stack([np.cos(angle), np.sin(angle)]) + place, "random")
+        linear = [tuple((rng.normal(size=3) * 10 ** rng.uniform(-6, 6)).tolist()) for _ in range(n)]
+        free = [side for side in range(1, n) if rng.random() < 0.5]
+        q = {side: linear[side] for side in free}
+        as_text = {side: "{!r} + {!r}*x + {!r}*y".format(*each) for side, each in enumerate(linear)}
+        problem = ul.Problem(
+            polygon,
+            as_text[0],
+            [None if side in (0, *free) else -1e9 for side in range(n)],
+            free,
+            q=[as_text[side] if side in free else None for side in range(n)] if free else None,
+            u={0: 0},
+            c=0,
+        )
+        mesh = meshes.unstructured(polygon, 0.5)
+        lower, upper = balance(source_of(mesh, problem), problem.enclosed_flux)
+        exact = exact_balance(polygon, linear[0], q)
+        assert lower <= exact <= upper
+        assert not lower + (upper - lower) <= exact

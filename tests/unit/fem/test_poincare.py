@@ -87,6 +87,26 @@ def test_a_short_clamped_side_has_a_mesh_that_is_graded_to_it(d):
     assert poincare._on(mesh, (4,)) > 1.3 * least
 
 
+def test_short_sides_anywhere_have_a_constant_that_is_near_the_best_one():
+    """Of 10 random quadrilaterals with a part of a side of length 1e-7 to 1e-1 that is clamped, alone or not.
+
+    It is not below P1's constant on a graded mesh, which proves that it is not too small, and at most 1.3
+    times as large.
+    """
+    rng = np.random.default_rng(23)
+    for _ in range(10):
+        angle = 0.5 * np.pi * (np.arange(4) + rng.uniform(-0.3, 0.3, 4))
+        v = np.column_stack([np.cos(angle), np.sin(angle)])
+        d = 10 ** rng.uniform(-7, -1)
+        along = v[1] - v[0]
+        polygon = Polygon(np.insert(v, 1, v[0] + d * along / np.hypot(*along), axis=0), "short")
+        clamped = (0,) if rng.random() < 0.5 else (0, 3)
+        constant = friedrichs(unstructured(polygon, 1 / 4), clamped)
+        graded = poincare.with_boundary(polygon, balanced(uniform(polygon, 1 / 4)).points[:-1], 0.4)
+        least = conforming(graded, clamped)
+        assert least <= constant <= 1.3 * least
+
+
 @pytest.mark.parametrize(
     ("vertices", "clamped"),
     [

@@ -288,3 +288,45 @@ def test_a_bound_is_above_the_error_and_what_was_taken_for_rounding(least, c):
     error = np.abs(s.u - 1 - s.mesh.points[:, 0]).max()
     assert max(error, 1e-13) <= s.bounds.u <= 1e-9
     assert s.bounds.unknown < s.bounds.u
+
+
+def entry(rng, kind):
+    """The obstacle -1 in one of the ways in which it can be given."""
+    ways = [-1, -1.0, "-1", lambda x, y: -1.0 + 0 * x, np.full(MESH.n_nodes, -1.0)]
+    return ways[rng.integers(len(ways))] if kind else None
+
+
+def test_no_obstacle_is_dropped():
+    """300 lists of g for random kinds of sides: each entry is kept, or the list is refused by the side.
+
+    An entry belongs to each side with contact, and to no other one.
+    """
+    rng, refused = np.random.default_rng(11), 0
+    for _ in range(DRAWS):
+        kinds = rng.choice([CLAMPED, CONTACT, FREE], size=4).tolist()
+        given = [kind == CONTACT for kind in kinds]
+        wrong = int(rng.integers(4)) if rng.random() < 0.5 else None
+        if wrong is not None:
+            given[wrong] = not given[wrong]
+        g = [entry(rng, each) for each in given]
+        sides = {kind: [i for i in range(4) if kinds[i] == kind] for kind in (CLAMPED, CONTACT, FREE)}
+        options = {"free_sides": sides[FREE], "u": dict.fromkeys(sides[CLAMPED], 0.0)}
+        if wrong is None:
+            problem = ul.Problem(MESH, -1, g, **options)
+            assert [*problem.free_sides] == sides[FREE]
+            for side in sides[CONTACT]:
+                assert value_of_g(problem, side, *UNIT.vertices[side]) == -1
+        else:
+            refused += 1
+            with pytest.raises(ul.InputError, match=rf"g\[{wrong}\]: .*side {wrong} is "):
+                ul.Problem(MESH, -1, g, **options)
+    assert 100 < refused < 200
+
+
+def value_of_g(problem, side, x, y):
+    """g at the start of a side, whichever way it was given."""
+    if side in problem.nodal.g:
+        return problem.nodal.g[side].values[0]
+    if isinstance(problem, Sampled):
+        return float(problem.g[side](np.array([x]), np.array([y]))[0])
+    return float(problem.g[side].rational)
