@@ -1,5 +1,6 @@
 """README is short, what it says is printed is printed, and its first solution needs the solver only."""
 
+import os
 import re
 import subprocess
 import sys
@@ -90,7 +91,8 @@ def test_the_first_snippets_pass_a_type_checker(tmp_path):
         file.write_text(snippet)
     (tmp_path / "wrong.py").write_text(snippets[0].replace("s.bounds", "s.bounds.u"))
     checked = [sys.executable, "-m", "mypy", *map(str, [*files, tmp_path / "wrong.py"])]
-    found = subprocess.run(checked, cwd=ROOT, capture_output=True, text=True).stdout.splitlines()
+    source = os.environ | {"MYPYPATH": str(ROOT / "src")}
+    found = subprocess.run(checked, cwd=ROOT, env=source, capture_output=True, text=True).stdout.splitlines()
     errors = [line for line in found if ": error: " in line]
     assert len(errors) == 1
     assert 'wrong.py:5: error: Item "None" of "Bounds | None" has no attribute "u"' in errors[0]
