@@ -100,7 +100,7 @@ def _of_the_study(
     numbers = {
         "study": told | {"infsup": {"rule": RULE._asdict()}},
         "claims": observed | ledger(of["claims"]),
-        "whole": whole | {"cores": of["whole"]["cores"]},
+        "whole": whole | {name: of["whole"][name] for name in ("cores", "date")},
     }
     return numbers, verdicts.claims_tables(of["claims"]) | {"figures": figures(figure_entries.shown(study))}
 
