@@ -9,6 +9,7 @@ EXPERIMENTS = {
         [],
     ),
     "cells": ("measure.measure_cells", ["errors", "alternating"], ["stop"]),
+    "certify": ("measure.measure_certify", ["solutions"], []),
     "extremes": ("measure.try_extremes", ["extremes"], []),
     "graded": ("measure.measure_graded", ["errors", "adapted"], ["stop"]),
     "sharpness": (

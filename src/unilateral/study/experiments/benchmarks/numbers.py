@@ -16,6 +16,7 @@ READS = {
     "results": "benchmarks/results.nc",
     "scores": "benchmarks/scores.csv",
     "commands": "benchmarks/commands.json",
+    "trust": "benchmarks/trust.json",
 }
 """The files behind the numbers and tables of this experiment in documents, by name."""
 OURS, LARGE = "unilateral", 1024
@@ -33,6 +34,7 @@ def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "benchmarks": side_by_side.numbers(of["results"]),
         "commands": of_commands(of["commands"]),
+        "trust": of_trust(of["trust"]),
         "scores": {name: real(of["scores"][name].iloc[0], name) for name in ("h", "H")},
     }
 
@@ -43,6 +45,7 @@ def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.Data
         "benchmark-phases": side_by_side.phases(of["results"]),
         "benchmark-problems": side_by_side.problems(of["results"]),
         "commands": commands(of["commands"]),
+        "trust": trust(of["trust"]),
         "scores": scores(of["scores"]),
     }
 
@@ -78,6 +81,39 @@ def _command(row: Mapping[str, Any]) -> dict[str, str]:
         "memory": f"{row['peak_mb']:.0f} MB",
         "guaranteed error of u": shown(row["relative_bound"], "up.2g%") if "relative_bound" in row else "–",
     }
+
+
+def of_trust(told: Mapping[str, Any]) -> dict[str, Any]:
+    """The date, and on the largest mesh what a check takes, also over the bound and the solve before it."""
+    largest = told["rows"][-1]
+    ours = largest["solve"]["seconds"] + largest["bound"]["seconds"]
+    return {
+        "date": told["date"],
+        "triangles": largest["triangles"],
+        **largest["check"],
+        "over_ours": largest["check"]["seconds"] / ours,
+    }
+
+
+TRUST = {
+    "solve": "solve",
+    "bound": "bound",
+    "certificate": "certificate written",
+    "check": "`check.py`",
+    "check_formulas": "`check_formulas.py`",
+}
+
+
+def trust(told: Mapping[str, Any]) -> pd.DataFrame:
+    """What a bound, its certificate and the check take: seconds, also per triangle, and memory; a row per mesh."""
+    rows = []
+    for of in told["rows"]:
+        row = {"triangles": shown(of["triangles"], "space")}
+        for part, title in TRUST.items():
+            seconds, per = of[part]["seconds"], 1e6 * of[part]["seconds"] / of["triangles"]
+            row[title] = f"{two_digits(seconds)} s, {two_digits(per)} µs, {of[part]['mb']:.0f} MB"
+        rows.append(row | {"file": f"{two_digits(of['file_mb'])} MB"})
+    return pd.DataFrame(rows)
 
 
 def scores(of: pd.DataFrame) -> pd.DataFrame:

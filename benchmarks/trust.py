@@ -1,0 +1,127 @@
+"""The price of trust: a bound, its certificate, and the check of that; writes benchmarks/trust.json.
+
+README's problem on uniform meshes. With sizes, as in `python -m benchmarks.trust 16`, these only, and nothing
+is written. This process uses Python's own modules only while it measures: a process that is started counts
+the peak memory of who starts it.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+import resource
+import subprocess
+import sys
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from statistics import median
+from tempfile import TemporaryDirectory
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+PROBLEM = "examples/arch.yaml"
+SIZES = (16, 32, 64, 100)
+"""1/h; a mesh has 10/h^2 triangles."""
+REPEATS = 3
+CHECKERS = {"check": "check.py", "check_formulas": "check_formulas.py"}
+"""The programs in the folder `certificate`, by the names of what is measured."""
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")
+Part = dict[str, float]
+
+
+def row(n: int) -> dict[str, Any]:
+    """What each part takes at h = 1/n: medians of its processor seconds, and its peak MB of 2^20 bytes."""
+    with TemporaryDirectory() as folder:
+        given, formulas = Path(folder, "given.json.gz"), Path(folder, "formulas.json.gz")
+        runs = [measured(n, given, formulas) for _ in range(REPEATS)]
+        size = given.stat().st_size / 2**20
+    parts = {
+        name: {of: median(run[name][of] for run in runs) for of in ("seconds", "mb")}
+        for name in ("solve", "bound", "certificate", *CHECKERS)
+    }
+    return {"n": n, "triangles": runs[0]["triangles"], "file_mb": size, **parts}
+
+
+def measured(n: int, given: Path, formulas: Path) -> dict[str, Any]:
+    """All parts once: the program in one process, then a process for each checker."""
+    said, _ = process([sys.executable, "-m", "benchmarks.trust", "--program", str(n), str(given)])
+    certificate = json.loads(gzip.decompress(given.read_bytes()))
+    formulas.write_bytes(gzip.compress(json.dumps(with_formulas(certificate)).encode()))
+    files = {"check": given, "check_formulas": formulas}
+    checks = {name: checked(program, files[name]) for name, program in CHECKERS.items()}
+    return {**json.loads(said), **checks}
+
+
+def checked(program: str, certificate: Path) -> Part:
+    """What a checker takes, from its start to its end. Raises CalledProcessError if it refuses."""
+    return process([sys.executable, "-I", str(ROOT / "certificate" / program), str(certificate)])[1]
+
+
+def process(command: list[str]) -> tuple[str, Part]:
+    """What it prints, its processor seconds and its peak MB. Raises CalledProcessError if it fails."""
+    environment = {**os.environ, **dict.fromkeys(THREADS, "1")}
+    running = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
+    assert running.stdout is not None  # it is a pipe
+    with running.stdout as printed:
+        said = printed.read()
+    _, status, used = os.wait4(running.pid, 0)
+    running.returncode = os.waitstatus_to_exitcode(status)
+    if running.returncode:
+        raise subprocess.CalledProcessError(running.returncode, command)
+    return said, {"seconds": used.ru_utime + used.ru_stime, "mb": used.ru_maxrss / 2**10}
+
+
+def program(n: int, certificate: str) -> dict[str, Any]:
+    """Seconds of solve, bound and certificate, and the peak MB from the start to the end of each."""
+    import unilateral as ul
+
+    found: dict[str, Any] = {}
+    times = [time.process_time()]
+
+    def ended(part: str) -> None:
+        times.append(time.process_time())
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
+        found[part] = {"seconds": times[-1] - times[-2], "mb": peak}
+
+    s = ul.solve(ROOT / PROBLEM, h=1 / n, H=2 / n, mesh="structured")
+    ended("solve")
+    s.solved.bound()
+    ended("bound")
+    s.save_certificate(certificate)
+    ended("certificate")
+    return {"triangles": len(s.mesh.triangles), **found}
+
+
+def with_formulas(certificate: dict[str, Any]) -> dict[str, Any]:
+    """The same certificate with formulas in place of its polynomials."""
+    problem = certificate["problem"]
+    sides = [{kind: formula(terms) for kind, terms in side.items()} for side in problem["sides"]]
+    return {**certificate, "problem": {**problem, "f": formula(problem["f"]), "sides": sides}}
+
+
+def formula(terms: list[tuple[int, int, str]]) -> str:
+    """The text of a polynomial, a list of [i, j, coefficient of x^i y^j]."""
+    return " + ".join(f"({c})*x**{i}*y**{j}" for i, j, c in terms) or "0"
+
+
+def main(sizes: list[str]) -> None:
+    """Raises CalledProcessError where a part fails."""
+    rows = []
+    for n in map(int, sizes or SIZES):
+        rows.append(row(n))
+        print(json.dumps(rows[-1]), flush=True)
+    if not sizes:
+        from benchmarks.machine import processor
+
+        today = datetime.now(UTC).date().isoformat()
+        told = {"date": today, "processor": processor(), "problem": PROBLEM, "rows": rows}
+        (ROOT / "benchmarks/trust.json").write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    if sys.argv[1:2] == ["--program"]:
+        print(json.dumps(program(int(sys.argv[2]), sys.argv[3])))
+    else:
+        main(sys.argv[1:])

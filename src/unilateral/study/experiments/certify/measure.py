@@ -1,0 +1,46 @@
+"""Guaranteed bounds and true errors of solutions of other methods."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from itertools import chain
+from typing import Any
+
+import xarray as xr
+
+from unilateral.errors import SolutionWarning
+from unilateral.formulas.formula import real
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.structured import structured
+from unilateral.norms.ritz import h1_distance
+from unilateral.problems.case import Case
+from unilateral.solution.certification import certify
+from unilateral.solution.solver import Solver
+from unilateral.study import scenes, tables
+from unilateral.study.experiments.certify.methods import others
+
+
+def measure_certify(study: Mapping[str, Any], solutions: str) -> None:
+    """Write the table of all cases, sizes and methods."""
+    sizes, of_cases = [real(h, "certify.h") for h in study["h"]], []
+    for case in chain.from_iterable(map(scenes.cases, study["scenes"])):
+        levels = [measure(case, structured(case.polygon, h), study) for h in sizes]
+        of_cases.append(xr.concat(levels, "mesh").assign_coords(case=case.name))
+        print(f"{case.name} measured")
+    table = xr.concat(of_cases, "case").assign_coords(h=("mesh", sizes))
+    tables.save(table, solutions, "certify", {"certify": study})
+
+
+def measure(case: Case, mesh: Mesh, study: Mapping[str, Any]) -> xr.Dataset:
+    """The error and its bound over `method`, on one mesh."""
+    mixed = Solver(case, mesh=mesh, H=2 * mesh.h)().u
+    found = {"mixed method": mixed, **others(case, mesh, study["penalties"], study["sweeps"])}
+    errors, bounds = [h1_distance(case, mesh, v) for v in found.values()], []
+    with warnings.catch_warnings(action="ignore", category=SolutionWarning):  # of solutions that penetrate
+        for v in found.values():
+            bound = certify(case, mesh, v, None).bounds
+            assert bound is not None  # f and g are formulas
+            bounds.append(bound.u)
+    values = {"certified_error": ("method", errors), "certified_bound": ("method", bounds)}
+    return xr.Dataset(values, coords={"method": list(found)})

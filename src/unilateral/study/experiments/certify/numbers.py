@@ -1,0 +1,43 @@
+"""Bounds over errors of solutions of other methods, as documents show them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+import xarray as xr
+
+from unilateral.study.formats import shown
+
+READS = {"solutions": "results/certify/solutions.nc"}
+"""The files behind the numbers and tables of this experiment in documents, by name."""
+
+
+def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+    """The bound over the error at the smallest penalty, on the coarsest and the finest mesh."""
+    smallest = f"penalty {min(study['certify']['penalties'])}/h"
+    index = indices(of["solutions"]).sel(case="natural", method=smallest).values
+    return {"certify": {"penalty": {"coarsest": float(index[0]), "finest": float(index[-1])}}}
+
+
+def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+    return {"certify": solutions(of["solutions"])}
+
+
+def indices(table: xr.Dataset) -> xr.DataArray:
+    return table["certified_bound"] / table["certified_error"]
+
+
+def solutions(table: xr.Dataset) -> pd.DataFrame:
+    """The true error and the bound over it, a row per case and method."""
+    rows = []
+    for case in table["case"].values:
+        for method in table["method"].values:
+            row, of = {"case": f"`{case}`", "method": str(method)}, table.sel(case=case, method=method)
+            for k, h in enumerate(table["h"].values):
+                at = f"h = {shown(float(h), '1/n')}"
+                row[f"error, {at}"] = f"{float(of['certified_error'][k]):.3g}"
+                row[f"bound/error, {at}"] = f"{float(indices(of)[k]):.2f}"
+            rows.append(row)
+    return pd.DataFrame(rows)

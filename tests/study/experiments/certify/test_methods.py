@@ -1,0 +1,104 @@
+"""Solutions of other methods: conditions that define them, and limits in which they agree."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import skfem
+from conftest import load
+
+from unilateral.errors import InputError
+from unilateral.geometry.polygon import square
+from unilateral.geometry.structured import structured
+from unilateral.norms.ritz import h1_distance
+from unilateral.problems.case import declared_on
+from unilateral.study.experiments.certify import methods
+
+P1, P2 = skfem.ElementTriP1(), skfem.ElementTriP2()
+MESH = structured(square(), 1 / 8)
+CASES = {name: load(name) for name in ("natural", "clamped")}
+QUADRATIC = {
+    "title": "u = (x - 1/2)^2 + (y - 1/2)^2 in full contact, du/dn = 1",
+    "polygons": "any",
+    "u": [{"atom": "smooth", "formula": "(x - 1/2)**2 + (y - 1/2)**2"}],
+    "gap": {"elsewhere": 0},
+}
+
+
+def conditions(of, x):
+    """How far x >= g, r >= 0 and r (x - g) = 0 fail, and r = 0 where there is no constraint; r = Ax - load."""
+    r, on = of.A @ x - of.load, of.constrained
+    gap = x[on] - of.obstacle[on]
+    inside = ~on & ~of.fixed
+    return max(-gap.min(), -r[on].min(), np.abs(r[on] * gap).max(), np.abs(r[inside]).max())
+
+
+@pytest.mark.parametrize("element", [P1, P2], ids=["P1", "P2"])
+@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
+def test_nodal_constraints_satisfy_what_defines_them(case, element):
+    """The conditions of the convex problem, which has one solution. Control: x moved by 1e-6 at one node."""
+    of = methods.nodal_problem(case, MESH, element)
+    x = methods.nodal_constraints(of)
+    assert conditions(of, x) < 1e-12
+    assert 0 < np.count_nonzero(x[of.constrained] > of.obstacle[of.constrained]) < of.constrained.sum()
+    moved = x + 1e-6 * (np.arange(len(x)) == np.flatnonzero(of.constrained)[3])
+    assert conditions(of, moved) > 1e-7
+
+
+def test_a_quadratic_solution_is_in_p2_and_not_in_p1():
+    """u is in P2, so the discrete solution is u. P1 is of first order; its distance from u halves with h."""
+    case = declared_on(QUADRATIC, "quadratic", square(), 0)
+    of = methods.nodal_problem(case, MESH, P2)
+    found = methods.nodal_constraints(of)[: MESH.n_nodes]
+    np.testing.assert_allclose(found, case.value_and_gradient(MESH.points)[0], atol=1e-13)
+    errors = []
+    for h in (1 / 8, 1 / 16):
+        mesh = structured(square(), h)
+        errors.append(
+            h1_distance(case, mesh, methods.nodal_constraints(methods.nodal_problem(case, mesh, P1)))
+        )
+    assert errors[0] / errors[1] == pytest.approx(2, rel=0.02)
+
+
+def test_clamped_nodes_have_the_given_values_by_every_method():
+    """u = cos(pi x)/2 on top."""
+    on_top = np.isclose(MESH.points[:, 1], 1)
+    for name, x in methods.others(CASES["clamped"], MESH, [10], 1).items():
+        np.testing.assert_allclose(
+            x[on_top], 0.5 * np.cos(np.pi * MESH.points[on_top, 0]), atol=1e-14, err_msg=name
+        )
+
+
+@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
+def test_penalty_tends_to_nodal_constraints_like_one_over_its_parameter(case):
+    """The classical estimate; penetration is the force per length over the parameter, so it is positive."""
+    of = methods.nodal_problem(case, MESH, P1)
+    exact = methods.nodal_constraints(of)
+    first, second = (methods.penalty(of, MESH, case, gamma) for gamma in (1e5, 1e6))
+    ratio = np.abs(first - exact).max() / np.abs(second - exact).max()
+    assert ratio == pytest.approx(10, rel=0.02)
+    assert np.min((first - of.obstacle)[of.constrained]) < 0
+
+
+@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
+def test_gauss_seidel_lowers_the_energy_and_converges_to_nodal_constraints(case):
+    of = methods.nodal_problem(case, structured(square(), 1 / 4), P1)
+    steps = [methods.gauss_seidel(of, sweeps) for sweeps in (1, 2, 5, 500)]
+    energies = [0.5 * x @ (of.A @ x) - of.load @ x for x in steps]
+    assert energies == sorted(energies, reverse=True)
+    np.testing.assert_allclose(steps[-1], methods.nodal_constraints(of), atol=1e-12)
+    assert np.abs(steps[0] - steps[-1]).max() > 0.01
+
+
+def test_an_iteration_without_end_is_refused():
+    """Two sets that lead to each other."""
+    with pytest.raises(InputError, match="after 100 rounds"):
+        methods.active_set(lambda active: active.astype(float), lambda x: x == 0, np.zeros(3, dtype=bool))
+
+
+def test_half_the_load_is_the_problem_with_half_the_load():
+    case = CASES["natural"]
+    of = methods.nodal_problem(case, MESH, P1)
+    x = methods.others(case, MESH, [10], 1)["half the load"]
+    assert conditions(replace(of, load=of.load / 2), x) < 1e-12
+    assert conditions(of, x) > 0.01
