@@ -14,6 +14,7 @@ import resource
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from statistics import median
@@ -74,9 +75,13 @@ def process(command: list[str]) -> tuple[str, Part]:
 
 
 def program(n: int, certificate: str) -> dict[str, Any]:
-    """Seconds of solve, bound and certificate, and the peak MB from the start to the end of each."""
+    """Seconds of solve, bound and certificate, and the peak MB from the start to the end of each.
+
+    A coarse mesh comes first and does not count: modules are imported with it.
+    """
     import unilateral as ul
 
+    ul.solve(ROOT / PROBLEM, h=1 / 4, H=1 / 2).save_certificate(certificate)
     found: dict[str, Any] = {}
     times = [time.process_time()]
 
@@ -87,7 +92,7 @@ def program(n: int, certificate: str) -> dict[str, Any]:
 
     s = ul.solve(ROOT / PROBLEM, h=1 / n, H=2 / n, mesh="structured")
     ended("solve")
-    s.solved.bound()
+    replace(s.solved).bound()  # which does not know the bound that the solve may have needed
     ended("bound")
     s.save_certificate(certificate)
     ended("certificate")

@@ -7,7 +7,6 @@ import pytest
 import skfem
 from conftest import load
 
-from unilateral.errors import InputError
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.norms.ritz import h1_distance
@@ -25,9 +24,13 @@ QUADRATIC = {
 }
 
 
+def constrained(of):
+    return np.isfinite(of.obstacle) & ~of.fixed
+
+
 def conditions(of, x):
-    """How far x >= g, r >= 0 and r (x - g) = 0 fail, and r = 0 where there is no constraint; r = Ax - load."""
-    r, on = of.A @ x - of.load, of.constrained
+    """How far x >= g, r >= 0, r (x - g) = 0, and r = 0 at other unknowns fail; r = Ax - load."""
+    r, on = of.A @ x - of.load, constrained(of)
     gap = x[on] - of.obstacle[on]
     inside = ~on & ~of.fixed
     return max(-gap.min(), -r[on].min(), np.abs(r[on] * gap).max(), np.abs(r[inside]).max())
@@ -40,8 +43,8 @@ def test_nodal_constraints_satisfy_what_defines_them(case, element):
     of = methods.nodal_problem(case, MESH, element)
     x = methods.nodal_constraints(of)
     assert conditions(of, x) < 1e-12
-    assert 0 < np.count_nonzero(x[of.constrained] > of.obstacle[of.constrained]) < of.constrained.sum()
-    moved = x + 1e-6 * (np.arange(len(x)) == np.flatnonzero(of.constrained)[3])
+    assert 0 < np.count_nonzero(x[constrained(of)] > of.obstacle[constrained(of)]) < constrained(of).sum()
+    moved = x + 1e-6 * (np.arange(len(x)) == np.flatnonzero(constrained(of))[3])
     assert conditions(of, moved) > 1e-7
 
 
@@ -54,9 +57,8 @@ def test_a_quadratic_solution_is_in_p2_and_not_in_p1():
     errors = []
     for h in (1 / 8, 1 / 16):
         mesh = structured(square(), h)
-        errors.append(
-            h1_distance(case, mesh, methods.nodal_constraints(methods.nodal_problem(case, mesh, P1)))
-        )
+        x = methods.nodal_constraints(methods.nodal_problem(case, mesh, P1))
+        errors.append(h1_distance(case, mesh, x))
     assert errors[0] / errors[1] == pytest.approx(2, rel=0.02)
 
 
@@ -74,10 +76,10 @@ def test_penalty_tends_to_nodal_constraints_like_one_over_its_parameter(case):
     """The classical estimate; penetration is the force per length over the parameter, so it is positive."""
     of = methods.nodal_problem(case, MESH, P1)
     exact = methods.nodal_constraints(of)
-    first, second = (methods.penalty(of, MESH, case, gamma) for gamma in (1e5, 1e6))
+    first, second = (methods.penalty(of, MESH, gamma) for gamma in (1e5, 1e6))
     ratio = np.abs(first - exact).max() / np.abs(second - exact).max()
     assert ratio == pytest.approx(10, rel=0.02)
-    assert np.min((first - of.obstacle)[of.constrained]) < 0
+    assert np.min((first - of.obstacle)[constrained(of)]) < 0
 
 
 @pytest.mark.parametrize("case", CASES.values(), ids=CASES)
@@ -88,12 +90,6 @@ def test_gauss_seidel_lowers_the_energy_and_converges_to_nodal_constraints(case)
     assert energies == sorted(energies, reverse=True)
     np.testing.assert_allclose(steps[-1], methods.nodal_constraints(of), atol=1e-12)
     assert np.abs(steps[0] - steps[-1]).max() > 0.01
-
-
-def test_an_iteration_without_end_is_refused():
-    """Two sets that lead to each other."""
-    with pytest.raises(InputError, match="after 100 rounds"):
-        methods.active_set(lambda active: active.astype(float), lambda x: x == 0, np.zeros(3, dtype=bool))
 
 
 def test_half_the_load_is_the_problem_with_half_the_load():

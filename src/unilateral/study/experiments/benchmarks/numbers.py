@@ -105,7 +105,7 @@ TRUST = {
 
 
 def trust(told: Mapping[str, Any]) -> pd.DataFrame:
-    """What a bound, its certificate and the check take: seconds, also per triangle, and memory; a row per mesh."""
+    """What a bound, its certificate and the check take, also per triangle; a row per mesh."""
     rows = []
     for of in told["rows"]:
         row = {"triangles": shown(of["triangles"], "space")}
