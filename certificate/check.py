@@ -37,6 +37,7 @@ import re
 import sys
 from fractions import Fraction as Q
 
+FORMAT = "unilateral certificate 1"
 UNITS = 1 << 200  # numbers that are rounded become multiples of 1/UNITS, rounded in the safe direction
 PI = Q(314159265358979323846, 10**20)  # a lower bound
 OPPOSITE = ((1, 2), (2, 0), (0, 1))  # the ends of the edge opposite to corner 0, 1, 2 of a triangle
@@ -234,6 +235,7 @@ def linear_mass(fields):
 
 class Certificate:
     def __init__(self, stated, function=Polynomial):
+        require(stated["format"] == FORMAT, f"format: {stated['format']!r} is not {FORMAT!r}")
         self.problem = Problem(stated["problem"], function)
         self.mesh = Mesh(stated["mesh"], self.problem.corners)
         edges, self.field = 2 * len(self.mesh.numbers), None
