@@ -115,9 +115,10 @@ class Problem:
     def __init__(self, stated, function):
         self.k, self.c, self.f = fraction(stated["k"]), fraction(stated["c"]), function(stated["f"])
         self.corners = [(fraction(x), fraction(y)) for x, y in stated["polygon"]]
+        one_each = len(stated["sides"]) == len(self.corners) > 2 and all(len(side) == 1 for side in stated["sides"])
+        require(one_each, "sides: each side of the polygon needs one condition")
         self.sides = [(kind, function(data)) for side in stated["sides"] for kind, data in side.items()]
         kinds = {kind for kind, _ in self.sides}
-        require(len(self.sides) == len(self.corners) > 2, "sides: each side of the polygon needs one condition")
         require(kinds <= {"contact", "free", "clamped"}, f"sides: {kinds} are not all conditions")
         require(self.k > 0 and (self.c > 0 or (self.c == 0 and "clamped" in kinds)), "k, c: there may be no u")
         check_polygon(self.corners)

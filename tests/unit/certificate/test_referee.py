@@ -48,3 +48,10 @@ def test_the_square_is_proved():
 
 def test_another_format_is_refused():
     assert "format" in refusal(square() | {"format": "unilateral certificate 2"})
+
+
+def test_two_conditions_on_one_side_do_not_make_up_for_a_side_without():
+    certificate = square()
+    g = certificate["problem"]["sides"][0]["contact"]
+    certificate["problem"]["sides"] = [{"contact": g, "free": []}, {}, {"contact": g}, {"contact": g}]
+    assert "one condition" in refusal(certificate)
