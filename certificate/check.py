@@ -35,6 +35,7 @@ import json
 import math
 import re
 import sys
+import zlib
 from fractions import Fraction as Q
 
 FORMAT = "unilateral certificate 1"
@@ -379,7 +380,7 @@ def main(function=Polynomial):
     try:
         with (gzip.open if sys.argv[1].endswith(".gz") else open)(sys.argv[1], "rb") as file:
             stated = json.load(file)
-    except (IndexError, OSError, EOFError, ValueError) as error:
+    except (IndexError, OSError, EOFError, ValueError, RecursionError, zlib.error) as error:
         print(f"usage: python3 {sys.argv[0]} FILE; no certificate can be read: {error!r}", file=sys.stderr)
         return 2
     try:

@@ -1,6 +1,10 @@
 """Traps that a hostile reader of certificate/check.py found, and its numbers computed in another way."""
 
+import gzip
 import importlib.util
+import json
+import subprocess
+import sys
 
 import pytest
 from conftest import ROOT
@@ -39,6 +43,13 @@ def refusal(certificate):
     return str(caught.value)
 
 
+def run(path):
+    """Exit code, output and error output of the checker, without the project's packages."""
+    command = [sys.executable, "-I", "-S", CHECKER, path]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout, done.stderr
+
+
 def test_the_square_is_proved():
     """u - v = (x^2 - x + y^2 - y)/2, so |u - v|_1^2 = 1/6 and ||u - v||^2 = 11/360, by hand."""
     X, L = check.Certificate(square()).bounds()
@@ -55,3 +66,23 @@ def test_two_conditions_on_one_side_do_not_make_up_for_a_side_without():
     g = certificate["problem"]["sides"][0]["contact"]
     certificate["problem"]["sides"] = [{"contact": g, "free": []}, {}, {"contact": g}, {"contact": g}]
     assert "one condition" in refusal(certificate)
+
+
+def test_a_file_that_cannot_be_read_ends_with_2_and_no_traceback(tmp_path):
+    packed = bytearray(gzip.compress(json.dumps(square()).encode()))
+    packed[12:20] = bytes(8)  # the deflated data; the header stays right
+    files = {
+        "spoilt.json.gz": bytes(packed),
+        "deep.json": b"[" * 100_000,
+        "text.json": b"no json",
+        "cut.json.gz": gzip.compress(json.dumps(square()).encode())[:-20],
+    }
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+        code, output, errors = run(tmp_path / name)
+        assert (code, output) == (2, "")
+        assert "Traceback" not in errors
+    (tmp_path / "right.json.gz").write_bytes(gzip.compress(json.dumps(square()).encode()))
+    code, output, _ = run(tmp_path / "right.json.gz")
+    assert code == 0
+    assert "PROVED" in output
