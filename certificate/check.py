@@ -302,7 +302,7 @@ class Certificate:
         On a free edge e of T, by the field x - (corner off e), ||z||_e^2 <= |e|/|T| (||z||^2 + d ||z|| |z|_1). T has at
         most three such edges, so the norm is at most (3 sum |e|/|T| ||t - p.n||_e^2 (C^2 + d C/k^(1/2)))^(1/2).
         """
-        mesh, B, free2, longest = self.mesh, Q(0), Q(0), Q(0)
+        mesh, B, free2, longest = self.mesh, Q(0), 0, Q(0)  # free2 in units of 1/UNITS^2
         edges = [(i, (i + 1) % mesh.nb, *self.problem.sides[side]) for i, side in enumerate(mesh.side)]
         data = [function.on_edge(mesh.point(i, i), mesh.point(j, j)) for i, j, _, function in edges]
         w, fixed = [Q(z, self.Y) for z in self.trace], {}
@@ -328,9 +328,9 @@ class Certificate:
                 x, y = (q - p for p, q in zip(mesh.point(i, i), mesh.point(j, j)))
                 pairs = zip(bounds, (first, (first + last) / 2, last))
                 off = max(abs(t * length - out) for both, out in pairs for t in both for length in root(x * x + y * y))
-                free2 += 3 * off**2 / (cross(*X) / 2)
+                free2 += math.ceil(3 * off**2 / (cross(*X) / 2) * UNITS**2)
                 longest = max(longest, *(root(x * x + y * y)[1] for x, y in vectors(X)))
-        return B, root(free2 * (C * C + longest * C / root(self.problem.k)[0]))[1], w
+        return B, root(Q(free2, UNITS**2) * (C * C + longest * C / root(self.problem.k)[0]))[1], w
 
     def sums(self, w):
         """(sum A^2, sum M^2) for v, the same for v + y, and D^2; w is v + y at boundary nodes and midpoints."""
@@ -339,7 +339,7 @@ class Certificate:
         v, w = [z * (N // self.V) for z in self.v], [int(z * N) for z in w]
         y = [w[i] - v[i] for i in range(nb)] + [0] * (len(v) - nb)
         middle = {(i, (i + 1) % nb, mesh.beside[i]): w[nb + i] - (v[i] + v[(i + 1) % nb]) // 2 for i in range(nb)}
-        for_v, for_w, D2 = [0, 0], [0, 0], Q(0)
+        for_v, for_w, D2 = [0, 0], [0, 0], 0  # in units of 1/UNITS^2: exact sums of fractions take quadratic time
         for number, triangle in enumerate(mesh.triangles):
             ends = [(triangle[i], triangle[j]) for i, j in OPPOSITE]
             v_corners, v_middles = [v[i] for i in triangle], [(v[i] + v[j]) // 2 for i, j in ends]
@@ -351,10 +351,11 @@ class Certificate:
                 there = self.residual(triangle, list(corners), list(middles), N)
                 X = [mesh.nodes[i] for i in triangle]
                 slopes = linear_mass(gradients(vectors(X), y_corners, y_middles))
-                D2 += self.problem.k * slopes / (24 * cross(*X) * N**2)
-                D2 += self.problem.c * quadratic_mass(y_corners, y_middles) * cross(*X) / (360 * mesh.D**2 * N**2)
+                gradient2 = self.problem.k * slopes / (24 * cross(*X) * N**2)
+                mass2 = self.problem.c * quadratic_mass(y_corners, y_middles) * cross(*X) / (360 * mesh.D**2 * N**2)
+                D2 += math.ceil((gradient2 + mass2) * UNITS**2)
             for_v, for_w = [sum(pair) for pair in zip(for_v, here)], [sum(pair) for pair in zip(for_w, there)]
-        return [Q(z, UNITS**2) for z in for_v], [Q(z, UNITS**2) for z in for_w], D2
+        return [Q(z, UNITS**2) for z in for_v], [Q(z, UNITS**2) for z in for_w], Q(D2, UNITS**2)
 
     def bounds(self):
         """Upper bounds on X and L."""
