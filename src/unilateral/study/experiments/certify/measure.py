@@ -33,7 +33,7 @@ def measure_certify(study: Mapping[str, Any], solutions: str) -> None:
 
 
 def measure(case: Case, mesh: Mesh, study: Mapping[str, Any]) -> xr.Dataset:
-    """The error and its bound over `method`, on one mesh."""
+    """The error and its bound over `scheme`, on one mesh."""
     mixed = Solver(case, mesh=mesh, H=2 * mesh.h)().u
     found = {"mixed method": mixed, **others(case, mesh, study["penalties"], study["sweeps"])}
     errors, bounds = [h1_distance(case, mesh, v) for v in found.values()], []
@@ -42,5 +42,5 @@ def measure(case: Case, mesh: Mesh, study: Mapping[str, Any]) -> xr.Dataset:
             bound = certify(case, mesh, v, None).bounds
             assert bound is not None  # f and g are formulas
             bounds.append(bound.u)
-    values = {"certified_error": ("method", errors), "certified_bound": ("method", bounds)}
-    return xr.Dataset(values, coords={"method": list(found)})
+    values = {"certified_error": ("scheme", errors), "certified_bound": ("scheme", bounds)}
+    return xr.Dataset(values, coords={"scheme": list(found)})

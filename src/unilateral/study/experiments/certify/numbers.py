@@ -20,9 +20,9 @@ def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
     `half` is the error with half the load over that of the mixed method, for `clamped` on the coarsest mesh.
     """
     given, table = study["certify"], of["solutions"]
-    index = indices(table).sel(case="natural", method=f"penalty {given['penalties'][0]}/h").values
+    index = indices(table).sel(case="natural", scheme=f"penalty {given['penalties'][0]}/h").values
     errors = table["certified_error"].sel(case="clamped").isel(mesh=0)
-    half = float(errors.sel(method="half the load") / errors.sel(method="mixed method"))
+    half = float(errors.sel(scheme="half the load") / errors.sel(scheme="mixed method"))
     penalty = {"coarsest": float(index[0]), "finest": float(index[-1])}
     return {"certify": {"penalty": penalty, "half": half, "sweeps": given["sweeps"]}}
 
@@ -39,8 +39,8 @@ def solutions(table: xr.Dataset) -> pd.DataFrame:
     """The true error and the bound over it, a row per case and method."""
     rows = []
     for case in table["case"].values:
-        for method in table["method"].values:
-            row, of = {"case": f"`{case}`", "method": str(method)}, table.sel(case=case, method=method)
+        for scheme in table["scheme"].values:
+            row, of = {"case": f"`{case}`", "method": str(scheme)}, table.sel(case=case, scheme=scheme)
             for k, h in enumerate(table["h"].values):
                 at = f"h = {shown(float(h), '1/n')}"
                 row[f"error, {at}"] = f"{float(of['certified_error'][k]):.3g}"
