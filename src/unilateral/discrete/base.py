@@ -185,6 +185,11 @@ class DiscreteSolution:
         return flux_of(source, potential, edge_flux(source.mesh, cells, lambda_H).ends + tau.ends, form)
 
     @property
+    def foreign(self) -> bool:
+        """Whether u_h is of another program."""
+        return self.potential is not None
+
+    @property
     def facts(self) -> Facts:
         """What was found out when the problem was solved."""
         return Facts(self.discrete.unique, self.discrete.beta, self.lambda_norm)
