@@ -195,6 +195,11 @@ class DiscreteSolution:
         return lift.trace(u_h[source.mesh.boundary])
 
     @property
+    def foreign(self) -> bool:
+        """Whether u_h is of another program."""
+        return self.potential is not None
+
+    @property
     def facts(self) -> Facts:
         """What was found out when the problem was solved."""
         return Facts(self.discrete.unique, self.discrete.beta, self.lambda_norm)
