@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 import sys
 import warnings
 from collections.abc import Callable
@@ -17,6 +18,8 @@ from unilateral.accuracy.goal import ACCURACY, NORMS, Goal
 from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import WITHDRAWN, Search
 from unilateral.accuracy.watch import OutOfBudget, Watch
+from unilateral.certificates.export import check_certificate_path, checker_of
+from unilateral.certificates.statement import state_problem
 from unilateral.cli.command import NOT_CONVERGED
 from unilateral.cli.own_mesh import own_mesh
 from unilateral.cli.report import (
@@ -34,7 +37,7 @@ from unilateral.cli.report import (
 from unilateral.cli.streams import load, say, tell
 from unilateral.cli.watching import bar_during, clear, watching
 from unilateral.errors import BudgetError, InputError, SolutionWarning, counted
-from unilateral.formulas.decimals import fields
+from unilateral.formulas.decimals import fields, interval
 from unilateral.geometry.files import read_mesh
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
@@ -81,6 +84,8 @@ def run(options: SimpleNamespace) -> int:
     keep_freed()
     drawn = sys.stderr.isatty() and not options.json
     problem = _read(options, drawn)
+    if options.certificate:
+        state_problem(problem)
     watch = Watch(begin=options.begin)
     if options.accuracy is None:
         solution = _solved(options, problem, watch, drawn)
@@ -104,6 +109,8 @@ def certify(options: SimpleNamespace) -> int:
     vars(options).update(sharp=False, out=None, dry_run=False)
     _targets(options)
     watch, problem = Watch(begin=options.begin), api.load(options.problem)
+    if options.certificate:
+        state_problem(problem)
     if options.mesh is None and Path(options.solution).suffix in (".csv", ".nc"):
         raise InputError(f"--mesh is missing, because {options.solution} has no triangles")
     if options.mesh is None:
@@ -202,8 +209,12 @@ def _too_coarse(solution: Solution, bounds: Bounds) -> bool:
 def _targets(options: SimpleNamespace) -> list[Path]:
     """The files that are asked for; --out's folder is made. Raises InputError for what cannot be written."""
     files = [Path(name) for name in options.output]
-    if (files or options.out) and options.dry_run:
-        raise InputError("--dry-run computes no solution that could be written; leave out -o and --out")
+    if (files or options.out or options.certificate) and options.dry_run:
+        raise InputError(
+            "--dry-run computes no solution that could be written; leave out -o, --out and --certificate"
+        )
+    if options.certificate:
+        check_certificate_path(options.certificate)
     for file in files:
         check_target(file, ENDINGS)
     if options.out is None:
@@ -229,6 +240,15 @@ def _keep(found: Solution, options: SimpleNamespace, printed: dict[str, Any]) ->
             found.save(file)
         if not options.json:
             say(written(file))
+    if options.certificate:
+        found.save_certificate(options.certificate)
+        if not options.json:
+            say(written(Path(options.certificate)))
+            check = shlex.join(["python3", str(checker_of(found.problem)), options.certificate])
+            say(f"  {'check it with':27} {check}")
+            cheap = found.bounds if options.sharp else None
+            if cheap:
+                say(f"  {'it proves':27} the bound without --sharp: {interval(-math.inf, cheap.u)}")
 
 
 def _allowed(phase: str, compute: Callable[[], Any], found: Solution, watch: Watch) -> Any:
