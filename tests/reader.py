@@ -26,7 +26,7 @@ from unilateral.cli import main
 from unilateral.geometry.polygon import named
 from unilateral.geometry.structured import structured
 
-FOLDERS = ("examples", "results")
+FOLDERS = ("certificate", "examples", "results")
 """What pages name of the project."""
 
 
@@ -115,5 +115,9 @@ def place(block: Block) -> str:
     return f"{block.page}, line {block.line}"
 
 
-RUNNERS: dict[str, Callable[[list[str]], int]] = {"unilateral": main, "python": python_file}
+RUNNERS: dict[str, Callable[[list[str]], int]] = {
+    "unilateral": main,
+    "python": python_file,
+    "python3": python_file,
+}
 RUN = {"": commands, "python": program, "yaml": declaration, "text": output}

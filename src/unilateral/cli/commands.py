@@ -185,6 +185,7 @@ def score(**options: Any) -> int:
 @option("--field", metavar="NAME", help="the nodal values that are meant (default: u, or the only ones)")
 @as_json
 @option("-o", "--output", type=FILE, metavar="FILE", multiple=True, help="a file, as that of `solve`")
+@option("--certificate", type=FILE, metavar="FILE", help="a proof of the bound, as that of `solve`")
 @click.pass_context
 def certify(ctx: click.Context, **options: Any) -> int:
     """Bound the errors of another solver's solution of your problem, on its own mesh."""

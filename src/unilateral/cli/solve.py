@@ -109,6 +109,8 @@ def certify(options: SimpleNamespace) -> int:
     vars(options).update(sharp=False, out=None, dry_run=False)
     _targets(options)
     watch, problem = Watch(begin=options.begin), api.load(options.problem)
+    if options.certificate:
+        state_problem(problem)
     if options.mesh is None and Path(options.solution).suffix in (".csv", ".nc"):
         raise InputError(f"--mesh is missing, because {options.solution} has no triangles")
     if options.mesh is None:

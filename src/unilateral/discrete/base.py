@@ -186,6 +186,16 @@ class DiscreteSolution:
         return flux_of(source, potential, edge_flux(source.mesh, cells, lambda_H).ends + tau.ends, form)
 
     @property
+    def foreign(self) -> bool:
+        """Whether u_h is of another program."""
+        return self.potential is not None
+
+    @property
+    def source(self) -> Source | None:
+        """The enclosure of f, where f, g and q are formulas."""
+        return self._given[0] if self._given else None
+
+    @property
     def feasible_trace(self) -> Array | None:
         """(2 nb,) u_h with what the cheap bound adds to it, at boundary nodes, then at midpoints of edges."""
         if self._given is None:
@@ -193,11 +203,6 @@ class DiscreteSolution:
         source, obstacle, cells, u_h, lambda_H, _, form = self._given
         lift = lifting(source.mesh, obstacle, u_h, edge_flux(source.mesh, cells, lambda_H), form)
         return lift.trace(u_h[source.mesh.boundary])
-
-    @property
-    def foreign(self) -> bool:
-        """Whether u_h is of another program."""
-        return self.potential is not None
 
     @property
     def facts(self) -> Facts:
