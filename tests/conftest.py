@@ -265,6 +265,13 @@ def copy_project(folder):
         shutil.copy(ROOT / name, copied / name)
     (copied / "figures").mkdir()
     (copied / "benchmarks").mkdir()
-    for name in ("results.nc", "commands.json", "scores.csv", "installations.json", "whole.json"):
+    for name in (
+        "results.nc",
+        "commands.json",
+        "trust.json",
+        "scores.csv",
+        "installations.json",
+        "whole.json",
+    ):
         shutil.copy(ROOT / "benchmarks" / name, copied / "benchmarks")
     return copied

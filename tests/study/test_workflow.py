@@ -212,7 +212,16 @@ def test_documents_tell_the_numbers_of_the_files_that_experiments_name(planned):
     wanted |= {f"results/{scene}/totals.nc" for scene in STUDY["totals"]["scenes"]}
     wanted |= {"results/claims.json", "results/square/floors.nc", "figures/infsup.csv"}
     wanted |= {"benchmarks/installations.json", "benchmarks/whole.json"}
-    for experiment in ("adaptive", "benchmarks", "cells", "cost", "extremes", "graded", "sharpness"):
+    for experiment in (
+        "adaptive",
+        "benchmarks",
+        "cells",
+        "certify",
+        "cost",
+        "extremes",
+        "graded",
+        "sharpness",
+    ):
         module = import_module(f"unilateral.study.experiments.{experiment}.numbers")
         wanted |= {*module.READS.values()}
     assert {file for file in job["input"] if not file.startswith(("src/", "workflow/"))} == wanted
