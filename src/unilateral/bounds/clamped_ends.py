@@ -7,10 +7,13 @@ of `local_bounds`, a for (grad v - q, v - f~ - div q), and r for the functional 
     ||u - v||^2 = r(u - v) - (a, u - v) + <lambda - sigma, u - v>
                <= (||a|| + ||r||) ||u - v|| + <lambda, u - v> + <sigma, v - g>,
 
-since <sigma, u - g> >= 0. Let v - g be at least gamma on a part of the boundary, and w be a function with
-values from 0 to 1 that vanishes on the rest. As v - gamma w is admissible, <lambda, u - v> <= -gamma <lambda, w>,
-and gamma <lambda, w> <= <sigma, v - g> + (||a|| + ||r||)^2 / 4, which is small: the integral of lambda over that
-part is at most this over gamma (supplement, Proposition S16).
+since <sigma, u - g> >= 0. Let v - g be at least gamma on a part of the boundary, and w have values from 0 to
+1 and vanish on the rest. v - gamma w is admissible, so <lambda, u - v> <= -gamma <lambda, w>, and
+
+    gamma <lambda, w> <= <sigma, v - g> + (||a|| + ||r||)^2 / 4.
+
+The right side is small. The integral of lambda over that part is at most this over gamma (supplement,
+Proposition S16).
 """
 
 from __future__ import annotations

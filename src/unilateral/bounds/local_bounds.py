@@ -1,20 +1,22 @@
 """The guaranteed total error of a discrete solution by problems on vertex patches.
 
-Theorem 8 of the paper: let sigma >= 0 on sides with contact, and let u_h + d be >= g there and u_D on clamped
-sides. With R = ||r||^2 + 2 <sigma, u_h + d - g>, r the residual of u_h and sigma as a functional, and D = ||d||,
+Theorem 8 of the paper: let sigma >= 0 on sides with contact, and let u_h + d be >= g there and u_D on
+clamped sides. With the functional r, the residual of u_h and sigma, with R = ||r||^2 + 2 <sigma, u_h + d - g>
+and D = ||d||,
 
     ||u - u_h||^2 <= R + D^2,    ||lambda - sigma||_{-1/2} <= D + (R + D^2)^{1/2}.
 
-With u_h + d in place of u_h, and 0 in place of d, the second says ||lambda - sigma||_{-1/2} <= eta, the square
-of which is R for u_h + d; the smaller one is taken.
+With u_h + d in place of u_h, and 0 in place of d, the second says ||lambda - sigma||_{-1/2} <= eta, whose
+square is R for u_h + d; the smaller one is taken.
 
 r is bounded by f~ and tau~, which are near f and the flux tau that is given on free sides (`boundary_flux`).
 For q in H(div) with q.n = sigma, and tau~ on free sides,
 
-    ||r|| <= (||grad u_h - q||^2 + ||u_h - f~ - div q||^2)^{1/2} + e,    e = ||(f - f~, .) + <tau - tau~, .>||,
+    ||r|| <= (||grad u_h - q||^2 + ||u_h - f~ - div q||^2)^{1/2} + e,
 
-and ((A + e)^2 + B)^{1/2} <= (A^2 + B)^{1/2} + e. So e, the `data`, is added to the bounds for f~ and tau~
-(supplement, S8.1). The bounds on lambda - sigma are such on grad u - q in L2, too (Proposition S14 there).
+with e the norm of the functional of f - f~ and tau - tau~. As ((A + e)^2 + B)^{1/2} <= (A^2 + B)^{1/2} + e,
+the bounds are those for f~ and tau~ plus e, which is `data` (supplement, S8.1). Those on lambda - sigma bound
+the distance of q and the gradient of the solution for f~ and tau~ in L2, too (Proposition S14 there).
 
 f - f~ is what `source` leaves of f and, on each triangle, u_h less its mean. So u_h - f~ - div q is constant
 there, and by the div q of `equilibrated` it is 0 where (u_h, lambda_H) solves the discrete problem. d is what

@@ -22,8 +22,8 @@ feasible. Both reduce
     eta^2 = ||grad v - q||^2 + ||v - f_h - div q||^2 + 2 <sigma, v - g>
 
 independently of each other: (grad v, curl phi) = 0, and the best v does not depend on q. They are found by
-conjugate gradients, and every iterate will do. With R and D as in `local_bounds`, for this q and f_h, and with
-Y^2 = ||q - grad u||^2 + ||f_h + div q - u||^2 (supplement, Proposition S14 and (6) of S8.1),
+conjugate gradients, and every iterate will do. With R and D as in `local_bounds`, for this q and f_h, and
+with Y^2 = ||q - grad u||^2 + ||f_h + div q - u||^2 (supplement, Proposition S14 and (6) of S8.1),
 
     Y <= eta,     ||u - u_h||^2 <= R + 2 Y D - Y^2 <= R + D^2 - max(D - eta, 0)^2,
 
