@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 
 MAX_DENOMINATOR = 10**6
 """A double is taken for the simplest fraction that rounds to it, if that has at most this denominator."""
-MAX_DEGREE, MAX_FORMULA_LENGTH = 20, 2000
-"""The checkers read no polynomials of a higher degree, and no longer texts."""
+MAX_DEGREE = 20
+"""Polynomials of a higher degree are written as formulas."""
 UNREAD = "which no checker of certificates reads"
 INSTEAD = "write the field otherwise, or leave the certificate out"
 FIELDS = {"contact": "g", "free": "q", "clamped": "u"}
@@ -88,8 +88,6 @@ def _read_function(data: Expression | Function, is_array: bool, place: str) -> t
     if atoms_in(formula, "pos"):
         raise InputError(f"{place}: it has pos, {UNREAD}; {INSTEAD}")
     text = str(formula)
-    if len(text) > MAX_FORMULA_LENGTH:
-        raise InputError(f"{place}: it has {len(text)} characters, {UNREAD}; {INSTEAD}")
     try:
         polynomial = coefficients(formula, "xy")
     except ValueError:  # a coefficient cannot be distinguished from 0
