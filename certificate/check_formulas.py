@@ -103,10 +103,11 @@ def power(t, r):
 def series(x):
     """The intervals of exp x, cos x and sin x for a number x in units of 2^-P, by sums of x^n/n!."""
     require(abs(x) <= ARGUMENT * ONE, f"an argument of exp, sin or cos may be beyond {ARGUMENT}")
-    # Terms are whole numbers in units of 2^(-P - guard), each rounded down: the n-th one has an error e_n <=
-    # e_(n-1) |x|/n + 1, e_0 = 0, so e_n <= 1 + |x| + |x|^2/2 + .. <= e^|x|. From the N-th on, N > 2 |x|, exact terms at
-    # least halve, so their sum is at most twice the N-th, 2 (1 + e_N). So the error of the sum of N terms is at most
-    # N e^|x| + 2 + 2 e^|x| <= (N + 4) 4^|x|. N < 2^15, for x^n/n! <= (e |x|/n)^n <= 8^-n there. So it is below 2^guard.
+    # Terms are whole numbers in units of 2^(-P - guard), each rounded down. The n-th one has an error e_n <=
+    # e_(n-1) |x|/n + 1, e_0 = 0, so e_n <= 1 + |x| + |x|^2/2! + .. <= e^|x|, as n (n - 1) .. (n - m + 1) >= m!. From
+    # the N-th on, N > 2 |x|, exact terms at least halve: their sum is at most twice the N-th one, 2 (1 + e_N). So the
+    # error of the sum of N terms is at most N e^|x| + 2 + 2 e^|x| <= (N + 4) 4^|x|. That is below 2^guard: N < 2^15,
+    # for terms are below 2^4000 units, and halve from n = 2000 on.
     guard = 2 * divide_up(abs(x), ONE) + 16
     sums, term, n = [0, 0, 0, 0], ONE << guard, 0
     while n * ONE <= 2 * abs(x) or abs(term) > 1:
@@ -121,6 +122,10 @@ def series(x):
 # ---- Functions h: intervals of h, h', h''/2, h'''/6 for all arguments in an interval t ----
 
 
+def divide_by_factorials(*derivatives):
+    return [times(t, factor) for t, factor in zip(derivatives, INVERSE_FACTORIALS)]
+
+
 def power_terms(t, r):
     """r (r - 1) .. (r - k + 1)/k! t^(r - k); terms after one that is 0 are 0 and left out."""
     terms, factor = [], Q(1)
@@ -133,17 +138,17 @@ def power_terms(t, r):
 
 def exp_terms(t):
     value = max(series(t[0])[0][0], 0), series(t[1])[0][1]
-    return [times(value, factor) for factor in INVERSE_FACTORIALS]
+    return divide_by_factorials(value, value, value, value)
 
 
 def log_terms(t):
-    require(t[0] > 0, "log is taken of what may not be positive")
+    require(t[0] << 90 > ONE and t[1] < ONE << 1000, "log is taken of what may not be between 2^-90 and 2^1000")
     ends = []
     for x in t:
-        # log x = y + log z, z = x exp(-y), for a y near log x; and 1 - 1/z <= log z <= z - 1
+        # log x = y + log z, z = x/e^y, for a y near log x; and 1 - 1/z <= log z <= z - 1
         y = int(math.log(x / ONE) * 2**50) << (P - 50)
-        low, high = times((x, x), series(-y)[0])
-        ends += [y + ONE - divide_up(ONE * ONE, low), y + high - ONE]
+        low, high = series(y)[0]
+        ends += [y + ONE - divide_up(ONE * high, x), y + divide_up(ONE * x, low) - ONE]
     return [(ends[0], ends[3])] + [times(enclose(Q(-((-1) ** k), k)), power(t, Q(-k))) for k in (1, 2, 3)]
 
 
@@ -157,12 +162,29 @@ def sin_and_cos(t):
 
 def sin_terms(t):
     sin, cos = sin_and_cos(t)
-    return [times(*pair) for pair in zip((sin, cos, negative(sin), negative(cos)), INVERSE_FACTORIALS)]
+    return divide_by_factorials(sin, cos, negative(sin), negative(cos))
 
 
 def cos_terms(t):
     sin, cos = sin_and_cos(t)
-    return [times(*pair) for pair in zip((cos, negative(sin), negative(cos), sin), INVERSE_FACTORIALS)]
+    return divide_by_factorials(cos, negative(sin), negative(cos), sin)
+
+
+def sinh_and_cosh(t):
+    # e^t/2 and e^-t/2; the former grows, the latter falls
+    _, _, half, _ = exp_terms(t)
+    _, _, inverse, _ = exp_terms(negative(t))
+    return (half[0] - inverse[1], half[1] - inverse[0]), (half[0] + inverse[0], half[1] + inverse[1])
+
+
+def sinh_terms(t):
+    sinh, cosh = sinh_and_cosh(t)
+    return divide_by_factorials(sinh, cosh, sinh, cosh)
+
+
+def cosh_terms(t):
+    sinh, cosh = sinh_and_cosh(t)
+    return divide_by_factorials(cosh, sinh, cosh, sinh)
 
 
 def tanh_terms(t):
@@ -174,7 +196,8 @@ def tanh_terms(t):
     return [tanh, slope, times(negative(tanh), slope), times((square[0] - third[1], square[1] - third[0]), slope)]
 
 
-TERMS = {"exp": exp_terms, "log": log_terms, "sin": sin_terms, "cos": cos_terms, "tanh": tanh_terms}
+TERMS = {"exp": exp_terms, "log": log_terms, "sin": sin_terms, "cos": cos_terms}
+TERMS = {**TERMS, "sinh": sinh_terms, "cosh": cosh_terms, "tanh": tanh_terms}
 
 
 # ---- Expansions: dictionaries from (i, j) to intervals ----
@@ -248,9 +271,11 @@ def combine(sign, a, b):
 def read(node, text, depth=0):
     """The formula of a node of Python's syntax tree; what is not named here is refused."""
     require(depth <= NESTING, "it is nested too deeply")
-    part = ast.get_source_segment(text, node)
-    if isinstance(node, ast.Constant) and re.fullmatch(r"([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]{1,2})?", part):
-        return number(part)
+    if isinstance(node, ast.Constant):
+        digits = ast.get_source_segment(text, node)
+        decimal = re.fullmatch(r"([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]{1,2})?", digits)
+        require(decimal, f"{digits} is no decimal number")
+        return number(digits)
     if isinstance(node, ast.Name) and node.id in ("x", "y", "pi"):
         return (node.id,)
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
@@ -264,10 +289,7 @@ def read(node, text, depth=0):
             return node.func.id, argument
         if node.func.id == "sqrt":
             return combine("**", argument, number(Q(1, 2)))
-        if node.func.id in ("sinh", "cosh"):  # (exp(a) -+ exp(-a))/2
-            inverse = "exp", combine("-", number(0), argument)
-            return combine("/", ("-" if node.func.id == "sinh" else "+", ("exp", argument), inverse), number(2))
-    raise Refused(f"{part} cannot be read")
+    raise Refused(f"{ast.get_source_segment(text, node)} cannot be read")
 
 
 def degree(formula):
@@ -314,7 +336,7 @@ class Formula(Polynomial):
 
     def __init__(self, function):
         text = str(Polynomial(function)) if isinstance(function, list) else function
-        require(isinstance(text, str) and re.fullmatch("[ -~]*", text), f"{text!r} is no formula")
+        require(isinstance(text, str) and re.fullmatch("[ -~]*", text) and "#" not in text, f"{text!r} is no formula")
         require(len(text) <= LENGTH or isinstance(function, list), f"a formula is longer than {LENGTH}")
         self.text = text.strip()
         try:
@@ -322,12 +344,23 @@ class Formula(Polynomial):
         except (MemoryError, RecursionError, Refused, SyntaxError, ValueError) as reason:
             raise Refused(f"{self.text} is no formula that can be read: {reason}") from None
         self.degree = degree(self.formula)
+        if self.degree <= 2:
+            self.polynomial = self.interpolate()
 
     def __str__(self):
         return self.text
 
     def value(self, point):
         return evaluate(self.formula, *point)
+
+    def interpolate(self):
+        """The polynomial of degree 2 with its values at six points."""
+        points = (0, 0), (1, 0), (-1, 0), (0, 1), (0, -1), (1, 1)
+        origin, east, west, north, south, corner = (self.value((Q(x), Q(y))) for x, y in points)
+        terms = [(0, 0, origin), (1, 0, (east - west) / 2), (0, 1, (north - south) / 2)]
+        terms += [(2, 0, (east + west) / 2 - origin), (0, 2, (north + south) / 2 - origin)]
+        terms += [(1, 1, corner - east - north + origin)]
+        return Polynomial([[i, j, str(c)] for i, j, c in terms if c])
 
     def expand(self, x, y):
         try:
@@ -340,12 +373,9 @@ class Formula(Polynomial):
 
         The points/D are the corners of a triangle, then the midpoints opposite to them.
         """
-        points = [(Q(x, D), Q(y, D)) for x, y in points]
         if self.degree <= 2:
-            values = [self.value(point) for point in points]
-            unit = math.lcm(*(value.denominator for value in values))
-            return [int(value * unit) for value in values], unit, 0
-        x, y = zip(*points[:3])
+            return self.polynomial.on_triangle(points, D)
+        x, y = ([Q(z, D) for z in values] for values in zip(*points[:3]))
         everywhere = self.expand(linear(x, min(x), max(x)), linear(y, min(y), max(y)))
         mean_x, mean_y = sum(x) / 3, sum(y) / 3
         centre = self.expand(linear(x, mean_x, mean_x), linear(y, mean_y, mean_y))

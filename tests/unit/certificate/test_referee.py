@@ -5,14 +5,25 @@ import importlib.util
 import json
 import subprocess
 import sys
+from decimal import Decimal
 
 import pytest
 from conftest import ROOT
+from random_certificates import random_certificate
+from recomputed import Recomputed, decimal
 
 CHECKER = ROOT / "certificate/check.py"
-specification = importlib.util.spec_from_file_location("check_read_by_referee", CHECKER)
-check = importlib.util.module_from_spec(specification)
-specification.loader.exec_module(check)
+
+
+def load_checker(path):
+    specification = importlib.util.spec_from_file_location(f"{path.stem}_read_by_referee", path)
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+check = load_checker(CHECKER)
+check_formulas = load_checker(CHECKER.with_name("check_formulas.py"))
 
 
 def square():
@@ -89,7 +100,7 @@ def test_a_file_that_cannot_be_read_ends_with_2_and_no_traceback(tmp_path):
 
 
 def test_sums_over_triangles_do_not_grow():
-    """Exact sums of fractions with other denominators took quadratic time: 33 s for 12 800 triangles, now 2 s."""
+    """Exact sums of fractions take quadratic time: 33 s for 12 800 triangles, 2 s if rounded."""
     stated = square()
     stated["mesh"]["boundary"] = [[0, 1 / 3, 0.7], [0], [0], [0]]
     stated["mesh"]["triangles"] = [[0, 1, 5], [1, 2, 4], [2, 3, 4], [1, 4, 5]]
@@ -101,3 +112,38 @@ def test_sums_over_triangles_do_not_grow():
     D2 = certificate.sums(w)[2]
     # y = 2 - v at the boundary, so D^2 is no multiple of 1/UNITS^2 unless it is rounded
     assert check.UNITS**2 % D2.denominator == 0
+
+
+SEEDS = (*range(8), 2073)  # the last one has a single triangle, with two free edges
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_both_bounds_agree_with_their_definitions(seed):
+    """Not below them, and above by less than 1e-15: pi has 20 digits, roots 60."""
+    certificate = random_certificate(seed)
+    expected = Recomputed(certificate)
+    for bound, exact in zip(check.Certificate(certificate).bounds(), (expected.X, expected.L), strict=True):
+        assert exact <= decimal(bound) <= exact * (1 + Decimal("1e-15"))
+
+
+def test_the_comparison_notices_a_change_of_one_number_by_1e_9():
+    certificate = random_certificate(0)
+    certificate["flux"][0] *= 1 + 1e-9
+    changed, _ = check.Certificate(certificate).bounds()
+    assert abs(decimal(changed) / Recomputed(random_certificate(0)).X - 1) > Decimal("1e-15")
+
+
+def test_random_certificates_have_all_that_the_definitions_compute():
+    certificates = [random_certificate(seed) for seed in SEEDS]
+    kinds = {kind for stated in certificates for side in stated["problem"]["sides"] for kind in side}
+    assert kinds == {"contact", "free", "clamped"}
+    assert {"field" in stated for stated in certificates} == {False, True}
+    assert any(stated["problem"]["c"] == "0" for stated in certificates)
+    assert any(len(stated["mesh"]["triangles"]) == 1 for stated in certificates)
+
+
+def test_comments_in_formulas_are_refused():
+    """`0 # + 100*x` is 0, and the checker prints the text as the f of the problem that it proved."""
+    with pytest.raises(check_formulas.Refused, match="no formula"):
+        check_formulas.Formula("0 # + 100*x")
+    assert check_formulas.Formula("0 + 100*x").degree == 1
