@@ -30,7 +30,7 @@ def measured():
 
 
 def test_bounds_are_those_that_users_get_and_errors_are_those_of_the_functions(measured):
-    """The error by scikit-fem's quadrature on a mesh that is refined twice, to 1 %, for grad u is like r^(1/2).
+    """The error by scikit-fem's quadrature on a mesh that is refined twice, to 1 %: grad u is like r^(1/2).
 
     Controls: the bound for another function differs, and so does its error.
     """
