@@ -6,8 +6,12 @@
 PROBLEM. In a polygon -k lap u + c u = f, k > 0, c >= 0. On each side one of three conditions holds:
     contact   u >= g, s = k du/dn >= 0, s (u - g) = 0      free   k du/dn = t      clamped   u = u_D
 V: the functions in H^1 that vanish on clamped sides; a(w, z) = k (grad w, grad z) + c (w, z); |||w|||^2 = a(w, w).
+K: the functions z in H^1 with z >= g on contact sides and z = u_D on clamped sides. The conditions mean: u is in K, and
+    a(u, z - u) >= (f, z - u) + <t, z - u>_free  for all z in K.
+If K is not empty, there is one such u, for a is coercive on V: c > 0, or a side is clamped.
 The certificate has a triangulation of the polygon, the function v to be judged (linear on triangles), a flux p
-(linear on triangles, one p.n on each edge), and the trace of v + y; y is quadratic, 0 but on triangles at the boundary.
+(linear on triangles, one p.n on each edge), and the trace of v + y. y is continuous, quadratic on triangles, linear
+along edges inside, and 0 at nodes inside.
 
 THEOREM. Let p.n >= 0 and v + y >= g on contact sides, and v + y = u_D on clamped sides. Let
     S = the norm on V of R(z) = (f, z) + <t, z>_free + <p.n, z>_contact - a(v, z),
@@ -18,7 +22,7 @@ PROOF. s is the functional a(u, z) - (f, z) - <t, z>_free on V, so a(u - v, z) =
 a-orthogonal projection to V, r in V with a(r, z) = R(z) for all z in V, and w = Q(u - v) - r. Then |||r||| = S, and
 a(w, z) = <s - p.n, z>, so |||w||| = L. As e = u - v - y is in V, Q(u - v) = e + Q y, and
     |||Q(u - v)|||^2 + L^2 - S^2 = 2 a(Q(u - v), w) = 2 <s - p.n, e> + 2 a(Q y, w).
-<s, e> <= 0 is the variational inequality of u, tested with v + y. As u >= g and p.n >= 0, -<p.n, e> =
+<s, e> <= 0 is the variational inequality, tested with z = v + y, which is in K. As u >= g and p.n >= 0, -<p.n, e> =
 <p.n, (v + y - g) - (u - g)> <= B. Last, |||u - v|||^2 = |||Q(u - v)|||^2 + |||y - Q y|||^2. Together
     X^2 + L^2 <= S^2 + 2 B + 2 |||Q y||| L + |||y - Q y|||^2, or X^2 + (L - |||Q y|||)^2 <= S^2 + 2 B + D^2.  []
 
@@ -26,6 +30,7 @@ BOUND ON S. With rho = f + div p - c v, R(z) = (p - k grad v, grad z) + (rho, z)
 with longest edge d, ||z - mean z|| <= d/pi |z|_1 (Payne and Weinberger 1960). Let M = ||mean of rho|| and A =
 ||p - k grad v|| + d/pi ||rho - mean of rho||. The terms on T are at most A |z|_1 + M ||z||, and their sum is at most
 (sum A^2/k + sum M^2/c)^(1/2) |||z|||, or ((sum A^2/k)^(1/2) + C (sum M^2)^(1/2)) |||z||| if ||z|| <= C |||z||| on V.
+If f is not quadratic on T, a quadratic function takes its place, and M has the norm of the difference, too.
 """
 
 import decimal
@@ -181,7 +186,8 @@ class Mesh:
         self.nb = len(self.nodes)
         self.nodes += [(x * (D // unit), y * (D // unit)) for x, y in zip(inside[::2], inside[1::2])]
         # A triangle winds once around its points. If edges inside cancel, the winding numbers of all triangles
-        # add up to that of the boundary, which is 1: so each point off the edges lies in exactly one triangle.
+        # add up to that of the boundary, which is 1: so each point off the edges lies in exactly one triangle. The two
+        # triangles at an edge inside lie on its two sides, so v and y are in H^1, and div p is in L2.
         self.triangles, owner = stated["triangles"], {}
         for number, triangle in enumerate(self.triangles):
             nodes = len(triangle) == 3 and all(type(i) is int and 0 <= i < len(self.nodes) for i in triangle)
