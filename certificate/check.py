@@ -72,7 +72,8 @@ def root(q):
 
 
 def fraction(text):
-    require(isinstance(text, str) and re.fullmatch(r"-?[0-9]{1,400}(/[0-9]{1,400})?", text), f"{text!r}: no fraction")
+    written = isinstance(text, str) and re.fullmatch(r"-?[0-9]{1,400}(/[0-9]{1,400})?", text)
+    require(written, f"{text!r} is no fraction, such as '-3/4'")
     return Q(text)
 
 
@@ -125,8 +126,10 @@ class Problem:
         require(one_each, "sides: each side of the polygon needs one condition")
         self.sides = [(kind, function(data)) for side in stated["sides"] for kind, data in side.items()]
         kinds = {kind for kind, _ in self.sides}
-        require(kinds <= {"contact", "free", "clamped"}, f"sides: {kinds} are not all conditions")
-        require(self.k > 0 and (self.c > 0 or (self.c == 0 and "clamped" in kinds)), "k, c: there may be no u")
+        unknown = sorted(kinds - {"contact", "free", "clamped"})
+        require(not unknown, f"sides: {unknown} is not contact, free or clamped")
+        positive = self.k > 0 and (self.c > 0 or (self.c == 0 and "clamped" in kinds))
+        require(positive, "k, c: both have to be positive; c may be 0 if a side is clamped")
         check_polygon(self.corners)
 
     def __str__(self):
@@ -200,8 +203,8 @@ class Mesh:
                 if edge[::-1] not in owner:
                     self.numbers[edge] = len(self.numbers)
         self.beside = [owner.pop((i, (i + 1) % self.nb), None) for i in range(self.nb)]
-        require(None not in self.beside, "triangles: there is none at an edge of the boundary")
-        require(all(edge[::-1] in owner for edge in owner), "triangles: there is one at one side of an edge only")
+        require(None not in self.beside, "triangles: an edge of the boundary has none")
+        require(all(edge[::-1] in owner for edge in owner), "triangles: an edge inside has one on one side only")
 
     def outflow(self, values, a, b):
         """The outflow to the right of the edge from a to b, at a and at b, by two values for each edge."""
@@ -250,7 +253,8 @@ class Certificate:
         self.v, self.V = integers(stated["v"], len(self.mesh.nodes), "v")
         self.flux, self.W = integers(stated["flux"], edges, "flux")  # p.n times the length, at both ends of edges
         self.trace, self.Y = integers(stated["trace"], 2 * self.mesh.nb, "trace")  # at nodes, then at midpoints
-        if "field" in stated or self.problem.c == 0:
+        require("field" in stated or self.problem.c > 0, "field: it is needed if c is 0")
+        if "field" in stated:
             self.field, self.U = integers(stated["field"], edges, "field")
 
     def residual(self, triangle, corners, middles, N):
@@ -290,7 +294,8 @@ class Certificate:
         mesh, largest = self.mesh, Q(0)
         for i, side in enumerate(mesh.side):
             inward = max(mesh.outflow(self.field, i, (i + 1) % mesh.nb)) <= 0
-            require(inward or self.problem.sides[side][0] == "clamped", f"field: it leaves through side {side}")
+            clamped = self.problem.sides[side][0] == "clamped"
+            require(inward or clamped, f"field: b.n > 0 on side {side}, which is not clamped")
         for number, triangle in enumerate(mesh.triangles):
             X = [mesh.nodes[i] for i in triangle]
             area, e = cross(*X), vectors(X)

@@ -147,3 +147,16 @@ def test_comments_in_formulas_are_refused():
     with pytest.raises(check_formulas.Refused, match="no formula"):
         check_formulas.Formula("0 # + 100*x")
     assert check_formulas.Formula("0 + 100*x").degree == 1
+
+
+def test_messages_say_what_would_be_right():
+    without_field = square()
+    without_field["problem"]["c"] = "0"
+    without_field["problem"]["sides"][3] = {"clamped": without_field["problem"]["sides"][3]["contact"]}
+    assert refusal(without_field) == "field: it is needed if c is 0"
+    without_clamped = square()
+    without_clamped["problem"]["c"] = "0"
+    assert "c may be 0 if a side is clamped" in refusal(without_clamped)
+    unknown = square()
+    unknown["problem"]["sides"][0] = {"obstacle": []}
+    assert refusal(unknown) == "sides: ['obstacle'] is not contact, free or clamped"
