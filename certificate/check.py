@@ -390,9 +390,10 @@ def upward(q):
 
 def main(function=Polynomial):
     try:
-        with (gzip.open if sys.argv[1].endswith(".gz") else open)(sys.argv[1], "rb") as file:
+        _, path = sys.argv
+        with (gzip.open if path.endswith(".gz") else open)(path, "rb") as file:
             stated = json.load(file)
-    except (IndexError, OSError, EOFError, ValueError, RecursionError, zlib.error) as error:
+    except (OSError, EOFError, ValueError, RecursionError, zlib.error) as error:
         print(f"usage: python3 {sys.argv[0]} FILE; no certificate can be read: {error!r}", file=sys.stderr)
         return 2
     try:

@@ -54,9 +54,9 @@ def refusal(certificate):
     return str(caught.value)
 
 
-def run(path):
+def run(*paths):
     """Exit code, output and error output of the checker, without the project's packages."""
-    command = [sys.executable, "-I", "-S", CHECKER, path]
+    command = [sys.executable, "-I", "-S", CHECKER, *paths]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     return done.returncode, done.stdout, done.stderr
 
@@ -160,3 +160,14 @@ def test_messages_say_what_would_be_right():
     unknown = square()
     unknown["problem"]["sides"][0] = {"obstacle": []}
     assert refusal(unknown) == "sides: ['obstacle'] is not contact, free or clamped"
+
+
+def test_a_second_file_is_not_passed_over(tmp_path):
+    """`check.py *.json` would end with 0 although it has read the first of them only."""
+    (tmp_path / "first.json").write_text(json.dumps(square()))
+    (tmp_path / "second.json").write_text("no certificate")
+    code, output, errors = run(tmp_path / "first.json", tmp_path / "second.json")
+    assert (code, output) == (2, "")
+    assert "usage" in errors
+    assert run()[0] == 2
+    assert run(tmp_path / "first.json")[0] == 0
