@@ -8,7 +8,7 @@ PROBLEM. In a polygon -k lap u + c u = f, k > 0, c >= 0. On each side one of thr
 V: the functions in H^1 that vanish on clamped sides; a(w, z) = k (grad w, grad z) + c (w, z); |||w|||^2 = a(w, w).
 K: the functions z in H^1 with z >= g on contact sides and z = u_D on clamped sides. The conditions mean: u is in K, and
     a(u, z - u) >= (f, z - u) + <t, z - u>_free  for all z in K.
-If K is not empty, there is one such u, for a is coercive on V: c > 0, or a side is clamped.
+If K is not empty (v + y will be in it), there is one such u: a is coercive on V, for c > 0 or a side is clamped.
 The certificate has a triangulation of the polygon, the function v to be judged (linear on triangles), a flux p
 (linear on triangles, one p.n on each edge), and the trace of v + y. y is continuous, quadratic on triangles, linear
 along edges inside, and 0 at nodes inside.
@@ -22,7 +22,7 @@ PROOF. s is the functional a(u, z) - (f, z) - <t, z>_free on V, so a(u - v, z) =
 a-orthogonal projection to V, r in V with a(r, z) = R(z) for all z in V, and w = Q(u - v) - r. Then |||r||| = S, and
 a(w, z) = <s - p.n, z>, so |||w||| = L. As e = u - v - y is in V, Q(u - v) = e + Q y, and
     |||Q(u - v)|||^2 + L^2 - S^2 = 2 a(Q(u - v), w) = 2 <s - p.n, e> + 2 a(Q y, w).
-<s, e> <= 0 is the variational inequality, tested with z = v + y, which is in K. As u >= g and p.n >= 0, -<p.n, e> =
+<s, e> <= 0 is the variational inequality of u, tested with v + y. As u >= g and p.n >= 0, -<p.n, e> =
 <p.n, (v + y - g) - (u - g)> <= B. Last, |||u - v|||^2 = |||Q(u - v)|||^2 + |||y - Q y|||^2. Together
     X^2 + L^2 <= S^2 + 2 B + 2 |||Q y||| L + |||y - Q y|||^2, or X^2 + (L - |||Q y|||)^2 <= S^2 + 2 B + D^2.  []
 
