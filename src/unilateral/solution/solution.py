@@ -20,6 +20,12 @@ from unilateral.arrays import Array, Index, floats
 from unilateral.bounds.clamped_ends import Clamps, none
 from unilateral.bounds.forces import Force, forces
 from unilateral.bounds.local_bounds import LocalBound
+from unilateral.certificates.export import (
+    certify_judged,
+    check_certificate_path,
+    judged_solution,
+    write_certificate,
+)
 from unilateral.discrete.base import DiscreteSolution
 from unilateral.errors import InputError, SolutionWarning
 from unilateral.formulas.decimals import guaranteed, interval, is_bounded, up
@@ -533,6 +539,34 @@ class Solution:
                 from unilateral.solution.plot import draw
 
                 draw(self.plot(), temporary)
+
+    def save_certificate(self, path: str | os.PathLike[str]) -> None:
+        """Writes a file from which `certificate/check.py` proves the cheap bound, without this package.
+
+        If f, g or q is a formula that it does not read, `certificate/check_formulas.py` does.
+
+        Parameters
+        ----------
+        path : str or path
+            A name that ends in .json or .json.gz.
+
+        Raises
+        ------
+        InputError
+            For another ending, and for what no checker reads: functions, arrays, cases, pos, log, irrational
+            k and c, and u that is not quadratic along its side.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile
+        >>> import unilateral as ul
+        >>> s = ul.solve(ul.Problem([(0, 0), (1, 0), (0, 1)], f="x - 1", g=0), h=1 / 8, H=1 / 4)
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     s.save_certificate(pathlib.Path(folder, "triangle.json.gz"))
+        """
+        check_certificate_path(path)
+        judged = judged_solution(self.solved, self.mesh, self.problem.units)
+        write_certificate(certify_judged(self.problem, judged), path)
 
     @overload
     def plot(self) -> Figure: ...

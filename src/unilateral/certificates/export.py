@@ -1,0 +1,230 @@
+"""Certificates written: a function, a flux and a trace on a mesh, as `certificate/check.py` reads them.
+
+docs/certificate.md describes the file, and the docstring of the checker has the theorem. Its hypotheses have
+to hold in exact arithmetic: p.n >= 0 and v + y >= g on contact sides, and div b >= 1. So p.n is cut off at 0,
+and the trace and the field b are made a little larger than rounding asks for. A file that fails in spite of
+that is refused by the checker, and proves nothing that is wrong.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+import unilateral
+from unilateral.arrays import Array, Index
+from unilateral.bounds.equilibrated_flux import equilibrated, flows
+from unilateral.certificates.statement import has_formulas, state_problem
+from unilateral.discrete.base import DiscreteSolution
+from unilateral.errors import InputError
+from unilateral.fem.form import Form, decoupled
+from unilateral.fem.linear_systems import dissected
+from unilateral.fem.p1 import lumped_mass, stiffness_and_mass
+from unilateral.geometry.mesh import Mesh
+from unilateral.problems.piecewise import ORDER, SIGNS, on_intervals
+from unilateral.problems.problem import Problem
+from unilateral.problems.units import Units
+from unilateral.system.files import check_writable, path_of, replacing
+
+if TYPE_CHECKING:
+    from unilateral.problems.given import AnyProblem
+
+FORMAT = "unilateral certificate 1"
+ENDINGS = (".json", ".json.gz")
+PLACE_BITS, VALUE_BITS = 52, 60
+"""Coordinates and values are multiples of the largest one's power of 2 over 2 to these powers.
+
+So the integers of the checker stay short.
+"""
+ROUNDING = 1e-14
+"""Values are rounded, and moved by rounded places, by less than this part of their size."""
+FIELD_MARGIN = 1e-9
+"""div b is made larger than 1 by this, for its rounding."""
+
+
+class Judged(NamedTuple):
+    """A function v on a mesh, and what proves a bound on its error, in the user's units.
+
+    Attributes
+    ----------
+    mesh : Mesh
+        The mesh, on the user's polygon.
+    v : ndarray of float (n,)
+        The function at the nodes.
+    flux : ndarray of float (2, E)
+        The flows and tilts of the flux p on edges, as `equilibrated` has them.
+    trace : ndarray of float (2 nb,)
+        v + y at the boundary nodes, then at the midpoints of boundary edges. `raise_trace` adds what it lacks
+        of g.
+    """
+
+    mesh: Mesh
+    v: Array
+    flux: Array
+    trace: Array
+
+
+def judged_solution(solved: DiscreteSolution, mesh: Mesh, units: Units) -> Judged:
+    """What the cheap bound of a solution rests on, on the user's mesh.
+
+    Raises InputError if there is no bound.
+    """
+    if solved.flux is None or solved.feasible_trace is None:
+        raise InputError("there is no bound to certify, because f, g, q or u is a function")
+    return Judged(
+        mesh, units.value * solved.u_h, units.force * solved.flux, units.value * solved.feasible_trace
+    )
+
+
+def certify_judged(problem: AnyProblem, judged: Judged) -> dict[str, Any]:
+    """The certificate as a record of the fields of docs/certificate.md.
+
+    Raises InputError as `state_problem`, and where g is not known on a boundary edge.
+    """
+    statement = state_problem(problem)
+    assert isinstance(problem, Problem)  # all others are refused
+    mesh = judged.mesh
+    polygon = mesh.polygon
+    inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
+    order = np.append(mesh.boundary, inside)
+    number = np.empty_like(order)
+    number[order] = np.arange(len(order))
+    # The part of its side that lies before each boundary node
+    along = (mesh.s[:-1] - polygon.starts[mesh.side]) / polygon.lengths[mesh.side]
+    places = np.rint(along * 2.0**PLACE_BITS) / 2.0**PLACE_BITS
+    contact = np.flatnonzero(~np.isin(mesh.side, problem.free_sides + problem.clamped_sides))
+    record = {
+        "format": FORMAT,
+        "problem": statement,
+        "mesh": {
+            "boundary": [places[mesh.side == side].tolist() for side in range(polygon.n_sides)],
+            "inside": round_to_grid(mesh.points[inside], PLACE_BITS).tolist(),
+            "triangles": number[mesh.triangles].tolist(),
+        },
+        "v": judged.v[order].tolist(),
+        "flux": round_to_grid(edge_values(mesh, judged.flux, contact), VALUE_BITS).ravel().tolist(),
+        "trace": raise_trace(problem, judged, places, contact).tolist(),
+    }
+    if not problem.units.reaction:
+        field = friedrichs_field(mesh, problem.clamped_sides)
+        none = np.arange(0)
+        record["field"] = round_to_grid(edge_values(mesh, field, none), VALUE_BITS).ravel().tolist()
+    return record
+
+
+def round_to_grid(values: Array, bits: int, rounding: np.ufunc = np.rint) -> Array:
+    """Values rounded to multiples of 2^-bits times a power of 2 that is above all of them."""
+    exponent = int(np.frexp(np.abs(values).max(initial=0.0))[1]) - bits
+    return np.asarray(np.ldexp(rounding(np.ldexp(values, -exponent)), exponent)) + 0.0
+
+
+def edge_values(mesh: Mesh, flux: Array, positive: Index) -> Array:
+    """(E, 2) p.n times the length at both ends of edges, in the order in which triangles mention them first.
+
+    n points out of the triangle that mentions the edge first. On the boundary edges `positive` (k,) the
+    values are cut off at 0.
+    """
+    edges, first = np.unique(mesh.opposite_edges.ravel(), return_index=True)
+    outflow = -np.stack([at_end.T.ravel() for at_end in flows(mesh, flux, slice(None))], axis=1)[first]
+    cut = np.isin(edges, mesh.triangulation.boundary[positive])
+    outflow[cut] = np.maximum(outflow[cut], 0.0)
+    return outflow[np.argsort(first)]
+
+
+def raise_trace(problem: Problem, judged: Judged, places: Array, contact: Index) -> Array:
+    """v + y (2 nb,), raised to g on the boundary edges in `contact` (k,), which begin at the `places` (nb,).
+
+    With the coefficients low, bend, high in Bernstein's basis v + y - g is >= 0 if low, high >= 0 and bend >=
+    -(low high)^(1/2). On clamped sides the trace is u_D up to rounding, and the checker takes u_D itself.
+    """
+    side, nb = judged.mesh.side, len(places)
+    after = (contact + 1) % nb
+    ends = np.where(side[after] == side[contact], places[after], 1.0)
+    g_first, g_bend, g_last = obstacle_bounds(problem, side[contact], places[contact], ends)
+    nodes, middles = np.split(judged.trace, 2)
+    nodes = nodes.copy()
+    np.maximum.at(nodes, contact, g_first)
+    np.maximum.at(nodes, after, g_last)
+    w_first, w_last = nodes[contact], nodes[after]
+    sizes = np.abs(w_first) + np.abs(w_last) + np.abs(g_bend)
+    low, high = (np.maximum(w - g - ROUNDING * sizes, 0.0) for w, g in ((w_first, g_first), (w_last, g_last)))
+    # bend = 2 (v + y at the midpoint) - (w_first + w_last) / 2 - g_bend
+    least = 0.25 * (w_first + w_last) + 0.5 * (g_bend - np.sqrt(low) * np.sqrt(high)) + ROUNDING * sizes
+    middles = middles.copy()
+    middles[contact] = np.maximum(middles[contact], least)
+    return round_to_grid(np.append(nodes, middles), VALUE_BITS, np.ceil)
+
+
+def obstacle_bounds(problem: Problem, side: Index, start: Array, end: Array) -> Array:
+    """(3, k) upper bounds on g in Bernstein's basis on parts of sides (k,), as a checker encloses g there.
+
+    The checker interpolates g at the ends and the midpoint of an edge. If |g'''| <= M, with the variable t in
+    [0, 1], the rest is at most M t (1 - t) / 12, which moves the middle coefficient by M / 24. Here g is a
+    polynomial in 2 t - 1 with the coefficients c, up to a small remainder. Its terms of degree k > 3 count
+    4^(k - 3) times, because a checker encloses g''' by intervals.
+    """
+    pieces = on_intervals(problem.obstacle_model, side, start, end)
+    k = np.arange(ORDER + 1.0)
+    M = 8 * (k * (k - 1) * (k - 2) * 4.0 ** (k - 3)) @ np.abs(pieces.c)
+    first, last, middle = SIGNS @ pieces.c, pieces.c.sum(axis=0), pieces.c[0]
+    margin = 2 * pieces.rad + ROUNDING * np.abs(pieces.c).sum(axis=0)
+    bounds = np.stack([first, 2 * middle - 0.5 * (first + last) + M / 24 + margin, last]) + margin
+    if not np.isfinite(bounds).all():
+        unknown = side[~np.isfinite(bounds).all(axis=0)][0]
+        raise InputError(
+            f"{problem.name}, field g[{unknown}]: it is not smooth enough for a certificate; write a "
+            "formula that is smooth on the whole side"
+        )
+    return bounds
+
+
+def friedrichs_field(mesh: Mesh, clamped: tuple[int, ...]) -> Array:
+    """(2, E) flows and tilts of a field b with div b >= 1 and b.n = 0 on sides that are not clamped.
+
+    b is the flux of the phi with lap phi = 1, with one value on each edge.
+    """
+    form = Form(0.0, clamped)
+    fixed = form.fixed(mesh)
+    stiffness, _ = stiffness_and_mass(mesh)
+    phi = dissected(decoupled(stiffness, fixed)).solve(np.where(fixed, 0.0, -lumped_mass(mesh)))
+    normal = np.where(form.edges(mesh)[:, None], np.nan, np.zeros((len(mesh.boundary), 2)))
+    flow, _ = equilibrated(
+        mesh, phi, lambda part: np.repeat(-mesh.areas[part, None] / 3, 3, axis=1), normal, 0.0
+    )
+    field = np.stack([flow, np.zeros_like(flow)])
+    inflow, _ = flows(mesh, field, slice(None))
+    return field * ((1 + FIELD_MARGIN) / (-inflow.sum(axis=0) / mesh.areas).min())
+
+
+def check_certificate_path(path: str | os.PathLike[str]) -> Path:
+    """The path of a certificate. Raises InputError for another ending and for what cannot be written."""
+    file = path_of(path, f"name{ENDINGS[1]}")
+    if not file.name.endswith(ENDINGS):
+        raise InputError(f"{file}: the ending must be {' or '.join(ENDINGS)}")
+    check_writable(file)
+    return file
+
+
+def write_certificate(record: dict[str, Any], path: str | os.PathLike[str]) -> None:
+    """Writes a certificate, compressed if the name ends in .gz.
+
+    Raises InputError as `check_certificate_path`.
+    """
+    file = check_certificate_path(path)
+    text = json.dumps(record, separators=(",", ":"), allow_nan=False).encode()
+    with replacing(file) as temporary:
+        temporary.write_bytes(gzip.compress(text, 6, mtime=0) if file.suffix == ".gz" else text)
+
+
+def checker_of(problem: AnyProblem) -> Path:
+    """The program that checks certificates of a problem: it is installed, or in the project's folder."""
+    name = "check_formulas.py" if has_formulas(state_problem(problem)) else "check.py"
+    package = Path(unilateral.__file__).parent
+    installed = package / "checker" / name
+    file = installed if installed.is_file() else package.parents[1] / "certificate" / name
+    return file.relative_to(Path.cwd()) if file.is_relative_to(Path.cwd()) else file
