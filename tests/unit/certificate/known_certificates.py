@@ -76,17 +76,22 @@ def nodes(certificate):
 
 
 def edge_values(triangles, points, field):
-    """Two numbers for each edge: the field times the outward normal and the edge's length, at both of its ends."""
+    """Two numbers for each edge: field * outward normal * length at both ends of its best linear approximation.
+
+    Of a quadratic function with the values a, m, b that has the mean (a + 4 m + b) / 6 and the slope b - a.
+    """
     values, mentioned = [], set()
     for triangle in triangles:
         for i, j in OPPOSITE:
             first, last = triangle[i], triangle[j]
             if (last, first) not in mentioned:
                 mentioned.add((first, last))
-                dx, dy = (q - p for p, q in zip(points[first], points[last], strict=True))
-                for end in (first, last):
-                    x, y = field(*points[end])
-                    values.append(float(x * dy - y * dx))
+                ends = points[first], points[last]
+                dx, dy = (q - p for p, q in zip(*ends, strict=True))
+                middle = tuple((p + q) / 2 for p, q in zip(*ends, strict=True))
+                a, m, b = (x * dy - y * dx for x, y in (field(*point) for point in (ends[0], middle, ends[1])))
+                mean = Fraction(a + 4 * m + b) / 6
+                values += [float(mean - Fraction(b - a) / 2), float(mean + Fraction(b - a) / 2)]
     return values
 
 
@@ -138,6 +143,41 @@ def certificate(
     if field is not None:
         stated["field"] = edge_values(triangles, points, field)
     return stated
+
+
+def fan(polygon, centre, n):
+    """A mesh of a convex polygon: triangles from its centre to its sides, each cut into n^2 similar ones."""
+    places = [float(Fraction(step, n)) for step in range(n)]
+    sides = len(polygon)
+    # Nodes (side, ring, step): ring n is the boundary, ring 0 the centre
+    number = {(side, n, step): side * n + step for side in range(sides) for step in range(n)}
+    inside = []
+    for ring in range(n - 1, 0, -1):
+        for side, (start, end) in enumerate(pairwise([*polygon, polygon[0]])):
+            for step in range(ring):
+                number[side, ring, step] = sides * n + len(inside)
+                inside.append(
+                    tuple(
+                        m + Fraction(ring - step, n) * (a - m) + Fraction(step, n) * (b - m)
+                        for m, a, b in zip(centre, start, end, strict=True)
+                    )
+                )
+    for side in range(sides):
+        number[side, 0, 0] = sides * n + len(inside)
+    inside.append(centre)
+    for side in range(sides):
+        for ring in range(1, n + 1):
+            number[side, ring, ring] = number[(side + 1) % sides, ring, 0]
+    triangles = []
+    for side in range(sides):
+        for ring in range(n):
+            for step in range(ring + 1):
+                outer = number[side, ring + 1, step], number[side, ring + 1, step + 1]
+                triangles.append((*outer, number[side, ring, step]))
+                if step < ring:
+                    middle = number[side, ring + 1, step + 1]
+                    triangles.append((middle, number[side, ring, step + 1], number[side, ring, step]))
+    return {"boundary": [places] * sides, "inside": inside, "triangles": triangles}
 
 
 def true_error(certificate, u):
