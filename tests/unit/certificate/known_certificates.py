@@ -89,7 +89,9 @@ def edge_values(triangles, points, field):
                 ends = points[first], points[last]
                 dx, dy = (q - p for p, q in zip(*ends, strict=True))
                 middle = tuple((p + q) / 2 for p, q in zip(*ends, strict=True))
-                a, m, b = (x * dy - y * dx for x, y in (field(*point) for point in (ends[0], middle, ends[1])))
+                a, m, b = (
+                    x * dy - y * dx for x, y in (field(*point) for point in (ends[0], middle, ends[1]))
+                )
                 mean = Fraction(a + 4 * m + b) / 6
                 values += [float(mean - Fraction(b - a) / 2), float(mean + Fraction(b - a) / 2)]
     return values
