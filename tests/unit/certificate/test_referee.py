@@ -5,9 +5,12 @@ import importlib.util
 import json
 import subprocess
 import sys
+from decimal import Decimal
 
 import pytest
 from conftest import ROOT
+from random_certificates import random_certificate
+from recomputed import Recomputed, decimal
 
 CHECKER = ROOT / "certificate/check.py"
 specification = importlib.util.spec_from_file_location("check_read_by_referee", CHECKER)
@@ -89,7 +92,7 @@ def test_a_file_that_cannot_be_read_ends_with_2_and_no_traceback(tmp_path):
 
 
 def test_sums_over_triangles_do_not_grow():
-    """Exact sums of fractions with other denominators took quadratic time: 33 s for 12 800 triangles, now 2 s."""
+    """Exact sums of fractions take quadratic time: 33 s for 12 800 triangles, 2 s if rounded."""
     stated = square()
     stated["mesh"]["boundary"] = [[0, 1 / 3, 0.7], [0], [0], [0]]
     stated["mesh"]["triangles"] = [[0, 1, 5], [1, 2, 4], [2, 3, 4], [1, 4, 5]]
@@ -101,3 +104,31 @@ def test_sums_over_triangles_do_not_grow():
     D2 = certificate.sums(w)[2]
     # y = 2 - v at the boundary, so D^2 is no multiple of 1/UNITS^2 unless it is rounded
     assert check.UNITS**2 % D2.denominator == 0
+
+
+SEEDS = range(8)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_both_bounds_agree_with_their_definitions(seed):
+    """Not below them, and above by less than 1e-15: pi has 20 digits, roots 60."""
+    certificate = random_certificate(seed)
+    expected = Recomputed(certificate)
+    for bound, exact in zip(check.Certificate(certificate).bounds(), (expected.X, expected.L), strict=True):
+        assert exact <= decimal(bound) <= exact * (1 + Decimal("1e-15"))
+
+
+def test_the_comparison_notices_a_change_of_one_number_by_1e_9():
+    certificate = random_certificate(0)
+    certificate["flux"][0] *= 1 + 1e-9
+    changed, _ = check.Certificate(certificate).bounds()
+    assert abs(decimal(changed) / Recomputed(random_certificate(0)).X - 1) > Decimal("1e-15")
+
+
+def test_random_certificates_have_all_that_the_definitions_compute():
+    certificates = [random_certificate(seed) for seed in SEEDS]
+    kinds = {kind for stated in certificates for side in stated["problem"]["sides"] for kind in side}
+    assert kinds == {"contact", "free", "clamped"}
+    assert {"field" in stated for stated in certificates} == {False, True}
+    assert any(stated["problem"]["c"] == "0" for stated in certificates)
+    assert any(len(stated["mesh"]["triangles"]) == 1 for stated in map(random_certificate, range(60)))
