@@ -2,4 +2,4 @@
 
 from setuptools import find_packages, setup
 
-setup(packages=[*find_packages("src"), "unilateral.manufactured"])
+setup(packages=[*find_packages("src"), "unilateral.checker", "unilateral.manufactured"])

@@ -8,6 +8,7 @@ only, and works in the current folder, which should be empty.
 import contextlib
 import io
 import re
+import subprocess
 import sys
 
 HAS = {
@@ -113,6 +114,17 @@ def python(has):
         assert refused is None or refused[1] in needs
 
 
+def certificate():
+    """The checker comes with the project, as a file that runs without it."""
+    code, out, err = typed("solve corner.yaml --h 1/8 --H 1/4 --certificate corner.json.gz")
+    assert (code, err) == (0, ""), err
+    program, file = re.search(r"check it with +python3 (\S+) (\S+)\n", out).groups()
+    line = [sys.executable, "-I", "-S", program, file]
+    checked = subprocess.run(line, capture_output=True, text=True, timeout=60)
+    assert checked.returncode == 0, checked
+    assert "PROVED" in checked.stdout, checked
+
+
 def refusal(call):
     """What an InputError says, "" without one."""
     from unilateral.errors import InputError
@@ -134,6 +146,7 @@ def main():
     helps(HAS[name])
     commands(HAS[name])
     python(HAS[name])
+    certificate()
     print(f"{name}: {len(TASKS)} commands and Python do what they should")
 
 

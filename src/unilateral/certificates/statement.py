@@ -31,8 +31,8 @@ Terms = list[tuple[int, int, Fraction]]
 def state_problem(problem: AnyProblem) -> dict[str, Any]:
     """The field `problem` of a certificate, see docs/certificate.md.
 
-    Raises InputError for what no checker reads: cases, functions, arrays at nodes, pos, log, irrational k and
-    c, and u that is not quadratic along its side.
+    Raises InputError for what no checker reads: cases, functions, arrays at nodes, pos, irrational k and c,
+    and u that is not quadratic along its side.
     """
     name = problem.name
     if not isinstance(problem, Problem | Sampled):
@@ -85,9 +85,8 @@ def _read_function(data: Expression | Function, is_array: bool, place: str) -> t
     formula = getattr(data, "formula", data)
     if is_array or not isinstance(formula, Expression):
         raise InputError(f"{place}: it is {'an array' if is_array else 'a function'}, {UNREAD}; {INSTEAD}")
-    for name in ("pos", "log"):
-        if atoms_in(formula, name):
-            raise InputError(f"{place}: it has {name}, {UNREAD}; {INSTEAD}")
+    if atoms_in(formula, "pos"):
+        raise InputError(f"{place}: it has pos, {UNREAD}; {INSTEAD}")
     text = str(formula)
     if len(text) > MAX_FORMULA_LENGTH:
         raise InputError(f"{place}: it has {len(text)} characters, {UNREAD}; {INSTEAD}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +17,8 @@ from unilateral.accuracy.goal import ACCURACY, NORMS, Goal
 from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import WITHDRAWN, Search
 from unilateral.accuracy.watch import OutOfBudget, Watch
+from unilateral.certificates.export import check_certificate_path, checker_of
+from unilateral.certificates.statement import state_problem
 from unilateral.cli.command import NOT_CONVERGED
 from unilateral.cli.own_mesh import own_mesh
 from unilateral.cli.report import (
@@ -33,7 +36,7 @@ from unilateral.cli.report import (
 from unilateral.cli.streams import say, tell
 from unilateral.cli.watching import bar_during, clear, watching
 from unilateral.errors import BudgetError, InputError, counted
-from unilateral.formulas.decimals import fields
+from unilateral.formulas.decimals import fields, interval
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
 from unilateral.solution.certificate import Bounds, energy, record, too_large
@@ -72,6 +75,8 @@ def run(options: SimpleNamespace) -> int:
     keep_freed()
     drawn = sys.stderr.isatty() and not options.json
     problem = _read(options, drawn)
+    if options.certificate:
+        state_problem(problem)
     watch = Watch(begin=options.begin)
     if options.accuracy is None:
         solution = _solved(options, problem, watch, drawn)
@@ -168,8 +173,12 @@ def _too_coarse(solution: Solution, bounds: Bounds) -> bool:
 def _targets(options: SimpleNamespace) -> list[Path]:
     """The files that are asked for; --out's folder is made. Raises InputError for what cannot be written."""
     files = [Path(name) for name in options.output]
-    if (files or options.out) and options.dry_run:
-        raise InputError("--dry-run computes no solution that could be written; leave out -o and --out")
+    if (files or options.out or options.certificate) and options.dry_run:
+        raise InputError(
+            "--dry-run computes no solution that could be written; leave out -o, --out and --certificate"
+        )
+    if options.certificate:
+        check_certificate_path(options.certificate)
     for file in files:
         check_target(file, ENDINGS)
     if options.out is None:
@@ -195,6 +204,15 @@ def _keep(found: Solution, options: SimpleNamespace, printed: dict[str, Any]) ->
             found.save(file)
         if not options.json:
             say(written(file))
+    if options.certificate:
+        found.save_certificate(options.certificate)
+        if not options.json:
+            say(written(Path(options.certificate)))
+            check = shlex.join(["python3", str(checker_of(found.problem)), options.certificate])
+            say(f"  {'check it with':27} {check}")
+            cheap = found.bounds if options.sharp else None
+            if cheap:
+                say(f"  {'it proves':27} the bound without --sharp: {interval(-math.inf, cheap.u)}")
 
 
 def _allowed(phase: str, compute: Callable[[], Any], found: Solution, watch: Watch) -> Any:

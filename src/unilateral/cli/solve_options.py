@@ -58,6 +58,12 @@ sizes, goal, domain, method = (
 @option(
     "--out", type=FOLDER, metavar="FOLDER", help="a folder for all useful files; for a single file take -o"
 )
+@option(
+    "--certificate",
+    type=FILE,
+    metavar="FILE",
+    help="a file, .json or .json.gz, from which a short separate program proves the bound",
+)
 @option("--sharp", is_flag=True, help="tighter but slower bounds, especially for lambda")
 @sizes("--h", type=POSITIVE, metavar="EDGE", help="longest boundary edge of the mesh, such as 1/64")
 @sizes("--H", "H", type=POSITIVE, metavar="CELL", help="longest cell of the multiplier, such as 1/32")

@@ -553,8 +553,8 @@ class Solution:
         Raises
         ------
         InputError
-            For another ending, and for what no checker reads: functions, arrays, cases, pos, log, irrational
-            k and c, and u that is not quadratic along its side.
+            For another ending, and for what no checker reads: functions, arrays, cases, pos, irrational k
+            and c, and u that is not quadratic along its side.
 
         Examples
         --------
