@@ -76,7 +76,7 @@ def nodes(certificate):
 
 
 def edge_values(triangles, points, field):
-    """Two numbers for each edge: field * outward normal * length at both ends of its best linear approximation.
+    """Two numbers for each edge: outward normal times length times the best linear field, at both ends.
 
     Of a quadratic function with the values a, m, b that has the mean (a + 4 m + b) / 6 and the slope b - a.
     """
@@ -120,7 +120,10 @@ def certificate(
     trace=None,
     field=None,
 ):
-    """A certificate by functions of points: v, the vector fields p and b, and the trace, v unless another is given."""
+    """A certificate from functions of points: v, the trace, which is v by default, and the fields p and b.
+
+    p may also be the list of its values on edges.
+    """
     stated = {
         "format": "unilateral certificate 1",
         "problem": {
@@ -183,7 +186,7 @@ def fan(polygon, centre, n):
 
 
 def true_error(certificate, u):
-    """|||u - v||| on the certificate's own mesh, for a polynomial u of degree 4 at most: Gauss's rule is exact then."""
+    """|||u - v||| on the certificate's own mesh, by a rule that is exact for polynomials u up to degree 4."""
     problem = certificate["problem"]
     k, c = float(Fraction(problem["k"])), float(Fraction(problem["c"]))
     points = np.array([[float(z) for z in point] for point in nodes(certificate)])

@@ -41,7 +41,7 @@ VALUES += [float("nan"), float("inf"), "\ud800", "9" * 401, [None] * 3, {"contac
 
 
 def interpolated(u, k):
-    """v = u at nodes, p = k grad u and v + y = u + 1e-12: for rounding, since v + y >= g is needed between nodes."""
+    """v = u at nodes, p = k grad u, and v + y = u + 1e-12, so that v + y >= g in spite of rounding."""
     slopes = derivative(u, 0), derivative(u, 1)
     return {
         "v": lambda x, y: value(u, x, y),
@@ -68,7 +68,7 @@ def gaps():
 
 
 def clamped_and_free():
-    """u = x + x y / 2 + x^3 / 6, c = 0: clamped at x = 0, contact at x = 1, fluxes -x/2 and x/2 below and above."""
+    """u = x + x y/2 + x^3/6, c = 0: clamped at x = 0, contact at x = 1, free sides with t = -x/2, x/2."""
     sides = [
         ("free", polynomial(x="-1/2")),
         ("contact", polynomial(one="7/6", y="1/2")),
@@ -77,7 +77,10 @@ def clamped_and_free():
     ]
     u = polynomial(x=1, xy="1/2", xxx="1/6")
     mesh = fan(SQUARE, (Fraction(5, 8), Fraction(1, 2)), 5)
-    field = lambda x, y: (Fraction(5, 4) * (x - 1), 0)
+
+    def field(x, y):
+        return Fraction(5, 4) * (x - 1), 0
+
     return certificate(SQUARE, sides, polynomial(x=-1), field=field, **mesh, **interpolated(u, 1)), u
 
 
@@ -153,7 +156,7 @@ def change_length(name):
 
 
 def add_function(stated, rng):
-    """A harmonic function w is added to some of v, v + y and p, to p as k grad w: together they belong to f + c w."""
+    """A harmonic w is added to some of v and v + y, and k grad w to p. With all three, f + c w is solved."""
     w = rng.choice(HARMONIC)
     amount, points = Fraction(size(rng)), nodes(stated)
     slopes = derivative(w, 0), derivative(w, 1)
@@ -170,7 +173,9 @@ def add_function(stated, rng):
     for name in rng.choice(
         [["v"], ["trace"], ["flux"], ["v", "trace"], ["v", "flux"], list(added), list(added)]
     ):
-        stated[name] = [float(old + amount * Fraction(new)) for old, new in zip(stated[name], added[name])]
+        stated[name] = [
+            float(old + amount * Fraction(new)) for old, new in zip(stated[name], added[name], strict=True)
+        ]
 
 
 def move_node(stated, rng):

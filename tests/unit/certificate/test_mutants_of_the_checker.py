@@ -1,16 +1,17 @@
-"""Checkers that lack one part print bounds below the true error; the checker itself refuses, or its bound holds.
+"""Checkers without one part print bounds below the true error. The checker itself does not.
 
-Each attack is a certificate of two to eight triangles that was made to fool the checker that lacks the part. The true
-error is worked out by hand from the u that is named beside it, or bounded from below by a test function.
+Each attack is a certificate of one to eight triangles that was made to fool the checker without that part.
+The true error is worked out by hand from the u that is named beside it, or bounded from below by a test
+function. The checker with all parts refuses the attack, or prints a bound that holds.
 
-Some parts have no attack, since a checker that lacks one of them still proves what it prints:
+Some parts have no attack, since a checker without one of them still proves what it prints, or prints nothing:
 
-- The polygon is simple. The theorem holds on the surface that the triangles make, which may overlap itself; without
-  the check the printed vertices may fail to describe a domain.
-- Places on a side grow, and the polygon is anticlockwise. Anticlockwise triangles whose edges inside cancel cannot
-  cover a point around which the boundary does not wind, so that there is no triangulation otherwise.
-- PI is rounded downwards. The best constant on triangles is d/3.8317, so that a PI up to 3.83 is safe.
-- There is one triangle at one side of an edge. Two of them share the flux, so both have to balance f.
+- The polygon is simple. The theorem holds on the surface that the triangles make, which may overlap itself.
+  Without this check the printed vertices may fail to describe a domain.
+- Places on a side grow, and the polygon is anticlockwise. Anticlockwise triangles whose edges inside cancel
+  cover no point around which the boundary does not wind, so otherwise there is no triangulation.
+- Two triangles lie on different sides of an edge. Otherwise v may have two values at a point.
+- PI is rounded downwards. The best constant on triangles is d/3.8317, so a PI up to 3.83 is safe.
 - u_D does not jump. If it does there is no u.
 """
 
@@ -27,7 +28,7 @@ NOTHING = polynomial()
 
 
 def rectangle(sides, length=1, **rest):
-    """A certificate of two triangles on [0, length] x [0, 1]; sides that are not named are free, without a flux."""
+    """Two triangles on [0, length] x [0, 1]; sides without a condition in `sides` are free, t = 0."""
     corners = [(0, 0), (length, 0), (length, 1), (0, 1)]
     conditions = [sides.get(side, ("free", NOTHING)) for side in range(4)]
     rest.setdefault(
@@ -37,9 +38,9 @@ def rectangle(sides, length=1, **rest):
 
 
 class Attack(NamedTuple):
-    """Without the part `text` becomes `replacement`; `error` is not above the true error of the certificate's v.
+    """A part of the checker, the edit that removes it, a certificate, and a lower bound on its true error.
 
-    It is |||u - v||| or, if `of_flux`, the dual norm of k du/dn - p.n.
+    The error is |||u - v||| or, if `is_dual`, the dual norm of k du/dn - p.n.
     """
 
     part: str
@@ -47,7 +48,7 @@ class Attack(NamedTuple):
     replacement: str
     certificate: dict
     error: float
-    of_flux: bool = False
+    is_dual: bool = False
 
 
 def clamped(**coefficients):
@@ -73,7 +74,7 @@ def penetration():
 
 
 def penetration_between_nodes():
-    """g = 4 y (1 - y) at x = 1 is 0 at both nodes, as v is. |u|_1 >= the integral of u_x = that of g = 2/3."""
+    """g = 4 y (1 - y) at x = 1 is 0 at nodes, as v is. |u|_1 >= the integral of u_x >= that of g, 2/3."""
     return rectangle(
         {LEFT: clamped(), RIGHT: contact(y=4, yy=-4)},
         trace=lambda x, y: 0,
@@ -81,28 +82,30 @@ def penetration_between_nodes():
 
 
 def cubic_obstacle():
-    """g = 64 y (1 - y) (1 - 2 y) is 0 at both nodes and between them. For y < 1/2 the integral of u_x is at least
-    that of g, 2; so |u|_1 >= 2 * 2^(1/2) there."""
+    """g = 64 y (1 - y) (1 - 2 y) at x = 1 is 0 at both nodes and in the middle, as v is.
+
+    For y < 1/2 the integral of u_x is at least that of g, 2; so |u|_1 >= 2 * 2^(1/2) there.
+    """
     return rectangle({LEFT: clamped(), RIGHT: contact(y=64, yy=-192, yyy=128)})
 
 
 def hole():
-    """u = 1 solves for f = c = 1; v = 0. Without what is inside, p may carry f to the hole: |p| is small on a thin ring.
+    """u = 1 for f = c = 1; v = 0. The middle of the square has no triangles, and p carries f there.
 
-    The error is that on the ring alone, the root of its area.
+    On a thin ring |p| is small. The error is taken on the ring alone: the root of its area.
     """
     corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
     inside = [(0.25, 0.25), (0.75, 0.25), (0.75, 0.75), (0.25, 0.75)]
     triangles, flux = [], []
     for i in range(4):
         j = (i + 1) % 4
-        # outer triangle of area 1/8 and inner triangle of area 1/16, both with div p = -1: edges in order of mention
+        # A triangle at the boundary, of area 1/8, and one at the hole, of area 1/16; div p = -1 on both
         triangles += [(i, j, 4 + j), (4 + j, 4 + i, i)]
     outflow = {}
     for i in range(4):
         j = (i + 1) % 4
-        outflow[4 + j, i] = -1 / 8  # of the outer triangle through the edge in the middle of the trapezium
-        outflow[4 + j, 4 + i] = -1 / 8 - 1 / 16  # of the inner one into the hole
+        outflow[4 + j, i] = -1 / 8  # of the former, through the edge between them
+        outflow[4 + j, 4 + i] = -1 / 8 - 1 / 16  # of the latter, into the hole
     mentioned = set()
     for triangle in triangles:
         for i, j in ((1, 2), (2, 0), (0, 1)):
@@ -116,7 +119,7 @@ def hole():
 
 
 def cut_corners():
-    """u = 1 solves for f = c = 1; v = 0. The mesh covers half of the square."""
+    """u = 1 for f = c = 1; v = 0. The mesh covers half of the square."""
     return certificate(
         [(0, 0), (1, 0), (1, 1), (0, 1)],
         [free()] * 4,
@@ -128,10 +131,10 @@ def cut_corners():
 
 
 def fold():
-    """u = 0 on a clamped square; v = 1 at a node outside, (5/4, 1/2), and the triangle at the right is turned over.
+    """u = 0 on a clamped square; v = 1 at the node (5/4, 1/2), so the triangle at the right is clockwise.
 
-    On the square v is well-defined: |grad v| is 4/5 in the triangle at the left, of which 3/5 lie in the square, and 2
-    in each of the two others, of which 1/5 does. The squares are 0.384 and 0.8 twice.
+    That triangle lies outside the square. On the triangle at the left |grad v| = 4/5, and an area of 3/5 is
+    inside. On each of the two others |grad v| = 2, and 1/5 is inside. The squares are 0.384, 0.8 and 0.8.
     """
     return certificate(
         [(0, 0), (1, 0), (1, 1), (0, 1)],
@@ -159,27 +162,29 @@ def load(field=lambda x, y: (x - 1, 0)):
 
 
 def field_through_long_sides():
-    """u = 8 x - x^2/2 on a length of 8, f = 1; v = 0. |u|_1^2 = 8^3/3; with b = (0, y - 1/2), C would be 1."""
+    """u = 8 x - x^2/2 on a length of 8, f = 1; v = 0. |u|_1^2 = 8^3/3. b = (0, y - 1/2) would make C = 1."""
     return rectangle(
         {LEFT: clamped()}, length=8, f=polynomial(one=1), field=lambda x, y: (0, y - Fraction(1, 2))
     )
 
 
 def waves():
-    """f = 1 - 6 x + 6 x^2 has the mean 0 on both triangles. u = -x^2 (1 - x)^2/2, so |u|_1^2 is the integral of
-    x^2 (1 - x)^2 (1 - 2 x)^2, which is 1/210; v = 0."""
+    """f = 1 - 6 x + 6 x^2 has the mean 0 on both triangles; v = 0.
+
+    u = -x^2 (1 - x)^2/2, and |u|_1^2 is the integral of x^2 (1 - x)^2 (1 - 2 x)^2, which is 1/210.
+    """
     return rectangle({LEFT: clamped()}, f=polynomial(one=1, x=-6, xx=6))
 
 
 def pressure_in_a_gap():
-    """u = 0, g = 0; v = x has a gap at x = 1, and p.n = 1/2 there. X^2 <= 1/4 + 2 * 1/2 holds, 1/4 + 1/2 < 1."""
+    """u = 0, g = 0; v = x is 1 above g at x = 1, and p.n = 1/2 there: S^2 = 1/4, B = 1/2, and X^2 = 1."""
     return rectangle(
         {LEFT: clamped(), RIGHT: contact()}, v=lambda x, y: x, p=lambda x, y: (Fraction(1, 2), 0)
     )
 
 
 def raised():
-    """u = 0, g = 0; v = x, y = -x and p = (2, 0), so that D = 1, the S of v is 1, that of v + y is 2, and B = 0.
+    """u = 0, g = 0; v = x, y = -x and p = (2, 0). D = 1, B = 0, the S of v is 1, that of v + y is 2.
 
     As du/dn = 0, the dual norm of du/dn - p.n is that of 2 at x = 1: z = x shows that it is at least 2.
     """
@@ -191,8 +196,8 @@ def raised():
 def needle():
     """f = 3 x - 2 has the mean 0 on the triangle (0, 0), (1, -1/64), (1, 1/64); no side has a flux; v = 0.
 
-    z = x^2/2 - x^3/3 has (f, z) = |z|_1^2 = 1/64/30, as x z' = -(the integral of x f from 0), and ||z|| <= |z|_1. So
-    |||u||| >= |z|_1 (1 + c)^(-1/2). It is almost as large as d/3.8317 ||f||, d being the length of the long sides.
+    Let z = x^2/2 - x^3/3. As (x z')' = -x f, (f, z) = |z|_1^2 = 1/64/30. Also ||z|| <= |z|_1. So |||u||| >=
+    (f, z)/|||z||| >= |z|_1 (1 + c)^(-1/2), which is 0.99 d/3.8317 ||f||.
     """
     width = Fraction(1, 64)
     corners = [(0, 0), (1, -width), (1, width)]
@@ -258,9 +263,9 @@ ATTACKS = [
         "min(root(D2)[1] + X, root(S_v**2",
         raised(),
         2,
-        of_flux=True,
+        is_dual=True,
     ),
-    Attack("|||y||| once more", "min(root(D2)[1] + X, ", "min(X, ", raised(), 2, of_flux=True),
+    Attack("|||y||| once more", "min(root(D2)[1] + X, ", "min(X, ", raised(), 2, is_dual=True),
     Attack(
         "B", "2 * B + D2)[1]\n        return X", "0 * B + D2)[1]\n        return X", pressure_in_a_gap(), 1
     ),
@@ -271,7 +276,7 @@ ATTACKS = [
 def bound(module, attack):
     """What the module prints of the attack, or None if it refuses."""
     try:
-        return module.Certificate(written(attack.certificate)).bounds()[attack.of_flux]
+        return module.Certificate(written(attack.certificate)).bounds()[attack.is_dual]
     except module.Refused:
         return None
 
@@ -291,7 +296,7 @@ def test_the_checker_itself_refuses_or_holds(attack):
 
 @pytest.mark.parametrize(("rounding", "holds"), [("ROUND_CEILING", True), ("ROUND_FLOOR", False)])
 def test_six_digits_are_rounded_upwards(rounding, holds):
-    """u = x on a length of 2 and p = grad u, so that S is the error of v = 0: 2^(1/2) = 1.414213..."""
+    """u = x on a length of 2 and p = grad u, so S is the error of v = 0: 2^(1/2) = 1.414213..."""
     stated = rectangle({LEFT: clamped(), RIGHT: free(one=1)}, length=2, p=lambda x, y: (1, 0))
     module = checker(("rounding=decimal.ROUND_CEILING", f"rounding=decimal.{rounding}"))
     printed = module.upward(module.Certificate(written(stated)).bounds()[0])
