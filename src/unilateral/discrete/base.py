@@ -180,6 +180,11 @@ class DiscreteSolution:
         return flux_of(source, u_h, edge_flux(source.mesh, cells, lambda_H).ends + tau.ends, form)
 
     @property
+    def source(self) -> Source | None:
+        """The enclosure of f, where f, g and q are formulas."""
+        return self._given[0] if self._given else None
+
+    @property
     def feasible_trace(self) -> Array | None:
         """(2 nb,) u_h with what the cheap bound adds to it, at boundary nodes, then at midpoints of edges."""
         if self._given is None:
