@@ -125,6 +125,15 @@ def test_the_bounds_are_those_of_the_project(name, checked):
     assert proved.multiplier >= 0.97 * bounds.multiplier or name in CELLS_CUT_EDGES
 
 
+def test_a_problem_without_contact_has_a_certificate(tmp_path):
+    """All sides are clamped; there is no multiplier to compare."""
+    problem = ul.Problem(SQUARE, f="x", u=dict.fromkeys(range(4), "x*y"))
+    solution, path = ul.solve(problem, h=1 / 8, H=1 / 4), tmp_path / "linear.json"
+    solution.save_certificate(path)
+    u, _ = bounds_of(json.loads(path.read_text(encoding="utf-8")))
+    assert float(u) == pytest.approx(solution.bounds.u, rel=0.03)
+
+
 @pytest.mark.parametrize("name", PROVED)
 def test_the_check_proves_the_numbers_of_the_project(name, checked):
     proved, bounds = checked(name), checked(name).solution.bounds
