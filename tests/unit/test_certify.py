@@ -124,7 +124,9 @@ METHODS = {
 @pytest.mark.parametrize(("method", "limit"), METHODS.values(), ids=METHODS)
 def test_bounds_are_above_the_true_errors_and_near_them(method, limit, natural, other):
     mesh, solver = other
-    assert 1 <= index(certified(natural, mesh, method(solver))) <= limit
+    found = certified(natural, mesh, method(solver))
+    assert 1 <= index(found) <= limit
+    assert found.true_errors(dual=False).h1 <= found.sharp_bounds.u <= found.bounds.u
 
 
 def test_half_the_load_is_seen(natural, other):

@@ -122,7 +122,8 @@ def nodal_values_on(mesh: Mesh, name: str, file: str, field: str | None = None) 
     """
     found = handed(file, field)
     if "u" not in found.nodal:
-        raise InputError(f"{file}: there is no {field or 'u'} at the nodes; --field names the values to take")
+        name = shown(field or "u")
+        raise InputError(f"{file}: there is no {name} at the nodes; --field names the values to take")
     if found.points is None:
         return found.nodal["u"]
     level = ExportedLevel(name, mesh, Partition(mesh.polygon, mesh.s))
