@@ -90,6 +90,11 @@ def python_file(arguments: list[str]) -> int:
     return subprocess.run([sys.executable, *arguments], timeout=120).returncode
 
 
+def plain_python(arguments: list[str]) -> int:
+    """A file for which no package is installed."""
+    return python_file(["-I", "-S", *arguments])
+
+
 def program(block: Block, _: str, names: dict[str, object]) -> None:
     """The programs of a page follow one another and know the same names."""
     exec(compile(block.text, place(block), "exec"), names)
@@ -118,6 +123,6 @@ def place(block: Block) -> str:
 RUNNERS: dict[str, Callable[[list[str]], int]] = {
     "unilateral": main,
     "python": python_file,
-    "python3": python_file,
+    "python3": plain_python,
 }
 RUN = {"": commands, "python": program, "yaml": declaration, "text": output}

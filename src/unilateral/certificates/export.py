@@ -29,18 +29,16 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.problems.piecewise import ORDER, SIGNS, on_intervals
 from unilateral.problems.problem import Problem
 from unilateral.problems.units import Units
-from unilateral.system.files import check_writable, path_of, replacing
+from unilateral.system.files import check_target, replacing
 
 if TYPE_CHECKING:
     from unilateral.problems.given import AnyProblem
 
 FORMAT = "unilateral certificate 1"
-ENDINGS = (".json", ".json.gz")
+CERTIFICATE_ENDINGS: dict[str, list[str]] = {".json": [], ".gz": []}
+"""The endings of the names of certificates, and the optional packages that each needs: none."""
 PLACE_BITS, VALUE_BITS = 52, 60
-"""Coordinates and values are multiples of the largest one's power of 2 over 2 to these powers.
-
-So the integers of the checker stay short.
-"""
+"""Coordinates and values keep so many binary places of the largest one, for the checker's integers."""
 ROUNDING = 1e-14
 """Values are rounded, and moved by rounded places, by less than this part of their size."""
 INTERVALS = 1.5
@@ -49,20 +47,11 @@ FIELD_MARGIN = 1e-9
 """div b is made larger than 1 by this, for its rounding."""
 
 
-class Judged(NamedTuple):
-    """A function v on a mesh, and what proves a bound on its error, in the user's units.
+class JudgedFunction(NamedTuple):
+    """A function `v` (n,) on the user's mesh, and what proves a bound on its error, in the user's units.
 
-    Attributes
-    ----------
-    mesh : Mesh
-        The mesh, on the user's polygon.
-    v : ndarray of float (n,)
-        The function at the nodes.
-    flux : ndarray of float (2, E)
-        The flows and tilts of the flux p on edges, as `equilibrated` has them.
-    trace : ndarray of float (2 nb,)
-        v + y at the boundary nodes, then at the midpoints of boundary edges. `raise_trace` adds what it lacks
-        of g.
+    `flux` (2, E) has the flows and tilts of p on edges, as `equilibrated` gives them. `trace` (2 nb,) is
+    v + y at the boundary nodes, then at the midpoints of boundary edges; it is raised to g when written.
     """
 
     mesh: Mesh
@@ -71,7 +60,7 @@ class Judged(NamedTuple):
     trace: Array
 
 
-def judged_solution(solved: DiscreteSolution, mesh: Mesh, units: Units) -> Judged:
+def judge_solution(solved: DiscreteSolution, mesh: Mesh, units: Units) -> JudgedFunction:
     """What the cheap bound of a solution rests on, on the user's mesh.
 
     If c = 0, the flux is balanced: a checker multiplies the mean of f + div p on triangles by a constant that
@@ -85,10 +74,12 @@ def judged_solution(solved: DiscreteSolution, mesh: Mesh, units: Units) -> Judge
     if not form.reaction:
         means = solved.source.moments().sum(axis=1) / scaled.areas
         flux = flux + flux_of_source(scaled, form.clamped, means + divergence(scaled, flux))
-    return Judged(mesh, units.value * solved.u_h, units.force * flux, units.value * solved.feasible_trace)
+    return JudgedFunction(
+        mesh, units.value * solved.u_h, units.force * flux, units.value * solved.feasible_trace
+    )
 
 
-def certify_judged(problem: AnyProblem, judged: Judged) -> dict[str, Any]:
+def make_certificate(problem: AnyProblem, judged: JudgedFunction) -> dict[str, Any]:
     """The certificate as a record of the fields of docs/certificate.md.
 
     Raises InputError as `state_problem`.
@@ -118,9 +109,8 @@ def certify_judged(problem: AnyProblem, judged: Judged) -> dict[str, Any]:
         "trace": raise_trace(problem, judged, places, contact).tolist(),
     }
     if not problem.units.reaction:
-        field = friedrichs_field(mesh, problem.clamped_sides)
-        none = np.arange(0)
-        record["field"] = round_to_grid(edge_values(mesh, field, none), VALUE_BITS).ravel().tolist()
+        field = edge_values(mesh, friedrichs_field(mesh, problem.clamped_sides))
+        record["field"] = round_to_grid(field, VALUE_BITS).ravel().tolist()
     return record
 
 
@@ -130,7 +120,7 @@ def round_to_grid(values: Array, bits: int, rounding: np.ufunc = np.rint) -> Arr
     return np.asarray(np.ldexp(rounding(np.ldexp(values, -exponent)), exponent)) + 0.0
 
 
-def edge_values(mesh: Mesh, flux: Array, positive: Index) -> Array:
+def edge_values(mesh: Mesh, flux: Array, positive: Index | tuple[()] = ()) -> Array:
     """(E, 2) p.n times the length at both ends of edges, in the order in which triangles mention them first.
 
     n points out of the triangle that mentions the edge first. On the boundary edges `positive` (k,) the
@@ -138,12 +128,12 @@ def edge_values(mesh: Mesh, flux: Array, positive: Index) -> Array:
     """
     edges, first = np.unique(mesh.opposite_edges.ravel(), return_index=True)
     outflow = -np.stack([at_end.T.ravel() for at_end in flows(mesh, flux, slice(None))], axis=1)[first]
-    cut = np.isin(edges, mesh.triangulation.boundary[positive])
+    cut = np.isin(edges, mesh.triangulation.boundary[np.array(positive, dtype=np.intp)])
     outflow[cut] = np.maximum(outflow[cut], 0.0)
     return outflow[np.argsort(first)]
 
 
-def raise_trace(problem: Problem, judged: Judged, places: Array, contact: Index) -> Array:
+def raise_trace(problem: Problem, judged: JudgedFunction, places: Array, contact: Index) -> Array:
     """v + y (2 nb,), raised to g on the boundary edges in `contact` (k,), which begin at the `places` (nb,).
 
     With the coefficients low, bend, high in Bernstein's basis v + y - g is >= 0 if low, high >= 0 and bend >=
@@ -153,8 +143,7 @@ def raise_trace(problem: Problem, judged: Judged, places: Array, contact: Index)
     after = (contact + 1) % nb
     ends = np.where(side[after] == side[contact], places[after], 1.0)
     g_first, g_bend, g_last = obstacle_bounds(problem, side[contact], places[contact], ends)
-    nodes, middles = np.split(judged.trace, 2)
-    nodes = nodes.copy()
+    nodes, middles = np.split(judged.trace.copy(), 2)
     np.maximum.at(nodes, contact, g_first)
     np.maximum.at(nodes, after, g_last)
     w_first, w_last = nodes[contact], nodes[after]
@@ -162,7 +151,6 @@ def raise_trace(problem: Problem, judged: Judged, places: Array, contact: Index)
     low, high = (np.maximum(w - g - ROUNDING * sizes, 0.0) for w, g in ((w_first, g_first), (w_last, g_last)))
     # bend = 2 (v + y at the midpoint) - (w_first + w_last) / 2 - g_bend
     least = 0.25 * (w_first + w_last) + 0.5 * (g_bend - np.sqrt(low) * np.sqrt(high)) + ROUNDING * sizes
-    middles = middles.copy()
     middles[contact] = np.maximum(middles[contact], least)
     return round_to_grid(np.append(nodes, middles), VALUE_BITS, np.ceil)
 
@@ -210,24 +198,12 @@ def divergence(mesh: Mesh, flux: Array) -> Array:
     return np.asarray(-0.5 * (at_first + at_last).sum(axis=0) / mesh.areas)
 
 
-def check_certificate_path(path: str | os.PathLike[str]) -> Path:
-    """The path of a certificate. Raises InputError for another ending and for what cannot be written."""
-    file = path_of(path, f"name{ENDINGS[1]}")
-    if not file.name.endswith(ENDINGS):
-        raise InputError(f"{file}: the ending must be {' or '.join(ENDINGS)}")
-    check_writable(file)
-    return file
-
-
 def write_certificate(record: dict[str, Any], path: str | os.PathLike[str]) -> None:
-    """Writes a certificate, compressed if the name ends in .gz.
-
-    Raises InputError as `check_certificate_path`.
-    """
-    file = check_certificate_path(path)
+    """Writes a certificate, compressed if the name ends in .gz. Raises InputError as `check_target`."""
+    check_target(path, CERTIFICATE_ENDINGS)
     text = json.dumps(record, separators=(",", ":"), allow_nan=False).encode()
-    with replacing(file) as temporary:
-        temporary.write_bytes(gzip.compress(text, 6, mtime=0) if file.suffix == ".gz" else text)
+    with replacing(path) as temporary:
+        temporary.write_bytes(gzip.compress(text, 6, mtime=0) if temporary.suffix == ".gz" else text)
 
 
 def checker_of(problem: AnyProblem) -> Path:

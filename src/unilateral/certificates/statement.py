@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from fractions import Fraction
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from unilateral.errors import InputError
 from unilateral.formulas.expression import ZERO, Expression, atoms_in
 from unilateral.formulas.formula import coefficients
-from unilateral.geometry.polygon import Polygon
 from unilateral.problems.problem import Problem
 from unilateral.problems.sampled import Function, Sampled
 
@@ -19,8 +20,6 @@ MAX_DENOMINATOR = 10**6
 """A double is taken for the simplest fraction that rounds to it, if that has at most this denominator."""
 MAX_DEGREE = 20
 """Polynomials of a higher degree are written as formulas."""
-UNREAD = "which no checker of certificates reads"
-INSTEAD = "write the field otherwise, or leave the certificate out"
 FIELDS = {"contact": "g", "free": "q", "clamped": "u"}
 """The field of a problem that has the function of each condition."""
 Point = tuple[Fraction, Fraction]
@@ -34,26 +33,26 @@ def state_problem(problem: AnyProblem) -> dict[str, Any]:
     Raises InputError for what no checker reads: cases, functions, arrays at nodes, pos, irrational k and c,
     and u that is not quadratic along its side.
     """
-    name = problem.name
+    name, sides = problem.name, list[dict[str, Any]]()
     if not isinstance(problem, Problem | Sampled):
-        raise InputError(f"'{name}' is a case, {UNREAD}; take a problem file, or leave the certificate out")
-    vertices, clamped, free = corners(problem.polygon), problem.clamped_sides, problem.free_sides
-    f, text = _read_function(problem.f, problem.nodal.f is not None, f"{name}, field f")
-    sides: list[dict[str, Any]] = []
+        raise _unread_error(f"'{name}'", "is a case", "take a problem file")
+    vertices = [(_simplest_fraction(x), _simplest_fraction(y)) for x, y in problem.polygon.vertices.tolist()]
     for side, start in enumerate(vertices):
-        kind = "clamped" if side in clamped else "free" if side in free else "contact"
+        kind = "clamped" if side in problem.clamped_sides else "contact"
+        kind = "free" if side in problem.free_sides else kind
         place = f"{name}, field {FIELDS[kind]}[{side}]"
         data, arrays = (problem.q, problem.nodal.q) if kind == "free" else (problem.g, problem.nodal.g)
-        terms, formula = _read_function(data[side] if data else ZERO, side in arrays, place)
-        is_quadratic = terms is not None and _is_quadratic(terms, start, vertices[(side + 1) % len(vertices)])
-        if kind == "clamped" and not is_quadratic:
-            raise InputError(f"{place}: it is no quadratic polynomial with fractions, {UNREAD}; {INSTEAD}")
-        sides.append({kind: _written(terms) if terms is not None and is_quadratic else formula})
+        is_exact = partial(_is_quadratic, start, vertices[(side + 1) % len(vertices)])
+        function = _state_function(data[side] if data else ZERO, side in arrays, place, is_exact)
+        if kind == "clamped" and isinstance(function, str):
+            raise _unread_error(f"{place}:", "it is no quadratic polynomial with fractions")
+        sides.append({kind: function})
+    is_array = problem.nodal.f is not None
     return {
-        "k": _written_fraction(problem.units.k, f"{name}, field k"),
-        "c": _written_fraction(problem.units.c, f"{name}, field c"),
+        "k": _state_number(problem.units.k, f"{name}, field k"),
+        "c": _state_number(problem.units.c, f"{name}, field c"),
         "polygon": [[str(x), str(y)] for x, y in vertices],
-        "f": _written(f) if f is not None and _degree(f) <= 2 else text,
+        "f": _state_function(problem.f, is_array, f"{name}, field f", lambda terms: _degree(terms) <= 2),
         "sides": sides,
     }
 
@@ -64,41 +63,40 @@ def has_formulas(statement: dict[str, Any]) -> bool:
     return any(isinstance(function, str) for function in functions)
 
 
-def corners(polygon: Polygon) -> list[Point]:
-    """The exact vertices: the simplest fractions that round to the doubles, else their decimals."""
-    return [(_simplest_fraction(x), _simplest_fraction(y)) for x, y in polygon.vertices.tolist()]
+def _unread_error(place: str, fault: str, instead: str = "write the field otherwise") -> InputError:
+    unread = "which no checker of certificates reads"
+    return InputError(f"{place} {fault}, {unread}; {instead}, or leave the certificate out")
 
 
 def _simplest_fraction(z: float) -> Fraction:
+    """The simplest fraction that rounds to a double, or the double's decimal."""
     fraction = Fraction(z).limit_denominator(MAX_DENOMINATOR)
     return fraction if float(fraction) == z else Fraction(repr(z))
 
 
-def _written_fraction(number: Expression, place: str) -> str:
+def _state_number(number: Expression, place: str) -> str:
     if number.rational is None:
-        raise InputError(f"{place}: {number} is irrational, {UNREAD}; {INSTEAD}")
+        raise _unread_error(f"{place}:", f"{number} is irrational")
     return str(number.rational)
 
 
-def _read_function(data: Expression | Function, is_array: bool, place: str) -> tuple[Terms | None, str]:
-    """The terms of a polynomial with fractions, None for any other formula; and the formula's text."""
+def _state_function(
+    data: Expression | Function, is_array: bool, place: str, is_exact: Callable[[Terms], bool]
+) -> list[list[Any]] | str:
+    """The terms of a polynomial with fractions, if `is_exact` says that it is read as one; else a formula."""
     formula = getattr(data, "formula", data)
     if is_array or not isinstance(formula, Expression):
-        raise InputError(f"{place}: it is {'an array' if is_array else 'a function'}, {UNREAD}; {INSTEAD}")
+        raise _unread_error(f"{place}:", f"it is {'an array' if is_array else 'a function'}")
     if atoms_in(formula, "pos"):
-        raise InputError(f"{place}: it has pos, {UNREAD}; {INSTEAD}")
-    text = str(formula)
+        raise _unread_error(f"{place}:", "it has pos")
     try:
         polynomial = coefficients(formula, "xy")
     except ValueError:  # a coefficient cannot be distinguished from 0
         polynomial = None
-    if polynomial is None or any(c.rational is None for c in polynomial.values()):
-        return None, text
-    terms = [(i, j, c.rational) for (i, j), c in sorted(polynomial.items()) if c.rational is not None]
-    return (terms if _degree(terms) <= MAX_DEGREE else None), text
-
-
-def _written(terms: Terms) -> list[list[Any]]:
+    items = sorted((polynomial or {}).items())
+    terms = [(i, j, c.rational) for (i, j), c in items if c.rational is not None]
+    if polynomial is None or len(terms) < len(items) or _degree(terms) > MAX_DEGREE or not is_exact(terms):
+        return str(formula)
     return [[i, j, str(c)] for i, j, c in terms]
 
 
@@ -106,7 +104,7 @@ def _degree(terms: Terms) -> int:
     return max((i + j for i, j, _ in terms), default=0)
 
 
-def _is_quadratic(terms: Terms, start: Point, end: Point) -> bool:
+def _is_quadratic(start: Point, end: Point, terms: Terms) -> bool:
     """Whether a polynomial is quadratic along a side, which means that its third differences are 0 there."""
     (x, y), dx, dy = start, end[0] - start[0], end[1] - start[1]
     places = [(x + step * dx, y + step * dy) for step in range(_degree(terms) + 1)]

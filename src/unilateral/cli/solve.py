@@ -18,7 +18,7 @@ from unilateral.accuracy.goal import ACCURACY, NORMS, Goal
 from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import WITHDRAWN, Search
 from unilateral.accuracy.watch import OutOfBudget, Watch
-from unilateral.certificates.export import check_certificate_path, checker_of
+from unilateral.certificates.export import CERTIFICATE_ENDINGS, checker_of
 from unilateral.certificates.statement import state_problem
 from unilateral.cli.command import NOT_CONVERGED
 from unilateral.cli.own_mesh import own_mesh
@@ -214,7 +214,7 @@ def _targets(options: SimpleNamespace) -> list[Path]:
             "--dry-run computes no solution that could be written; leave out -o, --out and --certificate"
         )
     if options.certificate:
-        check_certificate_path(options.certificate)
+        check_target(options.certificate, CERTIFICATE_ENDINGS)
     for file in files:
         check_target(file, ENDINGS)
     if options.out is None:

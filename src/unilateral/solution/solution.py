@@ -21,9 +21,9 @@ from unilateral.bounds.clamped_ends import Clamps, none
 from unilateral.bounds.forces import Force, forces
 from unilateral.bounds.local_bounds import LocalBound
 from unilateral.certificates.export import (
-    certify_judged,
-    check_certificate_path,
-    judged_solution,
+    CERTIFICATE_ENDINGS,
+    judge_solution,
+    make_certificate,
     write_certificate,
 )
 from unilateral.discrete.base import DiscreteSolution
@@ -584,18 +584,10 @@ class Solution:
         InputError
             For another ending, and for what no checker reads: functions, arrays, cases, pos, irrational k
             and c, and u that is not quadratic along its side.
-
-        Examples
-        --------
-        >>> import pathlib, tempfile
-        >>> import unilateral as ul
-        >>> s = ul.solve(ul.Problem([(0, 0), (1, 0), (0, 1)], f="x - 1", g=0), h=1 / 8, H=1 / 4)
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     s.save_certificate(pathlib.Path(folder, "triangle.json.gz"))
         """
-        check_certificate_path(path)
-        judged = judged_solution(self.solved, self.mesh, self.problem.units)
-        write_certificate(certify_judged(self.problem, judged), path)
+        check_target(path, CERTIFICATE_ENDINGS)
+        judged = judge_solution(self.solved, self.mesh, self.problem.units)
+        write_certificate(make_certificate(self.problem, judged), path)
 
     @overload
     def plot(self) -> Figure: ...

@@ -13,6 +13,7 @@ AT = ["--h", "1/4", "--H", "1/2"]
 WRITERS = {
     "solve -o": ["solve", PROBLEM, *AT, "-o", "new.csv"],
     "solve --out": ["solve", PROBLEM, *AT, "--out", "new"],
+    "solve --certificate": ["solve", PROBLEM, *AT, "--certificate", "new.json.gz"],
     "init": ["init", "new.yaml"],
     "check": ["check", PROBLEM, "--out", "new.svg"],
     "export": ["export", "natural", *AT, "--out", "new"],
