@@ -33,6 +33,9 @@ from unilateral.solvers.uzawa import DualResult
 if TYPE_CHECKING:
     from unilateral.problems.given import AnyProblem
 
+LARGEST_VALUE = 1e100
+"""Given values are below this, so that squares of errors do not overflow."""
+
 
 def certify(problem: AnyProblem, mesh: Mesh, u: ArrayLike, multiplier: ArrayLike | None) -> Solution:
     """Solution with the values `u` (n,) at nodes, `multiplier` (nb,) on boundary edges; as `api.certify`."""
@@ -95,11 +98,13 @@ def _edge_values(multiplier: ArrayLike, without: Mask) -> Array:
 
 
 def _check(values: Array, count: int, name: str, place: str) -> None:
-    """Raises InputError unless there are `count` finite values."""
+    """Raises InputError unless there are `count` values whose squares are no overflow."""
     if values.shape != (count,):
         raise InputError(
             f"{name} has the shape {values.shape}; it has to be ({count},), a value at each {place}"
         )
-    wrong = np.flatnonzero(~np.isfinite(values))
+    wrong = np.flatnonzero(~(np.abs(values) < LARGEST_VALUE))
     if wrong.size:
-        raise InputError(f"{name}[{wrong[0]}] is {values[wrong[0]]}; it has to be finite")
+        raise InputError(
+            f"{name}[{wrong[0]}] is {values[wrong[0]]}; it has to be finite, below {LARGEST_VALUE:g}"
+        )
