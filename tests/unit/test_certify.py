@@ -124,7 +124,9 @@ METHODS = {
 @pytest.mark.parametrize(("method", "limit"), METHODS.values(), ids=METHODS)
 def test_bounds_are_above_the_true_errors_and_near_them(method, limit, natural, other):
     mesh, solver = other
-    assert 1 <= index(certified(natural, mesh, method(solver))) <= limit
+    found = certified(natural, mesh, method(solver))
+    assert 1 <= index(found) <= limit
+    assert found.true_errors(dual=False).h1 <= found.sharp_bounds.u <= found.bounds.u
 
 
 def test_half_the_load_is_seen(natural, other):
@@ -325,6 +327,8 @@ REFUSED = {
         lambda n: np.where(np.arange(n) == 5, math.nan, 0.0),
         r"u\[5\] is nan; it has to be finite",
     ),
+    "infinite": (lambda n: np.full(n, math.inf), r"u\[0\] is inf; it has to be finite"),
+    "huge": (lambda n: np.full(n, -1e200), r"u\[0\] is -1e\+200; it has to be finite, below 1e\+100"),
     "masked": (masked, "u: 1 of 289 numbers are masked"),
     "integers": (lambda n: np.zeros(n, dtype=int), "u: the values are integers"),
     "a text": (lambda n: "u", "u: it is 'u'"),
@@ -351,6 +355,15 @@ def test_a_multiplier_that_does_not_fit_is_refused(change, message):
     mesh = mesh_of(problem, 16)
     with pytest.raises(ul.InputError, match=message):
         ul.certify(problem, mesh, np.zeros(mesh.n_nodes), change(mesh))
+
+
+def test_without_contact_the_problem_is_linear():
+    """u = 1 is the solution: the bound is rounding. Control: u = 1.1, whose error is 0.1."""
+    problem = ul.Problem(SQUARE, 1, free_sides=[0, 1, 2, 3])
+    mesh = mesh_of(problem, 4)
+    for given in (None, np.zeros(len(mesh.side))):
+        assert ul.certify(problem, mesh, np.ones(mesh.n_nodes), given).bounds.u < 1e-9
+        assert 0.1 <= ul.certify(problem, mesh, np.full(mesh.n_nodes, 1.1), given).bounds.u < 0.1 + 1e-9
 
 
 def test_a_mesh_of_another_polygon_and_functions_are_refused(natural):

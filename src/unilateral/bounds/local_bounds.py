@@ -19,7 +19,8 @@ the bounds are those for f~ and tau~ plus e, which is `data` (supplement, S8.1).
 the distance of q and the gradient of the solution for f~ and tau~ in L2, too (Proposition S14 there).
 
 f - f~ is what `source` leaves of f and, on each triangle, u_h less its mean. So u_h - f~ - div q is constant
-there, and by the div q of `equilibrated` it is 0 where (u_h, lambda_H) solves the discrete problem. d is what
+there, and by the div q of `equilibrated` it is the mean of u_h less the potential of q, up to what this one
+and lambda_H leave of the discrete equation. For a discrete solution u_h is the potential. d is what
 makes u_h feasible (`feasible`); it is 0 but on the triangles at boundary nodes. Nothing is assumed of u_h
 and lambda_H. What rounding may have done to the sums over triangles is added to them.
 

@@ -186,6 +186,7 @@ def score(**options: Any) -> int:
 @as_json
 @option("-o", "--output", type=FILE, metavar="FILE", multiple=True, help="a file, as that of `solve`")
 @option("--certificate", type=FILE, metavar="FILE", help="a proof of the bound, as that of `solve`")
+@option("--sharp", is_flag=True, help="tighter but slower bounds, especially for lambda")
 @click.pass_context
 def certify(ctx: click.Context, **options: Any) -> int:
     """Bound the errors of another solver's solution of your problem, on its own mesh."""

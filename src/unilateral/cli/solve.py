@@ -106,7 +106,7 @@ def run(options: SimpleNamespace) -> int:
 
 def certify(options: SimpleNamespace) -> int:
     """Bound the errors of another program's solution; the exit code."""
-    vars(options).update(sharp=False, out=None, dry_run=False)
+    vars(options).update(out=None, dry_run=False)
     _targets(options)
     watch, problem = Watch(begin=options.begin), api.load(options.problem)
     if options.certificate:
@@ -193,7 +193,7 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
     else:
         least = {norm: found.solved.size(norm, sharp) if bounds else math.nan for norm in NORMS}
         say(table(printed, bounds, least, doubt, found.problem.units))
-        if bounds and not (search or errors) and _too_coarse(found, bounds):
+        if bounds and not (search or errors or found.solved.foreign) and _too_coarse(found, bounds):
             say(f"  {'hint':27} {TOO_COARSE}{'; it makes its own meshes' * own_mesh}")
     return printed
 

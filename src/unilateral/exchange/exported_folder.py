@@ -122,7 +122,8 @@ def nodal_values_on(mesh: Mesh, name: str, file: str, field: str | None = None) 
     """
     found = handed(file, field)
     if "u" not in found.nodal:
-        raise InputError(f"{file}: there is no {field or 'u'} at the nodes; --field names the values to take")
+        name = shown(field or "u")
+        raise InputError(f"{file}: there is no {name} at the nodes; --field names the values to take")
     if found.points is None:
         return found.nodal["u"]
     level = ExportedLevel(name, mesh, Partition(mesh.polygon, mesh.s))
@@ -304,10 +305,7 @@ class Handed(NamedTuple):
 
 
 def handed(file: str, field: str | None = None) -> Handed:
-    """What a file holds: .csv, .nc, or one of meshio's; a `field` is taken for u.
-
-    Raises InputError if it cannot be read.
-    """
+    """What a file holds, .csv, .nc, or one of meshio's; `field` is u. Raises InputError if that fails."""
     if not Path(file).is_file():
         raise InputError(f"there is no file {file}")
     try:
@@ -356,8 +354,7 @@ def _of_mesh(file: str, field: str | None) -> Handed:
     fields = _renamed(content.point_data, names[0] if field is None and len(names) == 1 else field)
     n = len(content.points)
     nodal = {name: np.reshape(fields[name], n).astype(float) for name in NODAL if name in fields}
-    kinds = ("triangle", "triangle6")
-    triangles = [block.data[:, :3].ravel() for block in content.cells if block.type in kinds]
+    triangles = [block.data[:, :3].ravel() for block in content.cells if block.type.startswith("triangle")]
     if not triangles:
         raise InputError(f"{file}: it has no triangles; u is needed at the nodes of a mesh of triangles")
     used = np.unique(np.concatenate(triangles))

@@ -127,8 +127,8 @@ def from_meshio(content: Any, where: str, corners: bool = False) -> tuple[Array,
 
     Triangles of second order are refused, or their `corners` taken.
     """
-    kinds = {"triangle", "triangle6"} if corners else {"triangle"}
-    foreign = sorted({block.type for block in content.cells} - {*kinds, "line", "line3", "vertex"})
+    known = {"triangle", "line", "vertex"} | ({"triangle6", "line3"} if corners else set())
+    foreign = sorted({block.type for block in content.cells} - known)
     curved = [kind for kind in foreign if kind.startswith("triangle")]
     if curved:
         raise InputError(
@@ -140,7 +140,7 @@ def from_meshio(content: Any, where: str, corners: bool = False) -> tuple[Array,
     blocks = [
         indices(block.data[:, :3] if corners else block.data, f"{where}, triangles")
         for block in content.cells
-        if block.type in kinds
+        if block.type.startswith("triangle")
     ]
     if points.size == 0:
         raise InputError(f"{where}: there are no nodes; a mesh of plain triangles is needed")

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,10 +33,13 @@ from unilateral.solvers.uzawa import DualResult
 if TYPE_CHECKING:
     from unilateral.problems.given import AnyProblem
 
+LARGEST_VALUE = 1e100
+"""Given values are below this, so that squares of errors do not overflow."""
+
 
 def certify(problem: AnyProblem, mesh: Mesh, u: ArrayLike, multiplier: ArrayLike | None) -> Solution:
     """Solution with the values `u` (n,) at nodes, `multiplier` (nb,) on boundary edges; as `api.certify`."""
-    data, units, scaled_mesh = scaled(problem), problem.units, mesh
+    data = scaled(problem)
     if isinstance(data, Sampled):
         raise InputError(
             f"'{problem.name}': f, g, q and u must be formulas or arrays, or there are no bounds"
@@ -47,9 +51,8 @@ def certify(problem: AnyProblem, mesh: Mesh, u: ArrayLike, multiplier: ArrayLike
         own = _solve(data, scaled_mesh)
     else:
         without = np.isin(mesh.side, (*problem.free_sides, *problem.clamped_sides))
-        own = _solve_linear(data, scaled_mesh, _edge_values(multiplier, without) / units.flux)
-    facts = own.discrete, own.result, own.tolerance, own.lambda_H
-    solved = DiscreteSolution(*facts, u_h=values / units.value, potential=own.u_h)
+        own = _solve_linear(data, scaled_mesh, _edge_values(multiplier, without) / problem.units.flux)
+    solved = replace(own, u_h=values / problem.units.value, potential=own.u_h)
     solved.forget()
     return Solution(solved, problem)
 
@@ -62,6 +65,7 @@ def edge_pairs(mesh: Mesh) -> Partition:
 
 
 def _solve(data: Data, mesh: Mesh) -> DiscreteSolution:
+    """Discrete solution with a multiplier on `edge_pairs`."""
     discrete = discretised(data, cheapest(data, mesh, edge_pairs(mesh), Stop()))
     with warnings.catch_warnings(action="ignore", category=IterationWarning):  # bounds hold for any lambda_H
         return discrete.solved(Stop())
@@ -94,11 +98,13 @@ def _edge_values(multiplier: ArrayLike, without: Mask) -> Array:
 
 
 def _check(values: Array, count: int, name: str, place: str) -> None:
-    """Raises InputError unless there are `count` finite values."""
+    """Raises InputError unless there are `count` values whose squares are no overflow."""
     if values.shape != (count,):
         raise InputError(
             f"{name} has the shape {values.shape}; it has to be ({count},), a value at each {place}"
         )
-    wrong = np.flatnonzero(~np.isfinite(values))
+    wrong = np.flatnonzero(~(np.abs(values) < LARGEST_VALUE))
     if wrong.size:
-        raise InputError(f"{name}[{wrong[0]}] is {values[wrong[0]]}; it has to be finite")
+        raise InputError(
+            f"{name}[{wrong[0]}] is {values[wrong[0]]}; it has to be finite, below {LARGEST_VALUE:g}"
+        )

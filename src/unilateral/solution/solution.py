@@ -172,8 +172,8 @@ def flat_triangles(solved: DiscreteSolution) -> str:
 
 
 def lift_dominates(solved: DiscreteSolution) -> str:
-    """Says that most of the squared bound on u is the norm of what makes u admissible; else empty."""
-    bound = solved.bound(False) if solved.known(False) or not too_large(solved, False) else None
+    """Says that D^2 is most of X^2 <= S^2 + 2 B + D^2, D the norm of what makes u admissible; else empty."""
+    bound = None if too_large(solved, False) else solved.bound(False)
     if not isinstance(bound, LocalBound) or bound.lifting**2 <= 0.5 * bound.u**2:
         return ""
     return (

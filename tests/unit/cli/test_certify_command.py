@@ -48,7 +48,8 @@ def test_the_only_field_of_a_vtu_on_its_own_mesh(files, run):
     assert "  guaranteed                  ||u - u_h||_1 <= " in out
     assert "  force, boundary" in out
     assert "algebraic" not in out
-    assert certified(run, "--solution", "u.vtu") == (0, pytest.approx(files.bounds.u, rel=1e-12), "")
+    for more, bounds in (([], files.bounds), (["--sharp"], files.sharp_bounds)):
+        assert certified(run, "--solution", "u.vtu", *more) == (0, pytest.approx(bounds.u, rel=1e-12), "")
 
 
 def test_columns_of_a_csv_are_matched_by_places_or_by_order(files, run):
