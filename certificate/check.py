@@ -14,13 +14,13 @@ THEOREM. Let p.n >= 0 and v + y >= g on contact sides, and v + y = u_D on clampe
     B = <p.n, v + y - g>_contact,    D = |||y|||,    X = |||u - v|||,    L = the norm on V of s - p.n.
 Then X^2 <= S^2 + 2 B + D^2 and L <= D + (S^2 + 2 B + D^2)^(1/2). With v + y in place of v, and 0 in place of y, the
 second says L <= (S^2 + 2 B)^(1/2) for the S of v + y.
-PROOF. s is the functional a(u, z) - (f, z) - <t, z>_free on V, so a(u - v, z) = R(z) + <s - p.n, z>. Let Q be the
-a-orthogonal projection to V, r in V with a(r, z) = R(z) for all z in V, and w = Q(u - v) - r. Then |||r||| = S, and
-a(w, z) = <s - p.n, z>, so |||w||| = L. As e = u - v - y is in V, Q(u - v) = e + Q y, and
-    |||Q(u - v)|||^2 + L^2 - S^2 = 2 a(Q(u - v), w) = 2 <s - p.n, e> + 2 a(Q y, w).
+PROOF. s is the functional a(u, z) - (f, z) - <t, z>_free on V, so a(u - v, z) = R(z) + <s - p.n, z>. Let r in V have
+a(r, z) = R(z) for all z in V, and let w = u - v - r. Then |||r||| = S, and a(w, z) = <s - p.n, z> for z in V, so
+L <= |||w|||. As e = u - v - y is in V,
+    X^2 + |||w|||^2 - S^2 = 2 a(u - v, w) = 2 <s - p.n, e> + 2 a(y, w).
 <s, e> <= 0 is the variational inequality of u, tested with v + y. As u >= g and p.n >= 0, -<p.n, e> =
-<p.n, (v + y - g) - (u - g)> <= B. Last, |||u - v|||^2 = |||Q(u - v)|||^2 + |||y - Q y|||^2. Together
-    X^2 + L^2 <= S^2 + 2 B + 2 |||Q y||| L + |||y - Q y|||^2, or X^2 + (L - |||Q y|||)^2 <= S^2 + 2 B + D^2.  []
+<p.n, (v + y - g) - (u - g)> <= B. So X^2 + |||w|||^2 <= S^2 + 2 B + 2 D |||w|||, that is,
+    X^2 + (|||w||| - D)^2 <= S^2 + 2 B + D^2.  []
 
 BOUND ON S. With rho = f + div p - c v, R(z) = (p - k grad v, grad z) + (rho, z) + <t - p.n, z>_free. On a triangle T
 with longest edge d, ||z - mean z|| <= d/pi |z|_1 (Payne and Weinberger 1960). Let M = ||mean of rho|| and A =

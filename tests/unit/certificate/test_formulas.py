@@ -85,7 +85,7 @@ def doubled_with_midpoints(corners):
 
 
 def points_outside(text, exact, seed):
-    """At how many random points of random triangles, and of their edges, f is outside the checker's bounds."""
+    """At how many random points of random triangles, and of their edges, f is outside the bounds."""
     rng = random.Random(seed)
     formula, triangles, edges = cf.Formula(text), 0, 0
     for corners, D in random_triangles(rng):
