@@ -103,7 +103,10 @@ class Polynomial:
         return sum((c * point[0] ** i * point[1] ** j for i, j, c in self.terms), Q(0))
 
     def on_triangle(self, points, D):
-        """Its values at points/D, their unit, and how many units it may be off a quadratic function: 0."""
+        """Its values at points/D, their unit, and how many units it may be off a quadratic function: 0.
+
+        For other functions that is the root mean square of what they are off on the triangle.
+        """
         require(self.degree <= 2, "f has a degree above 2; check_formulas.py reads formulas")
         unit = math.lcm(1, *(c.denominator for _, _, c in self.terms))
         terms = [(i, j, int(c * unit) * D ** (2 - i - j)) for i, j, c in self.terms]
@@ -272,7 +275,8 @@ class Certificate:
             x, y = at_k * e[j][0] - at_j * e[k][0], at_k * e[j][1] - at_j * e[k][1]
             misfit.append((kn * W * dx - x, kn * W * dy - y))
         misfit2 = divide_up(linear_mass(misfit) * UNITS**2, 24 * (kd * N * W) ** 2 * area)
-        # 2 |T| rho = 2 |T| (f + div p - c v) at corners and midpoints in units of 1/scale; f may be off by the doubt
+        # 2 |T| rho = 2 |T| (f + div p - c v) at corners and midpoints in units of 1/scale. f may be off
+        # by a function whose norm is at most |T|^(1/2) doubt/unit; it counts like the mean
         points = [(2 * x, 2 * y) for x, y in X] + [(X[i][0] + X[j][0], X[i][1] + X[j][1]) for i, j in OPPOSITE]
         values, unit, doubt = self.problem.f.on_triangle(points, 2 * D)
         scale = unit * D * D * W * cd * N
