@@ -7,11 +7,13 @@ Corruptions at random seldom hit two places that would make a lie together. Of t
 test_mutants_of_the_checker.py spoils, they expose four. So that file attacks each part on its own.
 """
 
+import gzip
 import json
 import math
 import random
 import sys
 from collections import Counter
+from decimal import Decimal
 from fractions import Fraction
 from itertools import pairwise
 
@@ -36,7 +38,7 @@ BOWL = polynomial(one="17/64", x="-3/8", y="-5/8", xx="1/2", yy="1/2")
 COUNT = 500
 PRINTED = "PROVED: |||u - v||| <= "
 HARMONIC = [polynomial(one=1), polynomial(x=1), polynomial(y=1), polynomial(xy=1), polynomial(xx=1, yy=-1)]
-VALUES = [None, True, "1", "x", "1/0", "", [], {}, [[0]], -1, 0, 7, 0.5, 1e100, -1e100, 10**100, 5e-324]
+VALUES = [None, True, "1", "x", "1/0", "", [], {}, [[0]], -1, 0, 7, 0.5, 1e30, -1e30, 10**30, 5e-324]
 VALUES += [float("nan"), float("inf"), "\ud800", "9" * 401, [None] * 3, {"contact": []}]
 
 
@@ -285,33 +287,44 @@ def corrupt(text, rng):
     return stated
 
 
-def run(module, stated, path, capsys, monkeypatch):
-    """Exit code and output of the checker for a certificate in a file."""
-    path.write_text(json.dumps(stated), encoding="utf-8")
-    monkeypatch.setattr(sys, "argv", ["check.py", str(path)])
-    code = module.main()
-    return code, capsys.readouterr().out
+@pytest.fixture
+def run(tmp_path, capsys, monkeypatch):
+    """Exit code and output of a checker for the bytes or the tree of a certificate in a file."""
+
+    def run(module, stated, ending=".json"):
+        path = tmp_path / f"corrupted{ending}"
+        path.write_bytes(stated if isinstance(stated, bytes) else json.dumps(stated).encode())
+        monkeypatch.setattr(sys, "argv", ["check.py", str(path)])
+        code = module.main()
+        return code, capsys.readouterr().out
+
+    return run
 
 
 def stated_problem(output):
     return output.partition("\n  v is linear")[0]
 
 
+def printed_bound(output):
+    """The bound on |||u - v||| in the output."""
+    return Decimal(output.partition(PRINTED)[2].partition(",")[0])
+
+
 @pytest.fixture
-def judge(tmp_path, capsys, monkeypatch):
+def judge(run):
     """Counts what a checker says of corruptions, and gives the least bound over error that it prints.
 
     A corruption that lowers this index is kept, and the next ones are made of it.
     """
 
     def judge(module, make):
-        path, rng, counts, least = tmp_path / "corrupted.json", random.Random(46), Counter(), math.inf
+        rng, counts, least = random.Random(46), Counter(), math.inf
         stated, u = make()
-        original = stated_problem(run(module, stated, path, capsys, monkeypatch)[1])
+        original = stated_problem(run(module, stated)[1])
         text = json.dumps(stated)
         for _ in range(COUNT // len(PROBLEMS)):
             stated = corrupt(text, rng)
-            code, output = run(module, stated, path, capsys, monkeypatch)
+            code, output = run(module, stated)
             assert code in (0, 1)
             assert output.startswith("REFUSED: ") == (code == 1)
             if code:
@@ -320,8 +333,7 @@ def judge(tmp_path, capsys, monkeypatch):
                 counts["another problem"] += 1
             else:
                 counts["accepted"] += 1
-                bound = float(output.partition(PRINTED)[2].partition(",")[0])
-                index = bound / true_error(stated, u)
+                index = float(printed_bound(output)) / true_error(stated, u)
                 if index < least:
                     text, least = json.dumps(stated), index
         return counts, least
@@ -336,7 +348,6 @@ ROUNDING = 1e-9
 @pytest.mark.parametrize("make", PROBLEMS)
 def test_each_is_refused_or_its_bound_holds(make, judge):
     counts, least = judge(checker(), make)
-    print(counts, least)
     assert counts.total() == COUNT / len(PROBLEMS)
     assert min(counts["refused"], counts["accepted"]) > counts.total() / 5  # so that both are tried
     assert least >= 1 - ROUNDING
@@ -350,3 +361,36 @@ def test_a_spoilt_checker_is_exposed(make, part, judge):
     attack = next(attack for attack in ATTACKS if attack.part == part)
     _, least = judge(checker((attack.text, attack.replacement)), make)
     assert least < 1 - ROUNDING
+
+
+@pytest.mark.parametrize("ending", [".json", ".json.gz"])
+def test_spoilt_bytes_are_refused_or_the_bound_holds(ending, run):
+    """One byte of the file is another one, or its end is missing. Bytes that are not read have no effect."""
+    stated, u = gaps()
+    whole, rng, module = json.dumps(stated).encode(), random.Random(47), checker()
+    whole = gzip.compress(whole, mtime=0) if ending == ".json.gz" else whole
+    codes = Counter()
+    for _ in range(80):
+        spoilt, place = bytearray(whole), rng.randrange(len(whole))
+        spoilt[place] = rng.randrange(256)
+        code, output = run(module, bytes(spoilt[: rng.choice([len(whole), len(whole), place])]), ending)
+        codes[code] += 1
+        if (
+            code == 0
+            and ending == ".json"
+            and stated_problem(output) == stated_problem(run(module, stated)[1])
+        ):
+            assert printed_bound(output) >= Decimal((1 - ROUNDING) * true_error(json.loads(spoilt), u))
+    assert codes[2] > 20  # those whose ends are missing
+    assert set(codes) <= {0, 1, 2}
+
+
+@pytest.mark.parametrize("name", ["v", "flux", "trace"])
+@pytest.mark.parametrize("number", [10**400, -(10**400)])
+def test_integers_beyond_doubles_are_computed_with(name, number, run):
+    """The norm of a hat function is larger than 1e-10 here, and so is the true error if v has the integer."""
+    stated, u = gaps()
+    error = Decimal("1e390") if name == "v" else Decimal(true_error(stated, u))
+    stated[name][0] = number
+    code, output = run(checker(), stated)
+    assert code == 1 or printed_bound(output) >= error
