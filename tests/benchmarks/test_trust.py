@@ -18,13 +18,14 @@ PARTS = ("solve", "bound", "certificate", "check", "check_formulas")
 
 
 def test_formulas_are_the_polynomials() -> None:
-    """-3/4 + 2 x y^2 at x = 2, y = 3: by hand 35.25. Sides keep their kinds, and all else is as it was."""
+    """-3/4 + 2 x y^2 at x = 2, y = 3: by hand 35.25. Sides keep their kinds, and f alone is changed."""
     terms = [[0, 0, "-3/4"], [1, 2, "2"]]
     assert eval(trust.formula(terms), {"x": 2, "y": 3}) == 35.25  # type: ignore[arg-type]
     assert trust.formula([]) == "0"
     given = {"v": [1], "problem": {"k": "1", "f": terms, "sides": [{"contact": []}, {"free": terms}]}}
     found = trust.with_formulas(given)
     assert found["problem"]["sides"] == [{"contact": "0"}, {"free": trust.formula(terms)}]
+    assert found["problem"]["f"] == trust.formula(terms) + trust.WAVE
     assert (found["v"], found["problem"]["k"]) == ([1], "1")
     assert given["problem"]["f"] is terms
 
