@@ -5,9 +5,8 @@ Matrices and loads are scikit-fem's. On clamped sides each solution has the give
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,27 +25,16 @@ ROUNDS = 100
 """The most active sets; a dozen are enough."""
 
 
-@dataclass(frozen=True, eq=False)
-class NodalProblem:
-    """Find x >= obstacle with r = Ax - load >= 0 and r.(x - obstacle) = 0 at unknowns that are not fixed.
+class NodalProblem(NamedTuple):
+    """Find x >= g with r = Ax - load >= 0 and r.(x - g) = 0 at unknowns that are not fixed.
 
-    `obstacle` (n,) is -inf where x is not constrained, and the value of x where it is `fixed` (n,).
+    g (n,) is -inf where x is not constrained, and the value of x where it is `fixed` (n,).
     """
 
     A: sp.csr_array
     load: Array
-    obstacle: Array
+    g: Array
     fixed: Mask
-
-    def gap(self, x: Array) -> Array:
-        """(n,) x - obstacle, infinite where there is no constraint."""
-        return np.where(self.fixed, np.inf, x - self.obstacle)
-
-    def solved(self, matrix: sp.csr_array, load: Array, known: Mask) -> Array:
-        """(n,) the solution of a linear system that is the obstacle where it is `known` (n,)."""
-        x = np.where(known, self.obstacle, 0.0)
-        x[~known] = spsolve(matrix[~known][:, ~known].tocsc(), (load - matrix @ x)[~known])
-        return x
 
 
 def nodal_problem(case: Case, mesh: Mesh, element: skfem.Element) -> NodalProblem:
@@ -60,75 +48,56 @@ def nodal_problem(case: Case, mesh: Mesh, element: skfem.Element) -> NodalProble
         return case.source(w.x.reshape(2, -1).T).reshape(w.x.shape[1:]) * v
 
     facets, clamped = boundary_facets(of_skfem, mesh), np.isin(mesh.side, case.clamped_sides)
-    obstacle, fixed = np.full(basis.N, -np.inf), np.zeros(basis.N, dtype=bool)
+    g, fixed = np.full(basis.N, -np.inf), np.zeros(basis.N, dtype=bool)
     ends = [basis.nodal_dofs[0][nodes] for nodes in (mesh.boundary, np.roll(mesh.boundary, -1))]
     places = [(ends[0], 0.0), (ends[1], 1.0), *((dofs[facets], 0.5) for dofs in basis.facet_dofs)]
     for dofs, part in places:
         s = mesh.s[:-1] + part * np.diff(mesh.s) - mesh.polygon.starts[mesh.side]
         u, _, gap = case.boundary(mesh.side, s)
-        np.maximum.at(obstacle, dofs, u - gap)
+        np.maximum.at(g, dofs, u - gap)
         fixed[dofs[clamped]] = True
-    return NodalProblem(A.tocsr(), load.assemble(basis), obstacle, fixed)
+    return NodalProblem(A.tocsr(), load.assemble(basis), g, fixed)
 
 
-def active_set(of: NodalProblem, solved: Callable[[Mask], Array], active: Callable[[Array], Mask]) -> Array:
-    """A semismooth Newton method: `solved` takes an active set to a solution, `active` that to the next set.
+def active_set(of: NodalProblem, springs: Array | None = None) -> Array:
+    """(n,) x by the primal-dual active set method of Hintermüller, Ito and Kunisch (2002).
 
-    It begins with contact everywhere, and ends where the set stays, or after ROUNDS.
+    With `springs` (n,) the forces springs (g - x)_+ are in place of the constraint: the penalty method.
     """
-    contact = np.isfinite(of.obstacle) & ~of.fixed
+    diagonal, active = of.A.diagonal(), np.isfinite(of.g) & ~of.fixed
     for _ in range(ROUNDS):
-        x, before = solved(contact), contact
-        contact = active(x)
-        if np.array_equal(contact, before):
+        known = of.fixed | active if springs is None else of.fixed
+        push = np.zeros_like(of.load) if springs is None else np.where(active, springs, 0.0)
+        matrix, x = (of.A + sp.diags_array(push)).tocsr(), np.where(known, of.g, 0.0)
+        rest = of.load + push * np.where(active, of.g, 0.0) - matrix @ x
+        x[~known] = spsolve(matrix[~known][:, ~known].tocsc(), rest[~known])
+        # next a node is active where the reaction is larger than the gap, times the diagonal
+        before, active = active, ~of.fixed & (of.A @ x - of.load > diagonal * (x - of.g))
+        if np.array_equal(active, before):
             break
     return x
 
 
-def nodal_constraints(of: NodalProblem) -> Array:
-    """x by the primal-dual active set method of Hintermüller, Ito and Kunisch (2002)."""
-    # a node is active where its reaction is larger than its gap times the diagonal
-    diagonal = of.A.diagonal()
-    return active_set(
-        of,
-        lambda active: of.solved(of.A, of.load, active | of.fixed),
-        lambda x: of.A @ x - of.load > diagonal * of.gap(x),
-    )
-
-
-def penalty(of: NodalProblem, mesh: Mesh, gamma: float) -> Array:
-    """x with the forces gamma (g - x)_+ per length at nodes in place of the constraint, for P1."""
-    # the trapezoidal rule: a node has half of both edges beside it; at the ends of clamped sides x is fixed
-    lengths, weights = np.diff(mesh.s), np.zeros(mesh.n_nodes)
-    weights[mesh.boundary] = gamma * 0.5 * (lengths + np.roll(lengths, 1))
-
-    def solved(active: Mask) -> Array:
-        springs = np.where(active, weights, 0.0)
-        force = springs * np.where(active, of.obstacle, 0.0)
-        return of.solved((of.A + sp.diags_array(springs)).tocsr(), of.load + force, of.fixed)
-
-    return active_set(of, solved, lambda x: of.gap(x) < 0)
-
-
 def gauss_seidel(of: NodalProblem, sweeps: int) -> Array:
-    """x after some sweeps of the projected Gauss-Seidel iteration, from the obstacle and 0 inside."""
-    A, x = of.A, np.where(np.isfinite(of.obstacle), of.obstacle, 0.0)
-    diagonal, nodes = A.diagonal(), np.flatnonzero(~of.fixed)
-    for node in np.tile(nodes, sweeps):
+    """x after some sweeps of the projected Gauss-Seidel iteration, from g on the boundary and 0 inside."""
+    A, x, diagonal = of.A, np.where(np.isfinite(of.g), of.g, 0.0), of.A.diagonal()
+    for node in np.tile(np.flatnonzero(~of.fixed), sweeps):
         row = slice(A.indptr[node], A.indptr[node + 1])
         residual = of.load[node] - A.data[row] @ x[A.indices[row]]
-        x[node] = max(x[node] + residual / diagonal[node], of.obstacle[node])
+        x[node] = max(x[node] + residual / diagonal[node], of.g[node])
     return x
 
 
-def others(case: Case, mesh: Mesh, penalties: list[int], sweeps: int) -> dict[str, Array]:
+def others(case: Case, mesh: Mesh, penalties: Sequence[int], sweeps: int) -> dict[str, Array]:
     """(n,) the values at the nodes of each method's solution, by its name."""
-    of = nodal_problem(case, mesh, skfem.ElementTriP1())
-    of_p2 = nodal_problem(case, mesh, skfem.ElementTriP2())
+    of, of_p2 = (nodal_problem(case, mesh, each) for each in (skfem.ElementTriP1(), skfem.ElementTriP2()))
+    # a penalty's force per length, by the trapezoidal rule: each node has half of both edges beside it
+    lengths, half = np.diff(mesh.s), np.zeros(mesh.n_nodes)
+    half[mesh.boundary] = 0.5 * (lengths + np.roll(lengths, 1))
     return {
-        "nodal constraints": nodal_constraints(of),
-        "P2, interpolated": nodal_constraints(of_p2)[: mesh.n_nodes],  # scikit-fem numbers the nodes first
-        **{f"penalty {factor}/h": penalty(of, mesh, factor / mesh.h) for factor in penalties},
+        "nodal constraints": active_set(of),
+        "P2, interpolated": active_set(of_p2)[: mesh.n_nodes],  # scikit-fem numbers the nodes first
+        **{f"penalty {factor}/h": active_set(of, factor / mesh.h * half) for factor in penalties},
         "stopped early": gauss_seidel(of, sweeps),
-        "half the load": nodal_constraints(replace(of, load=of.load / 2)),
+        "half the load": active_set(of._replace(load=of.load / 2)),
     }
