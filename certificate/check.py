@@ -6,8 +6,12 @@
 PROBLEM. In a polygon -k lap u + c u = f, k > 0, c >= 0. On each side one of three conditions holds:
     contact   u >= g, s = k du/dn >= 0, s (u - g) = 0      free   k du/dn = t      clamped   u = u_D
 V: the functions in H^1 that vanish on clamped sides; a(w, z) = k (grad w, grad z) + c (w, z); |||w|||^2 = a(w, w).
+K: the functions z in H^1 with z >= g on contact sides and z = u_D on clamped sides. The conditions mean: u is in K, and
+    a(u, z - u) >= (f, z - u) + <t, z - u>_free  for all z in K.
+If K is not empty (v + y will be in it), there is one such u: a is coercive on V, for c > 0 or a side is clamped.
 The certificate has a triangulation of the polygon, the function v to be judged (linear on triangles), a flux p
-(linear on triangles, one p.n on each edge), and the trace of v + y; y is quadratic, 0 but on triangles at the boundary.
+(linear on triangles, one p.n on each edge), and the trace of v + y. y is continuous, quadratic on triangles, linear
+along edges inside, and 0 at nodes inside.
 
 THEOREM. Let p.n >= 0 and v + y >= g on contact sides, and v + y = u_D on clamped sides. Let
     S = the norm on V of R(z) = (f, z) + <t, z>_free + <p.n, z>_contact - a(v, z),
@@ -26,6 +30,7 @@ BOUND ON S. With rho = f + div p - c v, R(z) = (p - k grad v, grad z) + (rho, z)
 with longest edge d, ||z - mean z|| <= d/pi |z|_1 (Payne and Weinberger 1960). Let M = ||mean of rho|| and A =
 ||p - k grad v|| + d/pi ||rho - mean of rho||. The terms on T are at most A |z|_1 + M ||z||, and their sum is at most
 (sum A^2/k + sum M^2/c)^(1/2) |||z|||, or ((sum A^2/k)^(1/2) + C (sum M^2)^(1/2)) |||z||| if ||z|| <= C |||z||| on V.
+If f is not quadratic on T, a quadratic function takes its place, and M has the norm of the difference, too.
 """
 
 import decimal
@@ -67,7 +72,8 @@ def root(q):
 
 
 def fraction(text):
-    require(isinstance(text, str) and re.fullmatch(r"-?[0-9]{1,400}(/[0-9]{1,400})?", text), f"{text!r}: no fraction")
+    written = isinstance(text, str) and re.fullmatch(r"-?[0-9]{1,400}(/[0-9]{1,400})?", text)
+    require(written, f"{text!a} is no fraction, such as '-3/4'")
     return Q(text)
 
 
@@ -84,10 +90,10 @@ class Polynomial:
     """The sum of coefficient * x^i * y^j over terms [i, j, "coefficient"]."""
 
     def __init__(self, terms):
-        require(isinstance(terms, list), f"{terms!r} is no polynomial; check_formulas.py reads formulas")
+        require(isinstance(terms, list), f"{terms!a} is no polynomial; check_formulas.py reads formulas")
         self.terms = [(i, j, fraction(coefficient)) for i, j, coefficient in terms]
         powers = all(type(i) is type(j) is int and min(i, j) >= 0 and i + j <= 20 for i, j, _ in terms)
-        require(powers, f"{terms}: powers of x and y are whole numbers, up to 20 together")
+        require(powers, f"{terms!a}: powers of x and y are whole numbers, up to 20 together")
         self.degree = max([i + j for i, j, _ in terms], default=0)
 
     def __str__(self):
@@ -123,8 +129,10 @@ class Problem:
         require(one_each, "sides: each side of the polygon needs one condition")
         self.sides = [(kind, function(data)) for side in stated["sides"] for kind, data in side.items()]
         kinds = {kind for kind, _ in self.sides}
-        require(kinds <= {"contact", "free", "clamped"}, f"sides: {kinds} are not all conditions")
-        require(self.k > 0 and (self.c > 0 or (self.c == 0 and "clamped" in kinds)), "k, c: there may be no u")
+        unknown = sorted(kinds - {"contact", "free", "clamped"})
+        require(not unknown, f"sides: {unknown!a} is not contact, free or clamped")
+        positive = self.k > 0 and (self.c > 0 or (self.c == 0 and "clamped" in kinds))
+        require(positive, "k, c: both have to be positive; c may be 0 if a side is clamped")
         check_polygon(self.corners)
 
     def __str__(self):
@@ -184,7 +192,8 @@ class Mesh:
         self.nb = len(self.nodes)
         self.nodes += [(x * (D // unit), y * (D // unit)) for x, y in zip(inside[::2], inside[1::2])]
         # A triangle winds once around its points. If edges inside cancel, the winding numbers of all triangles
-        # add up to that of the boundary, which is 1: so each point off the edges lies in exactly one triangle.
+        # add up to that of the boundary, which is 1: so each point off the edges lies in exactly one triangle. The two
+        # triangles at an edge inside lie on its two sides, so v and y are in H^1, and div p is in L2.
         self.triangles, owner = stated["triangles"], {}
         for number, triangle in enumerate(self.triangles):
             nodes = len(triangle) == 3 and all(type(i) is int and 0 <= i < len(self.nodes) for i in triangle)
@@ -197,8 +206,8 @@ class Mesh:
                 if edge[::-1] not in owner:
                     self.numbers[edge] = len(self.numbers)
         self.beside = [owner.pop((i, (i + 1) % self.nb), None) for i in range(self.nb)]
-        require(None not in self.beside, "triangles: there is none at an edge of the boundary")
-        require(all(edge[::-1] in owner for edge in owner), "triangles: there is one at one side of an edge only")
+        require(None not in self.beside, "triangles: an edge of the boundary has none")
+        require(all(edge[::-1] in owner for edge in owner), "triangles: an edge inside has one on one side only")
 
     def outflow(self, values, a, b):
         """The outflow to the right of the edge from a to b, at a and at b, by two values for each edge."""
@@ -240,14 +249,15 @@ def linear_mass(fields):
 
 class Certificate:
     def __init__(self, stated, function=Polynomial):
-        require(stated["format"] == FORMAT, f"format: {stated['format']!r} is not {FORMAT!r}")
+        require(stated["format"] == FORMAT, f"format: {stated['format']!a} is not {FORMAT!r}")
         self.problem = Problem(stated["problem"], function)
         self.mesh = Mesh(stated["mesh"], self.problem.corners)
         edges, self.field = 2 * len(self.mesh.numbers), None
         self.v, self.V = integers(stated["v"], len(self.mesh.nodes), "v")
         self.flux, self.W = integers(stated["flux"], edges, "flux")  # p.n times the length, at both ends of edges
         self.trace, self.Y = integers(stated["trace"], 2 * self.mesh.nb, "trace")  # at nodes, then at midpoints
-        if "field" in stated or self.problem.c == 0:
+        require("field" in stated or self.problem.c > 0, "field: it is needed if c is 0")
+        if "field" in stated:
             self.field, self.U = integers(stated["field"], edges, "field")
 
     def residual(self, triangle, corners, middles, N):
@@ -288,7 +298,8 @@ class Certificate:
         mesh, largest = self.mesh, Q(0)
         for i, side in enumerate(mesh.side):
             inward = max(mesh.outflow(self.field, i, (i + 1) % mesh.nb)) <= 0
-            require(inward or self.problem.sides[side][0] == "clamped", f"field: it leaves through side {side}")
+            clamped = self.problem.sides[side][0] == "clamped"
+            require(inward or clamped, f"field: b.n > 0 on side {side}, which is not clamped")
         for number, triangle in enumerate(mesh.triangles):
             X = [mesh.nodes[i] for i in triangle]
             area, e = cross(*X), vectors(X)
@@ -383,9 +394,10 @@ def upward(q):
 
 def main(function=Polynomial):
     try:
-        with (gzip.open if sys.argv[1].endswith(".gz") else open)(sys.argv[1], "rb") as file:
+        _, path = sys.argv
+        with (gzip.open if path.endswith(".gz") else open)(path, "rb") as file:
             stated = json.load(file)
-    except (IndexError, OSError, EOFError, ValueError, RecursionError, zlib.error) as error:
+    except (OSError, EOFError, ValueError, RecursionError, zlib.error) as error:
         print(f"usage: python3 {sys.argv[0]} FILE; no certificate can be read: {error!r}", file=sys.stderr)
         return 2
     try:
@@ -394,7 +406,7 @@ def main(function=Polynomial):
     except Refused as reason:
         print(f"REFUSED: {reason}")
     except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
-        print(f"REFUSED: this is not the format of docs/certificate.md: {error!r}")
+        print(f"REFUSED: this is not the format of docs/certificate.md: {error!a}")
     else:
         print(f"{certificate.problem}\n  v is linear on {len(certificate.mesh.triangles)} triangles")
         print(f"PROVED: |||u - v||| <= {upward(X)}, the dual norm of k du/dn - p.n is <= {upward(L)}")
