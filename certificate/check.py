@@ -73,7 +73,7 @@ def root(q):
 
 def fraction(text):
     written = isinstance(text, str) and re.fullmatch(r"-?[0-9]{1,400}(/[0-9]{1,400})?", text)
-    require(written, f"{text!r} is no fraction, such as '-3/4'")
+    require(written, f"{text!a} is no fraction, such as '-3/4'")
     return Q(text)
 
 
@@ -90,10 +90,10 @@ class Polynomial:
     """The sum of coefficient * x^i * y^j over terms [i, j, "coefficient"]."""
 
     def __init__(self, terms):
-        require(isinstance(terms, list), f"{terms!r} is no polynomial; check_formulas.py reads formulas")
+        require(isinstance(terms, list), f"{terms!a} is no polynomial; check_formulas.py reads formulas")
         self.terms = [(i, j, fraction(coefficient)) for i, j, coefficient in terms]
         powers = all(type(i) is type(j) is int and min(i, j) >= 0 and i + j <= 20 for i, j, _ in terms)
-        require(powers, f"{terms}: powers of x and y are whole numbers, up to 20 together")
+        require(powers, f"{terms!a}: powers of x and y are whole numbers, up to 20 together")
         self.degree = max([i + j for i, j, _ in terms], default=0)
 
     def __str__(self):
@@ -103,7 +103,10 @@ class Polynomial:
         return sum((c * point[0] ** i * point[1] ** j for i, j, c in self.terms), Q(0))
 
     def on_triangle(self, points, D):
-        """Its values at points/D, their unit, and how many units it may be off a quadratic function: 0."""
+        """Its values at points/D, their unit, and how many units it may be off a quadratic function: 0.
+
+        For other functions that is the root mean square of what they are off on the triangle.
+        """
         require(self.degree <= 2, "f has a degree above 2; check_formulas.py reads formulas")
         unit = math.lcm(1, *(c.denominator for _, _, c in self.terms))
         terms = [(i, j, int(c * unit) * D ** (2 - i - j)) for i, j, c in self.terms]
@@ -127,7 +130,7 @@ class Problem:
         self.sides = [(kind, function(data)) for side in stated["sides"] for kind, data in side.items()]
         kinds = {kind for kind, _ in self.sides}
         unknown = sorted(kinds - {"contact", "free", "clamped"})
-        require(not unknown, f"sides: {unknown} is not contact, free or clamped")
+        require(not unknown, f"sides: {unknown!a} is not contact, free or clamped")
         positive = self.k > 0 and (self.c > 0 or (self.c == 0 and "clamped" in kinds))
         require(positive, "k, c: both have to be positive; c may be 0 if a side is clamped")
         check_polygon(self.corners)
@@ -246,7 +249,7 @@ def linear_mass(fields):
 
 class Certificate:
     def __init__(self, stated, function=Polynomial):
-        require(stated["format"] == FORMAT, f"format: {stated['format']!r} is not {FORMAT!r}")
+        require(stated["format"] == FORMAT, f"format: {stated['format']!a} is not {FORMAT!r}")
         self.problem = Problem(stated["problem"], function)
         self.mesh = Mesh(stated["mesh"], self.problem.corners)
         edges, self.field = 2 * len(self.mesh.numbers), None
@@ -272,7 +275,8 @@ class Certificate:
             x, y = at_k * e[j][0] - at_j * e[k][0], at_k * e[j][1] - at_j * e[k][1]
             misfit.append((kn * W * dx - x, kn * W * dy - y))
         misfit2 = divide_up(linear_mass(misfit) * UNITS**2, 24 * (kd * N * W) ** 2 * area)
-        # 2 |T| rho = 2 |T| (f + div p - c v) at corners and midpoints in units of 1/scale; f may be off by the doubt
+        # 2 |T| rho = 2 |T| (f + div p - c v) at corners and midpoints in units of 1/scale. f may be off
+        # by a function whose norm is at most |T|^(1/2) doubt/unit; it counts like the mean
         points = [(2 * x, 2 * y) for x, y in X] + [(X[i][0] + X[j][0], X[i][1] + X[j][1]) for i, j in OPPOSITE]
         values, unit, doubt = self.problem.f.on_triangle(points, 2 * D)
         scale = unit * D * D * W * cd * N
@@ -427,7 +431,7 @@ def main(function=Polynomial):
     except Refused as reason:
         print(f"REFUSED: {reason}")
     except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
-        print(f"REFUSED: this is not the format of docs/certificate.md: {error!r}")
+        print(f"REFUSED: this is not the format of docs/certificate.md: {error!a}")
     else:
         print(f"{certificate.problem}\n  v is linear on {len(certificate.mesh.triangles)} triangles")
         print(f"PROVED: |||u - v||| <= {upward(X)}, the dual norm of k du/dn - p.n is <= {upward(L)}")

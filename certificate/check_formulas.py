@@ -17,13 +17,13 @@ Expansions of f + g, f g and h(f) are made from those of f and g: polynomials ar
 Terms above the order 3 are dropped: they do not enter the coefficients up to the order 3.
 
 TRIANGLES. Let xi and eta be the coordinates in which the corners are (0, 0), (1, 0), (0, 1), and u = xi - 1/3, v =
-eta - 1/3 the offset from the centroid. Let T be Taylor's polynomial of degree 2 at the centroid. By Taylor's theorem
-    f - T = f_30 u^3 + f_21 u^2 v + f_12 u v^2 + f_03 v^3  with coefficients from one point of the triangle.
-|u|^3 and |v|^3 are at most 8/27, u^2 |v| and |u| v^2 at most 4/27: they grow along rays from the centroid, so they are
-largest on a side. If v = -1/3, u^2/3 <= 4/27. If u = -1/3, |v|/9 <= 2/27. If u + v = 1/3, u^2 |1/3 - u| <= 4/27.
+eta - 1/3. Let T be Taylor's polynomial of degree n - 1 at the centroid, n = 1, 2 or 3. By Taylor's theorem
+    f - T = sum of f_ij u^i v^j over i + j = n,  f_ij at some point of the triangle, another one for each (u, v).
+So the root mean square of f - T on the triangle is at most the sum of max |f_ij| times that of u^i v^j. The means of
+u^2, u^4, u^2 v^2, u^6, u^4 v^2 are 1/18, 1/135, 1/270, 31/20412, 53/102060, by that of xi^a eta^b, 2 a! b!/(a + b + 2)!
 
-EDGES. Let s be 0 at a and 1 at b. For each s, the quadratic polynomial I with the values of f at 0, 1/2 and 1 has
-    f(s) = I(s) + F s (s - 1/2) (s - 1),  F = f'''/6 at one point of the edge.
+EDGES. Let s be 0 at a and 1 at b. The quadratic polynomial I with the values of f at 0, 1/2 and 1 has
+    f(s) = I(s) + F s (s - 1/2) (s - 1),  F = f'''/6 at some point of the edge, another one for each s.
 |s - 1/2| <= 1/2, so the last term is 2 e s (1 - s) with |e| <= max |F|/4. In Bernstein's basis (1 - s)^2, 2 s (1 - s),
 s^2 the coefficients of I are I(0), 2 I(1/2) - (I(0) + I(1))/2, I(1), and e adds to the second one.
 """
@@ -38,7 +38,7 @@ import sys
 from fractions import Fraction as Q
 
 sys.path.insert(0, os.path.dirname(os.path.abspath(__file__)))
-from check import Polynomial, Refused, divide_up, main, require
+from check import OPPOSITE, Polynomial, Refused, divide_up, main, require
 
 P = 100
 ONE = 1 << P
@@ -56,9 +56,10 @@ def enclose(q):
 
 DIGITS = 314159265358979323846264338327950288419716939937510  # of pi, rounded down
 PI = enclose(Q(DIGITS, 10**50))[0], enclose(Q(DIGITS + 1, 10**50))[1]
-PLACES = (-2, -2), (4, -2), (-2, 4), (1, 1), (-2, 1), (1, -2)  # corners and midpoints: sixths from the centroid
-LARGEST = {(3, 0): 8, (2, 1): 4, (1, 2): 4, (0, 3): 8}  # 27 times the largest |u^i v^j| on a triangle
 INVERSE_FACTORIALS = [enclose(Q(1, n)) for n in (1, 1, 2, 6)]
+PLACES = (-2, -2), (4, -2), (-2, 4), (1, 1), (-2, 1), (1, -2)  # six times (u, v) at corners and midpoints
+ROOT_MEAN_SQUARES = {(1, 0): 2358, (2, 0): 861, (1, 1): 609, (3, 0): 390, (2, 1): 228}  # of u^i v^j, times 10^4
+PIECES = 8  # of an edge, on each of which |F| is bounded
 
 
 def negative(t):
@@ -209,6 +210,11 @@ def linear(values, low, high):
     return {(0, 0): (enclose(low)[0], enclose(high)[1]), **dict(zip(((1, 0), (0, 1)), slopes))}
 
 
+def turn(values, first):
+    """The values in the same cyclic order, from this one on."""
+    return values[first:] + values[:first]
+
+
 def add(f, g):
     total = dict(f)
     for key, (low, high) in g.items():
@@ -336,7 +342,7 @@ class Formula(Polynomial):
 
     def __init__(self, function):
         text = str(Polynomial(function)) if isinstance(function, list) else function
-        require(isinstance(text, str) and re.fullmatch("[ -~]*", text) and "#" not in text, f"{text!r} is no formula")
+        require(isinstance(text, str) and re.fullmatch("[ -~]*", text) and "#" not in text, f"{text!a} is no formula")
         require(len(text) <= LENGTH or isinstance(function, list), f"a formula is longer than {LENGTH}")
         self.text = text.strip()
         try:
@@ -369,23 +375,30 @@ class Formula(Polynomial):
             raise Refused(f"{self.text}: {reason}") from None
 
     def on_triangle(self, points, D):
-        """Six values, their unit, and how many units f may be off the quadratic function with these values.
-
-        The points/D are the corners of a triangle, then the midpoints opposite to them.
+        """Six values, their unit, and how many units f may be off the quadratic function with these values, in the
+        root mean square. The points/D are the corners of a triangle, then the midpoints opposite to them.
         """
         if self.degree <= 2:
             return self.polynomial.on_triangle(points, D)
-        x, y = ([Q(z, D) for z in values] for values in zip(*points[:3]))
+        # from the corner opposite to the longest edge on, for derivatives along the other edges are smaller
+        edges = [(points[j][0] - points[i][0], points[j][1] - points[i][1]) for i, j in OPPOSITE]
+        lengths = [dx * dx + dy * dy for dx, dy in edges]
+        first = lengths.index(max(lengths))
+        x, y = ([Q(z, D) for z in turn(values, first)] for values in zip(*points[:3]))
         everywhere = self.expand(linear(x, min(x), max(x)), linear(y, min(y), max(y)))
         mean_x, mean_y = sum(x) / 3, sum(y) / 3
         centre = self.expand(linear(x, mean_x, mean_x), linear(y, mean_y, mean_y))
-        # T, with the lower ends as coefficients, in units of 2^-P/36; u and v in sixths
-        T = {(i, j): t for (i, j), t in centre.items() if i + j <= 2}
+        choices = []
+        for n in (1, 2, 3):
+            largest = {key: max(-low, high) for key, (low, high) in everywhere.items() if sum(key) == n}
+            rest = sum(ROOT_MEAN_SQUARES[max(key), min(key)] * f_ij for key, f_ij in largest.items())
+            # T has the lower ends as coefficients: they are off by the widths at most, and |u^i v^j| <= 1
+            T = {key: t for key, t in centre.items() if sum(key) < n}
+            width = sum(high - low for low, high in T.values())
+            choices.append((36 * width + divide_up(36 * rest, 10**4), n, T))
+        doubt, _, T = min(choices)
         values = [sum(low * 6 ** (2 - i - j) * u**i * v**j for (i, j), (low, _) in T.items()) for u, v in PLACES]
-        # |f - T| <= 8/27 |f_30| + 4/27 |f_21| + .., and upper ends are off by the widths times |u^i v^j| <= 1
-        width = sum(high - low for low, high in T.values())
-        rest = sum(LARGEST[key] * max(-low, high) for key, (low, high) in everywhere.items() if key in LARGEST)
-        return values, 36 * ONE, 36 * width + divide_up(36 * rest, 27)
+        return turn(values[:3], -first) + turn(values[3:], -first), 36 * ONE, doubt
 
     def on_edge(self, a, b):
         """Lower and upper bounds on three coefficients: at each point of the edge from a to b, f is a polynomial with
@@ -397,11 +410,15 @@ class Formula(Polynomial):
             except Refused:  # its degree along the edge is above 2
                 pass
         x, y = zip(a, b)
-        everywhere = self.expand(linear(x, min(x), max(x)), linear(y, min(y), max(y)))
-        low, high = everywhere.get((3, 0), (0, 0))
-        e = Q(max(-low, high), 4 * ONE)
+        places = [[p + Q(k, PIECES) * (q - p) for p, q in zip(a, b)] for k in range(PIECES + 1)]
+        largest = 0  # max |F|
+        for p, q in zip(places, places[1:]):
+            (left, right), (bottom, top) = map(sorted, zip(p, q))
+            low, high = self.expand(linear(x, left, right), linear(y, bottom, top)).get((3, 0), (0, 0))
+            largest = max(largest, -low, high)
+        e = Q(largest, 4 * ONE)
         values = []
-        for x, y in (a, [(p + q) / 2 for p, q in zip(a, b)], b):
+        for x, y in (a, places[PIECES // 2], b):
             low, high = self.expand({(0, 0): enclose(x)}, {(0, 0): enclose(y)})[0, 0]
             values.append((Q(low, ONE), Q(high, ONE)))
         first, middle, last = values

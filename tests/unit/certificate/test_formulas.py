@@ -3,13 +3,17 @@
 import gzip
 import importlib.util
 import json
+import math
 import random
 import re
 import subprocess
 import sys
 from fractions import Fraction as Q
+from itertools import product
 
+import numpy as np
 import pytest
+import sympy
 from conftest import ROOT
 from flint import arb, arb_series, ctx, fmpq
 
@@ -46,8 +50,8 @@ cf = load_checker()
 
 @pytest.fixture(autouse=True)
 def precise_balls():
-    """arb has a radius far below 2^-100, the unit of the checker, although exp(1000) occurs."""
-    precision, ctx.prec = ctx.prec, 2000
+    """The radii of balls are far below 2^-100, the unit of the checker."""
+    precision, ctx.prec = ctx.prec, 400
     yield
     ctx.prec = precision
 
@@ -84,26 +88,38 @@ def doubled_with_midpoints(corners):
     return [(2 * x, 2 * y) for x, y in corners] + middles
 
 
-def points_outside(text, exact, seed):
-    """At how many random points of random triangles, and of their edges, f is outside the bounds."""
-    rng = random.Random(seed)
+def distance_in_mean_square(exact, corners, D, values):
+    """The root mean square, on a triangle, of what f is off the quadratic function with these values.
+
+    By the product of Gauss's rules with 8 points on a square that is mapped to the triangle.
+    """
+    points, weights = np.polynomial.legendre.leggauss(8)
+    square = total = 0.0
+    for (s, p), (t, q) in product(zip(points, weights, strict=True), repeat=2):
+        xi = Q((1 + s) / 2)
+        eta = (1 - xi) * Q((1 + t) / 2)
+        place = [1 - xi - eta, xi, eta]
+        (ax, ay), (bx, by), (cx, cy) = corners
+        x = (place[0] * ax + place[1] * bx + place[2] * cx) / D
+        y = (place[0] * ay + place[1] * by + place[2] * cy) / D
+        basis = [2 * z * z - z for z in place] + [4 * place[i] * place[j] for i, j in OPPOSITE]
+        value = sum(z * b for z, b in zip(values, basis, strict=True))
+        square += p * q * float(1 - xi) * float(exact(ball(x), ball(y)) - ball(value)) ** 2
+        total += p * q * float(1 - xi)
+    return math.sqrt(square / total)
+
+
+def count_outside(text, exact, points=6):
+    """On how many random triangles, and at how many points of edges, f is outside its bounds."""
+    rng = random.Random(1)
     formula, triangles, edges = cf.Formula(text), 0, 0
     for corners, D in random_triangles(rng):
         values, unit, doubt = formula.on_triangle(doubled_with_midpoints(corners), 2 * D)
+        off = distance_in_mean_square(exact, corners, D, [Q(value, unit) for value in values])
+        triangles += off > doubt / unit
         ends = [[Q(z, D) for z in corner] for corner in corners[:2]]
         bounds = formula.on_edge(*ends)
-        for _ in range(6):
-            weights = [rng.choice((0, 1, rng.randrange(1, 1000))) for _ in range(3)]
-            weights = weights if any(weights) else [1, 0, 0]
-            place = [Q(weight, sum(weights)) for weight in weights]
-            x, y = (
-                sum(t * Q(corner[axis], D) for t, corner in zip(place, corners, strict=True))
-                for axis in (0, 1)
-            )
-            # The quadratic function with these values at corners and midpoints
-            basis = [2 * t * t - t for t in place] + [4 * place[i] * place[j] for i, j in OPPOSITE]
-            value = sum(z * b for z, b in zip(values, basis, strict=True)) / unit
-            triangles += not between(value - Q(doubt, unit), exact(ball(x), ball(y)), value + Q(doubt, unit))
+        for _ in range(points):
             s = Q(rng.randrange(101), 100)
             x, y = (a + s * (b - a) for a, b in zip(*ends, strict=True))
             # Bernstein's polynomials are not negative: the ends of the coefficients give the bounds at s
@@ -115,11 +131,11 @@ def points_outside(text, exact, seed):
 
 @pytest.mark.parametrize("text", FORMULAS)
 def test_formulas_lie_within_their_bounds(text):
-    assert points_outside(text, FORMULAS[text], 1) == (0, 0)
+    assert count_outside(text, FORMULAS[text]) == (0, 0)
 
 
 @pytest.mark.parametrize("text", FORMULAS)
-def test_without_remainders_points_lie_outside(text, monkeypatch):
+def test_without_remainders_formulas_lie_outside(text, monkeypatch):
     """Control: Taylor's remainder is left out, on triangles and on edges."""
     expand = cf.Formula.expand
 
@@ -127,18 +143,28 @@ def test_without_remainders_points_lie_outside(text, monkeypatch):
         return {key: t for key, t in expand(formula, x, y).items() if sum(key) < 3}
 
     monkeypatch.setattr(cf.Formula, "expand", expand_to_second_order)
-    triangles, edges = points_outside(text, FORMULAS[text], 1)
+    triangles, edges = count_outside(text, FORMULAS[text])
     assert triangles > 0
     assert edges > 0
 
 
 def test_remainders_at_one_point_only_do_not_suffice(monkeypatch):
-    """Control: third derivatives at the middle of the triangle in place of the whole triangle."""
+    """Control: third derivatives at the middle of a triangle only."""
     linear = cf.linear
     monkeypatch.setattr(
         cf, "linear", lambda values, low, high: linear(values, (low + high) / 2, (low + high) / 2)
     )
-    assert sum(points_outside(text, exact, 1)[0] for text, exact in FORMULAS.items()) > 0
+    triangles, _ = count_outside("tanh(5*x - y)**2", FORMULAS["tanh(5*x - y)**2"])
+    assert triangles > 0
+
+
+@pytest.mark.parametrize(("i", "j"), cf.ROOT_MEAN_SQUARES)
+def test_mean_squares_on_a_triangle(i, j):
+    """By sympy's integrals over the triangle: rounded up to four digits."""
+    u, v = (sympy.Symbol(name) - sympy.Rational(1, 3) for name in ("xi", "eta"))
+    xi, eta = sympy.symbols("xi eta")
+    mean = 2 * sympy.integrate((u**i * v**j) ** 2, (eta, 0, 1 - xi), (xi, 0, 1))
+    assert math.ceil(10**4 * math.sqrt(mean)) == cf.ROOT_MEAN_SQUARES[i, j]
 
 
 def test_the_bound_is_of_third_order():
@@ -171,13 +197,18 @@ def taylor_coefficients(name, x):
 
 
 def terms_outside(name):
-    """How many terms of a function at random numbers are not in its intervals for random intervals."""
+    """How many terms of a function at random numbers are not in its intervals.
+
+    The arguments are in random intervals, and in those of single numbers, where rounding alone counts.
+    """
     rng = random.Random(2)
     positive = name in ("log", "-1", "-2") or "/" in name
     outside = 0
-    for size in (1e-9, 0.01, 1, 30):
+    for size in (0, 1e-9, 0.01, 1, 30):
         for _ in range(20):
             low, high = sorted(Q(rng.uniform(-size, size)) + rng.randrange(-3, 3) for _ in range(2))
+            if size == 0:
+                low = high = low + Q(rng.randrange(1, 10**6), 10**6)
             if positive:
                 low, high = sorted((abs(low) + Q(1, 1000), abs(high) + Q(1, 1000)))
             terms = TERMS[name]((cf.enclose(low)[0], cf.enclose(high)[1]))
@@ -201,16 +232,30 @@ def test_narrower_intervals_do_not_suffice(name, monkeypatch):
     assert terms_outside(name) > 0
 
 
+def test_upper_ends_that_are_rounded_down_do_not_suffice(monkeypatch):
+    """Control."""
+    times = cf.times
+    monkeypatch.setattr(cf, "times", lambda s, t: (times(s, t)[0], max(a * b for a in s for b in t) >> cf.P))
+    assert terms_outside("1/2") > 0
+
+
 @pytest.mark.parametrize("size", [1e-20, 1e-3, 1, 30, 999])
 def test_series_lie_in_intervals_of_three_units(size):
     rng = random.Random(3)
     for _ in range(10):
         x = int(Q(rng.uniform(-size, size)) * cf.ONE)
+        ctx.prec = 2000  # for exp(999)
         argument = ball(Q(x, cf.ONE))
         values = argument.exp(), argument.cos(), argument.sin()
         for (low, high), value in zip(cf.series(x), values, strict=True):
             assert high - low <= 3
             assert between(Q(low, cf.ONE), value, Q(high, cf.ONE))
+
+
+def test_pi_lies_in_an_interval_of_one_unit():
+    low, high = cf.PI
+    assert high - low == 1
+    assert between(Q(low, cf.ONE), arb.pi(), Q(high, cf.ONE))
 
 
 def test_series_at_0_are_exact():
@@ -387,15 +432,16 @@ def prove(path):
     return done.stdout, [float(bound) for bound in re.findall(r"<= ([0-9.E+-]+)(?=,|\n)", done.stdout)]
 
 
-@pytest.fixture(scope="module", params=["shelter", "sine times exp"])
+@pytest.fixture(scope="module", params=[("shelter", 1 / 16), ("sine times exp", 1 / 8)], ids=str)
 def certified(request, tmp_path_factory):
     """A solution, and the path of its certificate."""
     folder = tmp_path_factory.mktemp("formulas")
-    file = ROOT / "examples/shelter.yaml"
-    if request.param != "shelter":
+    name, h = request.param
+    file = ROOT / f"examples/{name}.yaml"
+    if name != "shelter":
         file = folder / "problem.yaml"
         file.write_text(SINE_TIMES_EXP, encoding="utf-8")
-    solution = ul.solve(ul.load(file), h=1 / 16, H=1 / 8)
+    solution = ul.solve(ul.load(file), h=h, H=2 * h)
     path = folder / "certificate.json.gz"
     solution.save_certificate(path)
     return solution, path
