@@ -14,13 +14,13 @@ THEOREM. Let p.n >= 0 and v + y >= g on contact sides, and v + y = u_D on clampe
     B = <p.n, v + y - g>_contact,    D = |||y|||,    X = |||u - v|||,    L = the norm on V of s - p.n.
 Then X^2 <= S^2 + 2 B + D^2 and L <= D + (S^2 + 2 B + D^2)^(1/2). With v + y in place of v, and 0 in place of y, the
 second says L <= (S^2 + 2 B)^(1/2) for the S of v + y.
-PROOF. s is the functional a(u, z) - (f, z) - <t, z>_free on V, so a(u - v, z) = R(z) + <s - p.n, z>. Let Q be the
-a-orthogonal projection to V, r in V with a(r, z) = R(z) for all z in V, and w = Q(u - v) - r. Then |||r||| = S, and
-a(w, z) = <s - p.n, z>, so |||w||| = L. As e = u - v - y is in V, Q(u - v) = e + Q y, and
-    |||Q(u - v)|||^2 + L^2 - S^2 = 2 a(Q(u - v), w) = 2 <s - p.n, e> + 2 a(Q y, w).
+PROOF. s is the functional a(u, z) - (f, z) - <t, z>_free on V, so a(u - v, z) = R(z) + <s - p.n, z>. Let r in V have
+a(r, z) = R(z) for all z in V, and let w = u - v - r. Then |||r||| = S, and a(w, z) = <s - p.n, z> for z in V, so
+L <= |||w|||. As e = u - v - y is in V,
+    X^2 + |||w|||^2 - S^2 = 2 a(u - v, w) = 2 <s - p.n, e> + 2 a(y, w).
 <s, e> <= 0 is the variational inequality of u, tested with v + y. As u >= g and p.n >= 0, -<p.n, e> =
-<p.n, (v + y - g) - (u - g)> <= B. Last, |||u - v|||^2 = |||Q(u - v)|||^2 + |||y - Q y|||^2. Together
-    X^2 + L^2 <= S^2 + 2 B + 2 |||Q y||| L + |||y - Q y|||^2, or X^2 + (L - |||Q y|||)^2 <= S^2 + 2 B + D^2.  []
+<p.n, (v + y - g) - (u - g)> <= B. So X^2 + |||w|||^2 <= S^2 + 2 B + 2 D |||w|||, that is,
+    X^2 + (|||w||| - D)^2 <= S^2 + 2 B + D^2.  []
 
 BOUND ON S. With rho = f + div p - c v, R(z) = (p - k grad v, grad z) + (rho, z) + <t - p.n, z>_free. On a triangle T
 with longest edge d, ||z - mean z|| <= d/pi |z|_1 (Payne and Weinberger 1960). Let M = ||mean of rho|| and A =
@@ -35,8 +35,10 @@ import json
 import math
 import re
 import sys
+import zlib
 from fractions import Fraction as Q
 
+FORMAT = "unilateral certificate 1"
 UNITS = 1 << 200  # numbers that are rounded become multiples of 1/UNITS, rounded in the safe direction
 PI = Q(314159265358979323846, 10**20)  # a lower bound
 OPPOSITE = ((1, 2), (2, 0), (0, 1))  # the ends of the edge opposite to corner 0, 1, 2 of a triangle
@@ -114,9 +116,10 @@ class Problem:
     def __init__(self, stated, function):
         self.k, self.c, self.f = fraction(stated["k"]), fraction(stated["c"]), function(stated["f"])
         self.corners = [(fraction(x), fraction(y)) for x, y in stated["polygon"]]
+        one_each = len(stated["sides"]) == len(self.corners) > 2 and all(len(side) == 1 for side in stated["sides"])
+        require(one_each, "sides: each side of the polygon needs one condition")
         self.sides = [(kind, function(data)) for side in stated["sides"] for kind, data in side.items()]
         kinds = {kind for kind, _ in self.sides}
-        require(len(self.sides) == len(self.corners) > 2, "sides: each side of the polygon needs one condition")
         require(kinds <= {"contact", "free", "clamped"}, f"sides: {kinds} are not all conditions")
         require(self.k > 0 and (self.c > 0 or (self.c == 0 and "clamped" in kinds)), "k, c: there may be no u")
         check_polygon(self.corners)
@@ -234,6 +237,7 @@ def linear_mass(fields):
 
 class Certificate:
     def __init__(self, stated, function=Polynomial):
+        require(stated["format"] == FORMAT, f"format: {stated['format']!r} is not {FORMAT!r}")
         self.problem = Problem(stated["problem"], function)
         self.mesh = Mesh(stated["mesh"], self.problem.corners)
         edges, self.field = 2 * len(self.mesh.numbers), None
@@ -298,7 +302,7 @@ class Certificate:
         On a free edge e of T, by the field x - (corner off e), ||z||_e^2 <= |e|/|T| (||z||^2 + d ||z|| |z|_1). T has at
         most three such edges, so the norm is at most (3 sum |e|/|T| ||t - p.n||_e^2 (C^2 + d C/k^(1/2)))^(1/2).
         """
-        mesh, B, free2, longest = self.mesh, Q(0), Q(0), Q(0)
+        mesh, B, free2, longest = self.mesh, Q(0), 0, Q(0)  # free2 in units of 1/UNITS^2
         edges = [(i, (i + 1) % mesh.nb, *self.problem.sides[side]) for i, side in enumerate(mesh.side)]
         data = [function.on_edge(mesh.point(i, i), mesh.point(j, j)) for i, j, _, function in edges]
         w, fixed = [Q(z, self.Y) for z in self.trace], {}
@@ -324,9 +328,9 @@ class Certificate:
                 x, y = (q - p for p, q in zip(mesh.point(i, i), mesh.point(j, j)))
                 pairs = zip(bounds, (first, (first + last) / 2, last))
                 off = max(abs(t * length - out) for both, out in pairs for t in both for length in root(x * x + y * y))
-                free2 += 3 * off**2 / (cross(*X) / 2)
+                free2 += math.ceil(3 * off**2 / (cross(*X) / 2) * UNITS**2)
                 longest = max(longest, *(root(x * x + y * y)[1] for x, y in vectors(X)))
-        return B, root(free2 * (C * C + longest * C / root(self.problem.k)[0]))[1], w
+        return B, root(Q(free2, UNITS**2) * (C * C + longest * C / root(self.problem.k)[0]))[1], w
 
     def sums(self, w):
         """(sum A^2, sum M^2) for v, the same for v + y, and D^2; w is v + y at boundary nodes and midpoints."""
@@ -335,7 +339,7 @@ class Certificate:
         v, w = [z * (N // self.V) for z in self.v], [int(z * N) for z in w]
         y = [w[i] - v[i] for i in range(nb)] + [0] * (len(v) - nb)
         middle = {(i, (i + 1) % nb, mesh.beside[i]): w[nb + i] - (v[i] + v[(i + 1) % nb]) // 2 for i in range(nb)}
-        for_v, for_w, D2 = [0, 0], [0, 0], Q(0)
+        for_v, for_w, D2 = [0, 0], [0, 0], 0  # in units of 1/UNITS^2: exact sums of fractions take quadratic time
         for number, triangle in enumerate(mesh.triangles):
             ends = [(triangle[i], triangle[j]) for i, j in OPPOSITE]
             v_corners, v_middles = [v[i] for i in triangle], [(v[i] + v[j]) // 2 for i, j in ends]
@@ -347,10 +351,11 @@ class Certificate:
                 there = self.residual(triangle, list(corners), list(middles), N)
                 X = [mesh.nodes[i] for i in triangle]
                 slopes = linear_mass(gradients(vectors(X), y_corners, y_middles))
-                D2 += self.problem.k * slopes / (24 * cross(*X) * N**2)
-                D2 += self.problem.c * quadratic_mass(y_corners, y_middles) * cross(*X) / (360 * mesh.D**2 * N**2)
+                gradient2 = self.problem.k * slopes / (24 * cross(*X) * N**2)
+                mass2 = self.problem.c * quadratic_mass(y_corners, y_middles) * cross(*X) / (360 * mesh.D**2 * N**2)
+                D2 += math.ceil((gradient2 + mass2) * UNITS**2)
             for_v, for_w = [sum(pair) for pair in zip(for_v, here)], [sum(pair) for pair in zip(for_w, there)]
-        return [Q(z, UNITS**2) for z in for_v], [Q(z, UNITS**2) for z in for_w], D2
+        return [Q(z, UNITS**2) for z in for_v], [Q(z, UNITS**2) for z in for_w], Q(D2, UNITS**2)
 
     def bounds(self):
         """Upper bounds on X and L."""
@@ -376,7 +381,7 @@ def main(function=Polynomial):
     try:
         with (gzip.open if sys.argv[1].endswith(".gz") else open)(sys.argv[1], "rb") as file:
             stated = json.load(file)
-    except (IndexError, OSError, EOFError, ValueError) as error:
+    except (IndexError, OSError, EOFError, ValueError, RecursionError, zlib.error) as error:
         print(f"usage: python3 {sys.argv[0]} FILE; no certificate can be read: {error!r}", file=sys.stderr)
         return 2
     try:

@@ -5,10 +5,15 @@ with contact, forces can only be told from reactions where lambda is known to be
 of `local_bounds`, a for (grad v - q, v - f~ - div q), and r for the functional of f - f~ and tau - tau~,
 
     ||u - v||^2 = r(u - v) - (a, u - v) + <lambda - sigma, u - v>
-               <= (||a|| + ||r||) ||u - v|| - <lambda, v - g> + <sigma, v - g>,
+               <= (||a|| + ||r||) ||u - v|| + <lambda, u - v> + <sigma, v - g>,
 
-since <lambda, u - g> = 0 and <sigma, u - g> >= 0. So <lambda, v - g> <= <sigma, v - g> + (||a|| + ||r||)^2/4,
-which is small: where v - g is at least gamma, the integral of lambda is at most that over gamma.
+since <sigma, u - g> >= 0. Let v - g be at least gamma on a part of the boundary, and w have values from 0 to
+1 and vanish on the rest. v - gamma w is admissible, so <lambda, u - v> <= -gamma <lambda, w>, and
+
+    gamma <lambda, w> <= <sigma, v - g> + (||a|| + ||r||)^2 / 4.
+
+The right side is small. The integral of lambda over that part is at most this over gamma (supplement,
+Proposition S16).
 """
 
 from __future__ import annotations
@@ -33,7 +38,7 @@ class ClampedEnds(NamedTuple):
     """For every vertex, (n,) each, how far the gap is at least `gamma` along the side with contact there.
 
     `reach` is 0 where no clamped side meets one with contact, and where nothing is known. `product` is at
-    least <lambda, v - g>.
+    least the integral of lambda over such a part, times its gamma.
     """
 
     reach: Array

@@ -3,7 +3,7 @@
 What the exact mesh adds to their norms (`geometry.exact_mesh`) is counted with the rounding. On a triangle
 with the `distortion` eps it is eps |q| and eps |div q|. At the boundary it is also what the sides' `stretch`
 changes of the flow through an edge, so that q.n on the exact boundary is what it is on this one (Proposition
-S5).
+S7).
 """
 
 from __future__ import annotations

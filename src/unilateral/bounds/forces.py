@@ -13,7 +13,7 @@ The same holds for reactions, the integrals of du/dn over clamped sides, whose s
 on P and 0 on the rest, <lambda_H, w> has also that of q.n over P, and E is `of_fluxes` of the bounds. Clamped
 sides in a row go together, for w cannot jump. Where P ends at a vertex between a clamped side and one with
 contact, w has to pass from 1 to 0 beside it. For one of the two bounds that is too low on a piece of the side
-with contact. If v - g is at least gamma there (`clamped_ends`), at most <lambda, v - g> / gamma is missing.
+with contact. If v - g is at least gamma there, what is missing is bounded in `clamped_ends`.
 Where nothing is known of v - g that bound is infinite; so it has to be where u = g at the vertex, for there
 a large force near the vertex and the opposite reaction have hardly any norm together.
 

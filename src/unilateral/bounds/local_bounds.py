@@ -1,26 +1,22 @@
 """The guaranteed total error of a discrete solution by problems on vertex patches.
 
-u~ and lambda~ are the solution for f~ in place of f, and for tau~ in place of the flux tau that is given on
-free sides (`boundary_flux`). lambda, lambda~ and sigma >= 0 are on the other sides, 0 on free ones. For q in
-H(div) with q.n = sigma there, and tau~ of any sign on free sides, and d in H^1 with u_h + d >= g, put X =
-||u~ - u_h||_1, D = ||d||_1,
+Theorem 8 of the paper: let sigma >= 0 on sides with contact, and let u_h + d be >= g there and u_D on
+clamped sides. With the functional r, the residual of u_h and sigma, with R = ||r||^2 + 2 <sigma, u_h + d - g>
+and D = ||d||,
 
-    Y^2 = ||q - grad u~||^2 + ||f~ + div q - u~||^2,
-    R = ||grad u_h - q||^2 + ||u_h - f~ - div q||^2 + 2 <sigma, u_h + d - g>.
+    ||u - u_h||^2 <= R + D^2,    ||lambda - sigma||_{-1/2} <= D + (R + D^2)^{1/2}.
 
-Then X^2 + Y^2 <= R + 2 Y D. So X^2 <= R + D^2, and ||lambda~ - sigma||_{-1/2} <= Y <= D + (R + D^2)^{1/2}.
-Proof: the mixed terms, integrated by parts, are <lambda~ - sigma, u~ - u_h>, for tau~ is in both fluxes;
+With u_h + d in place of u_h, and 0 in place of d, the second says ||lambda - sigma||_{-1/2} <= eta, whose
+square is R for u_h + d; the smaller one is taken.
 
-    X^2 + Y^2 = ||grad u_h - q||^2 + ||u_h - f~ - div q||^2 + 2 <lambda~ - sigma, u~ - u_h - d>
-                + 2 <lambda~ - sigma, d>;
+r is bounded by f~ and tau~, which are near f and the flux tau that is given on free sides (`boundary_flux`).
+For q in H(div) with q.n = sigma, and tau~ on free sides,
 
-the first product is at most <sigma, u_h + d - g>, since <lambda~, u~ - g> = 0, lambda~ >= 0 and
-<sigma, u~ - g> >= 0; the second is at most Y D. With u_h + d in place of u_h, and 0 in place of d, the same
-says Y <= eta, the square of which is R for u_h + d.
+    ||r|| <= (||grad u_h - q||^2 + ||u_h - f~ - div q||^2)^{1/2} + e,
 
-f and tau make a functional F on H^1, f~ and tau~ another one. u is the projection of what represents F in H^1
-to a convex set, and lambda the difference of both. Neither map takes two points farther apart: the distances
-of u and u~, and of lambda and lambda~, are at most that of F and F~.
+with e the norm of the functional of f - f~ and tau - tau~. As ((A + e)^2 + B)^{1/2} <= (A^2 + B)^{1/2} + e,
+the bounds are those for f~ and tau~ plus e, which is `data` (supplement, S8.1). Those on lambda - sigma bound
+the distance of q and the gradient of the solution for f~ and tau~ in L2, too (Proposition S14 there).
 
 f - f~ is what `source` leaves of f and, on each triangle, u_h less its mean. So u_h - f~ - div q is constant
 there, and by the div q of `equilibrated` it is 0 where (u_h, lambda_H) solves the discrete problem. d is what

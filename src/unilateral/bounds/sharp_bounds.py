@@ -3,7 +3,7 @@
 The bounds are for f_h, the linear part of f on each triangle, in place of f, and for tau~ in place of the
 flux tau that is given on free sides; see `source` and `boundary_flux` for the rest. They begin with w of V_h,
 which is u_h or near it, the flux q of `equilibrated` for w (`balanced`), and the lifting d of u_h as in
-`local_bounds`, where the proofs are.
+`local_bounds`.
 
 The flux gets a divergence that is linear on each triangle T. With p = w - f_h, its values p_k at the nodes
 x_k, and the hats psi_k there, q gets theta r,
@@ -22,9 +22,12 @@ feasible. Both reduce
     eta^2 = ||grad v - q||^2 + ||v - f_h - div q||^2 + 2 <sigma, v - g>
 
 independently of each other: (grad v, curl phi) = 0, and the best v does not depend on q. They are found by
-conjugate gradients, and every iterate will do. With R, D, X and Y as in `local_bounds`, for this q,
+conjugate gradients, and every iterate will do. With R and D as in `local_bounds`, for this q and f_h, and
+with Y^2 = ||q - grad u||^2 + ||f_h + div q - u||^2 (supplement, Proposition S14 and (6) of S8.1),
 
-    Y <= eta,     X^2 <= R + 2 Y D - Y^2 <= R + D^2 - max(D - eta, 0)^2.
+    Y <= eta,     ||u - u_h||^2 <= R + 2 Y D - Y^2 <= R + D^2 - max(D - eta, 0)^2,
+
+for the u of f_h and tau~; f - f_h and tau - tau~ add their norm.
 
 Where u and f are smooth R^{1/2} tends to ||u - u_h||_1, and eta is of higher order. Nothing is assumed of u_h
 and lambda_H. What rounding and the exact mesh may do to the sums over triangles is added, as in

@@ -1,0 +1,273 @@
+"""The bounds of a certificate from their definitions; shares no code with the checker.
+
+Functions are polynomials in x and y, {(i, j): coefficient of x^i y^j}, with fractions; roots have 60 digits.
+"""
+
+import math
+from decimal import Context, Decimal, localcontext
+from fractions import Fraction
+
+PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494459")
+ONE = {(0, 0): Fraction(1)}
+EDGES = ((1, 2), (2, 0), (0, 1))
+
+
+def decimal(fraction):
+    return Decimal(fraction.numerator) / Decimal(fraction.denominator)
+
+
+def total(*polynomials):
+    result = {}
+    for polynomial in polynomials:
+        for powers, coefficient in polynomial.items():
+            result[powers] = result.get(powers, 0) + coefficient
+    return result
+
+
+def times(factor, polynomial):
+    return {powers: factor * coefficient for powers, coefficient in polynomial.items()}
+
+
+def product(first, second):
+    terms = [
+        {(a + i, b + j): c * d} for (a, b), c in first.items() for (i, j), d in second.items() if c and d
+    ]
+    return total(*terms)
+
+
+def gradient(z):
+    along_x = {(i - 1, j): i * c for (i, j), c in z.items() if i}
+    along_y = {(i, j - 1): j * c for (i, j), c in z.items() if j}
+    return along_x, along_y
+
+
+def divergence(p):
+    return total(gradient(p[0])[0], gradient(p[1])[1])
+
+
+def square(p):
+    return total(*[product(part, part) for part in p])
+
+
+def value(z, point):
+    return sum((c * point[0] ** i * point[1] ** j for (i, j), c in z.items()), Fraction(0))
+
+
+def substitute(z, X, Y):
+    """z(X, Y) for polynomials X and Y."""
+    terms = [{}]
+    for (i, j), coefficient in z.items():
+        term = times(coefficient, ONE)
+        for factor in [X] * i + [Y] * j:
+            term = product(term, factor)
+        terms.append(term)
+    return total(*terms)
+
+
+def affine(a, b, c):
+    """a + (b - a) x + (c - a) y."""
+    return {(0, 0): a, (1, 0): b - a, (0, 1): c - a}
+
+
+def doubled_area(a, b, c):
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+def integral(z, corners):
+    """Over a triangle: the integral of x^i y^j over the reference triangle is i! j!/(i + j + 2)!."""
+    X, Y = (affine(*[corner[axis] for corner in corners]) for axis in (0, 1))
+    moments = [
+        c * Fraction(math.factorial(i) * math.factorial(j), math.factorial(i + j + 2))
+        for (i, j), c in substitute(z, X, Y).items()
+    ]
+    return doubled_area(*corners) * sum(moments, Fraction(0))
+
+
+def middle(a, b):
+    return tuple((p + q) / 2 for p, q in zip(a, b, strict=True))
+
+
+def normal(a, b):
+    """The normal to the right of the edge from a to b, times its length."""
+    return b[1] - a[1], a[0] - b[0]
+
+
+def length2(a, b):
+    return (b[0] - a[0]) ** 2 + (b[1] - a[1]) ** 2
+
+
+def hat_functions(corners):
+    hats = []
+    for i, j in EDGES:
+        # linear, 0 at the corners i and j
+        a, b = corners[i], corners[j]
+        n = normal(b, a)
+        z = {(0, 0): -n[0] * a[0] - n[1] * a[1], (1, 0): n[0], (0, 1): n[1]}
+        hats.append(times(1 / doubled_area(*corners), z))
+    return hats
+
+
+def place_nodes(stated):
+    """All nodes, and for each of those on the boundary its side."""
+    polygon = [tuple(map(Fraction, corner)) for corner in stated["problem"]["polygon"]]
+    nodes, side = [], []
+    for number, places in enumerate(stated["mesh"]["boundary"]):
+        a, b = polygon[number], polygon[(number + 1) % len(polygon)]
+        for place in places:
+            nodes.append(tuple(p + Fraction(place) * (q - p) for p, q in zip(a, b, strict=True)))
+            side.append(number)
+    return nodes + [tuple(map(Fraction, point)) for point in stated["mesh"]["inside"]], side
+
+
+def number_edges(triangles):
+    numbers = {}
+    for triangle in triangles:
+        for i, j in EDGES:
+            edge = triangle[i], triangle[j]
+            if edge[::-1] not in numbers:
+                numbers[edge] = len(numbers)
+    return numbers
+
+
+def read_polynomial(terms):
+    return total(*[{(i, j): Fraction(coefficient)} for i, j, coefficient in terms])
+
+
+class Recomputed:
+    """The parts of the bounds X and L of a certificate, and the bounds, to 60 digits."""
+
+    def __init__(self, stated):
+        problem, self.stated = stated["problem"], stated
+        self.k, self.c, self.f = Fraction(problem["k"]), Fraction(problem["c"]), read_polynomial(problem["f"])
+        self.sides = [(kind, read_polynomial(g)) for side in problem["sides"] for kind, g in side.items()]
+        self.nodes, self.side = place_nodes(stated)
+        self.triangles = stated["mesh"]["triangles"]
+        self.numbers = number_edges(self.triangles)
+        self.boundary = [(i, (i + 1) % len(self.side)) for i in range(len(self.side))]
+        self.trace = self.read_trace()
+        with localcontext(Context(prec=60)):
+            self.X, self.L = self.bounds()
+
+    def read_trace(self):
+        """v + y at boundary nodes and at (i, j), the midpoints: from the file, but u_D on clamped sides."""
+        values = [Fraction(z) for z in self.stated["trace"]]
+        n = len(self.side)
+        trace = dict(enumerate(values[:n])) | dict(zip(self.boundary, values[n:], strict=True))
+        for i, j in self.boundary:
+            kind, data = self.sides[self.side[i]]
+            if kind == "clamped":
+                a, b = self.nodes[i], self.nodes[j]
+                trace |= {i: value(data, a), j: value(data, b), (i, j): value(data, middle(a, b))}
+        return trace
+
+    def outflow(self, name, a, b, end):
+        """What leaves to the right of the edge from a to b, at one of its ends."""
+        values = self.stated[name]
+        if (a, b) in self.numbers:
+            return Fraction(values[2 * self.numbers[a, b] + (end == b)])
+        return -Fraction(values[2 * self.numbers[b, a] + (end == a)])
+
+    def vector_field(self, name, triangle, hats):
+        """The linear field with the given outflows: at each corner two equations for two components."""
+        first, second = {}, {}
+        for m in range(3):
+            corner, after, before = (triangle[(m + step) % 3] for step in range(3))
+            a, b = normal(self.nodes[before], self.nodes[corner])
+            c, d = normal(self.nodes[corner], self.nodes[after])
+            r = self.outflow(name, before, corner, corner)
+            s = self.outflow(name, corner, after, corner)
+            first = total(first, times((r * d - b * s) / (a * d - b * c), hats[m]))
+            second = total(second, times((a * s - r * c) / (a * d - b * c), hats[m]))
+        return first, second
+
+    def lift(self, triangle, hats):
+        """y by the six quadratic shape functions: psi (2 psi - 1) at corners and 4 psi psi' at midpoints."""
+        v = [Fraction(z) for z in self.stated["v"]]
+        at = {i: self.trace.get(i, v[i]) - v[i] for i in triangle}
+        y = {}
+        for m, (i, j) in enumerate(EDGES):
+            a, b = triangle[i], triangle[j]
+            linear = (at[a] + at[b]) / 2
+            at_middle = self.trace[a, b] - (v[a] + v[b]) / 2 if (a, b) in self.trace else linear
+            corner_shape = total(times(2, product(hats[m], hats[m])), times(-1, hats[m]))
+            y = total(y, times(at[triangle[m]], corner_shape))
+            y = total(y, times(4 * at_middle, product(hats[i], hats[j])))
+        return y
+
+    def residual(self, z, p, corners):
+        """(||p - k grad z|| + d/pi ||rho - mean||)^2 and ||mean||^2 on a triangle, rho = f + div p - c z."""
+        misfit = [total(p[axis], times(-self.k, gradient(z)[axis])) for axis in (0, 1)]
+        rho = total(self.f, divergence(p), times(-self.c, z))
+        area = integral(ONE, corners)
+        mean = integral(rho, corners) / area
+        rest = total(rho, times(-mean, ONE))
+        diameter = decimal(max(length2(corners[i], corners[j]) for i, j in EDGES)).sqrt()
+        oscillation = diameter / PI * decimal(integral(product(rest, rest), corners)).sqrt()
+        A = decimal(integral(square(misfit), corners)).sqrt() + oscillation
+        return A**2, decimal(mean**2 * area)
+
+    def bounds(self):
+        k, c, field = decimal(self.k), decimal(self.c), "field" in self.stated
+        D2, b2, sums = Fraction(0), Fraction(0), [Decimal(0)] * 4
+        for triangle in self.triangles:
+            corners = [self.nodes[i] for i in triangle]
+            hats = hat_functions(corners)
+            p = self.vector_field("flux", triangle, hats)
+            v = total(
+                *[times(Fraction(self.stated["v"][i]), hat) for i, hat in zip(triangle, hats, strict=True)]
+            )
+            y = self.lift(triangle, hats)
+            D2 += self.k * integral(square(gradient(y)), corners) + self.c * integral(product(y, y), corners)
+            here = self.residual(v, p, corners) + self.residual(total(v, y), p, corners)
+            sums = [old + new for old, new in zip(sums, here, strict=True)]
+            if field:
+                b = self.vector_field("field", triangle, hats)
+                b2 = max(b2, *[value(square(b), corner) for corner in corners])
+        C = 2 * (decimal(b2) / k).sqrt() if field else 1 / c.sqrt()
+        free = self.free_sides(C)
+        S2 = []
+        for A2, M2 in (sums[:2], sums[2:]):
+            interior = (A2 / k).sqrt() + C * M2.sqrt() if field else (A2 / k + M2 / c).sqrt()
+            S2.append((interior + free) ** 2)
+        B = decimal(self.contact_sides())
+        X = (S2[0] + 2 * B + decimal(D2)).sqrt()
+        return X, min(decimal(D2).sqrt() + X, (S2[1] + 2 * B).sqrt())
+
+    def edges_of(self, kind):
+        """Its boundary edges with the function on their side, and p.n times the length at both ends."""
+        for i, j in self.boundary:
+            if self.sides[self.side[i]][0] == kind:
+                yield i, j, self.sides[self.side[i]][1], [self.outflow("flux", i, j, end) for end in (i, j)]
+
+    def contact_sides(self):
+        """<p.n, v + y - g>, integrated over s in [0, 1] along each edge."""
+        B, s, rest = Fraction(0), {(1, 0): Fraction(1)}, {(0, 0): Fraction(1), (1, 0): Fraction(-1)}
+        for i, j, g, (first, last) in self.edges_of("contact"):
+            trace = total(
+                times(self.trace[i], product(rest, total(rest, times(-1, s)))),
+                times(4 * self.trace[i, j], product(s, rest)),
+                times(self.trace[j], product(s, total(s, times(-1, rest)))),
+            )
+            X, Y = (
+                total(times(a, rest), times(b, s)) for a, b in zip(self.nodes[i], self.nodes[j], strict=True)
+            )
+            gap = total(trace, times(-1, substitute(g, X, Y)))
+            density = product(total(times(first, rest), times(last, s)), gap)
+            B += sum((c / (power + 1) for (power, _), c in density.items()), Fraction(0))
+        return B
+
+    def free_sides(self, C):
+        """(3 sum |e|/|T| ||t - p.n||_e^2 (C^2 + d C/k^(1/2)))^(1/2)."""
+        flux2, d2 = Decimal(0), Fraction(0)
+        for i, j, t, (first, last) in self.edges_of("free"):
+            triangle = next(T for T in self.triangles if (i, j) in [(T[m], T[n]) for m, n in EDGES])
+            corners, a, b = [self.nodes[m] for m in triangle], self.nodes[i], self.nodes[j]
+            d2 = max(d2, *[length2(corners[m], corners[n]) for m, n in EDGES])
+            length = decimal(length2(a, b)).sqrt()
+            # |t - p.n| is at most the largest of its coefficients in Bernstein's basis
+            ends = value(t, a), value(t, b)
+            bernstein = ends[0], 2 * value(t, middle(a, b)) - sum(ends) / 2, ends[1]
+            flux = first, (first + last) / 2, last
+            off = max(abs(decimal(z) - decimal(q) / length) for z, q in zip(bernstein, flux, strict=True))
+            flux2 += 3 * length / decimal(integral(ONE, corners)) * length * off**2
+        return (flux2 * (C**2 + decimal(d2).sqrt() * C / decimal(self.k).sqrt())).sqrt()

@@ -1,0 +1,149 @@
+"""Traps that a hostile reader of certificate/check.py found, and its numbers computed in another way."""
+
+import gzip
+import importlib.util
+import json
+import subprocess
+import sys
+from decimal import Decimal
+
+import pytest
+from conftest import ROOT
+from random_certificates import random_certificate
+from recomputed import Recomputed, decimal
+
+CHECKER = ROOT / "certificate/check.py"
+
+
+def load_checker(path):
+    specification = importlib.util.spec_from_file_location(f"{path.stem}_read_by_referee", path)
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return module
+
+
+check = load_checker(CHECKER)
+check_formulas = load_checker(CHECKER.with_name("check_formulas.py"))
+
+
+def square():
+    """u = g = (x^2 + y^2)/2 on the unit square, in contact all around.
+
+    v interpolates u, p = grad u, and v + y = u at the boundary.
+    """
+    g = [[2, 0, "1/2"], [0, 2, "1/2"]]
+    return {
+        "format": "unilateral certificate 1",
+        "problem": {
+            "k": "1",
+            "c": "1",
+            "f": [[0, 0, "-2"], *g],
+            "polygon": [["0", "0"], ["1", "0"], ["1", "1"], ["0", "1"]],
+            "sides": [{"contact": g}, {"contact": g}, {"contact": g}, {"contact": g}],
+        },
+        "mesh": {"boundary": [[0], [0], [0], [0]], "inside": [], "triangles": [[0, 1, 2], [0, 2, 3]]},
+        "v": [0, 0.5, 1, 0.5],
+        "flux": [1, 1, 0, 0, 0, 0, 1, 1, 0, 0],
+        "trace": [0, 0.5, 1, 0.5, 0.125, 0.625, 0.625, 0.125],
+    }
+
+
+def refusal(certificate):
+    with pytest.raises(check.Refused) as caught:
+        check.Certificate(certificate).bounds()
+    return str(caught.value)
+
+
+def run(path):
+    """Exit code, output and error output of the checker, without the project's packages."""
+    command = [sys.executable, "-I", "-S", CHECKER, path]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_the_square_is_proved():
+    """u - v = (x^2 - x + y^2 - y)/2, so |u - v|_1^2 = 1/6 and ||u - v||^2 = 11/360, by hand."""
+    X, L = check.Certificate(square()).bounds()
+    assert (1 / 6 + 11 / 360) ** 0.5 < X < 1
+    assert 0 < L < 1
+
+
+def test_another_format_is_refused():
+    assert "format" in refusal(square() | {"format": "unilateral certificate 2"})
+
+
+def test_two_conditions_on_one_side_do_not_make_up_for_a_side_without():
+    certificate = square()
+    g = certificate["problem"]["sides"][0]["contact"]
+    certificate["problem"]["sides"] = [{"contact": g, "free": []}, {}, {"contact": g}, {"contact": g}]
+    assert "one condition" in refusal(certificate)
+
+
+def test_a_file_that_cannot_be_read_ends_with_2_and_no_traceback(tmp_path):
+    packed = bytearray(gzip.compress(json.dumps(square()).encode()))
+    packed[12:20] = bytes(8)  # the deflated data; the header stays right
+    files = {
+        "spoilt.json.gz": bytes(packed),
+        "deep.json": b"[" * 100_000,
+        "text.json": b"no json",
+        "cut.json.gz": gzip.compress(json.dumps(square()).encode())[:-20],
+    }
+    for name, content in files.items():
+        (tmp_path / name).write_bytes(content)
+        code, output, errors = run(tmp_path / name)
+        assert (code, output) == (2, "")
+        assert "Traceback" not in errors
+    (tmp_path / "right.json.gz").write_bytes(gzip.compress(json.dumps(square()).encode()))
+    code, output, _ = run(tmp_path / "right.json.gz")
+    assert code == 0
+    assert "PROVED" in output
+
+
+def test_sums_over_triangles_do_not_grow():
+    """Exact sums of fractions take quadratic time: 33 s for 12 800 triangles, 2 s if rounded."""
+    stated = square()
+    stated["mesh"]["boundary"] = [[0, 1 / 3, 0.7], [0], [0], [0]]
+    stated["mesh"]["triangles"] = [[0, 1, 5], [1, 2, 4], [2, 3, 4], [1, 4, 5]]
+    stated["v"] = [0, 0, 0, 0.5, 1, 0.5]
+    stated["flux"] = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 0, 0, 1, 1]
+    stated["trace"] = [2] * 12
+    certificate = check.Certificate(stated)
+    w = certificate.boundary(check.Q(1))[2]
+    D2 = certificate.sums(w)[2]
+    # y = 2 - v at the boundary, so D^2 is no multiple of 1/UNITS^2 unless it is rounded
+    assert check.UNITS**2 % D2.denominator == 0
+
+
+SEEDS = (*range(8), 2073)  # the last one has a single triangle, with two free edges
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+def test_both_bounds_agree_with_their_definitions(seed):
+    """Not below them, and above by less than 1e-15: pi has 20 digits, roots 60."""
+    certificate = random_certificate(seed)
+    expected = Recomputed(certificate)
+    for bound, exact in zip(check.Certificate(certificate).bounds(), (expected.X, expected.L), strict=True):
+        assert exact <= decimal(bound) <= exact * (1 + Decimal("1e-15"))
+
+
+def test_the_comparison_notices_a_change_of_one_number_by_1e_9():
+    certificate = random_certificate(0)
+    certificate["flux"][0] *= 1 + 1e-9
+    changed, _ = check.Certificate(certificate).bounds()
+    assert abs(decimal(changed) / Recomputed(random_certificate(0)).X - 1) > Decimal("1e-15")
+
+
+def test_random_certificates_have_all_that_the_definitions_compute():
+    certificates = [random_certificate(seed) for seed in SEEDS]
+    kinds = {kind for stated in certificates for side in stated["problem"]["sides"] for kind in side}
+    assert kinds == {"contact", "free", "clamped"}
+    assert {"field" in stated for stated in certificates} == {False, True}
+    assert any(stated["problem"]["c"] == "0" for stated in certificates)
+    assert any(len(stated["mesh"]["triangles"]) == 1 for stated in certificates)
+
+
+def test_comments_in_formulas_are_refused():
+    """`0 # + 100*x` is 0, and the checker prints the text as the f of the problem that it proved."""
+    with pytest.raises(check_formulas.Refused, match="no formula"):
+        check_formulas.Formula("0 # + 100*x")
+    assert check_formulas.Formula("0 + 100*x").degree == 1
