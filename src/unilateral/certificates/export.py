@@ -11,6 +11,7 @@ from __future__ import annotations
 import gzip
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -74,9 +75,9 @@ def judge_solution(solved: DiscreteSolution, mesh: Mesh, units: Units) -> Judged
     if not form.reaction:
         means = solved.source.moments().sum(axis=1) / scaled.areas
         flux = flux + flux_of_source(scaled, form.clamped, means + divergence(scaled, flux))
-    return JudgedFunction(
-        mesh, units.value * solved.u_h, units.force * flux, units.value * solved.feasible_trace
-    )
+    v, trace = units.value * solved.u_h, units.value * solved.feasible_trace
+    # Rounding could number the edges of the user's mesh in another order
+    return JudgedFunction(replace(mesh, known=scaled.triangulation), v, units.force * flux, trace)
 
 
 def make_certificate(problem: AnyProblem, judged: JudgedFunction) -> dict[str, Any]:

@@ -197,13 +197,18 @@ def taylor_coefficients(name, x):
 
 
 def terms_outside(name):
-    """How many terms of a function at random numbers are not in its intervals for random intervals."""
+    """How many terms of a function at random numbers are not in its intervals.
+
+    The arguments are in random intervals, and in those of single numbers, where rounding alone counts.
+    """
     rng = random.Random(2)
     positive = name in ("log", "-1", "-2") or "/" in name
     outside = 0
-    for size in (1e-9, 0.01, 1, 30):
+    for size in (0, 1e-9, 0.01, 1, 30):
         for _ in range(20):
             low, high = sorted(Q(rng.uniform(-size, size)) + rng.randrange(-3, 3) for _ in range(2))
+            if size == 0:
+                low = high = low + Q(rng.randrange(1, 10**6), 10**6)
             if positive:
                 low, high = sorted((abs(low) + Q(1, 1000), abs(high) + Q(1, 1000)))
             terms = TERMS[name]((cf.enclose(low)[0], cf.enclose(high)[1]))
@@ -227,6 +232,13 @@ def test_narrower_intervals_do_not_suffice(name, monkeypatch):
     assert terms_outside(name) > 0
 
 
+def test_upper_ends_that_are_rounded_down_do_not_suffice(monkeypatch):
+    """Control."""
+    times = cf.times
+    monkeypatch.setattr(cf, "times", lambda s, t: (times(s, t)[0], max(a * b for a in s for b in t) >> cf.P))
+    assert terms_outside("1/2") > 0
+
+
 @pytest.mark.parametrize("size", [1e-20, 1e-3, 1, 30, 999])
 def test_series_lie_in_intervals_of_three_units(size):
     rng = random.Random(3)
@@ -238,6 +250,12 @@ def test_series_lie_in_intervals_of_three_units(size):
         for (low, high), value in zip(cf.series(x), values, strict=True):
             assert high - low <= 3
             assert between(Q(low, cf.ONE), value, Q(high, cf.ONE))
+
+
+def test_pi_lies_in_an_interval_of_one_unit():
+    low, high = cf.PI
+    assert high - low == 1
+    assert between(Q(low, cf.ONE), arb.pi(), Q(high, cf.ONE))
 
 
 def test_series_at_0_are_exact():

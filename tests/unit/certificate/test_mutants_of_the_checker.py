@@ -224,7 +224,7 @@ ATTACKS = [
     Attack("v + y >= g", "require(above,", "require(True,", penetration(), 1),
     Attack(
         "v + y >= g between nodes",
-        "(bend >= 0 or bend * bend <= low * high)",
+        "(b >= 0 or b * b <= a * c)",
         "True",
         penetration_between_nodes(),
         2 / 3,
@@ -241,10 +241,10 @@ ATTACKS = [
         fold(),
         1.984**0.5,
     ),
-    Attack("t - p.n on free sides", "free2 += ", "free2 += 0 * ", pull(), 1),
+    Attack("t - p.n on free sides", "sum2 += ", "sum2 += 0 * ", pull(), 1),
     Attack(
         "v + y = u_D",
-        "w[i], w[j], w[mesh.nb + i] = first, last, (first + 2 * bend + last) / 4",
+        "w[i], w[j], w[self.mesh.nb + i] = first, last, (first + 2 * bend + last) / 4",
         "pass",
         given_ends(),
         1,

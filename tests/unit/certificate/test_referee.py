@@ -108,7 +108,7 @@ def test_sums_over_triangles_do_not_grow():
     stated["flux"] = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 0, 0, 1, 1]
     stated["trace"] = [2] * 12
     certificate = check.Certificate(stated)
-    w = certificate.boundary(check.Q(1))[2]
+    w = certificate.boundary_values(certificate.boundary_edges())
     D2 = certificate.sums(w)[2]
     # y = 2 - v at the boundary, so D^2 is no multiple of 1/UNITS^2 unless it is rounded
     assert check.UNITS**2 % D2.denominator == 0
@@ -171,3 +171,19 @@ def test_a_second_file_is_not_passed_over(tmp_path):
     assert "usage" in errors
     assert run()[0] == 2
     assert run(tmp_path / "first.json")[0] == 0
+
+
+def test_texts_of_any_alphabet_are_refused_on_a_terminal_of_ascii(tmp_path):
+    """Python writes to such a terminal strictly: there was a traceback."""
+    for place in ("k", "f", "polygon", "sides"):
+        certificate = square()
+        certificate["problem"][place] = {"polygon": [["\u03c0", "0"]] * 4, "sides": [{"\u03c0": []}] * 4}.get(
+            place, "\u03c0"
+        )
+        (tmp_path / "greek.json").write_text(json.dumps(certificate))
+        for checker in (CHECKER, CHECKER.with_name("check_formulas.py")):
+            command = [sys.executable, checker, tmp_path / "greek.json"]
+            environment = {"PYTHONIOENCODING": "ascii"}
+            done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+            assert (done.returncode, done.stderr) == (1, "")
+            assert done.stdout.startswith("REFUSED")
