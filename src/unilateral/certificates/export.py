@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 FORMAT = "unilateral certificate 1"
 CERTIFICATE_ENDINGS: dict[str, list[str]] = {".json": [], ".gz": []}
 """The endings of the names of certificates, and the optional packages that each needs: none."""
-PLACE_BITS, VALUE_BITS = 52, 60
+PLACE_BITS, VALUE_BITS = 53, 60
 """Coordinates and values keep so many binary places of the largest one, for the checker's integers."""
 ROUNDING = 1e-14
 """Values are rounded, and moved by rounded places, by less than this part of their size."""
@@ -178,7 +178,9 @@ def friedrichs_field(mesh: Mesh, clamped: tuple[int, ...]) -> Array:
     """(2, E) flows and tilts of a field b with div b >= 1 and b.n = 0 on sides that are not clamped."""
     field = flux_of_source(mesh, clamped, -np.ones(len(mesh.triangles)))
     field[1] = 0.0  # one value on each edge, with the same divergence
-    return field * ((1 + FIELD_MARGIN) / divergence(mesh, field).min())
+    # Areas of the exact mesh differ by the distortion, with a second one for the rounding of places
+    margin = 1 + FIELD_MARGIN + 2 * float(mesh.distortion.max())
+    return field * (margin / divergence(mesh, field).min())
 
 
 def flux_of_source(mesh: Mesh, clamped: tuple[int, ...], f: Array) -> Array:
