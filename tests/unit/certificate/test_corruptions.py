@@ -374,7 +374,7 @@ def test_spoilt_bytes_are_refused_or_the_bound_holds(ending, run):
     codes = Counter()
     for _ in range(80):
         spoilt, place = bytearray(whole), rng.randrange(len(whole))
-        spoilt[place] = rng.randrange(256)
+        spoilt[place] = rng.choice(b'0123456789-.,:[]{}"e x\xff')
         code, output = run(module, bytes(spoilt[: rng.choice([len(whole), len(whole), place])]), ending)
         codes[code] += 1
         if (
@@ -383,7 +383,7 @@ def test_spoilt_bytes_are_refused_or_the_bound_holds(ending, run):
             and stated_problem(output) == stated_problem(run(module, stated)[1])
         ):
             assert printed_bound(output) >= Decimal((1 - ROUNDING) * true_error(json.loads(spoilt), u))
-    assert codes[2] > 20  # those whose ends are missing
+    assert codes[2] >= 20  # a third of the files have no end
     assert set(codes) <= {0, 1, 2}
 
 
