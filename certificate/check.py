@@ -6,8 +6,12 @@
 PROBLEM. In a polygon -k lap u + c u = f, k > 0, c >= 0. On each side one of three conditions holds:
     contact   u >= g, s = k du/dn >= 0, s (u - g) = 0      free   k du/dn = t      clamped   u = u_D
 V: the functions in H^1 that vanish on clamped sides; a(w, z) = k (grad w, grad z) + c (w, z); |||w|||^2 = a(w, w).
+K: the functions z in H^1 with z >= g on contact sides and z = u_D on clamped sides. The conditions mean: u is in K, and
+    a(u, z - u) >= (f, z - u) + <t, z - u>_free  for all z in K.
+If K is not empty (v + y will be in it), there is one such u: a is coercive on V, for c > 0 or a side is clamped.
 The certificate has a triangulation of the polygon, the function v to be judged (linear on triangles), a flux p
-(linear on triangles, one p.n on each edge), and the trace of v + y; y is quadratic, 0 but on triangles at the boundary.
+(linear on triangles, one p.n on each edge), and the trace of v + y. y is continuous, quadratic on triangles, linear
+along edges inside, and 0 at nodes inside.
 
 THEOREM. Let p.n >= 0 and v + y >= g on contact sides, and v + y = u_D on clamped sides. Let
     S = the norm on V of R(z) = (f, z) + <t, z>_free + <p.n, z>_contact - a(v, z),
@@ -26,6 +30,7 @@ BOUND ON S. With rho = f + div p - c v, R(z) = (p - k grad v, grad z) + (rho, z)
 with longest edge d, ||z - mean z|| <= d/pi |z|_1 (Payne and Weinberger 1960). Let M = ||mean of rho|| and A =
 ||p - k grad v|| + d/pi ||rho - mean of rho||. The terms on T are at most A |z|_1 + M ||z||, and their sum is at most
 (sum A^2/k + sum M^2/c)^(1/2) |||z|||, or ((sum A^2/k)^(1/2) + C (sum M^2)^(1/2)) |||z||| if ||z|| <= C |||z||| on V.
+If f is not quadratic on T, a quadratic function takes its place, and M has the norm of the difference, too.
 """
 
 import decimal
@@ -67,7 +72,8 @@ def root(q):
 
 
 def fraction(text):
-    require(isinstance(text, str) and re.fullmatch(r"-?[0-9]{1,400}(/[0-9]{1,400})?", text), f"{text!r}: no fraction")
+    written = isinstance(text, str) and re.fullmatch(r"-?[0-9]{1,400}(/[0-9]{1,400})?", text)
+    require(written, f"{text!a} is no fraction, such as '-3/4'")
     return Q(text)
 
 
@@ -84,10 +90,10 @@ class Polynomial:
     """The sum of coefficient * x^i * y^j over terms [i, j, "coefficient"]."""
 
     def __init__(self, terms):
-        require(isinstance(terms, list), f"{terms!r} is no polynomial; check_formulas.py reads formulas")
+        require(isinstance(terms, list), f"{terms!a} is no polynomial; check_formulas.py reads formulas")
         self.terms = [(i, j, fraction(coefficient)) for i, j, coefficient in terms]
         powers = all(type(i) is type(j) is int and min(i, j) >= 0 and i + j <= 20 for i, j, _ in terms)
-        require(powers, f"{terms}: powers of x and y are whole numbers, up to 20 together")
+        require(powers, f"{terms!a}: powers of x and y are whole numbers, up to 20 together")
         self.degree = max([i + j for i, j, _ in terms], default=0)
 
     def __str__(self):
@@ -123,8 +129,10 @@ class Problem:
         require(one_each, "sides: each side of the polygon needs one condition")
         self.sides = [(kind, function(data)) for side in stated["sides"] for kind, data in side.items()]
         kinds = {kind for kind, _ in self.sides}
-        require(kinds <= {"contact", "free", "clamped"}, f"sides: {kinds} are not all conditions")
-        require(self.k > 0 and (self.c > 0 or (self.c == 0 and "clamped" in kinds)), "k, c: there may be no u")
+        unknown = sorted(kinds - {"contact", "free", "clamped"})
+        require(not unknown, f"sides: {unknown!a} is not contact, free or clamped")
+        positive = self.k > 0 and (self.c > 0 or (self.c == 0 and "clamped" in kinds))
+        require(positive, "k, c: both have to be positive; c may be 0 if a side is clamped")
         check_polygon(self.corners)
 
     def __str__(self):
@@ -169,22 +177,23 @@ class Mesh:
     """
 
     def __init__(self, stated, corners):
-        sides = [integers(places, len(places), "boundary") for places in stated["boundary"]]
+        sides = [integers(places, len(places), "boundary") for places in stated["boundary"]]  # with denominators
         require(len(sides) == len(corners), "boundary: each side of the polygon needs a list")
         inside, unit = integers([z for x, y in stated["inside"] for z in (x, y)], 2 * len(stated["inside"]), "inside")
-        D = math.lcm(*(z.denominator for corner in corners for z in corner)) * math.lcm(*(one for _, one in sides))
-        self.D = D = math.lcm(D, unit)
+        on_sides = math.lcm(*(z.denominator for corner in corners for z in corner)) * math.lcm(*(n for _, n in sides))
+        self.D = D = math.lcm(on_sides, unit)
         self.nodes, self.side, self.numbers = [], [], {}
-        for i, (places, one) in enumerate(sides):
-            grow = places[:1] == [0] and all(s < t for s, t in zip(places, [*places[1:], one]))
+        for i, (places, n) in enumerate(sides):
+            grow = places[:1] == [0] and all(s < t for s, t in zip(places, [*places[1:], n]))
             require(grow, f"boundary: places on side {i} start at 0, grow, and stay below 1")
             a, b = corners[i], corners[(i + 1) % len(corners)]
-            self.nodes += [tuple(int(D * (p + (q - p) * Q(t, one))) for p, q in zip(a, b)) for t in places]
+            self.nodes += [tuple(int(D * (p + (q - p) * Q(t, n))) for p, q in zip(a, b)) for t in places]
             self.side += [i] * len(places)
         self.nb = len(self.nodes)
         self.nodes += [(x * (D // unit), y * (D // unit)) for x, y in zip(inside[::2], inside[1::2])]
         # A triangle winds once around its points. If edges inside cancel, the winding numbers of all triangles
-        # add up to that of the boundary, which is 1: so each point off the edges lies in exactly one triangle.
+        # add up to that of the boundary, which is 1: so each point off the edges lies in exactly one triangle. The two
+        # triangles at an edge inside lie on its two sides, so v and y are in H^1, and div p is in L2.
         self.triangles, owner = stated["triangles"], {}
         for number, triangle in enumerate(self.triangles):
             nodes = len(triangle) == 3 and all(type(i) is int and 0 <= i < len(self.nodes) for i in triangle)
@@ -197,8 +206,8 @@ class Mesh:
                 if edge[::-1] not in owner:
                     self.numbers[edge] = len(self.numbers)
         self.beside = [owner.pop((i, (i + 1) % self.nb), None) for i in range(self.nb)]
-        require(None not in self.beside, "triangles: there is none at an edge of the boundary")
-        require(all(edge[::-1] in owner for edge in owner), "triangles: there is one at one side of an edge only")
+        require(None not in self.beside, "triangles: an edge of the boundary has none")
+        require(all(edge[::-1] in owner for edge in owner), "triangles: an edge inside has one on one side only")
 
     def outflow(self, values, a, b):
         """The outflow to the right of the edge from a to b, at a and at b, by two values for each edge."""
@@ -240,14 +249,15 @@ def linear_mass(fields):
 
 class Certificate:
     def __init__(self, stated, function=Polynomial):
-        require(stated["format"] == FORMAT, f"format: {stated['format']!r} is not {FORMAT!r}")
+        require(stated["format"] == FORMAT, f"format: {stated['format']!a} is not {FORMAT!r}")
         self.problem = Problem(stated["problem"], function)
         self.mesh = Mesh(stated["mesh"], self.problem.corners)
         edges, self.field = 2 * len(self.mesh.numbers), None
         self.v, self.V = integers(stated["v"], len(self.mesh.nodes), "v")
         self.flux, self.W = integers(stated["flux"], edges, "flux")  # p.n times the length, at both ends of edges
         self.trace, self.Y = integers(stated["trace"], 2 * self.mesh.nb, "trace")  # at nodes, then at midpoints
-        if "field" in stated or self.problem.c == 0:
+        require("field" in stated or self.problem.c > 0, "field: it is needed if c is 0")
+        if "field" in stated:
             self.field, self.U = integers(stated["field"], edges, "field")
 
     def residual(self, triangle, corners, middles, N):
@@ -288,7 +298,8 @@ class Certificate:
         mesh, largest = self.mesh, Q(0)
         for i, side in enumerate(mesh.side):
             inward = max(mesh.outflow(self.field, i, (i + 1) % mesh.nb)) <= 0
-            require(inward or self.problem.sides[side][0] == "clamped", f"field: it leaves through side {side}")
+            clamped = self.problem.sides[side][0] == "clamped"
+            require(inward or clamped, f"field: b.n > 0 on side {side}, which is not clamped")
         for number, triangle in enumerate(mesh.triangles):
             X = [mesh.nodes[i] for i in triangle]
             area, e = cross(*X), vectors(X)
@@ -300,41 +311,62 @@ class Certificate:
                 largest = max(largest, Q((b[0] ** 2 + b[1] ** 2) * mesh.D**2, (self.U * area) ** 2))
         return 2 * root(largest)[1]
 
-    def boundary(self, C):
-        """B, the norm of <t - p.n, z>_free, and v + y at boundary nodes, then at midpoints of boundary edges.
+    def boundary_edges(self):
+        """For each boundary edge its nodes, its condition, its function in Bernstein's basis, and its two outflows."""
+        mesh = self.mesh
+        for i, side in enumerate(mesh.side):
+            j, (kind, function) = (i + 1) % mesh.nb, self.problem.sides[side]
+            outflows = [Q(z, self.W) for z in mesh.outflow(self.flux, i, j)]
+            yield i, j, kind, function.on_edge(mesh.point(i, i), mesh.point(j, j)), outflows
+
+    def boundary_values(self, edges):
+        """v + y at boundary nodes, then at midpoints of boundary edges: u_D on clamped sides, the trace elsewhere."""
+        w, fixed = [Q(z, self.Y) for z in self.trace], {}
+        for i, j, kind, bounds, _ in edges:
+            if kind == "clamped":
+                require(all(lower == upper for lower, upper in bounds), f"boundary edge {i}: u_D is not quadratic")
+                first, bend, last = (lower for lower, _ in bounds)
+                same = fixed.setdefault(i, first) == first and fixed.setdefault(j, last) == last
+                require(same, f"boundary edge {i}: u_D jumps")
+                w[i], w[j], w[self.mesh.nb + i] = first, last, (first + 2 * bend + last) / 4
+        return w
+
+    def contact_product(self, edges, w):
+        """B = <p.n, v + y - g>_contact; p.n >= 0 and v + y >= g are tested.
+
+        Let a, b, c be the coefficients of z = v + y - g on an edge in Bernstein's basis (1 - s)^2, 2 s (1 - s), s^2.
+        z >= 0 if a, c >= 0 and b >= -(a c)^(1/2). The integrals of (1 - s) z and s z over [0, 1] are
+        a/4 + b/6 + c/12 and a/12 + b/6 + c/4. They grow with a, b and c.
+        """
+        B = Q(0)
+        for i, j, kind, bounds, (first, last) in edges:
+            if kind == "contact":
+                require(first >= 0 and last >= 0, f"boundary edge {i}: p.n < 0 on a contact side")
+                trace = w[i], 2 * w[self.mesh.nb + i] - (w[i] + w[j]) / 2, w[j]
+                a, b, c = (z - upper for z, (_, upper) in zip(trace, bounds))
+                above = a >= 0 and c >= 0 and (b >= 0 or b * b <= a * c)
+                require(above, f"boundary edge {i}: v + y < g is possible")
+                a, b, c = (z - lower for z, (lower, _) in zip(trace, bounds))
+                B += first * (a / 4 + b / 6 + c / 12) + last * (a / 12 + b / 6 + c / 4)
+        return B
+
+    def free_norm(self, edges, C):
+        """An upper bound on the norm on V of <t - p.n, z>_free.
 
         On a free edge e of T, by the field x - (corner off e), ||z||_e^2 <= |e|/|T| (||z||^2 + d ||z|| |z|_1). T has at
         most three such edges, so the norm is at most (3 sum |e|/|T| ||t - p.n||_e^2 (C^2 + d C/k^(1/2)))^(1/2).
         """
-        mesh, B, free2, longest = self.mesh, Q(0), 0, Q(0)  # free2 in units of 1/UNITS^2
-        edges = [(i, (i + 1) % mesh.nb, *self.problem.sides[side]) for i, side in enumerate(mesh.side)]
-        data = [function.on_edge(mesh.point(i, i), mesh.point(j, j)) for i, j, _, function in edges]
-        w, fixed = [Q(z, self.Y) for z in self.trace], {}
-        for (i, j, kind, _), bounds in zip(edges, data):
-            if kind == "clamped":  # v + y = u_D, whatever the trace is
-                require(all(lower == upper for lower, upper in bounds), f"boundary edge {i}: u_D is not quadratic")
-                (first, _), (bend, _), (last, _) = bounds
-                same = fixed.setdefault(i, first) == first and fixed.setdefault(j, last) == last
-                require(same, f"boundary edge {i}: u_D jumps")
-                w[i], w[j], w[mesh.nb + i] = first, last, (first + 2 * bend + last) / 4
-        for (i, j, kind, _), bounds in zip(edges, data):
-            first, last = (Q(z, self.W) for z in mesh.outflow(self.flux, i, j))
-            if kind == "contact":
-                require(first >= 0 and last >= 0, f"boundary edge {i}: p.n < 0 on a contact side")
-                trace = w[i], 2 * w[mesh.nb + i] - (w[i] + w[j]) / 2, w[j]  # in Bernstein's basis, as g
-                low, bend, high = (z - upper for z, (_, upper) in zip(trace, bounds))
-                above = low >= 0 and high >= 0 and (bend >= 0 or bend * bend <= low * high)
-                require(above, f"boundary edge {i}: v + y < g is possible")
-                low, bend, high = (z - lower for z, (lower, _) in zip(trace, bounds))
-                B += first * (low / 4 + bend / 6 + high / 12) + last * (low / 12 + bend / 6 + high / 4)
-            elif kind == "free":
-                X = [mesh.point(corner, corner) for corner in mesh.triangles[mesh.beside[i]]]
-                x, y = (q - p for p, q in zip(mesh.point(i, i), mesh.point(j, j)))
+        sum2, d = 0, Q(0)  # sum2 in units of 1/UNITS^2
+        for i, j, kind, bounds, (first, last) in edges:
+            if kind == "free":
+                X = [self.mesh.point(corner, corner) for corner in self.mesh.triangles[self.mesh.beside[i]]]
+                x, y = (q - p for p, q in zip(self.mesh.point(i, i), self.mesh.point(j, j)))
+                # |e| |t - p.n| is at most the largest of its coefficients in Bernstein's basis
                 pairs = zip(bounds, (first, (first + last) / 2, last))
                 off = max(abs(t * length - out) for both, out in pairs for t in both for length in root(x * x + y * y))
-                free2 += math.ceil(3 * off**2 / (cross(*X) / 2) * UNITS**2)
-                longest = max(longest, *(root(x * x + y * y)[1] for x, y in vectors(X)))
-        return B, root(Q(free2, UNITS**2) * (C * C + longest * C / root(self.problem.k)[0]))[1], w
+                sum2 += math.ceil(3 * off**2 / (cross(*X) / 2) * UNITS**2)
+                d = max(d, *(root(x * x + y * y)[1] for x, y in vectors(X)))
+        return root(Q(sum2, UNITS**2) * (C * C + d * C / root(self.problem.k)[0]))[1]
 
     def sums(self, w):
         """(sum A^2, sum M^2) for v, the same for v + y, and D^2; w is v + y at boundary nodes and midpoints."""
@@ -343,29 +375,33 @@ class Certificate:
         v, w = [z * (N // self.V) for z in self.v], [int(z * N) for z in w]
         y = [w[i] - v[i] for i in range(nb)] + [0] * (len(v) - nb)
         middle = {(i, (i + 1) % nb, mesh.beside[i]): w[nb + i] - (v[i] + v[(i + 1) % nb]) // 2 for i in range(nb)}
-        for_v, for_w, D2 = [0, 0], [0, 0], 0  # in units of 1/UNITS^2: exact sums of fractions take quadratic time
+        sums_v, sums_w, D2 = [0, 0], [0, 0], 0  # in units of 1/UNITS^2: exact sums of fractions take quadratic time
         for number, triangle in enumerate(mesh.triangles):
             ends = [(triangle[i], triangle[j]) for i, j in OPPOSITE]
             v_corners, v_middles = [v[i] for i in triangle], [(v[i] + v[j]) // 2 for i, j in ends]
-            here = there = self.residual(triangle, v_corners, v_middles, N)
+            terms_v = self.residual(triangle, v_corners, v_middles, N)
             y_corners = [y[i] for i in triangle]
             y_middles = [middle.get((i, j, number), (y[i] + y[j]) // 2) for i, j in ends]
+            terms_w = terms_v
             if any(y_corners) or any(y_middles):
                 corners, middles = map(sum, zip(v_corners, y_corners)), map(sum, zip(v_middles, y_middles))
-                there = self.residual(triangle, list(corners), list(middles), N)
+                terms_w = self.residual(triangle, list(corners), list(middles), N)
                 X = [mesh.nodes[i] for i in triangle]
                 slopes = linear_mass(gradients(vectors(X), y_corners, y_middles))
                 gradient2 = self.problem.k * slopes / (24 * cross(*X) * N**2)
                 mass2 = self.problem.c * quadratic_mass(y_corners, y_middles) * cross(*X) / (360 * mesh.D**2 * N**2)
                 D2 += math.ceil((gradient2 + mass2) * UNITS**2)
-            for_v, for_w = [sum(pair) for pair in zip(for_v, here)], [sum(pair) for pair in zip(for_w, there)]
-        return [Q(z, UNITS**2) for z in for_v], [Q(z, UNITS**2) for z in for_w], Q(D2, UNITS**2)
+            sums_v = [sum(pair) for pair in zip(sums_v, terms_v)]
+            sums_w = [sum(pair) for pair in zip(sums_w, terms_w)]
+        return [Q(z, UNITS**2) for z in sums_v], [Q(z, UNITS**2) for z in sums_w], Q(D2, UNITS**2)
 
     def bounds(self):
         """Upper bounds on X and L."""
         k, c = self.problem.k, self.problem.c
         C = root(1 / c)[1] if self.field is None else self.friedrichs_constant() / root(k)[0]
-        B, free, w = self.boundary(C)
+        edges = list(self.boundary_edges())
+        w = self.boundary_values(edges)
+        B, free = self.contact_product(edges, w), self.free_norm(edges, C)
         *sums, D2 = self.sums(w)
         if self.field is None:
             S_v, S_w = (root(A2 / k + M2 / c)[1] + free for A2, M2 in sums)
@@ -383,9 +419,10 @@ def upward(q):
 
 def main(function=Polynomial):
     try:
-        with (gzip.open if sys.argv[1].endswith(".gz") else open)(sys.argv[1], "rb") as file:
+        _, path = sys.argv
+        with (gzip.open if path.endswith(".gz") else open)(path, "rb") as file:
             stated = json.load(file)
-    except (IndexError, OSError, EOFError, ValueError, RecursionError, zlib.error) as error:
+    except (OSError, EOFError, ValueError, RecursionError, zlib.error) as error:
         print(f"usage: python3 {sys.argv[0]} FILE; no certificate can be read: {error!r}", file=sys.stderr)
         return 2
     try:
@@ -394,7 +431,7 @@ def main(function=Polynomial):
     except Refused as reason:
         print(f"REFUSED: {reason}")
     except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
-        print(f"REFUSED: this is not the format of docs/certificate.md: {error!r}")
+        print(f"REFUSED: this is not the format of docs/certificate.md: {error!a}")
     else:
         print(f"{certificate.problem}\n  v is linear on {len(certificate.mesh.triangles)} triangles")
         print(f"PROVED: |||u - v||| <= {upward(X)}, the dual norm of k du/dn - p.n is <= {upward(L)}")

@@ -342,7 +342,7 @@ class Formula(Polynomial):
 
     def __init__(self, function):
         text = str(Polynomial(function)) if isinstance(function, list) else function
-        require(isinstance(text, str) and re.fullmatch("[ -~]*", text) and "#" not in text, f"{text!r} is no formula")
+        require(isinstance(text, str) and re.fullmatch("[ -~]*", text) and "#" not in text, f"{text!a} is no formula")
         require(len(text) <= LENGTH or isinstance(function, list), f"a formula is longer than {LENGTH}")
         self.text = text.strip()
         try:

@@ -54,9 +54,9 @@ def refusal(certificate):
     return str(caught.value)
 
 
-def run(path):
+def run(*paths):
     """Exit code, output and error output of the checker, without the project's packages."""
-    command = [sys.executable, "-I", "-S", CHECKER, path]
+    command = [sys.executable, "-I", "-S", CHECKER, *paths]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     return done.returncode, done.stdout, done.stderr
 
@@ -108,7 +108,7 @@ def test_sums_over_triangles_do_not_grow():
     stated["flux"] = [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 0, 0, 1, 1]
     stated["trace"] = [2] * 12
     certificate = check.Certificate(stated)
-    w = certificate.boundary(check.Q(1))[2]
+    w = certificate.boundary_values(certificate.boundary_edges())
     D2 = certificate.sums(w)[2]
     # y = 2 - v at the boundary, so D^2 is no multiple of 1/UNITS^2 unless it is rounded
     assert check.UNITS**2 % D2.denominator == 0
@@ -147,3 +147,43 @@ def test_comments_in_formulas_are_refused():
     with pytest.raises(check_formulas.Refused, match="no formula"):
         check_formulas.Formula("0 # + 100*x")
     assert check_formulas.Formula("0 + 100*x").degree == 1
+
+
+def test_messages_say_what_would_be_right():
+    without_field = square()
+    without_field["problem"]["c"] = "0"
+    without_field["problem"]["sides"][3] = {"clamped": without_field["problem"]["sides"][3]["contact"]}
+    assert refusal(without_field) == "field: it is needed if c is 0"
+    without_clamped = square()
+    without_clamped["problem"]["c"] = "0"
+    assert "c may be 0 if a side is clamped" in refusal(without_clamped)
+    unknown = square()
+    unknown["problem"]["sides"][0] = {"obstacle": []}
+    assert refusal(unknown) == "sides: ['obstacle'] is not contact, free or clamped"
+
+
+def test_a_second_file_is_not_passed_over(tmp_path):
+    """`check.py *.json` would end with 0 although it has read the first of them only."""
+    (tmp_path / "first.json").write_text(json.dumps(square()))
+    (tmp_path / "second.json").write_text("no certificate")
+    code, output, errors = run(tmp_path / "first.json", tmp_path / "second.json")
+    assert (code, output) == (2, "")
+    assert "usage" in errors
+    assert run()[0] == 2
+    assert run(tmp_path / "first.json")[0] == 0
+
+
+def test_texts_of_any_alphabet_are_refused_on_a_terminal_of_ascii(tmp_path):
+    """Python writes to such a terminal strictly: there was a traceback."""
+    for place in ("k", "f", "polygon", "sides"):
+        certificate = square()
+        certificate["problem"][place] = {"polygon": [["\u03c0", "0"]] * 4, "sides": [{"\u03c0": []}] * 4}.get(
+            place, "\u03c0"
+        )
+        (tmp_path / "greek.json").write_text(json.dumps(certificate))
+        for checker in (CHECKER, CHECKER.with_name("check_formulas.py")):
+            command = [sys.executable, checker, tmp_path / "greek.json"]
+            environment = {"PYTHONIOENCODING": "ascii"}
+            done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+            assert (done.returncode, done.stderr) == (1, "")
+            assert done.stdout.startswith("REFUSED")

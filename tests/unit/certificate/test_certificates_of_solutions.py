@@ -1,0 +1,179 @@
+"""Certificates of this project's solutions, checked by the checkers: their bounds are those of the project.
+
+The two bounds differ for two reasons. The checker takes Payne and Weinberger's d/pi for each triangle, the
+project the best constant d/3.8317. The checker adds oscillation inside the root, the project outside.
+"""
+
+import gzip
+import importlib.util
+import json
+import shutil
+import subprocess
+import sys
+from fractions import Fraction
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from conftest import ROOT
+
+import unilateral as ul
+from unilateral.certificates.statement import has_formulas
+from unilateral.geometry.polygon import square
+from unilateral.geometry.structured import structured
+
+SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
+PENTAGON = [(0, 0), (2, 0), (2, 1), (1, 1.5), (-1 / 3, 0.8)]
+
+
+def load_checkers():
+    """check.py and check_formulas.py as modules; the latter finds the former in its folder."""
+    path = ROOT / "certificate/check_formulas.py"
+    specification = importlib.util.spec_from_file_location("check_formulas", path)
+    module = importlib.util.module_from_spec(specification)
+    specification.loader.exec_module(module)
+    return importlib.import_module("check"), module
+
+
+check, check_formulas = load_checkers()
+
+
+def example(name, **sizes):
+    return ul.solve(ul.load(ROOT / f"examples/{name}.yaml"), **sizes)
+
+
+def on_own_mesh():
+    """Nodes inside are moved at random by at most a quarter of h."""
+    mesh = structured(square(), 1 / 8)
+    points, inside = mesh.points.copy(), np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
+    points[inside] += np.random.default_rng(3).uniform(-1 / 32, 1 / 32, (len(inside), 2))
+    problem = ul.Problem(SQUARE, f="3*x - 2*y - 1", g="x*y/4")
+    return ul.solve(problem, mesh=ul.mesh(points, mesh.triangles), H=1 / 4)
+
+
+def clamped_above_the_obstacle():
+    """c = 0, and the given u is above g at both ends of its side."""
+    problem = ul.Problem(SQUARE, f="-4*x", g=["x - 1", 0, 0, None], u={3: "y - 1/2"}, c=0)
+    return ul.solve(problem, h=1 / 16, H=1 / 8)
+
+
+def coefficients(k, c, scale, h):
+    return ul.solve(ul.Problem(SQUARE, f=f"{scale}*(x - 3*y)", g=0, k=k, c=c), h=h, H=2 * h)
+
+
+SOLUTIONS = {
+    "README": lambda: example("arch", accuracy=0.05),
+    "cog": lambda: example("cog", accuracy=0.05),
+    "plate": lambda: example("plate", h=1e-3 / 32, H=1e-3 / 16),
+    "seal": lambda: example("seal", h=1 / 50, H=1 / 25),
+    "shelf": lambda: example("shelf", h=1 / 16, H=1 / 8),
+    "shelter": lambda: example("shelter", h=1 / 16, H=1 / 8),
+    "step": lambda: example("step", accuracy=0.1),
+    "slanted": lambda: ul.solve(ul.Problem(PENTAGON, f="3*x - 4", g="x*y/4"), h=1 / 16, H=1 / 8),
+    "clamped": clamped_above_the_obstacle,
+    "small k": lambda: coefficients("1/1000", 1, 1, 1 / 32),
+    "large k": lambda: coefficients(10**5, 1000, 10**5, 1 / 16),
+    "own mesh": on_own_mesh,
+}
+CELLS_CUT_EDGES = {"slanted"}
+"""The multiplier's cells are no whole edges there, so that p.n, which is judged, is not lambda_H."""
+PROVED = ["README", "cog", "seal", "shelf", "step", "slanted", "clamped", "large k", "own mesh"]
+"""The checker's bounds are not above the project's, so that the check proves the project's numbers.
+
+On the seal and the shelf f is constant and c = 0: they differ by the project's allowance for rounding.
+"""
+
+
+class Checked(NamedTuple):
+    """A solution, its certificate and the file that has it, and the bounds that the check has proved."""
+
+    solution: ul.Solution
+    stated: dict
+    path: Path
+    u: Fraction
+    multiplier: Fraction
+
+
+@pytest.fixture(scope="module")
+def checked(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("certificates")
+
+    @cache
+    def checked(name):
+        solution, path = SOLUTIONS[name](), folder / f"{name}.json.gz"
+        solution.save_certificate(path)
+        stated = json.loads(gzip.decompress(path.read_bytes()))
+        return Checked(solution, stated, path, *bounds_of(stated))
+
+    return checked
+
+
+def bounds_of(stated):
+    """The bounds that check.py proves or, if there are formulas, check_formulas.py."""
+    function = check_formulas.Formula if has_formulas(stated["problem"]) else check.Polynomial
+    return check.Certificate(stated, function).bounds()
+
+
+@pytest.mark.parametrize("name", SOLUTIONS)
+def test_the_bounds_are_those_of_the_project(name, checked):
+    """At most 3 % apart, for these problems have little oscillation."""
+    proved, bounds = checked(name), checked(name).solution.bounds
+    assert float(proved.u) == pytest.approx(bounds.u, rel=0.03)
+    assert proved.multiplier <= 1.03 * bounds.multiplier
+    assert proved.multiplier >= 0.97 * bounds.multiplier or name in CELLS_CUT_EDGES
+
+
+def test_a_problem_without_contact_has_a_certificate(tmp_path):
+    """All sides are clamped; there is no multiplier to compare."""
+    problem = ul.Problem(SQUARE, f="x", u=dict.fromkeys(range(4), "x*y"))
+    solution, path = ul.solve(problem, h=1 / 8, H=1 / 4), tmp_path / "linear.json"
+    solution.save_certificate(path)
+    u, _ = bounds_of(json.loads(path.read_text(encoding="utf-8")))
+    assert float(u) == pytest.approx(solution.bounds.u, rel=0.03)
+
+
+@pytest.mark.parametrize("name", PROVED)
+def test_the_check_proves_the_numbers_of_the_project(name, checked):
+    proved, bounds = checked(name), checked(name).solution.bounds
+    assert proved.u <= bounds.u
+    assert proved.multiplier <= bounds.multiplier
+
+
+def test_another_flux_has_another_bound(checked):
+    """Control: 3 % are few."""
+    stated = checked("own mesh").stated | {"flux": [0.9 * z for z in checked("own mesh").stated["flux"]]}
+    assert bounds_of(stated)[0] > 1.03 * checked("own mesh").solution.bounds.u
+
+
+def interpreters():
+    """This Python and others, installed beside it or on the path: one of each version from 3.9 on."""
+    places = [sys.executable, *Path(sys.base_prefix).parent.glob("*/bin/python3")]
+    places += filter(None, (shutil.which(f"python3.{minor}") for minor in range(9, 20)))
+    versions = {}
+    for place in places:
+        answer = subprocess.run(
+            [place, "-c", "import sys; print(sys.version_info[1])"],
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if answer.returncode == 0 and answer.stdout.strip().isdecimal() and int(answer.stdout) >= 9:
+            versions.setdefault(int(answer.stdout), place)
+    return versions
+
+
+@pytest.mark.parametrize(("name", "program"), [("shelf", "check.py"), ("shelter", "check_formulas.py")])
+def test_a_python_that_has_nothing_installed_proves_the_same(name, program, checked, tmp_path):
+    """-I -S leaves out all packages. The output is the same, because the arithmetic is exact."""
+    proved = checked(name)
+    command = ["-I", "-S", ROOT / "certificate" / program, proved.path]
+    for version, python in interpreters().items():
+        answer = subprocess.run([python, *command], cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert (answer.returncode, answer.stderr) == (0, ""), version
+        last = answer.stdout.splitlines()[-1]
+        assert last == (
+            f"PROVED: |||u - v||| <= {check.upward(proved.u)}, "
+            f"the dual norm of k du/dn - p.n is <= {check.upward(proved.multiplier)}"
+        )

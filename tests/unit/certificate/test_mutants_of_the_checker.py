@@ -1,0 +1,303 @@
+"""Checkers without one part print bounds below the true error. The checker itself does not.
+
+Each attack is a certificate of one to eight triangles that was made to fool the checker without that part.
+The true error is worked out by hand from the u that is named beside it, or bounded from below by a test
+function. The checker with all parts refuses the attack, or prints a bound that holds.
+
+Some parts have no attack, since a checker without one of them still proves what it prints, or prints nothing:
+
+- The polygon is simple. The theorem holds on the surface that the triangles make, which may overlap itself.
+  Without this check the printed vertices may fail to describe a domain.
+- Places on a side grow, and the polygon is anticlockwise. Anticlockwise triangles whose edges inside cancel
+  cover no point around which the boundary does not wind, so otherwise there is no triangulation.
+- Two triangles lie on different sides of an edge. Otherwise v may have two values at a point.
+- PI is rounded downwards. The best constant on triangles is d/3.8317, so a PI up to 3.83 is safe.
+- u_D does not jump. If it does there is no u.
+"""
+
+from fractions import Fraction
+from typing import NamedTuple
+
+import pytest
+from known_certificates import certificate, checker, polynomial, written
+
+GENUINE = checker()
+RIGHT, LEFT = 1, 3
+"""Sides of a rectangle: side 0 is the bottom."""
+NOTHING = polynomial()
+
+
+def rectangle(sides, length=1, **rest):
+    """Two triangles on [0, length] x [0, 1]; sides without a condition in `sides` are free, t = 0."""
+    corners = [(0, 0), (length, 0), (length, 1), (0, 1)]
+    conditions = [sides.get(side, ("free", NOTHING)) for side in range(4)]
+    rest.setdefault(
+        "field", lambda x, y: (x - length, 0)
+    )  # leaves through the side on the left only, div b = 1
+    return certificate(corners, conditions, triangles=[(0, 1, 2), (0, 2, 3)], **rest)
+
+
+class Attack(NamedTuple):
+    """A part of the checker, the edit that removes it, a certificate, and a lower bound on its true error.
+
+    The error is |||u - v||| or, if `is_dual`, the dual norm of k du/dn - p.n.
+    """
+
+    part: str
+    text: str
+    replacement: str
+    certificate: dict
+    error: float
+    is_dual: bool = False
+
+
+def clamped(**coefficients):
+    return "clamped", polynomial(**coefficients)
+
+
+def contact(**coefficients):
+    return "contact", polynomial(**coefficients)
+
+
+def free(**coefficients):
+    return "free", polynomial(**coefficients)
+
+
+def negative_pressure():
+    """u = 0 is above g = -1; v = -x is pulled down to g."""
+    return rectangle({LEFT: clamped(), RIGHT: contact(one=-1)}, v=lambda x, y: -x, p=lambda x, y: (-1, 0))
+
+
+def penetration():
+    """u = x, as g = 1 at x = 1; v = 0 is below g there."""
+    return rectangle({LEFT: clamped(), RIGHT: contact(one=1)})
+
+
+def penetration_between_nodes():
+    """g = 4 y (1 - y) at x = 1 is 0 at nodes, as v is. |u|_1 >= the integral of u_x >= that of g, 2/3."""
+    return rectangle(
+        {LEFT: clamped(), RIGHT: contact(y=4, yy=-4)},
+        trace=lambda x, y: 0,
+    )
+
+
+def cubic_obstacle():
+    """g = 64 y (1 - y) (1 - 2 y) at x = 1 is 0 at both nodes and in the middle, as v is.
+
+    For y < 1/2 the integral of u_x is at least that of g, 2; so |u|_1 >= 2 * 2^(1/2) there.
+    """
+    return rectangle({LEFT: clamped(), RIGHT: contact(y=64, yy=-192, yyy=128)})
+
+
+def hole():
+    """u = 1 for f = c = 1; v = 0. The middle of the square has no triangles, and p carries f there.
+
+    On a thin ring |p| is small. The error is taken on the ring alone: the root of its area.
+    """
+    corners = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    inside = [(0.25, 0.25), (0.75, 0.25), (0.75, 0.75), (0.25, 0.75)]
+    triangles, flux = [], []
+    for i in range(4):
+        j = (i + 1) % 4
+        # A triangle at the boundary, of area 1/8, and one at the hole, of area 1/16; div p = -1 on both
+        triangles += [(i, j, 4 + j), (4 + j, 4 + i, i)]
+    outflow = {}
+    for i in range(4):
+        j = (i + 1) % 4
+        outflow[4 + j, i] = -1 / 8  # of the former, through the edge between them
+        outflow[4 + j, 4 + i] = -1 / 8 - 1 / 16  # of the latter, into the hole
+    mentioned = set()
+    for triangle in triangles:
+        for i, j in ((1, 2), (2, 0), (0, 1)):
+            first, last = triangle[i], triangle[j]
+            if (last, first) not in mentioned:
+                mentioned.add((first, last))
+                flux += [outflow.get((first, last), 0.0) / 2] * 2
+    return certificate(
+        corners, [free()] * 4, f=polynomial(one=1), c="1", inside=inside, triangles=triangles, p=flux
+    )
+
+
+def cut_corners():
+    """u = 1 for f = c = 1; v = 0. The mesh covers half of the square."""
+    return certificate(
+        [(0, 0), (1, 0), (1, 1), (0, 1)],
+        [free()] * 4,
+        f=polynomial(one=1),
+        c="1",
+        boundary=[[0.5]] * 4,
+        triangles=[(0, 1, 2), (0, 2, 3)],
+    )
+
+
+def fold():
+    """u = 0 on a clamped square; v = 1 at the node (5/4, 1/2), so the triangle at the right is clockwise.
+
+    That triangle lies outside the square. On the triangle at the left |grad v| = 4/5, and an area of 3/5 is
+    inside. On each of the two others |grad v| = 2, and 1/5 is inside. The squares are 0.384, 0.8 and 0.8.
+    """
+    return certificate(
+        [(0, 0), (1, 0), (1, 1), (0, 1)],
+        [clamped()] * 4,
+        inside=[(1.25, 0.5)],
+        triangles=[(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)],
+        v=lambda x, y: int(x == Fraction(5, 4)),
+        field=lambda x, y: (x - 2, 0),
+    )
+
+
+def pull():
+    """u = x, as t = 1 at x = 1; v = 0."""
+    return rectangle({LEFT: clamped(), RIGHT: free(one=1)})
+
+
+def given_ends():
+    """u = x is given at x = 0 and x = 1; v = 0."""
+    return rectangle({LEFT: clamped(), RIGHT: clamped(x=1)}, trace=lambda x, y: 0)
+
+
+def load(field=lambda x, y: (x - 1, 0)):
+    """u = 2 x - x^2, f = 2; v = 0. |u|_1^2 is the integral of (2 - 2 x)^2, 4/3."""
+    return rectangle({LEFT: clamped()}, f=polynomial(one=2), field=field)
+
+
+def field_through_long_sides():
+    """u = 8 x - x^2/2 on a length of 8, f = 1; v = 0. |u|_1^2 = 8^3/3. b = (0, y - 1/2) would make C = 1."""
+    return rectangle(
+        {LEFT: clamped()}, length=8, f=polynomial(one=1), field=lambda x, y: (0, y - Fraction(1, 2))
+    )
+
+
+def waves():
+    """f = 1 - 6 x + 6 x^2 has the mean 0 on both triangles; v = 0.
+
+    u = -x^2 (1 - x)^2/2, and |u|_1^2 is the integral of x^2 (1 - x)^2 (1 - 2 x)^2, which is 1/210.
+    """
+    return rectangle({LEFT: clamped()}, f=polynomial(one=1, x=-6, xx=6))
+
+
+def pressure_in_a_gap():
+    """u = 0, g = 0; v = x is 1 above g at x = 1, and p.n = 1/2 there: S^2 = 1/4, B = 1/2, and X^2 = 1."""
+    return rectangle(
+        {LEFT: clamped(), RIGHT: contact()}, v=lambda x, y: x, p=lambda x, y: (Fraction(1, 2), 0)
+    )
+
+
+def raised():
+    """u = 0, g = 0; v = x, y = -x and p = (2, 0). D = 1, B = 0, the S of v is 1, that of v + y is 2.
+
+    As du/dn = 0, the dual norm of du/dn - p.n is that of 2 at x = 1: z = x shows that it is at least 2.
+    """
+    return rectangle(
+        {LEFT: clamped(), RIGHT: contact()}, v=lambda x, y: x, p=lambda x, y: (2, 0), trace=lambda x, y: 0
+    )
+
+
+def needle():
+    """f = 3 x - 2 has the mean 0 on the triangle (0, 0), (1, -1/64), (1, 1/64); no side has a flux; v = 0.
+
+    Let z = x^2/2 - x^3/3. As (x z')' = -x f, (f, z) = |z|_1^2 = 1/64/30. Also ||z|| <= |z|_1. So |||u||| >=
+    (f, z)/|||z||| >= |z|_1 (1 + c)^(-1/2), which is 0.99 d/3.8317 ||f||.
+    """
+    width = Fraction(1, 64)
+    corners = [(0, 0), (1, -width), (1, width)]
+    load = polynomial(one=-2, x=3)
+    return certificate(corners, [free()] * 3, load, c="1/1000000", triangles=[(0, 1, 2)])
+
+
+NEEDLE = (1 / 64 / 30 / (1 + 1e-6)) ** 0.5
+
+
+ATTACKS = [
+    Attack("p.n >= 0 on contact sides", "first >= 0 and last >= 0", "True", negative_pressure(), 1),
+    Attack("v + y >= g", "require(above,", "require(True,", penetration(), 1),
+    Attack(
+        "v + y >= g between nodes",
+        "(b >= 0 or b * b <= a * c)",
+        "True",
+        penetration_between_nodes(),
+        2 / 3,
+    ),
+    Attack("degrees along sides", "require(not any(third)", "require(True", cubic_obstacle(), 8**0.5),
+    Attack(
+        "edges of triangles cancel", "all(edge[::-1] in owner for edge in owner)", "True", hole(), 0.75**0.5
+    ),
+    Attack("places start at 0", "places[:1] == [0] and ", "", cut_corners(), 1),
+    Attack(
+        "triangles are anticlockwise",
+        "cross(*(self.nodes[i] for i in triangle)) > 0",
+        "True",
+        fold(),
+        1.984**0.5,
+    ),
+    Attack("t - p.n on free sides", "sum2 += ", "sum2 += 0 * ", pull(), 1),
+    Attack(
+        "v + y = u_D",
+        "w[i], w[j], w[self.mesh.nb + i] = first, last, (first + 2 * bend + last) / 4",
+        "pass",
+        given_ends(),
+        1,
+    ),
+    Attack("|||y|||", "2 * B + D2)[1]\n        return X", "2 * B)[1]\n        return X", given_ends(), 1),
+    Attack(
+        "div b >= 1",
+        "mesh.D**2 * sum(map(sum, out)) >= self.U * area",
+        "True",
+        load(lambda x, y: (0, 0)),
+        (4 / 3) ** 0.5,
+    ),
+    Attack("b.n <= 0", "require(inward or", "require(True or", field_through_long_sides(), (8**3 / 3) ** 0.5),
+    Attack("mean of rho", "+ C * root(M2)[1] + free", "+ free", load(), (4 / 3) ** 0.5),
+    Attack(
+        "rho - mean of rho",
+        "return misfit2 + oscillation2 + math.isqrt(4 * misfit2 * oscillation2) + 1, M2",
+        "return misfit2, M2",
+        waves(),
+        210**-0.5,
+    ),
+    Attack("d is the longest edge", "d2 = max(", "d2 = min(", needle(), NEEDLE),
+    Attack("pi", "PI = Q(314159265358979323846, 10**20)", "PI = Q(4)", needle(), NEEDLE),
+    Attack(
+        "S of v + y",
+        "min(root(D2)[1] + X, root(S_w**2",
+        "min(root(D2)[1] + X, root(S_v**2",
+        raised(),
+        2,
+        is_dual=True,
+    ),
+    Attack("|||y||| once more", "min(root(D2)[1] + X, ", "min(X, ", raised(), 2, is_dual=True),
+    Attack(
+        "B", "2 * B + D2)[1]\n        return X", "0 * B + D2)[1]\n        return X", pressure_in_a_gap(), 1
+    ),
+    Attack("2 B", "2 * B + D2)[1]\n        return X", "B + D2)[1]\n        return X", pressure_in_a_gap(), 1),
+]
+
+
+def bound(module, attack):
+    """What the module prints of the attack, or None if it refuses."""
+    try:
+        return module.Certificate(written(attack.certificate)).bounds()[attack.is_dual]
+    except module.Refused:
+        return None
+
+
+@pytest.mark.parametrize("attack", ATTACKS, ids=lambda attack: attack.part)
+def test_a_checker_without_it_prints_a_bound_below_the_error(attack):
+    lie = bound(checker((attack.text, attack.replacement)), attack)
+    assert lie is not None
+    assert lie < 0.99 * attack.error
+
+
+@pytest.mark.parametrize("attack", ATTACKS, ids=lambda attack: attack.part)
+def test_the_checker_itself_refuses_or_holds(attack):
+    answer = bound(GENUINE, attack)
+    assert answer is None or answer >= attack.error
+
+
+@pytest.mark.parametrize(("rounding", "holds"), [("ROUND_CEILING", True), ("ROUND_FLOOR", False)])
+def test_six_digits_are_rounded_upwards(rounding, holds):
+    """u = x on a length of 2 and p = grad u, so S is the error of v = 0: 2^(1/2) = 1.414213..."""
+    stated = rectangle({LEFT: clamped(), RIGHT: free(one=1)}, length=2, p=lambda x, y: (1, 0))
+    module = checker(("rounding=decimal.ROUND_CEILING", f"rounding=decimal.{rounding}"))
+    printed = module.upward(module.Certificate(written(stated)).bounds()[0])
+    assert (Fraction(printed) ** 2 >= 2) == holds
