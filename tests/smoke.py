@@ -33,6 +33,7 @@ TASKS = [
     ("solve corner.yaml --h 1/8 --H 1/4 -o corner.html", {"plot"}),
     ("solve corner.yaml --h 1/8 --H 1/4 -o corner.vtu", {"files"}),
     ("solve corner.yaml --H 1/4 --mesh corner.vtu", {"files"}),
+    ("certify corner.yaml --solution corner.vtu", {"files"}),
     ("solve corner.yaml --h 1/8 --H 1/4 -o corner.nc", {"files"}),
     ("solve corner.yaml --h 1/8 --H 1/4 --out kept", {"files", "plot"}),
     ("solve triangle.yaml --accuracy 0.1", {"mesh"}),

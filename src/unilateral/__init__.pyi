@@ -1,6 +1,7 @@
 from unilateral.api import Problem as Problem
 from unilateral.api import Solver as Solver
 from unilateral.api import case as case
+from unilateral.api import certify as certify
 from unilateral.api import load as load
 from unilateral.api import mesh as mesh
 from unilateral.api import open as open

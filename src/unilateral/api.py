@@ -17,13 +17,14 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from unilateral.accuracy.goal import ACCURACY, NORMS, Goal
 from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import search
 from unilateral.accuracy.watch import Watch
-from unilateral.errors import InputError, IterationWarning, shown
+from unilateral.errors import InputError, IterationWarning, SolutionWarning, shown
 from unilateral.geometry.files import read_mesh
 from unilateral.geometry.foreign import halved, mesh_from
 from unilateral.geometry.mesh import Mesh
@@ -35,8 +36,9 @@ from unilateral.problems.given import Coefficient, Given, bare, case, load, mesh
 from unilateral.problems.problem_file import polygon_of
 from unilateral.problems.sampled import Sampled
 from unilateral.problems.scaled import scaled
+from unilateral.solution import certification
 from unilateral.solution.sizes import KINDS, Size, check_kind, number
-from unilateral.solution.solution import Solution
+from unilateral.solution.solution import Solution, lift_dominates
 from unilateral.solution.solver import Solver, check_stop, tell_faults
 from unilateral.solution.summary import LINEAR
 from unilateral.solvers.stop import Stop
@@ -45,7 +47,7 @@ from unilateral.system.files import path_of
 if TYPE_CHECKING:
     from unilateral.problems.given import AnyProblem
 
-__all__ = ["KINDS", "Problem", "Solver", "case", "load", "mesh", "open", "solve"]
+__all__ = ["KINDS", "Problem", "Solver", "case", "certify", "load", "mesh", "open", "solve"]
 
 
 def Problem(
@@ -271,6 +273,75 @@ def solve(
     if not dry_run:
         tell_faults(found)
     return found
+
+
+def certify(
+    problem: AnyProblem | str | os.PathLike[str],
+    mesh: object,
+    u: ArrayLike,
+    multiplier: ArrayLike | None = None,
+) -> Solution:
+    """Guaranteed bounds on the errors of a u that any program computed, whatever it is.
+
+    The problem is solved on the same mesh, with two boundary edges in each cell. From that solution come
+    lambda_H, whose error `bounds.multiplier` bounds, and the flux by which `bounds.u` is near the error of u.
+
+    Parameters
+    ----------
+    problem
+        A problem of formulas or arrays, as in `solve`.
+    mesh
+        What `mesh` takes, on the problem's polygon: a file, a mesh of scikit-fem, or (points, triangles).
+    u : array_like (n,)
+        Values at the nodes in the order of `mesh`, of the function that is linear on triangles. Where u < g,
+        or u has other values on clamped sides than the given ones, the bounds count that.
+    multiplier : array_like (nb,), optional
+        A number >= 0 for each boundary edge, anticlockwise from vertex 0, to be used as lambda_H. On free and
+        clamped sides it is 0 or NaN. A linear problem is then solved in place of the contact problem.
+
+    Returns
+    -------
+    Solution
+        The one with the `u` that was given; its `error_shares` say where the error may be.
+
+    Raises
+    ------
+    InputError
+        For a mesh of another polygon, values that do not fit the mesh or are not finite, and functions in the
+        problem.
+
+    Warns
+    -----
+    SolutionWarning
+        As `solve`, and where most of the bound comes from u < g, as with a small penalty parameter.
+
+    >>> import unilateral as ul
+    >>> square = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    >>> right, half = (ul.solve(ul.Problem(square, f, "-x*y/2"), h=1 / 16, H=1 / 8) for f in (-1, -1 / 2))
+    >>> [round(ul.certify(right.problem, right.mesh, s.u).bounds.u, 2) for s in (right, half)]
+    [0.02, 0.17]
+    """
+    known = _problem(problem)
+    found = certification.certify(known, _mesh_on(known, mesh), u, multiplier)
+    tell_faults(found, own_mesh=True)
+    if reason := lift_dominates(found.solved):
+        warnings.warn(reason, SolutionWarning, stacklevel=2)
+    return found
+
+
+def _mesh_on(problem: AnyProblem, given: object) -> Mesh:
+    """The mesh that is given, on the polygon of a problem; a problem of a mesh takes no other one."""
+    own, found = mesh_of(problem), given
+    if not (isinstance(found, Mesh) and np.array_equal(found.polygon.vertices, problem.polygon.vertices)):
+        parts = given if isinstance(given, tuple) else (given,)
+        found = mesh(*parts, polygon=problem.polygon)
+    if own and not (
+        np.array_equal(found.points, own.points) and np.array_equal(found.triangles, own.triangles)
+    ):
+        raise InputError(
+            f"'{problem.name}' was made of another mesh; give that one, for its arrays belong to it"
+        )
+    return own or found
 
 
 def _problem(of: object) -> AnyProblem:

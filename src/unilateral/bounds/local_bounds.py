@@ -19,7 +19,8 @@ the bounds are those for f~ and tau~ plus e, which is `data` (supplement, S8.1).
 the distance of q and the gradient of the solution for f~ and tau~ in L2, too (Proposition S14 there).
 
 f - f~ is what `source` leaves of f and, on each triangle, u_h less its mean. So u_h - f~ - div q is constant
-there, and by the div q of `equilibrated` it is 0 where (u_h, lambda_H) solves the discrete problem. d is what
+there, and by the div q of `equilibrated` it is the mean of u_h less the potential of q, up to what this one
+and lambda_H leave of the discrete equation. For a discrete solution u_h is the potential. d is what
 makes u_h feasible (`feasible`); it is 0 but on the triangles at boundary nodes. Nothing is assumed of u_h
 and lambda_H. What rounding may have done to the sums over triangles is added to them.
 
@@ -87,20 +88,30 @@ class LocalBound(Bound):
 
 
 def local_bound(
-    source: Source, obstacle: Obstacle, cells: Partition, u_h: Array, lambda_H: Array, tau: Given, form: Form
+    source: Source,
+    obstacle: Obstacle,
+    cells: Partition,
+    u_h: Array,
+    lambda_H: Array,
+    tau: Given,
+    form: Form,
+    potential: Array | None = None,
 ) -> LocalBound:
     """Bounds for any u_h (n,) in V_h and lambda_H (m,) in Lambda_H, which is 0 on free and on clamped sides.
 
-    On the free ones the flux is tau. On the clamped ones u_h has the values of the obstacle's polynomials at
-    nodes.
+    On the free ones the flux is tau. The flux q is made from the `potential` (n,), by default u_h. Around
+    each node it can only be in equilibrium if the potential solves the discrete equation with lambda_H. So
+    for a u_h of another program the potential is that solution: q made from u_h itself would be away from
+    grad u by the residual of u_h divided by h.
 
-    The nearer (u_h, lambda_H) is to the discrete solution, the sharper they are. Raises InputError if the
-    arrays do not fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on such a side.
+    The nearer the potential and lambda_H are to the discrete solution, the sharper the bounds are. Raises
+    InputError if the arrays do not fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on
+    such a side.
     """
     mesh = source.mesh
     check(mesh, cells, u_h, lambda_H, form)
     flux = edge_flux(mesh, cells, lambda_H)
-    q = flux_of(source, u_h, flux.ends + tau.ends, form)
+    q = flux_of(source, u_h if potential is None else potential, flux.ends + tau.ends, form)
     lift = lifting(mesh, obstacle, u_h, flux, form)
     *of_boundary, short = lift.lifted(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
     of, d = lift.of, lift.of.function(*of_boundary)
@@ -108,7 +119,7 @@ def local_bound(
     of_d, of_added = of.norms(*d), lift.added(short)
     more = short.norm + root(of_added)
     distance = (1 + SUMS) * (root(of_d) + more)
-    unbalanced, residual = of_divergence(form, mesh.areas, residual, rounding)
+    unbalanced, residual = of_divergence(form, mesh.areas, residual, rounding, misfit=root(of_gradient))
     inside = of_gradient + mesh.areas * residual**2
     defect, slack = root(inside) + rounding, 2 * short.product
     of_u = (1 + SUMS) * math.hypot(defect, distance, math.sqrt(slack))
@@ -118,7 +129,10 @@ def local_bound(
     data = (1 + SUMS) * (norm(of_data) + tau.distance + unbalanced) + underflow(mesh, form)
     energy = mesh.growth * (root(moved) + rounding + more + data)
     product = slack + (1 + SUMS) * (energy * energy) / 4  # energy**2 would raise what is infinite here
-    ends = clamped_ends(mesh, form, lift, u_h, flux, product)
+    # v at the boundary nodes may be below u_h where u_h is above u_D
+    least = u_h.copy()
+    least[mesh.boundary] += np.minimum(of_boundary[0], 0.0)
+    ends = clamped_ends(mesh, form, lift, least, flux, product)
     doubt, shares = root(of_added) + tau.unknown, inside + of_data.sum(axis=0)
     shares[of.triangles] += of_d + of_added
     np.add.at(shares, mesh.boundary_triangles, short.squares + 2 * short.slack + tau.squares.sum(axis=0))
@@ -145,15 +159,20 @@ def flux_of(source: Source, u_h: Array, sigma: Array, form: Form) -> Array:
     return equilibrated(source.mesh, u_h, source.moments, given, form.reaction)
 
 
-def of_divergence(form: Form, areas: Array, residual: Array, rounding: float) -> tuple[float, Array]:
+def of_divergence(
+    form: Form, areas: Array, residual: Array, rounding: float, misfit: float = 0.0
+) -> tuple[float, Array]:
     """What a `residual` (m,), u_h - f~ - div q, adds to the data, and what is left of it (m,).
 
-    Beside clamped sides f~ is taken to be u_h - div q, or -div q without a reaction. The functional of what
-    that changes has at most the norm of the residual times Friedrichs' constant.
+    Beside clamped sides f~ can be taken to be u_h - div q, or -div q without a reaction. The functional of
+    what that changes has at most the norm r of the residual times Friedrichs' constant C. With a reaction r
+    may as well stay beside the `misfit` M = ||grad u_h - q||, where the square root of M^2 + r^2 is less than
+    M + C r.
     """
-    if not form.clamped:
-        return 0.0, residual
-    return form.friedrichs * (root(areas * residual**2) + rounding), np.zeros_like(residual)
+    C, r = form.friedrichs, root(areas * residual**2)
+    if form.clamped and (not form.reaction or (1 - C * C) * r > 2 * C * misfit):
+        return C * (r + rounding), np.zeros_like(residual)
+    return 0.0, residual
 
 
 def check(mesh: Mesh, cells: Partition, u_h: Array, lambda_H: Array, form: Form) -> None:

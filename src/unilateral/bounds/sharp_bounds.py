@@ -79,17 +79,25 @@ class SharpBound(Bound):
 
 
 def sharp_bound(
-    source: Source, obstacle: Obstacle, cells: Partition, u_h: Array, lambda_H: Array, tau: Given, form: Form
+    source: Source,
+    obstacle: Obstacle,
+    cells: Partition,
+    u_h: Array,
+    lambda_H: Array,
+    tau: Given,
+    form: Form,
+    potential: Array | None = None,
 ) -> SharpBound:
     """Bounds for what `local_bound` takes, which raises InputError likewise.
 
-    The nearer (u_h, lambda_H) is to the discrete solution, the sharper they are.
+    w is the `potential`, by default u_h, or near it. The nearer it and lambda_H are to the discrete solution,
+    the sharper the bounds are.
     """
     mesh = source.mesh
     check(mesh, cells, u_h, lambda_H, form)
     flux, spaces = edge_flux(mesh, cells, lambda_H), quadratic(mesh)
     lift = lifting(mesh, obstacle, u_h, flux, form)
-    away = _away(spaces, source, u_h, flux.ends + tau.ends, form)
+    away = _away(spaces, source, u_h if potential is None else potential, flux.ends + tau.ends, form)
     of_u = spaces.of_hats(u_h - away.w)
     of_lifted, short = _lifted(lift, away, of_u)
     load = spaces.load(source.f_h) + spaces.edge_load(tau.ends)

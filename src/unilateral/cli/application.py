@@ -23,6 +23,7 @@ COMMANDS = {
     "cases": "list the manufactured cases, or show one with its formulas",
     "export": "write a case as files for another solver",
     "score": "judge another solver's solutions of an exported case",
+    "certify": "bound the errors of another solver's solution of your problem",
     "infsup": "check whether a mesh and a partition are stable",
     "claims": "show the verdict on each of the paper's statements",
 }
@@ -31,6 +32,7 @@ PACKAGES = {
     "cases": ("sympy",),
     "export": ("sympy", "meshio", "pandas", "xarray"),
     "score": ("sympy", "meshio", "pandas", "xarray"),
+    "certify": ("meshio", "pandas"),
     "infsup": ("gmsh",),
     "claims": ("sympy", "netCDF4", "pandas", "xarray"),
 }

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 from shutil import get_terminal_size
+from types import SimpleNamespace
 from typing import Any
 
 import click
@@ -18,6 +19,7 @@ from unilateral.cli.command import (
     DOES_NOT_HOLD,
     FILE,
     FOLDER,
+    NOT_CONVERGED,
     POLYGON,
     POSITIVE,
     SIDES,
@@ -168,6 +170,27 @@ def export(**options: Any) -> int:
 def score(**options: Any) -> int:
     """Judge another solver's solutions of an exported case: errors, rates, and what is wrong."""
     return int(load("unilateral.cli.exchange").score(**options))
+
+
+@command(
+    examples=(
+        "unilateral solve natural --h 1/16 --H 1/8 -o solution.vtu",
+        "unilateral certify natural --solution solution.vtu",
+    ),
+    also=(NOT_CONVERGED,),
+)
+@argument("problem", type=CASE, help="the name of a case, or a YAML file that declares a problem or a case")
+@option("--solution", type=FILE, metavar="FILE", required=True, help="nodal values: .vtu, .csv with x, y, u")
+@option("--mesh", type=FILE, metavar="FILE", help="the triangles (default: those of the solution's file)")
+@option("--field", metavar="NAME", help="the nodal values that are meant (default: u, or the only ones)")
+@as_json
+@option("-o", "--output", type=FILE, metavar="FILE", multiple=True, help="a file, as that of `solve`")
+@option("--certificate", type=FILE, metavar="FILE", help="a proof of the bound, as that of `solve`")
+@option("--sharp", is_flag=True, help="tighter but slower bounds, especially for lambda")
+@click.pass_context
+def certify(ctx: click.Context, **options: Any) -> int:
+    """Bound the errors of another solver's solution of your problem, on its own mesh."""
+    return int(load("unilateral.cli.solve").certify(SimpleNamespace(**options, begin=ctx.obj)))
 
 
 @command(

@@ -58,10 +58,9 @@ def table(
         -math.inf,
         found["algebraic_bound"],
     )
-    rows = {
-        "unknowns": f"{found['unknowns']} and {counted(found['multipliers'], 'multiplier')}",
-        f"{found['algorithm']} {outcome}": algebraic + steps,
-    }
+    rows = {"unknowns": f"{found['unknowns']} and {counted(found['multipliers'], 'multiplier')}"}
+    if not found["foreign"]:
+        rows[f"{found['algorithm']} {outcome}"] = algebraic + steps
     if found["multipliers"] and not _unknown(found["hm12_algebraic_bound"]):
         bound = found["hm12_algebraic_bound"]
         of_lambda = f"{interval(-math.inf, bound, spec=DIGITS)} in H^(-1/2)"

@@ -33,14 +33,21 @@ from unilateral.cli.report import (
     table,
     written,
 )
-from unilateral.cli.streams import say, tell
+from unilateral.cli.streams import load, say, tell
 from unilateral.cli.watching import bar_during, clear, watching
 from unilateral.errors import BudgetError, InputError, counted
 from unilateral.formulas.decimals import fields, interval
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
 from unilateral.solution.certificate import Bounds, energy, record, too_large
-from unilateral.solution.solution import ENDINGS, Solution, flat_triangles, not_converged, not_unique
+from unilateral.solution.solution import (
+    ENDINGS,
+    Solution,
+    flat_triangles,
+    lift_dominates,
+    not_converged,
+    not_unique,
+)
 from unilateral.solvers.stop import Stop
 from unilateral.system import as_json
 from unilateral.system.files import check_target, writing_failed
@@ -95,6 +102,26 @@ def run(options: SimpleNamespace) -> int:
     return 0 if (solution.certified if solution.search else solution.converged) else NOT_CONVERGED
 
 
+def certify(options: SimpleNamespace) -> int:
+    """Bound the errors of another program's solution; the exit code."""
+    vars(options).update(out=None, dry_run=False)
+    _targets(options)
+    watch, problem = Watch(begin=options.begin), api.load(options.problem)
+    if options.certificate:
+        state_problem(problem)
+    if options.mesh is None and Path(options.solution).suffix in (".csv", ".nc"):
+        raise InputError(f"--mesh is missing, because {options.solution} has no triangles")
+    option = "--mesh" if options.mesh else "--solution"
+    options.mesh = options.mesh or options.solution
+    mesh = own_mesh(options.mesh, problem.polygon, option, corners=True)
+    files = load("unilateral.exchange.exported_folder")
+    u = files.nodal_values_on(mesh, options.mesh, options.solution, options.field)
+    found = api.certify(problem, mesh, u)
+    printed = _reported(found, options, watch, drawn=False)
+    _keep(found, options, printed)
+    return 0 if printed["h1_bound"] < math.inf else NOT_CONVERGED
+
+
 def _read(options: SimpleNamespace, drawn: bool) -> Case | Problem:
     """The problem, its formulas enclosed. Raises BudgetError where a limit of an accuracy ends that."""
     limits = {"max_seconds": options.max_seconds, "max_memory": options.max_memory}
@@ -146,6 +173,8 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
         tell(flat)
     if not (search or found.converged):
         tell(not_converged(found.solved))
+    if found.solved.foreign and (reason := lift_dominates(found.solved)):
+        tell(reason)
     if not options.json and not search:
         say(head(printed))
     if not options.json and not found.problem.units.reaction:
@@ -157,7 +186,7 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
     else:
         least = {norm: found.solved.size(norm, sharp) if bounds else math.nan for norm in NORMS}
         say(table(printed, bounds, least, doubt, found.problem.units))
-        if bounds and not (search or errors) and _too_coarse(found, bounds):
+        if bounds and not (search or errors or found.solved.foreign) and _too_coarse(found, bounds):
             say(f"  {'hint':27} {TOO_COARSE}{'; it makes its own meshes' * own_mesh}")
     return printed
 

@@ -139,13 +139,18 @@ class KeptProblem(DiscreteProblem):
 
 @dataclass(frozen=True, eq=False)
 class DiscreteSolution:
-    """u_h, and lambda_H on all cells; `result` is what the iteration found, with its algebraic bound."""
+    """u_h, and lambda_H on all cells; `result` is what the iteration found, with its algebraic bound.
+
+    If u_h is of another program, the `potential` (n,) solves the discrete equation with lambda_H, and the
+    bounds on the errors of u_h make their flux from it. Else it is None.
+    """
 
     discrete: DiscreteProblem
     result: DualResult
     tolerance: float
     lambda_H: Array
     u_h: Array
+    potential: Array | None = None
 
     def __repr__(self) -> str:
         return f"DiscreteSolution of {self.discrete!r}"
@@ -177,7 +182,13 @@ class DiscreteSolution:
         if self._given is None:
             return None
         source, _, cells, u_h, lambda_H, tau, form = self._given
-        return flux_of(source, u_h, edge_flux(source.mesh, cells, lambda_H).ends + tau.ends, form)
+        potential = u_h if self.potential is None else self.potential
+        return flux_of(source, potential, edge_flux(source.mesh, cells, lambda_H).ends + tau.ends, form)
+
+    @property
+    def foreign(self) -> bool:
+        """Whether u_h is of another program."""
+        return self.potential is not None
 
     @property
     def source(self) -> Source | None:
@@ -221,11 +232,11 @@ class DiscreteSolution:
 
     @cached_property
     def _local_bound(self) -> LocalBound | None:
-        return local_bound(*self._given) if self._given else None
+        return local_bound(*self._given, self.potential) if self._given else None
 
     @cached_property
     def _sharp_bound(self) -> SharpBound | None:
-        return sharp_bound(*self._given) if self._given else None
+        return sharp_bound(*self._given, self.potential) if self._given else None
 
     @cached_property
     def _given(self) -> tuple[Source, Obstacle, Partition, Array, Array, Given, Form] | None:

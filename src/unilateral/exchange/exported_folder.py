@@ -8,7 +8,7 @@ import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -23,8 +23,9 @@ from unilateral.geometry.files import read_content, read_mesh, read_partition
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems import case as cases
-from unilateral.problems.case import Case
+
+if TYPE_CHECKING:
+    from unilateral.problems.case import Case
 
 LARGEST = 1e100
 """Values have to be below this, so that squares of errors do not overflow."""
@@ -59,6 +60,8 @@ class Foreign:
 
 def exported(folder: str | os.PathLike[str]) -> tuple[Case, list[ExportedLevel]]:
     """What `export` wrote. Raises InputError with the file that is missing or damaged."""
+    from unilateral.problems import case as cases  # and with it sympy
+
     folder = Path(folder)
     try:
         problem = json.loads((folder / "problem.json").read_text(encoding="utf-8"))
@@ -111,6 +114,23 @@ def foreign(levels: list[ExportedLevel], file: str, multiplier: str | None = Non
     return Foreign(file, level, values["u"], trace, kind)
 
 
+def nodal_values_on(mesh: Mesh, name: str, file: str, field: str | None = None) -> Array:
+    """Nodal values (n,) of a `field` in a file, by default u or the only one, on the mesh of that name.
+
+    Nodes are matched by their places; without these, values have the order of the nodes. Raises InputError as
+    `foreign`.
+    """
+    found = handed(file, field)
+    if "u" not in found.nodal:
+        name = shown(field or "u")
+        raise InputError(f"{file}: there is no {name} at the nodes; --field names the values to take")
+    if found.points is None:
+        return found.nodal["u"]
+    level = ExportedLevel(name, mesh, Partition(mesh.polygon, mesh.s))
+    _, node = _matched([level], found.points, file)
+    return _at_nodes(level, node, found, "u", file)
+
+
 def _matched(levels: list[ExportedLevel], points: Array, file: str) -> tuple[ExportedLevel, Index]:
     """The level, and the node of each point (k,)."""
     wrong = np.flatnonzero(~np.isfinite(points).all(axis=1))
@@ -132,7 +152,7 @@ def _matched(levels: list[ExportedLevel], points: Array, file: str) -> tuple[Exp
         digits = ", or write places with more digits" if rounded else ""
         raise InputError(
             f"{file}: another mesh; {far.size} of its {len(points)} points are no nodes of {level.name}, the "
-            f"nearest level, the first at {_place(points, far)}; solve on the mesh that was exported{digits}"
+            f"nearest one, the first at {_place(points, far)}; solve on that mesh{digits}"
         )
     if lost.size:
         raise InputError(
@@ -284,25 +304,33 @@ class Handed(NamedTuple):
     edges: tuple[Index, Array] | None = None
 
 
-def handed(file: str) -> Handed:
-    """What a file holds: .csv, .nc, or one of meshio's. Raises InputError if it cannot be read."""
+def handed(file: str, field: str | None = None) -> Handed:
+    """What a file holds, .csv, .nc, or one of meshio's; `field` is u. Raises InputError if that fails."""
     if not Path(file).is_file():
         raise InputError(f"there is no file {file}")
     try:
         if Path(file).suffix == ".csv":
             import pandas as pd
 
-            return _of_columns(pd.read_csv(file, skipinitialspace=True))
+            return _of_columns(_renamed(dict(pd.read_csv(file, skipinitialspace=True)), field))
         if Path(file).suffix == ".nc":
             import xarray as xr
 
             with xr.open_dataset(file) as dataset:
-                return _of_columns({str(name): of.to_numpy() for name, of in dataset.variables.items()})
-        return _of_mesh(file)
+                columns = {str(name): of.to_numpy() for name, of in dataset.variables.items()}
+                return _of_columns(_renamed(columns, field))
+        return _of_mesh(file, field)
     except InputError:
         raise
     except Exception as error:
         raise InputError(f"{file}: it cannot be read ({str(error) or type(error).__name__})") from error
+
+
+def _renamed(fields: Mapping[str, Any], field: str | None) -> Mapping[str, Any]:
+    """The fields with `field` as u; a field of another meaning stays what it is."""
+    if field is None or (field in NODAL and field in fields):
+        return fields
+    return {**fields, "u": fields[field]} if field in fields else {}
 
 
 def _of_columns(columns: Mapping[str, Any]) -> Handed:
@@ -314,20 +342,21 @@ def _of_columns(columns: Mapping[str, Any]) -> Handed:
     cells = None
     if {"start", "end", "multiplier"} <= set(found):
         cells = found["start"], found["end"], found.pop("multiplier")
-    if "x" not in found or "y" not in found:
-        return Handed(None, {}, cells)
     nodal = {name: found[name] for name in NODAL if name in found}
+    if "x" not in found or "y" not in found:
+        return Handed(None, nodal, cells)
     return Handed(np.column_stack([found["x"], found["y"]]), nodal, cells)
 
 
-def _of_mesh(file: str) -> Handed:
+def _of_mesh(file: str, field: str | None) -> Handed:
     content = read_content(file)
-    nodal = {
-        name: np.ravel(content.point_data[name]).astype(float) for name in NODAL if name in content.point_data
-    }
-    triangles = [block.data.ravel() for block in content.cells if block.type == "triangle"]
+    names = [*content.point_data]
+    fields = _renamed(content.point_data, names[0] if field is None and len(names) == 1 else field)
+    n = len(content.points)
+    nodal = {name: np.reshape(fields[name], n).astype(float) for name in NODAL if name in fields}
+    triangles = [block.data[:, :3].ravel() for block in content.cells if block.type.startswith("triangle")]
     if not triangles:
-        raise InputError(f"{file}: it has no triangles; u is needed at the nodes of a level's mesh")
+        raise InputError(f"{file}: it has no triangles; u is needed at the nodes of a mesh of triangles")
     used = np.unique(np.concatenate(triangles))
     number = np.full(len(content.points), -1)
     number[used] = np.arange(len(used))

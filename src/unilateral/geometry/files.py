@@ -46,13 +46,14 @@ def write_mesh(
     path: str | os.PathLike[str],
     on_edges: Mapping[str, np.ndarray] | None = None,
     at_nodes: Mapping[str, np.ndarray] | None = None,
+    on_triangles: Mapping[str, np.ndarray] | None = None,
 ) -> None:
     """Writes the triangles and the boundary edges, with their sides as the cell data "side" (triangles: -1).
 
-    Further data of boundary edges (nb,), NaN on triangles, and of nodes (n,) can be added. The file's ending
-    says the format, one of meshio's that can hold both; .vtu keeps every bit. In .msh, as text, which all
-    of Gmsh's readers take, side i is the physical group i + 1, the triangles are the one after the last
-    side's, and edges have no further data.
+    Further data of boundary edges (nb,) and of triangles (m,), NaN on the other cells, and of nodes (n,) can
+    be added. The file's ending says the format, one of meshio's that can hold both; .vtu keeps every bit. In
+    .msh, as text, which all of Gmsh's readers take, side i is the physical group i + 1, the triangles are the
+    one after the last side's, and edges have no further data.
     Raises InputError if the file cannot be written.
     """
     require("files of meshes need", "meshio")
@@ -61,6 +62,7 @@ def write_mesh(
     n, lines = len(mesh.triangles), np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)])
     for_gmsh = Path(path).suffix == ".msh"
     further = {name: [np.full(n, np.nan), data] for name, data in (on_edges or {}).items()}
+    further |= {name: [data, np.full(len(lines), np.nan)] for name, data in (on_triangles or {}).items()}
     content = meshio.Mesh(
         np.column_stack([mesh.points, np.zeros(mesh.n_nodes)]),
         [("triangle", mesh.triangles), ("line", lines)],
@@ -95,25 +97,28 @@ def _names(mesh: Mesh) -> dict[str, np.ndarray]:
     return {f"side_{i}": np.array([i + 1, 1]) for i in range(n)} | {"domain": np.array([n + 1, 2])}
 
 
-def read_mesh(path: str | os.PathLike[str], polygon: Polygon | None = None) -> Mesh:
+def read_mesh(path: str | os.PathLike[str], polygon: Polygon | None = None, corners: bool = False) -> Mesh:
     """The mesh of the triangles in a file of meshio's formats, checked as by `from_arrays`.
 
     If no polygon is given, it is the one that the triangles' boundary forms. Nodes of no triangle are left
-    out, and a SolutionWarning tells of them.
+    out, and a SolutionWarning tells of them. Of triangles of second order the `corners` can be taken.
     """
     where = str(path)
-    points, triangles = from_meshio(read_content(path), where)
+    content = read_content(path)
+    second_order = corners and any(block.type == "triangle6" for block in content.cells)
+    points, triangles = from_meshio(content, where, corners)
     used = np.unique(triangles[(triangles >= 0) & (triangles < len(points))])
     if len(used) == len(points):
         return mesh_from(points, triangles, polygon, where)
     unused = np.setdiff1d(np.arange(len(points)), used)
     what = counted(len(unused), "node of no triangle is", "nodes of no triangle are")
-    warnings.warn(
-        f"{where}: {what} left out, such as node {node(points[:, :2], int(unused[0]))}; the other "
-        "nodes are numbered anew",
-        SolutionWarning,
-        stacklevel=3,
+    told = (
+        "its triangles are of second order; the linear function with its values at their corners is taken"
+        if second_order
+        else f"{what} left out, such as node {node(points[:, :2], int(unused[0]))}; the other nodes are "
+        "numbered anew"
     )
+    warnings.warn(f"{where}: {told}", SolutionWarning, stacklevel=3)
     return mesh_from(points[used], np.searchsorted(used, triangles), polygon, where)
 
 

@@ -122,9 +122,13 @@ def _are_blocks(cells: Any) -> bool:
     return isinstance(cells, list) and all(hasattr(each, "type") and hasattr(each, "data") for each in cells)
 
 
-def from_meshio(content: Any, where: str) -> tuple[Array, Array]:
-    """The points and the triangles of a mesh of meshio, those that belong to several groups once."""
-    foreign = sorted({block.type for block in content.cells} - {"triangle", "line", "vertex"})
+def from_meshio(content: Any, where: str, corners: bool = False) -> tuple[Array, Array]:
+    """The points and the triangles of a mesh of meshio, those that belong to several groups once.
+
+    Triangles of second order are refused, or their `corners` taken.
+    """
+    known = {"triangle", "line", "vertex"} | ({"triangle6", "line3"} if corners else set())
+    foreign = sorted({block.type for block in content.cells} - known)
     curved = [kind for kind in foreign if kind.startswith("triangle")]
     if curved:
         raise InputError(
@@ -134,7 +138,9 @@ def from_meshio(content: Any, where: str) -> tuple[Array, Array]:
         raise InputError(f"{where}: there are cells of type {foreign[0]}; take plain triangles")
     points = floats(content.points, f"{where}, points")
     blocks = [
-        indices(block.data, f"{where}, triangles") for block in content.cells if block.type == "triangle"
+        indices(block.data[:, :3] if corners else block.data, f"{where}, triangles")
+        for block in content.cells
+        if block.type.startswith("triangle")
     ]
     if points.size == 0:
         raise InputError(f"{where}: there are no nodes; a mesh of plain triangles is needed")

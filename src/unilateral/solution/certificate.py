@@ -104,6 +104,7 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
     length, norm = units.length, goal.norm if goal else "h1"
     known = bounds or Bounds(*(math.nan,) * 3)
     beta = solution.beta if mesh.n_nodes <= QUICK else math.nan
+    algebraic = math.nan if solved.foreign else result.bound
     return {
         "problem": discrete.data.name if discrete.data else None,
         "goal": {name: asdict(goal)[name] for name in ("accuracy", "norm", "absolute")} if goal else None,
@@ -123,10 +124,11 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
         "multipliers": len(discrete.cells),
         "algorithm": result.algorithm,
         "iterations": solution.iterations,
+        "foreign": solved.foreign,
         "converged": solution.converged,
-        "algebraic_bound": result.bound,
+        "algebraic_bound": algebraic,
         "beta": beta,
-        "hm12_algebraic_bound": result.bound / beta if beta > 0 else math.nan,
+        "hm12_algebraic_bound": algebraic / beta if beta > 0 else math.nan,
         "unique": solution.unique,
         "h1_error": errors.h1 if errors else math.nan,
         "hm12_error_lower": errors.hm12_lower if errors else math.nan,

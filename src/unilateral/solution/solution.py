@@ -171,6 +171,17 @@ def flat_triangles(solved: DiscreteSolution) -> str:
     )
 
 
+def lift_dominates(solved: DiscreteSolution) -> str:
+    """Says that D^2 is most of X^2 <= S^2 + 2 B + D^2, D the norm of what makes u admissible; else empty."""
+    bound = None if too_large(solved, False) else solved.bound(False)
+    if not isinstance(bound, LocalBound) or bound.lifting**2 <= 0.5 * bound.u**2:
+        return ""
+    return (
+        "most of the bound on the error of u is for u < g, or for other values than the given ones on "
+        "clamped sides; larger penalty parameters, or conditions at the nodes, would make it smaller"
+    )
+
+
 def not_converged(solved: DiscreteSolution) -> str:
     """Says that an iteration did not converge, with the bound on its algebraic error, and why."""
     result = solved.result
@@ -412,6 +423,19 @@ class Solution:
         return self._bounds(sharp=False)
 
     @property
+    def error_shares(self) -> Array | None:
+        """(k,) each triangle's part of the square of `bounds.u`; their sum is 1. None without bounds.
+
+        >>> import unilateral as ul
+        >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
+        >>> round(float(s.error_shares.sum()), 9)
+        1.0
+        """
+        shares = self.solved.shares if self.bounds else np.zeros(1)
+        whole = float(shares.sum())
+        return shares / whole if 0 < whole < math.inf else None
+
+    @property
     def sharp_bounds(self) -> Bounds | None:
         """Guaranteed bounds that are mostly tighter, above all the one on lambda; slow on large meshes.
 
@@ -506,6 +530,8 @@ class Solution:
         told = {"h": self.mesh.h, "H": self.partition.H, "algebraic_bound": self.solved.result.bound}
         bounds = self._bounds(sharp=False)
         told |= {"h1_bound": bounds.u, "hm12_bound": bounds.multiplier} if bounds else {}
+        if self.solved.foreign:
+            told.pop("algebraic_bound")
         return tables.dataset(self.mesh, self.u, self._columns(), told)
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -513,13 +539,16 @@ class Solution:
 
         .json has the `certificate`; .svg, .png and .pdf the picture; .html a page on which u_h is turned and
         zoomed, in any browser and without a network. In .vtu the boundary edges carry the mean of lambda_H on
-        each, NaN on clamped sides. Raises InputError for another ending.
+        each, NaN on clamped sides, and the triangles their `error_shares`, if there are bounds. Raises
+        InputError for another ending.
         """
         check_target(path, ENDINGS)
         if Path(path).suffix == ".vtu":
             on_edges = self.partition.means(self.problem.units.flux * self.solved.lambda_H, self.mesh.s)
             on_edges[np.isin(self.mesh.side, self.problem.clamped_sides)] = math.nan
-            write_mesh(self.mesh, path, {"multiplier": on_edges}, {"u": self.u})
+            shares = self.error_shares
+            on_triangles = {} if shares is None else {"error_share": shares}
+            write_mesh(self.mesh, path, {"multiplier": on_edges}, {"u": self.u}, on_triangles)
             return
         if Path(path).suffix == ".json":
             as_json.write(self.certificate(), path)

@@ -61,6 +61,8 @@ def write(solution: Solution, path: Path) -> None:
     scaled_arrays = _face(of.mesh, of.partition, solution.solved.u_h, solution.solved.lambda_H)
     group = {name: of for name, of in scaled_arrays.items() if not np.array_equal(of, arrays[name])}
     group |= _history(of.mesh) | {"g_means": of.g_means}
+    if solution.solved.potential is not None:
+        group["potential"] = solution.solved.potential
     problem = solution.problem
     if isinstance(problem, Problem | Sampled) and problem.nodal.f is not None:
         group["f_at_nodes"] = problem.nodal.f
@@ -189,7 +191,8 @@ def _solution(known: dict[str, Any], arrays: Arrays, path: Path) -> Solution:
     form = form_of(of_v, mesh)
     discrete = KeptProblem(mesh, partition, cells, NO_LOAD, g_means, facts, data=data, form=form)
     result = DualResult(lambda_H=lambda_H[cells], **known["result"])
-    solved = DiscreteSolution(discrete, result, known["tolerance"], lambda_H, arrays["u"])
+    potential = arrays.get("potential")
+    solved = DiscreteSolution(discrete, result, known["tolerance"], lambda_H, arrays["u"], potential)
     return Solution(solved, problem, _search(known["search"], solved) if known["search"] else None)
 
 

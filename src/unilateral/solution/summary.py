@@ -45,6 +45,8 @@ def rows(of: Solution) -> dict[str, str]:
     cells, solved = of.solved.discrete.cells, of.solved
     found = {"polygon": f"{of.polygon.n_sides} sides"}
     found["unknowns"] = f"{of.mesh.n_nodes}, and {len(cells)} multipliers"
+    if solved.foreign:
+        found["u"] = "of another program"
     if not solved.known(sharp) and (of.mesh.n_nodes > QUICK or too_large(of.solved, sharp)):
         found["error of u"] = "not bounded yet: see bounds"
     else:

@@ -43,6 +43,7 @@ FURTHER = {
     "halved": "ends of the edges that were halved; the other nodes are their middles, in this order",
     "halved_in_step": "how many edges were halved in each step",
     "f_at_nodes": "f at the nodes, where it was given so",
+    "potential": "the function whose flux serves for the bounds on a u of another program, scaled",
     "g_means": "means of g on the cells, scaled; 0 on free sides",
 }
 """The variables that make the solution again, beside those of LONG_NAMES on the scaled domain."""

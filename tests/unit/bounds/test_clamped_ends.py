@@ -220,13 +220,17 @@ def test_data_count_twice_for_reactions(arguments):
 def test_the_product_has_a_quarter_of_the_square_of_the_rounding(arguments, monkeypatch):
     own = local_bounds.defects
     monkeypatch.setattr(local_bounds, "defects", lambda *of: (*own(*of)[:2], LARGE))
-    monkeypatch.setattr(local_bounds, "of_divergence", lambda form, areas, residual, _: (0.0, 0 * residual))
+    monkeypatch.setattr(
+        local_bounds, "of_divergence", lambda form, areas, residual, *_, **__: (0.0, 0 * residual)
+    )
     found = local_bounds.local_bound(*arguments).ends.product
     assert LARGE**2 / 4 <= found <= LARGE**2 / 4 * (1 + 1e-5)
 
 
 def test_the_product_has_a_quarter_of_the_square_of_what_divergence_misses(arguments, monkeypatch):
-    monkeypatch.setattr(local_bounds, "of_divergence", lambda form, areas, residual, _: (LARGE, 0 * residual))
+    monkeypatch.setattr(
+        local_bounds, "of_divergence", lambda form, areas, residual, *_, **__: (LARGE, 0 * residual)
+    )
     found = local_bounds.local_bound(*arguments).ends.product
     assert LARGE**2 / 4 <= found <= LARGE**2 / 4 * (1 + 1e-5)
 
@@ -284,3 +288,12 @@ def test_divergence_counts_with_its_rounding():
     added, left = local_bounds.of_divergence(form, areas, residual, 0.5)
     assert added == pytest.approx(2 * (math.sqrt(34) + 0.5))
     assert not left.any()
+
+
+@pytest.mark.parametrize("misfit", [0.1, 3.0])
+def test_with_a_reaction_divergence_counts_in_the_way_that_costs_less(misfit):
+    """M + C r or (M^2 + r^2)^(1/2), with r^2 = 34 and C = 0.8; they are equal for M = 1.31."""
+    form, areas, residual = Form(1.0, (3,), 0.8), np.array([2.0, 1.0]), np.array([3.0, -4.0])
+    added, left = local_bounds.of_divergence(form, areas, residual, 0.0, misfit)
+    both = misfit + 0.8 * math.sqrt(34), math.hypot(misfit, math.sqrt(34))
+    assert math.hypot(misfit, math.sqrt(areas @ left**2)) + added == pytest.approx(min(both))

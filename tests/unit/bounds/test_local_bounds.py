@@ -55,7 +55,9 @@ def without_eta(monkeypatch):
 def rounded(monkeypatch):
     own = local_bounds.defects
     monkeypatch.setattr(local_bounds, "defects", lambda *of: (*own(*of)[:2], LARGE))
-    monkeypatch.setattr(local_bounds, "of_divergence", lambda form, areas, residual, _: (0.0, residual))
+    monkeypatch.setattr(
+        local_bounds, "of_divergence", lambda form, areas, residual, *_, **__: (0.0, residual)
+    )
 
 
 def test_rounding_counts_once_for_both_errors(arguments, monkeypatch):
@@ -108,7 +110,9 @@ def test_what_the_flux_leaves_of_lambda_counts_for_lambda_alone(arguments, monke
 
 
 def test_what_divergence_misses_counts_beside_clamped_sides(arguments, monkeypatch):
-    monkeypatch.setattr(local_bounds, "of_divergence", lambda form, areas, residual, _: (LARGE, 0 * residual))
+    monkeypatch.setattr(
+        local_bounds, "of_divergence", lambda form, areas, residual, *_, **__: (LARGE, 0 * residual)
+    )
     found = local_bounds.local_bound(*arguments)
     assert LARGE <= found.u <= LARGE * NEAR
     assert LARGE <= found.lambda_ <= LARGE * NEAR

@@ -19,10 +19,12 @@ ARGUMENTS = {
     "cases": ["natural"],
     "export": ["natural"],
     "score": ["folder", "u.csv"],
+    "certify": ["natural"],
 }
 OPTIONS = {
     "solve": SIZES,
     "export": SIZES | {"--out": "out"},
+    "certify": {"--solution": str(ROOT / "tests/data/getfem_natural_n32_H2h.csv"), "--mesh": "own.msh"},
     "infsup": SIZES | {"--polygon": "square"},
 }
 IN_PLACE = {"--mesh": "--h", "--cells": "--H"}

@@ -10,7 +10,7 @@ from conftest import DATA
 
 KEYS = [
     *("problem", "goal", "norm", "certified", "ended", "reach", "k", "c", "norms", "h", "diameter", "H"),
-    *("adapted", "triangles", "unknowns", "multipliers", "algorithm", "iterations", "converged"),
+    *("adapted", "triangles", "unknowns", "multipliers", "algorithm", "iterations", "foreign", "converged"),
     *("algebraic_bound", "beta", "hm12_algebraic_bound", "unique", "h1_error"),
     *("hm12_error_lower", "hm12_error_upper", "l2_error", "bounds"),
     *("h1_bound", "hm12_bound", "h1_relative_bound", "hm12_relative_bound", "enclosure", "total_bound"),

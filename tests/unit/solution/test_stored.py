@@ -8,6 +8,7 @@ import re
 import warnings
 from functools import cache
 
+import meshio
 import netCDF4
 import numpy as np
 import pytest
@@ -146,7 +147,13 @@ def test_what_is_opened_can_be_saved_drawn_and_solved_again(tmp_path):
     for ending in ("vtu", "csv", "svg"):
         for name, of in (("one", s), ("other", again)):
             of.save(tmp_path / f"{name}.{ending}")
+    for ending in ("csv", "svg"):
         assert (tmp_path / f"one.{ending}").read_bytes() == (tmp_path / f"other.{ending}").read_bytes()
+    one, other = (meshio.read(tmp_path / f"{name}.vtu") for name in ("one", "other"))
+    shares = [of.cell_data.pop("error_share")[0] for of in (one, other)]
+    np.testing.assert_allclose(*shares, rtol=0, atol=1e-9 * shares[0].max())  # of bounds computed again
+    for name in ("points", "cells_dict", "point_data", "cell_data"):
+        np.testing.assert_equal(getattr(one, name), getattr(other, name))
     np.testing.assert_array_equal(ul.solve(again.problem, **SIZES).u, ul.solve(s.problem, **SIZES).u)
     with pytest.raises(ul.InputError, match="is not iterated on; solve its problem again"):
         again.solved.discrete.solved(Stop())

@@ -1,0 +1,110 @@
+"""Bounds on the errors of a function that another program computed.
+
+They hold for any u of V_h. To be sharp they need a multiplier and a flux in equilibrium with it: this
+project's own on the same mesh, or those of the linear problem with a given multiplier as the flux.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from unilateral.arrays import Array, Mask, floats, nodal_values
+from unilateral.discrete.base import NO_LOAD, DiscreteSolution, Facts, KeptProblem
+from unilateral.discrete.choice import cheapest, condensed_spaces, discretised
+from unilateral.discrete.condensed import on_spaces
+from unilateral.discrete.loads import form_of
+from unilateral.errors import InputError, IterationWarning
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.problems.data import Data
+from unilateral.problems.sampled import Sampled
+from unilateral.problems.scaled import scaled
+from unilateral.solution.solution import Solution
+from unilateral.solvers.stop import Stop
+from unilateral.solvers.uzawa import DualResult
+
+if TYPE_CHECKING:
+    from unilateral.problems.given import AnyProblem
+
+LARGEST_VALUE = 1e100
+"""Given values are below this, so that squares of errors do not overflow."""
+
+
+def certify(problem: AnyProblem, mesh: Mesh, u: ArrayLike, multiplier: ArrayLike | None) -> Solution:
+    """Solution with the values `u` (n,) at nodes, `multiplier` (nb,) on boundary edges; as `api.certify`."""
+    data = scaled(problem)
+    if isinstance(data, Sampled):
+        raise InputError(
+            f"'{problem.name}': f, g, q and u must be formulas or arrays, or there are no bounds"
+        )
+    scaled_mesh = meshes.similar(mesh, data.polygon)
+    values = nodal_values(u, "u")
+    _check(values, mesh.n_nodes, "u", "node (of a second-order function: each corner of a triangle)")
+    if multiplier is None:
+        own = _solve(data, scaled_mesh)
+    else:
+        without = np.isin(mesh.side, (*problem.free_sides, *problem.clamped_sides))
+        own = _solve_linear(data, scaled_mesh, _edge_values(multiplier, without) / problem.units.flux)
+    solved = replace(own, u_h=values / problem.units.value, potential=own.u_h)
+    solved.forget()
+    return Solution(solved, problem)
+
+
+def edge_pairs(mesh: Mesh) -> Partition:
+    """Cells of two boundary edges each; the last cell of a side has three if their number is odd."""
+    sides = np.split(mesh.s[:-1], np.flatnonzero(np.diff(mesh.side)) + 1)
+    starts = [side[: max(len(side) // 2 * 2, 1) : 2] for side in sides]
+    return Partition(mesh.polygon, np.append(np.concatenate(starts), mesh.s[-1]))
+
+
+def _solve(data: Data, mesh: Mesh) -> DiscreteSolution:
+    """Discrete solution with a multiplier on `edge_pairs`."""
+    discrete = discretised(data, cheapest(data, mesh, edge_pairs(mesh), Stop()))
+    with warnings.catch_warnings(action="ignore", category=IterationWarning):  # bounds hold for any lambda_H
+        return discrete.solved(Stop())
+
+
+def _solve_linear(data: Data, mesh: Mesh, lambda_H: Array) -> DiscreteSolution:
+    """Discrete solution of the linear problem with the flux `lambda_H` (nb,) on sides with contact."""
+    cells = Partition(mesh.polygon, mesh.s)
+    discrete = on_spaces(data, condensed_spaces(mesh, cells, form_of(data, mesh)))
+    mu = lambda_H[discrete.cells]
+    facts = Facts(unique=True, beta=math.nan, lambda_norm=discrete.lambda_norm(mu))
+    spaces = mesh, cells, discrete.cells, NO_LOAD, discrete.g_means
+    kept = KeptProblem(*spaces, facts, data=data, source=discrete.source, form=discrete.form)
+    result = DualResult(mu, math.nan, 0, bound=math.nan, converged=True, rho=math.nan, algorithm="given")
+    potential = discrete.held + discrete.spaces.response(discrete.of_rest[0], mu)
+    return DiscreteSolution(kept, result, math.nan, lambda_H, potential)
+
+
+def _edge_values(multiplier: ArrayLike, without: Mask) -> Array:
+    """Multiplier (nb,) of the user, 0 on the edges `without` (nb,) contact."""
+    values = floats(multiplier, "multiplier")
+    if values.shape == without.shape:
+        values[without & np.isnan(values)] = 0.0
+    _check(values, len(without), "multiplier", "boundary edge")
+    wrong = np.flatnonzero(np.where(without, values != 0, values < 0))
+    if wrong.size:
+        wanted = "0 or NaN on free and clamped sides" if without[wrong[0]] else "0 or more"
+        raise InputError(f"multiplier[{wrong[0]}] is {values[wrong[0]]:.6g}; it has to be {wanted}")
+    return values
+
+
+def _check(values: Array, count: int, name: str, place: str) -> None:
+    """Raises InputError unless there are `count` values whose squares are no overflow."""
+    if values.shape != (count,):
+        raise InputError(
+            f"{name} has the shape {values.shape}; it has to be ({count},), a value at each {place}"
+        )
+    wrong = np.flatnonzero(~(np.abs(values) < LARGEST_VALUE))
+    if wrong.size:
+        raise InputError(
+            f"{name}[{wrong[0]}] is {values[wrong[0]]}; it has to be finite, below {LARGEST_VALUE:g}"
+        )
