@@ -418,6 +418,8 @@ def upward(q):
 
 
 def main(function=Polynomial):
+    if sys.version_info < (3, 9):  # noqa: UP036
+        sys.exit("Python 3.9 or later is needed")
     try:
         _, path = sys.argv
         with (gzip.open if path.endswith(".gz") else open)(path, "rb") as file:
@@ -434,6 +436,7 @@ def main(function=Polynomial):
         print(f"REFUSED: this is not the format of docs/certificate.md: {error!a}")
     else:
         print(f"{certificate.problem}\n  v is linear on {len(certificate.mesh.triangles)} triangles")
+        print("  |||w|||^2 = k ||grad w||^2 + c ||w||^2")
         print(f"PROVED: |||u - v||| <= {upward(X)}, the dual norm of k du/dn - p.n is <= {upward(L)}")
         return 0
     return 1
