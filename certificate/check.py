@@ -177,17 +177,17 @@ class Mesh:
     """
 
     def __init__(self, stated, corners):
-        sides = [integers(places, len(places), "boundary") for places in stated["boundary"]]
+        sides = [integers(places, len(places), "boundary") for places in stated["boundary"]]  # with denominators
         require(len(sides) == len(corners), "boundary: each side of the polygon needs a list")
         inside, unit = integers([z for x, y in stated["inside"] for z in (x, y)], 2 * len(stated["inside"]), "inside")
-        D = math.lcm(*(z.denominator for corner in corners for z in corner)) * math.lcm(*(one for _, one in sides))
-        self.D = D = math.lcm(D, unit)
+        on_sides = math.lcm(*(z.denominator for corner in corners for z in corner)) * math.lcm(*(n for _, n in sides))
+        self.D = D = math.lcm(on_sides, unit)
         self.nodes, self.side, self.numbers = [], [], {}
-        for i, (places, one) in enumerate(sides):
-            grow = places[:1] == [0] and all(s < t for s, t in zip(places, [*places[1:], one]))
+        for i, (places, n) in enumerate(sides):
+            grow = places[:1] == [0] and all(s < t for s, t in zip(places, [*places[1:], n]))
             require(grow, f"boundary: places on side {i} start at 0, grow, and stay below 1")
             a, b = corners[i], corners[(i + 1) % len(corners)]
-            self.nodes += [tuple(int(D * (p + (q - p) * Q(t, one))) for p, q in zip(a, b)) for t in places]
+            self.nodes += [tuple(int(D * (p + (q - p) * Q(t, n))) for p, q in zip(a, b)) for t in places]
             self.side += [i] * len(places)
         self.nb = len(self.nodes)
         self.nodes += [(x * (D // unit), y * (D // unit)) for x, y in zip(inside[::2], inside[1::2])]
@@ -311,41 +311,62 @@ class Certificate:
                 largest = max(largest, Q((b[0] ** 2 + b[1] ** 2) * mesh.D**2, (self.U * area) ** 2))
         return 2 * root(largest)[1]
 
-    def boundary(self, C):
-        """B, the norm of <t - p.n, z>_free, and v + y at boundary nodes, then at midpoints of boundary edges.
+    def boundary_edges(self):
+        """For each boundary edge its nodes, its condition, its function in Bernstein's basis, and its two outflows."""
+        mesh = self.mesh
+        for i, side in enumerate(mesh.side):
+            j, (kind, function) = (i + 1) % mesh.nb, self.problem.sides[side]
+            outflows = [Q(z, self.W) for z in mesh.outflow(self.flux, i, j)]
+            yield i, j, kind, function.on_edge(mesh.point(i, i), mesh.point(j, j)), outflows
+
+    def boundary_values(self, edges):
+        """v + y at boundary nodes, then at midpoints of boundary edges: u_D on clamped sides, the trace elsewhere."""
+        w, fixed = [Q(z, self.Y) for z in self.trace], {}
+        for i, j, kind, bounds, _ in edges:
+            if kind == "clamped":
+                require(all(lower == upper for lower, upper in bounds), f"boundary edge {i}: u_D is not quadratic")
+                first, bend, last = (lower for lower, _ in bounds)
+                same = fixed.setdefault(i, first) == first and fixed.setdefault(j, last) == last
+                require(same, f"boundary edge {i}: u_D jumps")
+                w[i], w[j], w[self.mesh.nb + i] = first, last, (first + 2 * bend + last) / 4
+        return w
+
+    def contact_product(self, edges, w):
+        """B = <p.n, v + y - g>_contact; p.n >= 0 and v + y >= g are tested.
+
+        Let a, b, c be the coefficients of z = v + y - g on an edge in Bernstein's basis (1 - s)^2, 2 s (1 - s), s^2.
+        z >= 0 if a, c >= 0 and b >= -(a c)^(1/2). The integrals of (1 - s) z and s z over [0, 1] are
+        a/4 + b/6 + c/12 and a/12 + b/6 + c/4. They grow with a, b and c.
+        """
+        B = Q(0)
+        for i, j, kind, bounds, (first, last) in edges:
+            if kind == "contact":
+                require(first >= 0 and last >= 0, f"boundary edge {i}: p.n < 0 on a contact side")
+                trace = w[i], 2 * w[self.mesh.nb + i] - (w[i] + w[j]) / 2, w[j]
+                a, b, c = (z - upper for z, (_, upper) in zip(trace, bounds))
+                above = a >= 0 and c >= 0 and (b >= 0 or b * b <= a * c)
+                require(above, f"boundary edge {i}: v + y < g is possible")
+                a, b, c = (z - lower for z, (lower, _) in zip(trace, bounds))
+                B += first * (a / 4 + b / 6 + c / 12) + last * (a / 12 + b / 6 + c / 4)
+        return B
+
+    def free_norm(self, edges, C):
+        """An upper bound on the norm on V of <t - p.n, z>_free.
 
         On a free edge e of T, by the field x - (corner off e), ||z||_e^2 <= |e|/|T| (||z||^2 + d ||z|| |z|_1). T has at
         most three such edges, so the norm is at most (3 sum |e|/|T| ||t - p.n||_e^2 (C^2 + d C/k^(1/2)))^(1/2).
         """
-        mesh, B, free2, longest = self.mesh, Q(0), 0, Q(0)  # free2 in units of 1/UNITS^2
-        edges = [(i, (i + 1) % mesh.nb, *self.problem.sides[side]) for i, side in enumerate(mesh.side)]
-        data = [function.on_edge(mesh.point(i, i), mesh.point(j, j)) for i, j, _, function in edges]
-        w, fixed = [Q(z, self.Y) for z in self.trace], {}
-        for (i, j, kind, _), bounds in zip(edges, data):
-            if kind == "clamped":  # v + y = u_D, whatever the trace is
-                require(all(lower == upper for lower, upper in bounds), f"boundary edge {i}: u_D is not quadratic")
-                (first, _), (bend, _), (last, _) = bounds
-                same = fixed.setdefault(i, first) == first and fixed.setdefault(j, last) == last
-                require(same, f"boundary edge {i}: u_D jumps")
-                w[i], w[j], w[mesh.nb + i] = first, last, (first + 2 * bend + last) / 4
-        for (i, j, kind, _), bounds in zip(edges, data):
-            first, last = (Q(z, self.W) for z in mesh.outflow(self.flux, i, j))
-            if kind == "contact":
-                require(first >= 0 and last >= 0, f"boundary edge {i}: p.n < 0 on a contact side")
-                trace = w[i], 2 * w[mesh.nb + i] - (w[i] + w[j]) / 2, w[j]  # in Bernstein's basis, as g
-                low, bend, high = (z - upper for z, (_, upper) in zip(trace, bounds))
-                above = low >= 0 and high >= 0 and (bend >= 0 or bend * bend <= low * high)
-                require(above, f"boundary edge {i}: v + y < g is possible")
-                low, bend, high = (z - lower for z, (lower, _) in zip(trace, bounds))
-                B += first * (low / 4 + bend / 6 + high / 12) + last * (low / 12 + bend / 6 + high / 4)
-            elif kind == "free":
-                X = [mesh.point(corner, corner) for corner in mesh.triangles[mesh.beside[i]]]
-                x, y = (q - p for p, q in zip(mesh.point(i, i), mesh.point(j, j)))
+        sum2, d = 0, Q(0)  # sum2 in units of 1/UNITS^2
+        for i, j, kind, bounds, (first, last) in edges:
+            if kind == "free":
+                X = [self.mesh.point(corner, corner) for corner in self.mesh.triangles[self.mesh.beside[i]]]
+                x, y = (q - p for p, q in zip(self.mesh.point(i, i), self.mesh.point(j, j)))
+                # |e| |t - p.n| is at most the largest of its coefficients in Bernstein's basis
                 pairs = zip(bounds, (first, (first + last) / 2, last))
                 off = max(abs(t * length - out) for both, out in pairs for t in both for length in root(x * x + y * y))
-                free2 += math.ceil(3 * off**2 / (cross(*X) / 2) * UNITS**2)
-                longest = max(longest, *(root(x * x + y * y)[1] for x, y in vectors(X)))
-        return B, root(Q(free2, UNITS**2) * (C * C + longest * C / root(self.problem.k)[0]))[1], w
+                sum2 += math.ceil(3 * off**2 / (cross(*X) / 2) * UNITS**2)
+                d = max(d, *(root(x * x + y * y)[1] for x, y in vectors(X)))
+        return root(Q(sum2, UNITS**2) * (C * C + d * C / root(self.problem.k)[0]))[1]
 
     def sums(self, w):
         """(sum A^2, sum M^2) for v, the same for v + y, and D^2; w is v + y at boundary nodes and midpoints."""
@@ -354,29 +375,33 @@ class Certificate:
         v, w = [z * (N // self.V) for z in self.v], [int(z * N) for z in w]
         y = [w[i] - v[i] for i in range(nb)] + [0] * (len(v) - nb)
         middle = {(i, (i + 1) % nb, mesh.beside[i]): w[nb + i] - (v[i] + v[(i + 1) % nb]) // 2 for i in range(nb)}
-        for_v, for_w, D2 = [0, 0], [0, 0], 0  # in units of 1/UNITS^2: exact sums of fractions take quadratic time
+        sums_v, sums_w, D2 = [0, 0], [0, 0], 0  # in units of 1/UNITS^2: exact sums of fractions take quadratic time
         for number, triangle in enumerate(mesh.triangles):
             ends = [(triangle[i], triangle[j]) for i, j in OPPOSITE]
             v_corners, v_middles = [v[i] for i in triangle], [(v[i] + v[j]) // 2 for i, j in ends]
-            here = there = self.residual(triangle, v_corners, v_middles, N)
+            terms_v = self.residual(triangle, v_corners, v_middles, N)
             y_corners = [y[i] for i in triangle]
             y_middles = [middle.get((i, j, number), (y[i] + y[j]) // 2) for i, j in ends]
+            terms_w = terms_v
             if any(y_corners) or any(y_middles):
                 corners, middles = map(sum, zip(v_corners, y_corners)), map(sum, zip(v_middles, y_middles))
-                there = self.residual(triangle, list(corners), list(middles), N)
+                terms_w = self.residual(triangle, list(corners), list(middles), N)
                 X = [mesh.nodes[i] for i in triangle]
                 slopes = linear_mass(gradients(vectors(X), y_corners, y_middles))
                 gradient2 = self.problem.k * slopes / (24 * cross(*X) * N**2)
                 mass2 = self.problem.c * quadratic_mass(y_corners, y_middles) * cross(*X) / (360 * mesh.D**2 * N**2)
                 D2 += math.ceil((gradient2 + mass2) * UNITS**2)
-            for_v, for_w = [sum(pair) for pair in zip(for_v, here)], [sum(pair) for pair in zip(for_w, there)]
-        return [Q(z, UNITS**2) for z in for_v], [Q(z, UNITS**2) for z in for_w], Q(D2, UNITS**2)
+            sums_v = [sum(pair) for pair in zip(sums_v, terms_v)]
+            sums_w = [sum(pair) for pair in zip(sums_w, terms_w)]
+        return [Q(z, UNITS**2) for z in sums_v], [Q(z, UNITS**2) for z in sums_w], Q(D2, UNITS**2)
 
     def bounds(self):
         """Upper bounds on X and L."""
         k, c = self.problem.k, self.problem.c
         C = root(1 / c)[1] if self.field is None else self.friedrichs_constant() / root(k)[0]
-        B, free, w = self.boundary(C)
+        edges = list(self.boundary_edges())
+        w = self.boundary_values(edges)
+        B, free = self.contact_product(edges, w), self.free_norm(edges, C)
         *sums, D2 = self.sums(w)
         if self.field is None:
             S_v, S_w = (root(A2 / k + M2 / c)[1] + free for A2, M2 in sums)
@@ -393,6 +418,8 @@ def upward(q):
 
 
 def main(function=Polynomial):
+    if sys.version_info < (3, 9):  # noqa: UP036
+        sys.exit("Python 3.9 or later is needed")
     try:
         _, path = sys.argv
         with (gzip.open if path.endswith(".gz") else open)(path, "rb") as file:
@@ -409,6 +436,7 @@ def main(function=Polynomial):
         print(f"REFUSED: this is not the format of docs/certificate.md: {error!a}")
     else:
         print(f"{certificate.problem}\n  v is linear on {len(certificate.mesh.triangles)} triangles")
+        print("  |||w|||^2 = k ||grad w||^2 + c ||w||^2")
         print(f"PROVED: |||u - v||| <= {upward(X)}, the dual norm of k du/dn - p.n is <= {upward(L)}")
         return 0
     return 1

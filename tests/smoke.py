@@ -10,6 +10,7 @@ import io
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 HAS = {
     "core": set(),
@@ -116,7 +117,7 @@ def python(has):
 
 
 def certificate():
-    """The checker comes with the project, as a file that runs without it."""
+    """The checkers come with the project, as files that run without it."""
     code, out, err = typed("solve corner.yaml --h 1/8 --H 1/4 --certificate corner.json.gz")
     assert (code, err) == (0, ""), err
     program, file = re.search(r"check it with +python3 (\S+) (\S+)\n", out).groups()
@@ -124,6 +125,7 @@ def certificate():
     checked = subprocess.run(line, capture_output=True, text=True, timeout=60)
     assert checked.returncode == 0, checked
     assert "PROVED" in checked.stdout, checked
+    assert Path(program).with_name("check_formulas.py").is_file()
 
 
 def refusal(call):

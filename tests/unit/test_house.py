@@ -1,7 +1,9 @@
 """Where things stand in the package, and what they are called: one name for one thing."""
 
 import ast
+import io
 import re
+import tokenize
 from collections import Counter
 
 from conftest import ROOT
@@ -54,3 +56,40 @@ def test_modules_of_tests_that_documents_name_are_there():
 def test_a_named_module_is_found_in_a_document():
     """Control."""
     assert named_tests("see `test_a` and `test_b.py`, not test_c") == {"test_a", "test_b"}
+
+
+MOST_LINES_OF_A_CHECKER = 300
+"""A checker of certificates is read by people: as much code as half an hour allows."""
+LAYOUT = {
+    tokenize.COMMENT,
+    tokenize.NL,
+    tokenize.NEWLINE,
+    tokenize.INDENT,
+    tokenize.DEDENT,
+    tokenize.ENDMARKER,
+}
+
+
+def lines_of_code(text):
+    """How many lines have code, which docstrings, comments and blank lines are not."""
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef)
+    nodes = [node for node in ast.walk(ast.parse(text)) if isinstance(node, documented)]
+    docstrings = [node.body[0] for node in nodes if ast.get_docstring(node)]
+    prose = {line for node in docstrings for line in range(node.lineno, node.end_lineno + 1)}
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    code = [range(token.start[0], token.end[0] + 1) for token in tokens if token.type not in LAYOUT]
+    return len({line for lines in code for line in lines} - prose)
+
+
+def test_checkers_of_certificates_are_short():
+    for name in ("check.py", "check_formulas.py"):
+        text = (ROOT / "certificate" / name).read_text(encoding="utf-8")
+        assert 100 < lines_of_code(text) <= MOST_LINES_OF_A_CHECKER, name
+
+
+def test_lines_of_code_are_counted():
+    """Control."""
+    assert (
+        lines_of_code('"""A\nb."""\n\n# c\nx = [1,\n     2]  # d\n\n\ndef f():\n    """e"""\n    return x\n')
+        == 4
+    )

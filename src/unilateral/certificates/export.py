@@ -11,6 +11,7 @@ from __future__ import annotations
 import gzip
 import json
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 FORMAT = "unilateral certificate 1"
 CERTIFICATE_ENDINGS: dict[str, list[str]] = {".json": [], ".gz": []}
 """The endings of the names of certificates, and the optional packages that each needs: none."""
-PLACE_BITS, VALUE_BITS = 52, 60
+PLACE_BITS, VALUE_BITS = 53, 60
 """Coordinates and values keep so many binary places of the largest one, for the checker's integers."""
 ROUNDING = 1e-14
 """Values are rounded, and moved by rounded places, by less than this part of their size."""
@@ -74,9 +75,9 @@ def judge_solution(solved: DiscreteSolution, mesh: Mesh, units: Units) -> Judged
     if not form.reaction:
         means = solved.source.moments().sum(axis=1) / scaled.areas
         flux = flux + flux_of_source(scaled, form.clamped, means + divergence(scaled, flux))
-    return JudgedFunction(
-        mesh, units.value * solved.u_h, units.force * flux, units.value * solved.feasible_trace
-    )
+    v, trace = units.value * solved.u_h, units.value * solved.feasible_trace
+    # Rounding could number the edges of the user's mesh in another order
+    return JudgedFunction(replace(mesh, known=scaled.triangulation), v, units.force * flux, trace)
 
 
 def make_certificate(problem: AnyProblem, judged: JudgedFunction) -> dict[str, Any]:
@@ -177,7 +178,9 @@ def friedrichs_field(mesh: Mesh, clamped: tuple[int, ...]) -> Array:
     """(2, E) flows and tilts of a field b with div b >= 1 and b.n = 0 on sides that are not clamped."""
     field = flux_of_source(mesh, clamped, -np.ones(len(mesh.triangles)))
     field[1] = 0.0  # one value on each edge, with the same divergence
-    return field * ((1 + FIELD_MARGIN) / divergence(mesh, field).min())
+    # Areas of the exact mesh differ by the distortion, with a second one for the rounding of places
+    margin = 1 + FIELD_MARGIN + 2 * float(mesh.distortion.max())
+    return field * (margin / divergence(mesh, field).min())
 
 
 def flux_of_source(mesh: Mesh, clamped: tuple[int, ...], f: Array) -> Array:

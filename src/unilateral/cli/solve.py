@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import shlex
 import sys
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -36,9 +35,8 @@ from unilateral.cli.report import (
 )
 from unilateral.cli.streams import load, say, tell
 from unilateral.cli.watching import bar_during, clear, watching
-from unilateral.errors import BudgetError, InputError, SolutionWarning, counted
+from unilateral.errors import BudgetError, InputError, counted
 from unilateral.formulas.decimals import fields, interval
-from unilateral.geometry.files import read_mesh
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
 from unilateral.solution.certificate import Bounds, energy, record, too_large
@@ -113,17 +111,12 @@ def certify(options: SimpleNamespace) -> int:
         state_problem(problem)
     if options.mesh is None and Path(options.solution).suffix in (".csv", ".nc"):
         raise InputError(f"--mesh is missing, because {options.solution} has no triangles")
-    if options.mesh is None:
-        with warnings.catch_warnings():
-            warnings.simplefilter("always", SolutionWarning)
-            mesh = read_mesh(options.solution, problem.polygon, corners=True)
-    else:
-        mesh = own_mesh(options.mesh, problem.polygon)
+    option = "--mesh" if options.mesh else "--solution"
     options.mesh = options.mesh or options.solution
+    mesh = own_mesh(options.mesh, problem.polygon, option, corners=True)
     files = load("unilateral.exchange.exported_folder")
-    found = api.certify(
-        problem, mesh, files.nodal_values_on(mesh, options.mesh, options.solution, options.field)
-    )
+    u = files.nodal_values_on(mesh, options.mesh, options.solution, options.field)
+    found = api.certify(problem, mesh, u)
     printed = _reported(found, options, watch, drawn=False)
     _keep(found, options, printed)
     return 0 if printed["h1_bound"] < math.inf else NOT_CONVERGED

@@ -109,8 +109,8 @@ def certificate(
     polygon,
     sides,
     f=(),
-    k="1",
-    c="0",
+    k=1,
+    c=0,
     *,
     triangles,
     boundary=None,
@@ -127,8 +127,8 @@ def certificate(
     stated = {
         "format": "unilateral certificate 1",
         "problem": {
-            "k": k,
-            "c": c,
+            "k": str(k),
+            "c": str(c),
             "polygon": [[str(x), str(y)] for x, y in polygon],
             "f": list(f),
             "sides": [{kind: list(data)} for kind, data in sides],

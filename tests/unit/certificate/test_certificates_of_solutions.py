@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from conftest import ROOT
+from test_exact_mesh import FAR, OTHERS
 
 import unilateral as ul
 from unilateral.certificates.statement import has_formulas
@@ -77,6 +78,7 @@ SOLUTIONS = {
     "large k": lambda: coefficients(10**5, 1000, 10**5, 1 / 16),
     "own mesh": on_own_mesh,
 }
+POLYGONS = FAR | OTHERS
 CELLS_CUT_EDGES = {"slanted"}
 """The multiplier's cells are no whole edges there, so that p.n, which is judged, is not lambda_H."""
 PROVED = ["README", "cog", "seal", "shelf", "step", "slanted", "clamped", "large k", "own mesh"]
@@ -139,6 +141,17 @@ def test_the_check_proves_the_numbers_of_the_project(name, checked):
     proved, bounds = checked(name), checked(name).solution.bounds
     assert proved.u <= bounds.u
     assert proved.multiplier <= bounds.multiplier
+
+
+@pytest.mark.parametrize("name", POLYGONS)
+def test_so_it_does_on_polygons_where_nodes_are_rounded(name, tmp_path):
+    """u = x is linear: the bounds are what rounding may do, and the field for c = 0 has little room."""
+    mesh, path = POLYGONS[name](), tmp_path / "linear.json"
+    problem = ul.Problem(mesh.polygon, f=0, u=dict.fromkeys(range(mesh.polygon.n_sides), "x"), c=0)
+    solution = ul.solve(problem, mesh=mesh, H=float(mesh.polygon.lengths.max()))
+    solution.save_certificate(path)
+    u, _ = bounds_of(json.loads(path.read_text(encoding="utf-8")))
+    assert 0 < u <= solution.bounds.u
 
 
 def test_another_flux_has_another_bound(checked):

@@ -57,7 +57,7 @@ def full_contact():
     sides = [("contact", BOWL)] * 4
     load = [*BOWL, *polynomial(one=-2)]
     mesh = fan(SQUARE, (Fraction(3, 8), Fraction(1, 2)), 5)
-    return certificate(SQUARE, sides, load, c="1", **mesh, **interpolated(BOWL, 1)), BOWL
+    return certificate(SQUARE, sides, load, c=1, **mesh, **interpolated(BOWL, 1)), BOWL
 
 
 def gaps():
@@ -66,7 +66,7 @@ def gaps():
     sides = [("contact", below), ("contact", u), ("contact", below), ("contact", below)]
     mesh = fan(SQUARE, (Fraction(1, 2), Fraction(5, 8)), 5)
     load = polynomial(one=-4, xx="1/3")
-    return certificate(SQUARE, sides, load, k="2", c="1/3", **mesh, **interpolated(u, 2)), u
+    return certificate(SQUARE, sides, load, k=2, c=Fraction(1, 3), **mesh, **interpolated(u, 2)), u
 
 
 def clamped_and_free():
@@ -91,7 +91,9 @@ def slanted():
     load = [[i, j, str(3 * Fraction(c))] for i, j, c in BOWL] + polynomial(one=-1)
     mesh = fan(PENTAGON, (Fraction(3, 4), Fraction(5, 8)), 4)
     sides = [("contact", BOWL)] * 5
-    return certificate(PENTAGON, sides, load, k="1/2", c="3", **mesh, **interpolated(BOWL, "1/2")), BOWL
+    return certificate(
+        PENTAGON, sides, load, k=Fraction(1, 2), c=3, **mesh, **interpolated(BOWL, Fraction(1, 2))
+    ), BOWL
 
 
 PROBLEMS = [full_contact, gaps, clamped_and_free, slanted]
@@ -372,7 +374,7 @@ def test_spoilt_bytes_are_refused_or_the_bound_holds(ending, run):
     codes = Counter()
     for _ in range(80):
         spoilt, place = bytearray(whole), rng.randrange(len(whole))
-        spoilt[place] = rng.randrange(256)
+        spoilt[place] = rng.choice(b'0123456789-.,:[]{}"e x\xff')
         code, output = run(module, bytes(spoilt[: rng.choice([len(whole), len(whole), place])]), ending)
         codes[code] += 1
         if (
@@ -381,7 +383,7 @@ def test_spoilt_bytes_are_refused_or_the_bound_holds(ending, run):
             and stated_problem(output) == stated_problem(run(module, stated)[1])
         ):
             assert printed_bound(output) >= Decimal((1 - ROUNDING) * true_error(json.loads(spoilt), u))
-    assert codes[2] > 20  # those whose ends are missing
+    assert codes[2] >= 20  # a third of the files have no end
     assert set(codes) <= {0, 1, 2}
 
 

@@ -22,6 +22,7 @@ from conftest import ROOT
 import unilateral as ul
 from unilateral import api
 from unilateral.certificates.export import (
+    checker_of,
     judge_solution,
     make_certificate,
     obstacle_bounds,
@@ -37,17 +38,17 @@ CLOSE = 0.03
 SIZES = ("--h", "1/8", "--H", "1/4")
 
 
-def check(path):
-    """The exit code of the checker, and what it prints; -I and -S leave out all packages."""
-    line = [sys.executable, "-I", "-S", str(ROOT / "certificate/check.py"), str(path)]
+def check(path, program="certificate/check.py"):
+    """The exit code of a checker, and what it prints; -I and -S leave out all packages."""
+    line = [sys.executable, "-I", "-S", str(ROOT / program), str(path)]
     done = subprocess.run(line, capture_output=True, text=True, timeout=60)
     assert done.stderr == ""
     return done.returncode, done.stdout
 
 
-def proved(path):
+def proved(path, *program):
     """The bounds on the errors of u and of the flux."""
-    code, printed = check(path)
+    code, printed = check(path, *program)
     assert code == 0, printed
     return [float(bound) for bound in re.findall(r"<= (\S+?)(?:,|$)", printed.splitlines()[-1])]
 
@@ -80,6 +81,7 @@ SOLUTIONS = {
     "seal": lambda: ul.solve(EXAMPLES / "seal.yaml", h=1 / 32, H=1 / 16),
     "step": lambda: ul.solve(EXAMPLES / "step.yaml", accuracy=0.05),
     "plate": lambda: ul.solve(EXAMPLES / "plate.yaml", h=1e-3 / 16, H=1e-3 / 8),
+    "shelter": lambda: ul.solve(EXAMPLES / "shelter.yaml", h=1 / 16, H=1 / 8),
     "own mesh": on_own_mesh,
     "flux": with_flux,
     "without reaction": without_reaction,
@@ -90,7 +92,7 @@ SOLUTIONS = {
 def test_the_checker_proves_the_bound(name, tmp_path):
     s = SOLUTIONS[name]()
     s.save_certificate(tmp_path / "c.json.gz")
-    u, flux = proved(tmp_path / "c.json.gz")
+    u, flux = proved(tmp_path / "c.json.gz", checker_of(s.problem))
     assert u == pytest.approx(s.bounds.u, rel=CLOSE)
     # the checker's is for p.n, which is lambda_H only where cells consist of whole edges
     assert flux <= (1 + CLOSE) * s.bounds.multiplier

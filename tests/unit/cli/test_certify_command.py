@@ -73,6 +73,12 @@ def test_of_second_order_triangles_the_corners_are_taken(files, run):
     values = np.append(files.u, np.full(len(middles), 99.0))
     points = np.concatenate([mesh.points, middles])
     write("p2.vtu", points, [("triangle6", cells)], {"u": values})
+    write("only.vtu", points, [("triangle6", cells)])
+    table("corners.csv", "x,y,u", *mesh.points.T, files.u)
+    assert certified(run, "--solution", "corners.csv", "--mesh", "only.vtu")[:2] == (
+        0,
+        pytest.approx(files.bounds.u, rel=1e-9),
+    )
     code, bound, err = certified(run, "--solution", "p2.vtu")
     assert (code, bound) == (0, pytest.approx(files.bounds.u, rel=1e-12))
     assert err == (
@@ -107,7 +113,7 @@ def test_files_are_written_and_the_certificate_is_proved(files, run):
 
 
 REFUSED = {
-    "no file": (["nix.vtu"], "nix.vtu cannot be read: No such file or directory"),
+    "no file": (["nix.vtu"], "argument --solution: there is no file 'nix.vtu'"),
     "no mesh": (["u.csv"], "--mesh is missing, because u.csv has no triangles"),
     "another mesh": (
         ["u.vtu", "--mesh", "coarse.vtu"],
