@@ -375,6 +375,9 @@ def test_a_mesh_of_another_polygon_and_functions_are_refused(natural):
         ul.certify(functions, mesh_of(functions, 4), np.zeros(25))
     with pytest.raises(ul.InputError, match="is not a problem"):
         ul.certify(7, triangle, np.zeros(3))
+    for parts in ((), (triangle.points,), (triangle.points, triangle.triangles, 0)):
+        with pytest.raises(ul.InputError, match="is no mesh; give a file, points and triangles"):
+            ul.certify(natural, parts, np.zeros(3))
 
 
 def test_a_problem_of_a_mesh_takes_this_mesh_only(natural, other):
