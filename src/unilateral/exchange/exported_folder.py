@@ -357,7 +357,9 @@ def _of_columns(columns: Mapping[str, Any], file: str) -> Handed:
 def _of_mesh(file: str, field: str | None) -> Handed:
     content = read_content(file)
     names = [*content.point_data]
-    fields = _renamed(content.point_data, names[0] if field is None and len(names) == 1 else field)
+    if field is None and len(names) == 1 and content.point_data[names[0]].dtype.kind == "f":
+        field = names[0]  # integers are numbers of nodes or groups rather than u
+    fields = _renamed(content.point_data, field)
     n = len(content.points)
     nodal = {name: np.reshape(fields[name], n).astype(float) for name in NODAL if name in fields}
     triangles = [block.data[:, :3].ravel() for block in content.cells if block.type.startswith("triangle")]

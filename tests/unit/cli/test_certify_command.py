@@ -131,6 +131,7 @@ REFUSED = {
     ),
     "another field": (["u.vtu", "--field", "w"], "u.vtu: there is no w at the nodes; --field names"),
     "no field": (["mesh.vtu"], "mesh.vtu: there is no u at the nodes; --field"),
+    "numbers of nodes": (["ids.vtu"], "ids.vtu: there is no u at the nodes; --field"),
     "vectors": (["vectors.vtu"], "vectors.vtu: it cannot be read (cannot reshape"),
     "too short": (["short.csv", "--mesh", "mesh.vtu"], "u has the shape (80,); it has to be (81,)"),
     "places of other names": (
@@ -151,6 +152,9 @@ def test_what_does_not_fit_is_refused(arguments, message, files, run):
     table("nan.csv", "u", np.append(np.nan, files.u[1:]))
     coarse = ul.Solver("p.yaml", h=1 / 4, H=1 / 2).mesh
     write("coarse.vtu", coarse.points, [("triangle", coarse.triangles)])
+    write(
+        "ids.vtu", files.mesh.points, [("triangle", files.mesh.triangles)], {"ids": np.arange(len(files.u))}
+    )
     vectors = {"u": np.zeros((len(files.u), 3))}
     write("vectors.vtu", files.mesh.points, [("triangle", files.mesh.triangles)], vectors)
     code, out, err = run("certify", "p.yaml", "--solution", *arguments)
