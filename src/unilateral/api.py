@@ -333,7 +333,7 @@ def _mesh_on(problem: AnyProblem, given: object) -> Mesh:
     """The mesh that is given, on the polygon of a problem; a problem of a mesh takes no other one."""
     own, found = mesh_of(problem), given
     if not (isinstance(found, Mesh) and np.array_equal(found.polygon.vertices, problem.polygon.vertices)):
-        parts = given if isinstance(given, tuple) else (given,)
+        parts = given if isinstance(given, tuple) and len(given) == 2 else (given,)
         found = mesh(*parts, polygon=problem.polygon)
     if own and not (
         np.array_equal(found.points, own.points) and np.array_equal(found.triangles, own.triangles)

@@ -272,6 +272,14 @@ def test_a_side_of_one_edge_is_told_of_and_bounds_hold(natural):
     assert index(found) >= 1
 
 
+def test_a_mesh_without_a_node_in_contact_is_refused_with_what_mends_it():
+    problem = ul.Problem([(0, 0), (1, 0), (0, 1)], 1, [-1, None, None], u={1: 0, 2: 0})
+    mesh = ul.mesh(problem.polygon.vertices, [(0, 1, 2)])
+    with pytest.raises(ul.InputError, match=r"take a smaller h, or ul.mesh\(mesh, halvings=1\)"):
+        ul.certify(problem, mesh, np.zeros(3))
+    certified(problem, ul.mesh(mesh, halvings=1), np.zeros(6))
+
+
 def test_a_solution_that_penetrates_far_is_told_of(natural, other):
     mesh, solver = other
     with pytest.warns(ul.SolutionWarning, match="most of the bound on the error of u is for u < g"):
@@ -375,6 +383,9 @@ def test_a_mesh_of_another_polygon_and_functions_are_refused(natural):
         ul.certify(functions, mesh_of(functions, 4), np.zeros(25))
     with pytest.raises(ul.InputError, match="is not a problem"):
         ul.certify(7, triangle, np.zeros(3))
+    for parts in ((), (triangle.points,), (triangle.points, triangle.triangles, 0)):
+        with pytest.raises(ul.InputError, match="is no mesh; give a file, points and triangles"):
+            ul.certify(natural, parts, np.zeros(3))
 
 
 def test_a_problem_of_a_mesh_takes_this_mesh_only(natural, other):

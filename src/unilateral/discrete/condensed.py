@@ -181,7 +181,7 @@ def on_spaces(problem: Data | Sampled, spaces: MixedSpaces, load: Load | None = 
     if len(spaces.cells) and not spaces.operator.lambda_max:
         raise InputError(
             f"the mesh of '{spaces.mesh.polygon.name}' has no node in contact that is not on a clamped side;"
-            " take a smaller h"
+            " take a smaller h, or ul.mesh(mesh, halvings=1) of your own mesh"
         )
     if is_case(problem):
         return with_solution(spaces, exact(problem, spaces))

@@ -117,14 +117,14 @@ def foreign(levels: list[ExportedLevel], file: str, multiplier: str | None = Non
 def nodal_values_on(mesh: Mesh, name: str, file: str, field: str | None = None) -> Array:
     """Nodal values (n,) of a `field` in a file, by default u or the only one, on the mesh of that name.
 
-    Nodes are matched by their places; without these, values have the order of the nodes. Raises InputError as
-    `foreign`.
+    Nodes are matched by their places. Without these, or in the file of the mesh, whose nodes may have been
+    moved onto sides, values have the order of the nodes. Raises InputError as `foreign`.
     """
     found = handed(file, field)
     if "u" not in found.nodal:
         name = shown(field or "u")
         raise InputError(f"{file}: there is no {name} at the nodes; --field names the values to take")
-    if found.points is None:
+    if found.points is None or file == name:
         return found.nodal["u"]
     level = ExportedLevel(name, mesh, Partition(mesh.polygon, mesh.s))
     _, node = _matched([level], found.points, file)
@@ -312,13 +312,13 @@ def handed(file: str, field: str | None = None) -> Handed:
         if Path(file).suffix == ".csv":
             import pandas as pd
 
-            return _of_columns(_renamed(dict(pd.read_csv(file, skipinitialspace=True)), field))
+            return _of_columns(_renamed(dict(pd.read_csv(file, skipinitialspace=True)), field), file)
         if Path(file).suffix == ".nc":
             import xarray as xr
 
             with xr.open_dataset(file) as dataset:
                 columns = {str(name): of.to_numpy() for name, of in dataset.variables.items()}
-                return _of_columns(_renamed(columns, field))
+                return _of_columns(_renamed(columns, field), file)
         return _of_mesh(file, field)
     except InputError:
         raise
@@ -330,10 +330,11 @@ def _renamed(fields: Mapping[str, Any], field: str | None) -> Mapping[str, Any]:
     """The fields with `field` as u; a field of another meaning stays what it is."""
     if field is None or (field in NODAL and field in fields):
         return fields
-    return {**fields, "u": fields[field]} if field in fields else {}
+    others = {name: values for name, values in fields.items() if name != field}
+    return {**others, "u": fields[field]} if field in fields else {}
 
 
-def _of_columns(columns: Mapping[str, Any]) -> Handed:
+def _of_columns(columns: Mapping[str, Any], file: str) -> Handed:
     found = {
         str(name): np.asarray(columns[name], dtype=float)
         for name in ("x", "y", "start", "end", *NODAL)
@@ -344,6 +345,11 @@ def _of_columns(columns: Mapping[str, Any]) -> Handed:
         cells = found["start"], found["end"], found.pop("multiplier")
     nodal = {name: found[name] for name in NODAL if name in found}
     if "x" not in found or "y" not in found:
+        if "u" in found and len(columns) > 1:  # places under other names would be passed over
+            raise InputError(
+                f"{file}: there are no columns x and y; name the places so, or give u as the only column, in "
+                "the order of the nodes"
+            )
         return Handed(None, nodal, cells)
     return Handed(np.column_stack([found["x"], found["y"]]), nodal, cells)
 
@@ -351,7 +357,9 @@ def _of_columns(columns: Mapping[str, Any]) -> Handed:
 def _of_mesh(file: str, field: str | None) -> Handed:
     content = read_content(file)
     names = [*content.point_data]
-    fields = _renamed(content.point_data, names[0] if field is None and len(names) == 1 else field)
+    if field is None and len(names) == 1 and content.point_data[names[0]].dtype.kind == "f":
+        field = names[0]  # integers are numbers of nodes or groups rather than u
+    fields = _renamed(content.point_data, field)
     n = len(content.points)
     nodal = {name: np.reshape(fields[name], n).astype(float) for name in NODAL if name in fields}
     triangles = [block.data[:, :3].ravel() for block in content.cells if block.type.startswith("triangle")]

@@ -66,6 +66,16 @@ def test_columns_of_a_csv_are_matched_by_places_or_by_order(files, run):
     assert bound > 10 * files.bounds.u
 
 
+def test_values_in_the_file_of_the_mesh_have_its_order_also_where_nodes_are_moved_onto_sides(files, run):
+    """Five decimals explain that all nodes are away by 1e-5; matched by places, the corners would be lost."""
+    write("off.vtu", files.mesh.points + 1e-5, [("triangle", files.mesh.triangles)], {"u": files.u})
+    code, bound, err = certified(run, "--solution", "off.vtu")
+    assert (code, bound, err) == (0, pytest.approx(files.bounds.u, rel=1e-4), "")
+    table("off.csv", "x,y,u", *(files.mesh.points.T + 1e-5), files.u)
+    code, _, err = certified(run, "--solution", "off.csv", "--mesh", "mesh.vtu")  # control
+    assert (code, err.split(";")[0]) == (2, "unilateral: off.csv: another mesh")
+
+
 def test_of_second_order_triangles_the_corners_are_taken(files, run):
     mesh, n = files.mesh, files.mesh.n_nodes
     middles = 0.5 * mesh.points[mesh.triangulation.ends].sum(axis=1)
@@ -121,8 +131,14 @@ REFUSED = {
     ),
     "another field": (["u.vtu", "--field", "w"], "u.vtu: there is no w at the nodes; --field names"),
     "no field": (["mesh.vtu"], "mesh.vtu: there is no u at the nodes; --field"),
+    "numbers of nodes": (["ids.vtu"], "ids.vtu: there is no u at the nodes; --field"),
     "vectors": (["vectors.vtu"], "vectors.vtu: it cannot be read (cannot reshape"),
     "too short": (["short.csv", "--mesh", "mesh.vtu"], "u has the shape (80,); it has to be (81,)"),
+    "places of other names": (
+        ["points.csv", "--mesh", "mesh.vtu"],
+        "points.csv: there are no columns x and y",
+    ),
+    "places without x": (["y.csv", "--mesh", "mesh.vtu"], "y.csv: there are no columns x and y"),
     "not finite": (["nan.csv", "--mesh", "mesh.vtu"], "u[0] is nan; it has to be finite"),
 }
 
@@ -131,9 +147,14 @@ REFUSED = {
 def test_what_does_not_fit_is_refused(arguments, message, files, run):
     table("u.csv", "x,y,u", *files.mesh.points.T, files.u)
     table("short.csv", "u", files.u[1:])
+    table("points.csv", "u,Points:0,Points:1", files.u, *files.mesh.points.T)
+    table("y.csv", "y,u", files.mesh.points[:, 1], files.u)
     table("nan.csv", "u", np.append(np.nan, files.u[1:]))
     coarse = ul.Solver("p.yaml", h=1 / 4, H=1 / 2).mesh
     write("coarse.vtu", coarse.points, [("triangle", coarse.triangles)])
+    write(
+        "ids.vtu", files.mesh.points, [("triangle", files.mesh.triangles)], {"ids": np.arange(len(files.u))}
+    )
     vectors = {"u": np.zeros((len(files.u), 3))}
     write("vectors.vtu", files.mesh.points, [("triangle", files.mesh.triangles)], vectors)
     code, out, err = run("certify", "p.yaml", "--solution", *arguments)
