@@ -172,8 +172,8 @@ def flat_triangles(solved: DiscreteSolution) -> str:
 
 
 def lift_dominates(solved: DiscreteSolution) -> str:
-    """Says that D^2 is most of X^2 <= S^2 + 2 B + D^2, D the norm of what makes u admissible; else empty."""
-    bound = None if too_large(solved, False) else solved.bound(False)
+    """Says of another program's u that most of its bound is what makes it admissible; else empty."""
+    bound = solved.bound() if solved.foreign and not too_large(solved, False) else None
     if not isinstance(bound, LocalBound) or bound.lifting**2 <= 0.5 * bound.u**2:
         return ""
     return (
