@@ -424,7 +424,7 @@ class Solution:
 
     @property
     def error_shares(self) -> Array | None:
-        """(k,) each triangle's part of the square of `bounds.u`; their sum is 1. None without bounds.
+        """(k,) each triangle's part of the squares in `bounds.u`; their sum is 1. None without bounds.
 
         >>> import unilateral as ul
         >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
