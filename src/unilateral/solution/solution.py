@@ -20,12 +20,7 @@ from unilateral.arrays import Array, Index, floats
 from unilateral.bounds.clamped_ends import Clamps, none
 from unilateral.bounds.forces import Force, forces
 from unilateral.bounds.local_bounds import LocalBound
-from unilateral.certificates.export import (
-    CERTIFICATE_ENDINGS,
-    judge_solution,
-    make_certificate,
-    write_certificate,
-)
+from unilateral.certificates import export
 from unilateral.discrete.base import DiscreteSolution
 from unilateral.errors import InputError, SolutionWarning
 from unilateral.formulas.decimals import guaranteed, interval, is_bounded, up
@@ -585,9 +580,9 @@ class Solution:
             For another ending, and for what no checker reads: functions, arrays, cases, pos, irrational k
             and c, and u that is not quadratic along its side.
         """
-        check_target(path, CERTIFICATE_ENDINGS)
-        judged = judge_solution(self.solved, self.mesh, self.problem.units)
-        write_certificate(make_certificate(self.problem, judged), path)
+        check_target(path, export.CERTIFICATE_ENDINGS)
+        judged = export.judge_solution(self.solved, self.mesh, self.problem.units)
+        export.write_certificate(export.make_certificate(self.problem, judged), path)
 
     @overload
     def plot(self) -> Figure: ...
