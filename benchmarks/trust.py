@@ -37,22 +37,22 @@ Part = dict[str, float]
 def row(n: int) -> dict[str, Any]:
     """What each part takes at h = 1/n: medians of its processor seconds, and its peak MB of 2^20 bytes."""
     with TemporaryDirectory() as folder:
-        given, formulas = Path(folder, "given.json.gz"), Path(folder, "formulas.json.gz")
-        runs = [measured(n, given, formulas) for _ in range(REPEATS)]
-        size = given.stat().st_size / 2**20
+        polynomials, formulas = (Path(folder, f"{name}.json.gz") for name in ("polynomials", "formulas"))
+        runs = [measured(n, polynomials, formulas) for _ in range(REPEATS)]
+        size = polynomials.stat().st_size / 2**20
     parts = {
-        name: {of: median(run[name][of] for run in runs) for of in ("seconds", "mb")}
+        name: {unit: median(run[name][unit] for run in runs) for unit in ("seconds", "mb")}
         for name in ("solve", "bound", "certificate", *CHECKERS)
     }
     return {"n": n, "triangles": runs[0]["triangles"], "file_mb": size, **parts}
 
 
-def measured(n: int, given: Path, formulas: Path) -> dict[str, Any]:
+def measured(n: int, polynomials: Path, formulas: Path) -> dict[str, Any]:
     """All parts once: the program in one process, then a process for each checker."""
-    said, _ = process([sys.executable, "-m", "benchmarks.trust", "--program", str(n), str(given)])
-    certificate = json.loads(gzip.decompress(given.read_bytes()))
+    said, _ = process([sys.executable, "-m", "benchmarks.trust", "--program", str(n), str(polynomials)])
+    certificate = json.loads(gzip.decompress(polynomials.read_bytes()))
     formulas.write_bytes(gzip.compress(json.dumps(with_formulas(certificate)).encode()))
-    files = {"check": given, "check_formulas": formulas}
+    files = {"check": polynomials, "check_formulas": formulas}
     checks = {name: checked(program, files[name]) for name, program in CHECKERS.items()}
     return {**json.loads(said), **checks}
 
@@ -84,13 +84,13 @@ def program(n: int, certificate: str) -> dict[str, Any]:
     import unilateral as ul
 
     ul.solve(ROOT / PROBLEM, h=1 / 4, H=1 / 2).save_certificate(certificate)
-    found: dict[str, Any] = {}
+    parts: dict[str, Any] = {}
     times = [time.process_time()]
 
     def ended(part: str) -> None:
         times.append(time.process_time())
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
-        found[part] = {"seconds": times[-1] - times[-2], "mb": peak}
+        parts[part] = {"seconds": times[-1] - times[-2], "mb": peak}
 
     s = ul.solve(ROOT / PROBLEM, h=1 / n, H=2 / n, mesh="structured")
     ended("solve")
@@ -98,7 +98,7 @@ def program(n: int, certificate: str) -> dict[str, Any]:
     ended("bound")
     s.save_certificate(certificate)
     ended("certificate")
-    return {"triangles": len(s.mesh.triangles), **found}
+    return {"triangles": len(s.mesh.triangles), **parts}
 
 
 def with_formulas(certificate: dict[str, Any]) -> dict[str, Any]:

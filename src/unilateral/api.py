@@ -24,7 +24,7 @@ from unilateral.accuracy.goal import ACCURACY, NORMS, Goal
 from unilateral.accuracy.level import Level
 from unilateral.accuracy.search import search
 from unilateral.accuracy.watch import Watch
-from unilateral.errors import InputError, IterationWarning, SolutionWarning, shown
+from unilateral.errors import InputError, IterationWarning, shown
 from unilateral.geometry.files import read_mesh
 from unilateral.geometry.foreign import halved, mesh_from
 from unilateral.geometry.mesh import Mesh
@@ -38,7 +38,7 @@ from unilateral.problems.sampled import Sampled
 from unilateral.problems.scaled import scaled
 from unilateral.solution import certification
 from unilateral.solution.sizes import KINDS, Size, check_kind, number
-from unilateral.solution.solution import Solution, lift_dominates
+from unilateral.solution.solution import Solution
 from unilateral.solution.solver import Solver, check_stop, tell_faults
 from unilateral.solution.summary import LINEAR
 from unilateral.solvers.stop import Stop
@@ -321,12 +321,10 @@ def certify(
     >>> [round(ul.certify(right.problem, right.mesh, s.u).bounds.u, 2) for s in (right, half)]
     [0.02, 0.17]
     """
-    known = _problem(problem)
-    found = certification.certify(known, _mesh_on(known, mesh), u, multiplier)
-    tell_faults(found, own_mesh=True)
-    if reason := lift_dominates(found.solved):
-        warnings.warn(reason, SolutionWarning, stacklevel=2)
-    return found
+    problem = _problem(problem)
+    solution = certification.certify(problem, _mesh_on(problem, mesh), u, multiplier)
+    tell_faults(solution, own_mesh=True)
+    return solution
 
 
 def _mesh_on(problem: AnyProblem, given: object) -> Mesh:

@@ -194,11 +194,6 @@ class Lifting(NamedTuple):
         v, touching = raised(self.g, before, self.contact, self.flux, self.of.bubble_squares())
         return *_coefficients(v - before), missing(self.g, v, touching, self.flux)
 
-    def trace(self, nodal: Array) -> Array:
-        """(2 nb,) values at boundary nodes, raised: at the nodes, then at the midpoints of boundary edges."""
-        before = _trace(nodal, np.zeros_like(nodal))
-        return raised(self.g, before, self.contact, self.flux, self.of.bubble_squares())[0]
-
     def added(self, short: Missing) -> Array:
         """(k,) bounds on the squared norms of what is added for the doubt on the layer's triangles."""
         none = np.zeros_like(short.added)

@@ -78,12 +78,14 @@ class LocalBound(Bound):
     """The cheap bound: `flux` is ||grad u_h - q||, and `residual` is ||u_h - f~ - div q||.
 
     `shares` (m,) are the triangles' parts of u^2: of the squares of flux, residual, lifting and data, and of
-    2 <sigma, u_h + d - g>. Their sum is at most u^2 and, but for rounding, at least u^2 / 6.
+    2 <sigma, u_h + d - g>. Their sum is at most u^2 and, but for rounding, at least u^2 / 6. `lift` (2, nb)
+    has the coefficients of d at boundary nodes, and of the bubbles of boundary edges.
     """
 
     flux: float
     residual: float
     shares: Array
+    lift: Array
     ends: ClampedEnds
 
 
@@ -147,6 +149,7 @@ def local_bound(
         flux=root(of_gradient),
         residual=math.sqrt(mesh.areas @ residual**2),
         shares=shares,
+        lift=np.stack(of_boundary),
         outflows=outflows(mesh, form, q),
         of_fluxes=of_lambda + mesh.growth * data,
         ends=ends,

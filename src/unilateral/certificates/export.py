@@ -20,6 +20,7 @@ import numpy as np
 import unilateral
 from unilateral.arrays import Array, Index
 from unilateral.bounds.equilibrated_flux import equilibrated, flows
+from unilateral.bounds.local_bounds import LocalBound
 from unilateral.certificates.statement import has_formulas, state_problem
 from unilateral.discrete.base import DiscreteSolution
 from unilateral.errors import InputError
@@ -30,7 +31,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.problems.piecewise import ORDER, SIGNS, on_intervals
 from unilateral.problems.problem import Problem
 from unilateral.problems.units import Units
-from unilateral.system.files import check_target, replacing
+from unilateral.system.files import replacing
 
 if TYPE_CHECKING:
     from unilateral.problems.given import AnyProblem
@@ -69,15 +70,20 @@ def judge_solution(solved: DiscreteSolution, mesh: Mesh, units: Units) -> Judged
 
     Raises InputError if there is no bound.
     """
-    if solved.source is None or solved.flux is None or solved.feasible_trace is None:
-        raise InputError("there is no bound to certify, because f, g, q or u is a function")
-    flux, scaled, form = solved.flux, solved.discrete.mesh, solved.discrete.form
+    bound, flux, source = solved.bound(), solved.flux, solved.source
+    if not isinstance(bound, LocalBound) or flux is None or source is None:
+        raise InputError(
+            "there is no bound to certify, because f, g, q or u is a function; give a formula in its place"
+        )
+    scaled, form = solved.discrete.mesh, solved.discrete.form
     if not form.reaction:
-        means = solved.source.moments().sum(axis=1) / scaled.areas
+        means = source.moments().sum(axis=1) / scaled.areas
         flux = flux + flux_of_source(scaled, form.clamped, means + divergence(scaled, flux))
-    v, trace = units.value * solved.u_h, units.value * solved.feasible_trace
+    raised, bubbles = solved.u_h[scaled.boundary] + bound.lift[0], bound.lift[1]
+    trace = units.value * np.append(raised, 0.5 * (raised + np.roll(raised, -1)) + bubbles)
     # Rounding could number the edges of the user's mesh in another order
-    return JudgedFunction(replace(mesh, known=scaled.triangulation), v, units.force * flux, trace)
+    numbered = replace(mesh, known=scaled.triangulation)
+    return JudgedFunction(numbered, units.value * solved.u_h, units.force * flux, trace)
 
 
 def make_certificate(problem: AnyProblem, judged: JudgedFunction) -> dict[str, Any]:
@@ -91,8 +97,7 @@ def make_certificate(problem: AnyProblem, judged: JudgedFunction) -> dict[str, A
     polygon = mesh.polygon
     inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
     order = np.append(mesh.boundary, inside)
-    number = np.empty_like(order)
-    number[order] = np.arange(len(order))
+    number = np.argsort(order)
     # The part of its side that lies before each boundary node
     along = (mesh.s[:-1] - polygon.starts[mesh.side]) / polygon.lengths[mesh.side]
     places = np.rint(along * 2.0**PLACE_BITS) / 2.0**PLACE_BITS
@@ -204,8 +209,7 @@ def divergence(mesh: Mesh, flux: Array) -> Array:
 
 
 def write_certificate(record: dict[str, Any], path: str | os.PathLike[str]) -> None:
-    """Writes a certificate, compressed if the name ends in .gz. Raises InputError as `check_target`."""
-    check_target(path, CERTIFICATE_ENDINGS)
+    """Writes a certificate, compressed if the name ends in .gz."""
     text = json.dumps(record, separators=(",", ":"), allow_nan=False).encode()
     with replacing(path) as temporary:
         temporary.write_bytes(gzip.compress(text, 6, mtime=0) if temporary.suffix == ".gz" else text)

@@ -12,7 +12,6 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.bounds.boundary_flux import Given, edge_flux, given
-from unilateral.bounds.feasible import lifting
 from unilateral.bounds.flux_residuals import SUMS
 from unilateral.bounds.forces import balance
 from unilateral.bounds.local_bounds import LocalBound, flux_of, local_bound
@@ -194,15 +193,6 @@ class DiscreteSolution:
     def source(self) -> Source | None:
         """The enclosure of f, where f, g and q are formulas."""
         return self._given[0] if self._given else None
-
-    @property
-    def feasible_trace(self) -> Array | None:
-        """(2 nb,) u_h with what the cheap bound adds to it, at boundary nodes, then at midpoints of edges."""
-        if self._given is None:
-            return None
-        source, obstacle, cells, u_h, lambda_H, _, form = self._given
-        lift = lifting(source.mesh, obstacle, u_h, edge_flux(source.mesh, cells, lambda_H), form)
-        return lift.trace(u_h[source.mesh.boundary])
 
     @property
     def facts(self) -> Facts:

@@ -20,12 +20,7 @@ from unilateral.arrays import Array, Index, floats
 from unilateral.bounds.clamped_ends import Clamps, none
 from unilateral.bounds.forces import Force, forces
 from unilateral.bounds.local_bounds import LocalBound
-from unilateral.certificates.export import (
-    CERTIFICATE_ENDINGS,
-    judge_solution,
-    make_certificate,
-    write_certificate,
-)
+from unilateral.certificates import export
 from unilateral.discrete.base import DiscreteSolution
 from unilateral.errors import InputError, SolutionWarning
 from unilateral.formulas.decimals import guaranteed, interval, is_bounded, up
@@ -172,8 +167,8 @@ def flat_triangles(solved: DiscreteSolution) -> str:
 
 
 def lift_dominates(solved: DiscreteSolution) -> str:
-    """Says that D^2 is most of X^2 <= S^2 + 2 B + D^2, D the norm of what makes u admissible; else empty."""
-    bound = None if too_large(solved, False) else solved.bound(False)
+    """Says of another program's u that most of its bound is what makes it admissible; else empty."""
+    bound = solved.bound() if solved.foreign and not too_large(solved, False) else None
     if not isinstance(bound, LocalBound) or bound.lifting**2 <= 0.5 * bound.u**2:
         return ""
     return (
@@ -424,7 +419,7 @@ class Solution:
 
     @property
     def error_shares(self) -> Array | None:
-        """(k,) each triangle's part of the square of `bounds.u`; their sum is 1. None without bounds.
+        """(k,) each triangle's part of the squares in `bounds.u`; their sum is 1. None without bounds.
 
         >>> import unilateral as ul
         >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
@@ -585,9 +580,9 @@ class Solution:
             For another ending, and for what no checker reads: functions, arrays, cases, pos, irrational k
             and c, and u that is not quadratic along its side.
         """
-        check_target(path, CERTIFICATE_ENDINGS)
-        judged = judge_solution(self.solved, self.mesh, self.problem.units)
-        write_certificate(make_certificate(self.problem, judged), path)
+        check_target(path, export.CERTIFICATE_ENDINGS)
+        judged = export.judge_solution(self.solved, self.mesh, self.problem.units)
+        export.write_certificate(export.make_certificate(self.problem, judged), path)
 
     @overload
     def plot(self) -> Figure: ...

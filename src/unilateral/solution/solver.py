@@ -31,7 +31,7 @@ from unilateral.problems.scaled import scaled
 from unilateral.solution.certificate import relative, sizes
 from unilateral.solution.matrices import Matrices, matrices
 from unilateral.solution.sizes import Size, check_kind, number, sized
-from unilateral.solution.solution import Solution, not_converged, not_unique
+from unilateral.solution.solution import Solution, lift_dominates, not_converged, not_unique
 from unilateral.solvers.stop import Stop
 
 if TYPE_CHECKING:
@@ -198,6 +198,8 @@ def tell_faults(found: Solution, own_mesh: bool = False) -> None:
         warnings.warn(not_converged(found.solved), SolutionWarning, stacklevel=3)
     if not found.unique:
         warnings.warn(f"lambda_H {not_unique(found.mesh, own_mesh)}", SolutionWarning, stacklevel=3)
+    if reason := lift_dominates(found.solved):
+        warnings.warn(reason, SolutionWarning, stacklevel=3)
 
 
 def not_certified(search: Search, found: Solution) -> str:

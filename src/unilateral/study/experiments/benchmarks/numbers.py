@@ -95,25 +95,19 @@ def of_trust(told: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-TRUST = {
-    "solve": "solve",
-    "bound": "bound",
-    "certificate": "certificate written",
-    "check": "`check.py`",
-    "check_formulas": "`check_formulas.py`",
-}
+TRUST = {"solve": "solve", "bound": "bound", "certificate": "certificate written"}
+TRUST |= {checker: f"`{checker}.py`" for checker in ("check", "check_formulas")}
 
 
 def trust(told: Mapping[str, Any]) -> pd.DataFrame:
     """Seconds of a solve, a bound, its certificate and the check, by triangles; more of the largest mesh."""
-    table, last = [], told["rows"][-1]
-    for part, title in TRUST.items():
-        row = {"part": title}
-        for of in told["rows"]:
-            row[f"{shown(of['triangles'], 'space')} triangles"] = f"{two_digits(of[part]['seconds'])} s"
-        row["each"] = f"{two_digits(1e6 * last[part]['seconds'] / last['triangles'])} µs"
-        table.append(row | {"memory": f"{last[part]['mb']:.0f} MB"})
-    return pd.DataFrame(table)
+    table = pd.DataFrame({"part": TRUST.values()})
+    for mesh in told["rows"]:
+        seconds = [f"{two_digits(mesh[part]['seconds'])} s" for part in TRUST]
+        table[f"{shown(mesh['triangles'], 'space')} triangles"] = seconds
+    largest = told["rows"][-1]
+    table["each"] = [f"{two_digits(1e6 * largest[p]['seconds'] / largest['triangles'])} µs" for p in TRUST]
+    return table.assign(memory=[f"{largest[part]['mb']:.0f} MB" for part in TRUST])
 
 
 def scores(of: pd.DataFrame) -> pd.DataFrame:

@@ -59,45 +59,48 @@ def nodal_problem(case: Case, mesh: Mesh, element: skfem.Element) -> NodalProble
     return NodalProblem(A.tocsr(), load.assemble(basis), g, fixed)
 
 
-def active_set(of: NodalProblem, springs: Array | None = None) -> Array:
+def active_set(problem: NodalProblem, springs: Array | None = None) -> Array:
     """(n,) x by the primal-dual active set method of Hintermüller, Ito and Kunisch (2002).
 
     With `springs` (n,) the forces springs (g - x)_+ are in place of the constraint: the penalty method.
     """
-    diagonal, active = of.A.diagonal(), np.isfinite(of.g) & ~of.fixed
+    A, load, g, fixed = problem
+    diagonal, active = A.diagonal(), np.isfinite(g) & ~fixed
     for _ in range(ROUNDS):
-        known = of.fixed | active if springs is None else of.fixed
-        push = np.zeros_like(of.load) if springs is None else np.where(active, springs, 0.0)
-        matrix, x = (of.A + sp.diags_array(push)).tocsr(), np.where(known, of.g, 0.0)
-        rest = of.load + push * np.where(active, of.g, 0.0) - matrix @ x
-        x[~known] = spsolve(matrix[~known][:, ~known].tocsc(), rest[~known])
+        prescribed = fixed | active if springs is None else fixed
+        push = np.zeros_like(load) if springs is None else np.where(active, springs, 0.0)
+        matrix, x = (A + sp.diags_array(push)).tocsr(), np.where(prescribed, g, 0.0)
+        rest = load + push * np.where(active, g, 0.0) - matrix @ x
+        x[~prescribed] = spsolve(matrix[~prescribed][:, ~prescribed].tocsc(), rest[~prescribed])
         # next a node is active where the reaction is larger than the gap, times the diagonal
-        before, active = active, ~of.fixed & (of.A @ x - of.load > diagonal * (x - of.g))
+        before, active = active, ~fixed & (A @ x - load > diagonal * (x - g))
         if np.array_equal(active, before):
             break
     return x
 
 
-def gauss_seidel(of: NodalProblem, sweeps: int) -> Array:
+def gauss_seidel(problem: NodalProblem, sweeps: int) -> Array:
     """x after some sweeps of the projected Gauss-Seidel iteration, from g on the boundary and 0 inside."""
-    A, x, diagonal = of.A, np.where(np.isfinite(of.g), of.g, 0.0), of.A.diagonal()
-    for node in np.tile(np.flatnonzero(~of.fixed), sweeps):
+    A, load, g, fixed = problem
+    diagonal, x = A.diagonal(), np.where(np.isfinite(g), g, 0.0)
+    for node in np.tile(np.flatnonzero(~fixed), sweeps):
         row = slice(A.indptr[node], A.indptr[node + 1])
-        residual = of.load[node] - A.data[row] @ x[A.indices[row]]
-        x[node] = max(x[node] + residual / diagonal[node], of.g[node])
+        residual = load[node] - A.data[row] @ x[A.indices[row]]
+        x[node] = max(x[node] + residual / diagonal[node], g[node])
     return x
 
 
 def others(case: Case, mesh: Mesh, penalties: Sequence[int], sweeps: int) -> dict[str, Array]:
     """(n,) the values at the nodes of each method's solution, by its name."""
-    of, of_p2 = (nodal_problem(case, mesh, each) for each in (skfem.ElementTriP1(), skfem.ElementTriP2()))
+    linear = nodal_problem(case, mesh, skfem.ElementTriP1())
+    quadratic = nodal_problem(case, mesh, skfem.ElementTriP2())
     # a penalty's force per length, by the trapezoidal rule: each node has half of both edges beside it
     lengths, half = np.diff(mesh.s), np.zeros(mesh.n_nodes)
     half[mesh.boundary] = 0.5 * (lengths + np.roll(lengths, 1))
     return {
-        "nodal constraints": active_set(of),
-        "P2, interpolated": active_set(of_p2)[: mesh.n_nodes],  # scikit-fem numbers the nodes first
-        **{f"penalty {factor}/h": active_set(of, factor / mesh.h * half) for factor in penalties},
-        "stopped early": gauss_seidel(of, sweeps),
-        "half the load": active_set(of._replace(load=of.load / 2)),
+        "nodal constraints": active_set(linear),
+        "P2, interpolated": active_set(quadratic)[: mesh.n_nodes],  # scikit-fem numbers the nodes first
+        **{f"penalty {factor}/h": active_set(linear, factor / mesh.h * half) for factor in penalties},
+        "stopped early": gauss_seidel(linear, sweeps),
+        "half the load": active_set(linear._replace(load=linear.load / 2)),
     }

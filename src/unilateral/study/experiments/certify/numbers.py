@@ -19,12 +19,12 @@ def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
 
     `half` is the error with half the load over that of the mixed method, for `clamped` on the coarsest mesh.
     """
-    given, table = study["certify"], of["solutions"]
-    index = indices(table).sel(case="natural", scheme=f"penalty {given['penalties'][0]}/h").values
-    errors = table["certified_error"].sel(case="clamped").isel(mesh=0)
+    index = indices(of["solutions"]).sel(case="natural")
+    of_penalty = index.sel(scheme=f"penalty {study['certify']['penalties'][0]}/h").values
+    errors = of["solutions"]["certified_error"].sel(case="clamped").isel(mesh=0)
     half = float(errors.sel(scheme="half the load") / errors.sel(scheme="mixed method"))
-    penalty = {"coarsest": float(index[0]), "finest": float(index[-1])}
-    return {"certify": {"penalty": penalty, "half": half, "sweeps": given["sweeps"]}}
+    penalty = {"coarsest": float(of_penalty[0]), "finest": float(of_penalty[-1])}
+    return {"certify": {"penalty": penalty, "half": half, "sweeps": study["certify"]["sweeps"]}}
 
 
 def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
