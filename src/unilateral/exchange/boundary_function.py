@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse.linalg import spsolve
@@ -21,7 +22,9 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, from_points, overlay
 from unilateral.norms.functionals import values_on
 from unilateral.norms.ritz import hat_load
-from unilateral.problems.case import Case
+
+if TYPE_CHECKING:
+    from unilateral.problems.case import Case
 
 ROUNDING = 1e-12
 
