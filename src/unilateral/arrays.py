@@ -22,6 +22,8 @@ PLAIN_ARRAYS = (np.ndarray, np.memmap, np.ma.MaskedArray)
 """Classes whose numbers are what they stand for. Those of others, such as lengths with units, may not be."""
 LARGEST_INDEX = 2**53
 """Integers up to this one are exact in double precision."""
+LARGEST_VALUE = 1e100
+"""Values that are given at nodes or on cells are below this, so that squares of errors do not overflow."""
 NUMBERS = "it has to be an array of real numbers"
 """What is wanted of an array, as messages say it."""
 

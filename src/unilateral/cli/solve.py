@@ -177,6 +177,8 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
         tell(reason)
     if not options.json and not search:
         say(head(printed))
+    if not options.json and found.solved.foreign:
+        say(f"  {'u':27} of another program; lambda_H and the contact set are this program's")
     if not options.json and not found.problem.units.reaction:
         say(f"  {WITHOUT_REACTION.format(energy(found.problem.units, 'v'))}")
     elif not (options.json or found.problem.units.trivial):

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy.spatial import cKDTree
 
-from unilateral.arrays import Array, Index
+from unilateral.arrays import LARGEST_VALUE, Array, Index
 from unilateral.errors import InputError, shown
 from unilateral.exchange.boundary_function import Trace, constant, continuous, of_reactions
 from unilateral.fem.form import Form
@@ -27,8 +27,6 @@ from unilateral.geometry.polygon import Polygon
 if TYPE_CHECKING:
     from unilateral.problems.case import Case
 
-LARGEST = 1e100
-"""Values have to be below this, so that squares of errors do not overflow."""
 SAME = 1e-6
 """Places whose distance is at most this fraction of h are the same."""
 ROUNDED = 0.01
@@ -197,12 +195,12 @@ def _at_nodes(level: ExportedLevel, node: Index, found: Handed, name: str, file:
     """(n,) values at the nodes; multipliers are needed on the boundary only."""
     given = found.nodal[name]
     needed = np.ones(len(node), bool) if name == "u" else np.isin(node, level.mesh.boundary)
-    wrong = np.flatnonzero(~(np.abs(given) < LARGEST) & needed)
+    wrong = np.flatnonzero(~(np.abs(given) < LARGEST_VALUE) & needed)
     if wrong.size:
         k, place = wrong[0], level.mesh.points[node[wrong[0]]]
         raise InputError(
             f"{file}: {name} is {given[k]} at point {k}, {tuple(place.tolist())}; "
-            f"a number below {LARGEST:g} is needed"
+            f"a number below {LARGEST_VALUE:g} is needed"
         )
     values = np.zeros(level.mesh.n_nodes)
     values[node] = given
@@ -245,11 +243,11 @@ def _of_cells(level: ExportedLevel, start: Array, end: Array, values: Array, fil
         raise InputError(
             f"{file}: a cell ends at s = {end[apart[0]]:g}, the next begins at {start[apart[0] + 1]:g}"
         )
-    wrong = np.flatnonzero(~(np.abs(values) < LARGEST))
+    wrong = np.flatnonzero(~(np.abs(values) < LARGEST_VALUE))
     if wrong.size:
         raise InputError(
             f"{file}: multiplier is {values[wrong[0]]} on the cell from s = {start[wrong[0]]:g}; "
-            f"a number below {LARGEST:g} is needed"
+            f"a number below {LARGEST_VALUE:g} is needed"
         )
     ends = np.append(start, end[-1:])
     if ends.size:
@@ -283,11 +281,11 @@ def _on_edges(level: ExportedLevel, ends: Index, values: Array, file: str) -> Ar
     found = np.full(nb, np.nan)
     found[edge] = values
     found = _where_wanted(level, mesh.side, found)
-    wrong = np.flatnonzero(~(np.abs(found) < LARGEST))
+    wrong = np.flatnonzero(~(np.abs(found) < LARGEST_VALUE))
     if wrong.size:
         place = _place(mesh.points, mesh.boundary[wrong])
         raise InputError(
-            f"{file}: the boundary edge from {place} has no multiplier, or none below {LARGEST:g}"
+            f"{file}: the boundary edge from {place} has no multiplier, or none below {LARGEST_VALUE:g}"
         )
     return found
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from unilateral.arrays import Array, Mask, floats, nodal_values
+from unilateral.arrays import LARGEST_VALUE, Array, Mask, floats, nodal_values
 from unilateral.discrete.base import NO_LOAD, DiscreteSolution, Facts, KeptProblem
 from unilateral.discrete.choice import cheapest, condensed_spaces, discretised
 from unilateral.discrete.condensed import on_spaces
@@ -32,9 +32,6 @@ from unilateral.solvers.uzawa import DualResult
 
 if TYPE_CHECKING:
     from unilateral.problems.given import AnyProblem
-
-LARGEST_VALUE = 1e100
-"""Given values are below this, so that squares of errors do not overflow."""
 
 
 def certify(problem: AnyProblem, mesh: Mesh, u: ArrayLike, multiplier: ArrayLike | None) -> Solution:

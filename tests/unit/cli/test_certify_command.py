@@ -48,6 +48,9 @@ def test_the_only_field_of_a_vtu_on_its_own_mesh(files, run):
     assert "  guaranteed                  ||u - u_h||_1 <= " in out
     assert "  force, boundary" in out
     assert "algebraic" not in out
+    assert "  u                           of another program; " in out
+    _, solved, _ = run("solve", "p.yaml", "--h", "1/8", "--H", "1/4")  # control
+    assert "another program" not in solved
     for more, bounds in (([], files.bounds), (["--sharp"], files.sharp_bounds)):
         assert certified(run, "--solution", "u.vtu", *more) == (0, pytest.approx(bounds.u, rel=1e-12), "")
 
