@@ -113,11 +113,6 @@ def files_by_rule(scenes):
     }
 
 
-def job_of(wildcards):
-    """The scene and the meshes that a job of the study of cost measures."""
-    return config["cost"]["jobs"][int(wildcards.job)]
-
-
 def pictures(paper):
     """The figures that it shows."""
     text = Path(paper).read_text(encoding="utf-8")

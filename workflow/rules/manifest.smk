@@ -6,7 +6,6 @@ MADE = {
     "floors": expand(rules.floors.output, scene=config["floors"]),
     "totals": expand(rules.totals.output, scene=config["totals"]["scenes"]),
     "surveys": rules.surveys.output,
-    "cost_runs": [*rules.cost.input.runs, *rules.cost.input.timed],
     **{rule.name: rule.output for rule in workflow.rules if rule.name in registry.experiments()},
     "claims": rules.claims.output,
     "numbers": rules.numbers.output,

@@ -15,7 +15,7 @@ from unilateral.errors import InputError, shown
 from unilateral.formulas.formula import real
 from unilateral.geometry import polygon
 from unilateral.problems.case import load
-from unilateral.study import config_schema, figure_entries, registry
+from unilateral.study import config_schema, figure_entries
 from unilateral.system import declarations
 
 Fields = dict[str, Any]
@@ -65,20 +65,21 @@ def _where(place: Place, sources: Mapping[str, str]) -> str:
 
 def _unknown(study: Fields) -> Iterator[tuple[Place, str]]:
     """Faults: names that are not among those that the study has in another place."""
-    scenes, base, vary = study["scenes"], study["cost"]["base"], study["cost"]["vary"]
+    scenes, base = study["scenes"], study["cost"]["base"]
     names: list[tuple[Place, str, Iterable[str]]] = [
         (("totals", "scenes", scene, i), case, scenes[scene]["cases"])
         for scene, cases in study["totals"]["scenes"].items()
         for i, case in enumerate(cases)
     ]
-    for scene in (base["scene"], *vary.get("scene", [])):
-        names.append((("cost", "base", "case"), base["case"], scenes[scene]["cases"]))
-    for i, case in enumerate(vary.get("case", [])):
-        names.append((("cost", "vary", "case", i), case, scenes[base["scene"]]["cases"]))
-    for i, fields in enumerate(study["cost"]["cross"]):
-        names += [(("cost", "cross", i, k), field, vary) for k, field in enumerate(fields)]
-    for name, axis in study["extremes"]["axes"].items():
-        names.append((("extremes", "axes", name, "kind"), axis["kind"], registry.axes()))
+    names.append((("cost", "base", "case"), base["case"], scenes[base["scene"]]["cases"]))
+    names.append((("cost", "base", "scene"), base["scene"], study["cost"]["h"]))
+    for axis, others in study["cost"]["axes"].items():
+        place = ("cost", "axes", axis)
+        for i, case in enumerate(others.get("case", [])):
+            names.append(((*place, "case", i), case, scenes[base["scene"]]["cases"]))
+        for i, scene in enumerate(others.get("scene", [])):
+            names.append((("cost", "base", "case"), base["case"], scenes[scene]["cases"]))
+            names.append(((*place, "scene", i), scene, study["cost"]["h"]))
     for place, name, known in names:
         if name not in known:
             yield place, f"it is {shown(repr(name))}; it has to be one of {', '.join(known)}"

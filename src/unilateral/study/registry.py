@@ -1,4 +1,4 @@
-"""The experiments, figures, checks and kinds of axes that there are.
+"""The experiments, figures and checks that there are.
 
 They are found by the names of modules and functions, in their source, for an import takes a second.
 """
@@ -11,11 +11,8 @@ from importlib import resources
 from typing import Any, NamedTuple
 
 STUDY = resources.files("unilateral.study")
-EXTREMES = "experiments.extremes"
 FIGURE = "_figure"
 """The end of the name of a figure's module."""
-OF_AXIS = ["values", "h", "H", "budget"]
-"""The arguments of a function that makes an axis of extreme problems."""
 
 
 class Arguments(NamedTuple):
@@ -90,14 +87,3 @@ def _arguments(given: ast.arguments) -> Arguments:
     names = [argument.arg for argument in given.args]
     count = len(names) - len(given.defaults)
     return Arguments(names[:count], names[count:])
-
-
-@cache
-def axes() -> dict[str, str]:
-    """The kinds of axes of extreme problems, each with its module: the functions with arguments `OF_AXIS`."""
-    return {
-        name: module
-        for module in modules(EXTREMES)
-        for name, arguments in functions(f"{EXTREMES}.{module}").items()
-        if arguments.needed == OF_AXIS and not name.startswith("_")
-    }

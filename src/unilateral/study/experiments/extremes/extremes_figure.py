@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 
 from unilateral.arrays import Array, Mask
 from unilateral.study import style, tables
-from unilateral.study.experiments.extremes.kinds import RESCUED, kinds
+from unilateral.study.experiments.extremes.numbers import RESCUED, kinds
 
 KINDS = {
     "right": ("o", style.COLOURS[2]),
