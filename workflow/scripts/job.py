@@ -19,13 +19,13 @@ from unilateral.system.signals import cleaning_up
 def run(job):
     """Call the function of a job, which is Snakemake's object.
 
-    Tables among the input have to be those of their places, made with the present configuration and files.
+    Tables among the input have to be those of their places, made with the present configuration.
     What is said goes to the job's log. A failure is told on the terminal, too, in one sentence: an InputError
     in its own, with its exit code, any other error by its name, with a traceback in the log.
     """
     terminal, start = _speak_into(job.log[0]), perf_counter()
     try:
-        with cleaning_up(), table_origin.made_by(job.rule, job.input):
+        with cleaning_up(), table_origin.made_by(job.rule):
             _check([file for file in job.input if file.endswith(".nc")], job.config)
             names = {**dict(job.input.items()), **dict(job.output.items()), **dict(job.params.items())}
             module, _, function = names.pop("job").rpartition(".")

@@ -1,19 +1,17 @@
-"""What a table belongs to and what it was made from, as its file tells, and whether that is still so.
+"""What a table belongs to and what it was made with, as its file tells, and whether that is still so.
 
 A table's place is its folder and its name, such as square/rates. Its parameters are fields of the
-configuration by their paths, such as scenes.square.mesh; its inputs are the files that its rule names, with
-a digest of each.
+configuration by their paths, such as scenes.square.mesh.
 """
 
 from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import reduce
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -21,21 +19,18 @@ from unilateral.errors import shown
 
 OF_THE_MACHINE = "timings.nc"
 """Files that hold seconds and memory have names that end like this; no two runs make the same ones."""
-DIGITS = 16
-"""So many hexadecimal digits of a SHA-256 are kept; two files share them with a probability of 2^-64."""
 
-_made: ContextVar[tuple[str, str]] = ContextVar("made", default=("", "{}"))
+_rule: ContextVar[str] = ContextVar("rule", default="")
 
 
 @contextmanager
-def made_by(rule: str, inputs: Iterable[str]) -> Iterator[None]:
-    """Within this context, tables are stamped as made by that rule from those files."""
-    sums = {file: _digest(file) for file in inputs if not file.endswith(OF_THE_MACHINE)}
-    token = _made.set((rule, json.dumps(sums, sort_keys=True)))
+def made_by(rule: str) -> Iterator[None]:
+    """Within this context, tables are stamped as made by that rule."""
+    token = _rule.set(rule)
     try:
         yield
     finally:
-        _made.reset(token)
+        _rule.reset(token)
 
 
 def place(path: str | os.PathLike[str]) -> str:
@@ -46,9 +41,8 @@ def place(path: str | os.PathLike[str]) -> str:
 
 def stamp(path: str | os.PathLike[str], parameters: Mapping[str, Any] | None) -> dict[str, str]:
     """The attributes of a table that is written there, with those parameters."""
-    rule, inputs = _made.get()
     told = json.dumps(parameters or {}, sort_keys=True)
-    return {"table": place(path), "rule": rule, "inputs": inputs, "parameters": told}
+    return {"table": place(path), "rule": _rule.get(), "parameters": told}
 
 
 def fault(path: str | os.PathLike[str], attrs: Mapping[str, Any], study: Mapping[str, Any] | None) -> str:
@@ -68,9 +62,6 @@ def _outdated(attrs: Mapping[str, Any], study: Mapping[str, Any]) -> str:
     for path, value in json.loads(attrs["parameters"]).items():
         for where, old, new in _differences(path, value, _field(study, path)):
             return f"was made with {where}: {_told(old)}, and the configuration has {_told(new)}"
-    for file, old in json.loads(attrs["inputs"]).items():
-        if _digest(file) != old:
-            return f"was made from {file} with the SHA-256 {old}..., and that file now has {_digest(file)}..."
     return ""
 
 
@@ -98,9 +89,3 @@ def _differences(path: str, old: Any, new: Any) -> Iterator[tuple[str, Any, Any]
 
 def _told(value: Any) -> str:
     return "nothing" if value is None else shown(json.dumps(value))
-
-
-def _digest(file: str) -> str:
-    """The beginning of a file's SHA-256; "none" where there is no file."""
-    path = Path(file)
-    return sha256(path.read_bytes()).hexdigest()[:DIGITS] if path.is_file() else "none"

@@ -110,7 +110,7 @@ def load(path: str | os.PathLike[str], study: Mapping[str, Any] | None = None) -
     """A table, read whole.
 
     Raises InputError where there is none, StorageError for one that is damaged or belongs to another place
-    and, where the configuration `study` is given, for one that was made with another one or from other files.
+    and, where the configuration `study` is given, for one that was made with another one.
     """
     try:
         data = Path(path).read_bytes()
