@@ -14,8 +14,8 @@ import xarray as xr
 from conftest import ROOT
 
 import unilateral
+from study import table_origin, tables
 from unilateral.errors import InputError, StorageError
-from unilateral.study import table_origin, tables
 
 SCRIPTS = ROOT / "workflow/scripts"
 RUN = ("case", "mesh", "partition")
@@ -166,7 +166,7 @@ def test_a_full_disk_ends_in_one_sentence(tmp_path, size):
     """A limit on the size of files stands for the disk; netCDF says "Permission denied" or "HDF error"."""
     code = (
         f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))\n"
-        "import job, types, xarray; from unilateral.study import tables\n"
+        "import job, types, xarray; from study import tables\n"
         f"path, table = {str(tmp_path / 'errors.nc')!r}, xarray.Dataset({{'x': [1.0]}})\n"
         "tables.made = lambda: tables.save(table, path, 'scene')\n"
         "given = {'input': {}, 'output': {}, 'params': {'job': 'tables.made'}, 'log': ['/dev/null']}\n"
