@@ -1,0 +1,190 @@
+"""Accuracy against cost: runs along axes that leave a base, each measured at all stopping levels.
+
+Each run is iterated once, by `uzawa`'s own loop, and recorded. A stopping level s is met at the first step
+whose guaranteed algebraic bound is at most s ||u - u_h||_1; all levels are read off that record. What is
+measured is the error of (u(lambda^n), lambda^n) at that step, and the operations up to there.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from study import operations, scenes, tables
+from study.experiments.cost.run import Posed, count_operations, method_and_step, reach
+from unilateral.discrete.condensed import with_solution
+from unilateral.fem.condense import by_sparse, matrix
+from unilateral.fem.linear_systems import dissected
+from unilateral.fem.spaces import mixed_spaces
+from unilateral.formulas.formula import real
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import uniform
+from unilateral.geometry.structured import structured
+from unilateral.norms.dual import Gram
+from unilateral.norms.exact_errors import Exact, cell_means
+from unilateral.norms.ritz import ritz_projection
+from unilateral.problems.case import Case
+
+SLOWER = 2
+"""A run in another precision may take so many times the steps in double precision."""
+DISCRETE = ("h1_discrete", "hm12_discrete_lower", "hm12_discrete_upper", "l2_discrete")
+"""The errors of (u_h, lambda_H), to which the iteration tends."""
+NORMS = ("u_norm", "hm12_norm_lower", "hm12_norm_upper", "l2_norm")
+ERRORS = ("h1_error", "hm12_error_lower", "hm12_error_upper", "l2_error")
+
+
+class Variant(NamedTuple):
+    """One configuration. `algebra` is the matrix that a step solves with (A, A_3) or multiplies by (S)."""
+
+    scene: str
+    case: str
+    H_over_h: float
+    algorithm: str
+    algebra: str
+    precision: str
+
+
+class Axis(NamedTuple):
+    """Fields of the base with the values that they take, and the variants with all combinations of these."""
+
+    values: dict[str, list[Any]]
+    variants: list[Variant]
+
+
+Row = dict[str, Any]
+"""What is known of a run, by the names of the tables' variables; lists are over the stopping levels."""
+
+
+def measure_cost(
+    study: Mapping[str, Any], scene: Mapping[str, Any], norms: Sequence[str], axes: Sequence[str]
+) -> None:
+    """Write the table along each of the study's axes.
+
+    `scene` has the scenes in which runs are made, by name, and `norms` are the files of their dual norms.
+    """
+    sizes = [real(H, "cost.H") for H in study["H"]]
+    planned = plan(study)
+    variants = dict.fromkeys(variant for axis in planned for variant in axis.variants)
+    rows: dict[tuple[Variant, float], Row] = {}
+    for (name, declared), norm in zip(scene.items(), norms, strict=True):
+        gram = Gram.of_table(tables.load(norm))
+        here = [variant for variant in variants if variant.scene == name]
+        for h in study["h"][name]:
+            mesh = structured(scenes.domain(declared), real(h, "cost.h"))
+            rows |= measure(mesh, scenes.cases(declared), gram, here, sizes, study)
+    given = {f"scenes.{name}": declared for name, declared in scene.items()}
+    given |= {f"cost.{field}": value for field, value in study.items()}
+    for axis, path in zip(planned, axes, strict=True):
+        tables.save(along(axis, rows, sizes, study["stops"]), path, "cost", given)
+
+
+def plan(study: Mapping[str, Any]) -> list[Axis]:
+    """The study's axes. Each field that one changes has the base's value first, then the others."""
+    base = study["base"] | {"H_over_h": real(study["base"]["H_over_h"], "cost.base.H_over_h")}
+    axes = []
+    for others in study["axes"].values():
+        values = {field: [study["base"][field], *given] for field, given in others.items()}
+        if "H_over_h" in values:
+            values["H_over_h"] = [real(ratio, "cost.axes.H_over_h") for ratio in values["H_over_h"]]
+        changes = [dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())]
+        axes.append(Axis(values, [Variant(**base | changed) for changed in changes]))
+    return axes
+
+
+def measure(
+    mesh: Mesh,
+    cases: Sequence[Case],
+    gram: Gram,
+    variants: Sequence[Variant],
+    sizes: Sequence[float],
+    study: Mapping[str, Any],
+) -> dict[tuple[Variant, float], Row]:
+    """The rows of the variants of these cases on one mesh, by variant and H, where H is one of `sizes`.
+
+    `gram` holds the dual norm's forms for the cases, in their order. Of the study the limits of runs are
+    read. A variant in another precision has to follow its twin in double precision.
+    """
+    eliminated = dissected(matrix(mesh), mesh.boundary)
+    condensed = by_sparse(mesh, eliminated)
+    factors = dissected(matrix(mesh))
+    with_boundary_last = operations.factors(eliminated.lu)
+    counts = {"A": operations.factors(factors.lu), "A_3": with_boundary_last, "S": with_boundary_last}
+    named = {variant.case for variant in variants}
+    ritz = {case.name: ritz_projection(case, condensed) for case in cases if case.name in named}
+
+    rows: dict[tuple[Variant, float], Row] = {}
+    for ratio in dict.fromkeys(variant.H_over_h for variant in variants):
+        H = next((H for H in sizes if math.isclose(H, ratio * mesh.h, rel_tol=1e-9)), None)
+        if H is None:
+            continue
+        spaces = mixed_spaces(condensed, uniform(mesh.polygon, ratio * mesh.h))
+        form = gram.on(spaces.partition)
+        for c, case in enumerate(cases):
+            here = [each for each in variants if (each.case, each.H_over_h) == (case.name, ratio)]
+            if not here:
+                continue
+            exact = Exact(ritz[case.name], cell_means(case, spaces.partition))
+            posed = Posed(exact, with_solution(spaces, exact), form, c, factors, counts)
+            for variant in here:
+                max_steps = study["max_steps"] if variant.algebra == "S" else study["costly_steps"]
+                twin = rows.get((variant._replace(precision="float64"), H))
+                if twin and np.isfinite(twin["steps"]).any():
+                    max_steps = min(max_steps, SLOWER * int(np.nanmax(twin["steps"])))
+                rows[variant, H] = _row(posed, variant, study["stops"], max_steps)
+    return rows
+
+
+def _row(posed: Posed, variant: Variant, stops: Sequence[float], max_steps: int) -> Row:
+    """What is known of one run; NaN at levels that are not reached."""
+    how = variant.algorithm, variant.algebra, variant.precision
+    reached = reach(posed, *how, stops, max_steps)
+    setup, step, totals = count_operations(posed, *how, reached)
+    method, rho = method_and_step(variant.algorithm, posed.spaces)
+    errors = np.reshape([posed.errors(each.lambda_H) for each in reached], (len(reached), len(ERRORS))).T
+    at_levels: dict[str, Sequence[float]] = dict(zip(ERRORS, errors.tolist(), strict=True))
+    at_levels |= {
+        "steps": [each.steps for each in reached],
+        "operator_applications": [each.applications for each in reached],
+        "factorisations": [1 + (method == "newton") * each.steps for each in reached],
+        "operations": totals,
+        "algebraic_bound": [each.bound for each in reached],
+    }
+    missing = [math.nan] * (len(stops) - len(reached))
+    spaces, operator = posed.spaces, posed.spaces.operator
+    row: Row = {name: [*values, *missing] for name, values in at_levels.items()}
+    row |= {
+        "h": spaces.mesh.h,
+        "unknowns": spaces.mesh.n_nodes,
+        "boundary_unknowns": len(spaces.mesh.boundary),
+        "multipliers": spaces.partition.n_cells,
+        "lambda_min": operator.lambda_min,
+        "lambda_max": operator.lambda_max,
+        "sigma_1": spaces.condensed.sigma_1,
+        "rho": rho,
+        "factor_nonzeros": posed.counts[variant.algebra].nonzeros,
+        "setup_operations": setup,
+        "step_operations": step,
+    }
+    row |= dict(zip(DISCRETE, posed.discrete_errors, strict=True))
+    return row | dict(zip(NORMS, posed.norms, strict=True))
+
+
+def along(
+    axis: Axis, rows: Mapping[tuple[Variant, float], Row], sizes: Sequence[float], stops: Sequence[float]
+) -> xr.Dataset:
+    """The table over the fields that an axis changes, H and the stopping level, NaN where there is no run."""
+    runs = [rows.get((variant, H), {}) for variant in axis.variants for H in sizes]
+    coords = {**axis.values, "H": list(sizes), "stop": list(stops)}
+    shape = [len(coords[name]) for name in (*axis.values, "H")]
+    table = {}
+    for name, example in next(iter(rows.values())).items():
+        missing = np.full(np.shape(example), math.nan)
+        column = np.array([run.get(name, missing) for run in runs], dtype=float)
+        column = column.reshape(*shape, *column.shape[1:])
+        table[name] = [*coords][: column.ndim], column
+    return xr.Dataset(table, coords=coords)

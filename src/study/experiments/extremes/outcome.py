@@ -1,0 +1,246 @@
+"""What becomes of a problem: right, not converged with a valid bound, refused, or wrong.
+
+It is tried by every algorithm that the library offers, and by the one that the library takes itself.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from study.experiments.extremes.problem import ExtremeProblem
+from unilateral.arrays import Array
+from unilateral.errors import InputError
+from unilateral.solvers.active_set import active_set
+from unilateral.solvers.dispatch import iterate
+from unilateral.solvers.stop import Stop
+from unilateral.solvers.uzawa import DualResult, residual_bound, uzawa
+from unilateral.solvers.uzawa_steps import STEPS
+
+RIGHT, NOT_CONVERGED, REFUSED, WRONG = ("right", "not converged", "refused", "wrong")
+NO_TOOL = ""
+"""The outcome of the library's own choice where the library offers no such thing."""
+NEVER_RIGHT = np.inf
+"""The limit on an axis with falling values where nothing is predicted to be right by plain Uzawa."""
+PLAIN, EXACT, TOOL = "uzawa", "active_set", "the tool"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Axis:
+    """Problems from mild to extreme, how each is tried, and what is predicted of them.
+
+    All functions are given the value on the axis. `measure` makes a number from the problem and the active
+    set's lambda_H (m,), and `start` gives lambda^0, on every cell or (m,). `share` gives rho over
+    2/lambda_max(S) where the axis sets it. Where the library does not offer an iteration, `iterate` gives its
+    last lambda (m,), which is judged by the bound and measured in the place of the active set's.
+
+    The number of each value is predicted to be `predicted`, NaN if nothing is; with a `slack` it is wrong
+    above both. Up to `limit` plain Uzawa is predicted to be right, up to `tool_limit` the library's choice;
+    NaN stands for everywhere. Up to `local_limit` plain Uzawa converges from nearby; it is NaN where that is
+    not asked for.
+    """
+
+    pose: Callable[[float], ExtremeProblem]
+    measure: Callable[[float, ExtremeProblem, Array], float]
+    start: Callable[[float, ExtremeProblem], float | Array] = lambda value, problem: 0.0
+    share: Callable[[float], float] | None = None
+    iterate: Callable[[float, ExtremeProblem], Array] | None = None
+    predicted: float | Array = np.nan
+    slack: float | None = None
+    limit: float = np.nan
+    tool_limit: float = np.nan
+    local_limit: float = np.nan
+
+
+@dataclass(frozen=True)
+class Budget:
+    """The tolerance, relative to a problem's size, and the steps of a run."""
+
+    accuracy: float
+    max_steps: int
+
+    def tolerance(self, problem: ExtremeProblem) -> float:
+        """The tolerance in ||.||_{-1/2,h}; relative to 1 where lambda_H is 0."""
+        return self.accuracy * (problem.size or 1.0)
+
+    @property
+    def condition(self) -> float:
+        """The largest cond(S) for which plain Uzawa needs no more steps, with rho = 1.9/lambda_max(S)."""
+        return 1.9 * self.max_steps / -np.log(self.accuracy)
+
+    @property
+    def accelerated(self) -> float:
+        """The largest cond(S) for which Nesterov needs no more steps, contracting by 1 - cond(S)^{-1/2}."""
+        return float((self.max_steps / np.log(self.accuracy)) ** 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """The outcome of a run; what is said of it; its algorithm and lambda_H (m,), if it was not refused.
+
+    Its numbers are the error ||u(mu) - u_h||_1, the bound that is told, the allowance for rounding, the
+    tolerance, and ||u_h||_1; all are NaN for what is refused.
+    """
+
+    outcome: str
+    said: str
+    algorithm: str = ""
+    lambda_H: Array | None = None
+    true_error: float = np.nan
+    guaranteed: float = np.nan
+    allowance: float = np.nan
+    tolerance: float = np.nan
+    u_norm: float = np.nan
+
+    @property
+    def used(self) -> float:
+        """The share of the bound that the error takes; all of it if wrong, less than any other if refused."""
+        if self.outcome in (WRONG, REFUSED):
+            return np.inf if self.outcome == WRONG else -1.0
+        allowed = self.guaranteed + self.allowance
+        return self.true_error / allowed if allowed > 0 else 0.0
+
+
+def try_value(axis: Axis, value: float, predicted: float, budget: Budget) -> dict[str, Any]:
+    """The point of a value on its axis, by the names of the table's variables."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        try:
+            problem = axis.pose(value)
+        except InputError as error:
+            point = _point(Verdict(REFUSED, str(error)), REFUSED, np.nan)
+        else:
+            attempt = _try_algorithms if axis.iterate is None else _try_iteration
+            point = attempt(axis, value, problem, budget)
+    point |= {"value": value, "predicted": predicted}
+    measured = point["measured"]
+    untried = point["outcome"] == REFUSED and np.isnan(measured)
+    if axis.slack is not None and not untried and not measured <= max(predicted, axis.slack):
+        said = f"{measured:.2g}, predicted {predicted:.2g}"
+        point |= {"outcome": WRONG, "tool": WRONG, "message": said}
+    return point
+
+
+def _point(verdict: Verdict, tool: str, measured: float, **others: str) -> dict[str, Any]:
+    """A point with the verdict's numbers, and its outcome and message unless there are others."""
+    names = ("true_error", "guaranteed", "allowance", "tolerance", "u_norm")
+    numbers = {name: getattr(verdict, name) for name in names}
+    said = {"outcome": verdict.outcome, "tool": tool, "message": verdict.said}
+    return {**numbers, "measured": measured, **said, **others}
+
+
+def _try_algorithms(axis: Axis, value: float, problem: ExtremeProblem, budget: Budget) -> dict[str, Any]:
+    """The point by plain Uzawa and by all other algorithms.
+
+    Any wrong result makes the point wrong. Its numbers are those of the algorithm that is nearest to its
+    bound, or beyond it. With a share there is no outcome of the library's own choice, which takes rho as it
+    is given.
+    """
+    start = np.full(len(problem.lambda_H), axis.start(value, problem))
+    share = None if axis.share is None else axis.share(value)
+    verdicts = _verdicts(problem, budget, start, share)
+    lambda_H = verdicts[EXACT].lambda_H
+    measured = np.nan if lambda_H is None else axis.measure(value, problem, lambda_H)
+    nearest = max(verdicts.values(), key=lambda verdict: verdict.used)
+    if nearest.outcome == WRONG:
+        names = ", ".join(name for name, each in verdicts.items() if each.outcome == WRONG)
+        said = f"{names}: the error is above the bound, or there is none"
+        return _point(nearest, WRONG, measured, message=said)
+    plain = verdicts[PLAIN]
+    tool = NO_TOOL if share is not None else verdicts[TOOL].outcome
+    return _point(nearest, tool, measured, outcome=plain.outcome, message=plain.said)
+
+
+def _try_iteration(axis: Axis, value: float, problem: ExtremeProblem, budget: Budget) -> dict[str, Any]:
+    """The point by the last iterate of an iteration that the library does not offer, and its bound."""
+    assert axis.iterate is not None
+    assert axis.share is not None
+    mu = axis.iterate(value, problem)
+    operator, tolerance = problem.spaces.operator, budget.tolerance(problem)
+    rho = axis.share(value) * 2 / operator.lambda_max
+    bound = residual_bound(operator, problem.discrete.offset, mu, rho)
+    result = DualResult(mu, budget.max_steps, 0, bound, bound <= tolerance, rho, "uzawa")
+    verdict = judge(problem, result, tolerance)
+    return _point(verdict, NO_TOOL, axis.measure(value, problem, mu), message=f"bound {bound:.2g}")
+
+
+def _verdicts(
+    problem: ExtremeProblem, budget: Budget, start: Array, share: float | None
+) -> dict[str, Verdict]:
+    """The verdicts on all algorithms by name, and on the library's choice, one of them with its own rho."""
+    operator, offset = problem.spaces.operator, problem.discrete.offset
+    steps, tolerance = budget.max_steps, budget.tolerance(problem)
+    tool = _verdict(
+        problem, partial(iterate, operator, offset, tolerance, Stop(max_steps=steps), start), tolerance
+    )
+    rho = None if share is None else share * 2 / operator.lambda_max
+    verdicts: dict[str, Verdict] = {}
+    for method in STEPS:
+        if method == "newton" and operator.singular:
+            continue
+        given = rho if method == PLAIN else None
+        run = partial(uzawa, operator, offset, tolerance, given, start, steps, method)
+        known = tool.algorithm == method and given is None
+        verdicts[method] = tool if known else _verdict(problem, run, tolerance)
+    exact = partial(active_set, operator, offset, tolerance)
+    verdicts[EXACT] = tool if tool.algorithm == EXACT else _verdict(problem, exact, tolerance)
+    return verdicts | {TOOL: tool}
+
+
+def _verdict(problem: ExtremeProblem, run: Callable[[], DualResult], tolerance: float) -> Verdict:
+    try:
+        return judge(problem, run(), tolerance)
+    except InputError as error:
+        return Verdict(REFUSED, str(error))
+
+
+def judge(problem: ExtremeProblem, result: DualResult, tolerance: float) -> Verdict:
+    """The verdict by the true error. A result that says more than is true, or nothing, is always wrong."""
+    error, allowance, bound = problem.error(result.lambda_H), problem.allowance, result.bound
+    outcome = RIGHT if result.converged else NOT_CONVERGED
+    if not error <= bound + allowance < np.inf or result.converged != (bound <= tolerance):
+        outcome = WRONG
+    said = f"{result.iterations} steps"
+    if not result.converged:
+        said = f"bound {bound / tolerance:.2g} times the tolerance after {said}"
+    return Verdict(
+        outcome,
+        said,
+        result.algorithm,
+        result.lambda_H,
+        true_error=error,
+        guaranteed=bound,
+        allowance=allowance,
+        tolerance=tolerance,
+        u_norm=problem.norm(problem.u),
+    )
+
+
+# What axes share: measures, and limits where numbers cross what is allowed.
+
+
+def condition(value: float, problem: ExtremeProblem, mu: Array) -> float:
+    """The condition number of S, as a measure."""
+    return problem.condition
+
+
+def crossing(values: Array, numbers: Array, limit: float) -> float:
+    """The value, on logarithmic scales, where the numbers first pass the limit; NaN if they do not.
+
+    Infinite, before all values, if the first number is beyond it.
+    """
+    x, y = np.log(values), np.log(numbers)
+    above = np.flatnonzero(y > np.log(limit))
+    if not above.size:
+        return np.nan
+    if above[0] == 0:
+        return np.inf if values[-1] < values[0] else -np.inf
+    k = above[0]
+    if not np.isfinite(y[k]):
+        return float(values[k])
+    return float(np.exp(x[k - 1] + (np.log(limit) - y[k - 1]) * (x[k] - x[k - 1]) / (y[k] - y[k - 1])))
