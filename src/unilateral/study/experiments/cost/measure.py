@@ -19,7 +19,7 @@ from unilateral.formulas.formula import real
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import Gram
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 from unilateral.study import scenes, tables
 from unilateral.study.experiments.cost.history import Reached
 from unilateral.study.experiments.cost.run import Measured, Shared, method_of
@@ -76,7 +76,7 @@ def measure_cost(
 
 def measure(
     mesh: Mesh,
-    cases: Sequence[Case],
+    cases: Sequence[ExactSolution],
     gram: Gram,
     variants: Sequence[Variant],
     sizes: Sequence[float],
