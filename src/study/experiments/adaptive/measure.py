@@ -8,7 +8,6 @@ carried over.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import chain
 from time import process_time
 from typing import Any, NamedTuple
 
@@ -32,7 +31,6 @@ from unilateral.geometry.structured import natural_kind, structured
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems import problem_file
-from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
 from unilateral.solvers.stop import Stop
 
@@ -56,7 +54,7 @@ def measure_adaptive(
     rates: str,
 ) -> None:
     """Write the tables of all cases, and of the problems in the files `examples`."""
-    problems: list[Case | Problem] = [*chain.from_iterable(map(scenes.cases, study["scenes"]))]
+    problems: list[Problem] = [*(case.problem for scene in study["scenes"] for case in scenes.cases(scene))]
     problems += map(problem_file.load, examples)
     h, limits, measured = real(study["h"], "adaptive.h"), MostUnknowns(**study["most"]), []
     for problem in problems:
@@ -82,7 +80,7 @@ KINDS: dict[str, Callable[[DiscreteSolution], Index]] = {"uniform": every, "adap
 
 
 def measure(
-    problem: Case | Problem, h: float, limits: MostUnknowns, stop: Stop
+    problem: Problem, h: float, limits: MostUnknowns, stop: Stop
 ) -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:
     """Errors, constants of (3.4), and timings over (kind, level), NaN beyond a kind's last level.
 
@@ -104,15 +102,16 @@ def first_mesh(polygon: Polygon, h: float) -> Mesh:
     return meshes.following(uniform(polygon, 2 * h), 2)[0]
 
 
-def asymptotic_from(problem: Case | Problem) -> float:
+def asymptotic_from(problem: Problem) -> float:
     """The unknowns of the uniform mesh from which on a case declares its error in H1 to be asymptotic."""
-    if not isinstance(problem, Case):
+    if problem.exact is None:
         return np.nan
-    return problem.polygon.area / real(problem.declaration["asymptotic"]["h1"]["from"], "asymptotic.h1") ** 2
+    declared = problem.exact.declaration["asymptotic"]["h1"]
+    return problem.polygon.area / real(declared["from"], "asymptotic.h1") ** 2
 
 
 def _rows(
-    problem: Case | Problem, first: Mesh, kind: str, limits: MostUnknowns, stop: Stop
+    problem: Problem, first: Mesh, kind: str, limits: MostUnknowns, stop: Stop
 ) -> Iterator[tuple[Row, Row, Row]]:
     """What is measured on each level; its time includes that of the bound and of all levels before."""
     spent, begin = 0.0, process_time()
@@ -125,14 +124,14 @@ def _rows(
         begin = process_time()
 
 
-def _errors(problem: Case | Problem, solution: DiscreteSolution) -> Row:
+def _errors(problem: Problem, solution: DiscreteSolution) -> Row:
     mesh = solution.discrete.mesh
     return {
         "unknowns": mesh.n_nodes,
         "multipliers": len(solution.discrete.cells),
         "diameter": mesh.longest_edges.max(),
         "shortest_edge": np.diff(mesh.s).min(),
-        "h1_error": h1_distance(problem, mesh, solution.u_h) if isinstance(problem, Case) else np.nan,
+        "h1_error": h1_distance(problem.exact, mesh, solution.u_h) if problem.exact else np.nan,
         "h1_bound": solution.total("h1"),
         "algebraic_bound": solution.result.bound,
         "converged": float(solution.result.converged),

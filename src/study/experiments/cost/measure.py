@@ -28,7 +28,7 @@ from unilateral.geometry.structured import structured
 from unilateral.norms.dual import Gram
 from unilateral.norms.exact_errors import Exact, cell_means
 from unilateral.norms.ritz import ritz_projection
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 
 SLOWER = 2
 """A run in another precision may take so many times the steps in double precision."""
@@ -98,7 +98,7 @@ def plan(study: Mapping[str, Any]) -> list[Axis]:
 
 def measure(
     mesh: Mesh,
-    cases: Sequence[Case],
+    cases: Sequence[ExactSolution],
     gram: Gram,
     variants: Sequence[Variant],
     sizes: Sequence[float],

@@ -17,7 +17,7 @@ from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry.adapted import marked
 from unilateral.norms.exact_errors import exact
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 from unilateral.solvers.stop import Stop
 
 
@@ -40,15 +40,15 @@ def where_needed(solution: DiscreteSolution) -> Index:
     return marked(solution.discrete.mesh, solution.shares)
 
 
-def on_adapted(scene: Mapping[str, Any], case: Case, unknowns: int, stop: Stop) -> Iterator[Row]:
+def on_adapted(scene: Mapping[str, Any], case: ExactSolution, unknowns: int, stop: Stop) -> Iterator[Row]:
     """What is measured on each level, from the scene's coarsest mesh on."""
     first = scenes.coarsest_mesh(scene)
-    for solution in refinements(case, first, stop, where_needed, unknowns):
+    for solution in refinements(case.problem, first, stop, where_needed, unknowns):
         solution.bound()
         yield errors_of(case, solution)
 
 
-def errors_of(case: Case, solution: DiscreteSolution) -> Row:
+def errors_of(case: ExactSolution, solution: DiscreteSolution) -> Row:
     """||u - u_h||_1 and D of a solution, by the case's exact one."""
     mesh = solution.discrete.mesh
     spaces = mixed_spaces(condense(mesh), solution.discrete.partition)

@@ -23,7 +23,7 @@ from unilateral.norms.dual import Gram
 from unilateral.norms.exact_errors import Exact, ExactErrors, cell_means
 from unilateral.norms.infsup import InfSup, infsup
 from unilateral.norms.ritz import ritz_projections
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 from unilateral.solvers.stop import Stop
 from unilateral.system.memory import forget_peak, peak_mb
 
@@ -80,7 +80,7 @@ def solve_scene(
 
 def sweep(
     mesh: Mesh,
-    cases: Sequence[Case],
+    cases: Sequence[ExactSolution],
     partitions: Sequence[Partition],
     gram: Gram | None,
     H_over_h: tuple[float, float] = (0.0, np.inf),
@@ -94,7 +94,7 @@ def sweep(
     """
     forget_peak()
     begin = time.perf_counter()
-    condensed = condense(mesh, form_of(cases[0], mesh))
+    condensed = condense(mesh, form_of(cases[0].problem, mesh))
     sigma_1 = condensed.sigma_1
     condense_seconds = time.perf_counter() - begin
     problems = ritz_projections(cases, condensed)
@@ -151,7 +151,7 @@ def _form(spaces: MixedSpaces, gram: Gram | None) -> Gram | None:
     return gram.on(spaces.partition)
 
 
-def _empty(mesh: Mesh, cases: Sequence[Case], partitions: Sequence[Partition]) -> xr.Dataset:
+def _empty(mesh: Mesh, cases: Sequence[ExactSolution], partitions: Sequence[Partition]) -> xr.Dataset:
     n, p = len(cases), len(partitions)
     H = np.array([partition.H for partition in partitions])
     largest, clamped = max(partition.n_cells for partition in partitions), cases[0].clamped_sides
