@@ -15,6 +15,7 @@ from conftest import ROOT
 
 from study import config as configuration
 from study import config_schema, registry
+from study.experiments.extremes.measure import AXES
 from unilateral.errors import InputError
 from unilateral.geometry import polygon
 from unilateral.problems import case
@@ -156,10 +157,12 @@ REFUSED = {
     "sharpness.fixed.H": [["1/8", "1/16"]],
     "sharpness.fixed.h": [0],
     "cost.base.algebra": ["A_2"],
-    "cost.vary.speed": [[1]],
-    "cost.vary.algorithm": [["fast"]],
-    "cost.vary.H_over_h": [["0"]],
-    "cost.jobs": [[]],
+    "cost.axes": [{}],
+    "cost.axes.case.speed": [[1]],
+    "cost.axes.case.H_over_h": [["0"]],
+    "cost.axes.algorithm.algorithm": [["fast"]],
+    "cost.h": [{}],
+    "cost.h.nowhere": [["1/8"]],
     "cost.stops": [[2.0]],
     "cost.costly_steps": [0],
     "extremes.accuracy": [0],
@@ -305,8 +308,8 @@ SAID = [
         "scenes.quick.H: each number has to be smaller than the one before it",
     ),
     (
-        ("extremes.axes.odd.kind", "even"),
-        f"extremes.axes.odd.kind: it is 'even'; it has to be one of {', '.join(registry.axes())}",
+        ("extremes.axes.even", {"label": "even", "values": [1, 2]}),
+        f"extremes.axes: a name in it is 'even'; it has to be one of {', '.join(AXES)}",
     ),
     (
         ("totals.levels", 7),
@@ -347,10 +350,10 @@ def test_a_whole_part_that_is_missing_is_asked_for():
         ("figures.consistency.parameters", {"case": "reentrant", "H": 1, "cases": ["thirds"]}),
         ("cost.base.scene", "nowhere"),
         ("cost.base.case", "natural"),
-        ("cost.vary.scene", ["nowhere"]),
-        ("cost.vary.case", ["rough"]),
-        ("cost.jobs", [{"scene": "nowhere", "h": ["1/8"]}]),
-        ("cost.cross", [["algorithm", "scene"], ["case", "nothing"]]),
+        ("cost.axes.scene.scene", ["nowhere"]),
+        ("cost.axes.scene.scene", ["unstructured"]),
+        ("cost.axes.case.case", ["rough"]),
+        ("cost.h", {"nowhere": ["1/8"]}),
         ("algorithm.cases", ["violates_j"]),
     ],
 )
@@ -418,9 +421,10 @@ ACCEPTED = [
     (r".*\.\d+", "removed"),
     (r"(scenes|surveys|totals\.scenes|rates\.cases)\.[\w.]+?|figures\.\w+", "removed"),
     (r".*\.(side|judged|min|max|power_of_H|edge_ratio|smallest_angle)", "removed"),
-    (r"extremes\.axes\.\w+(\.(h|H|accuracy))?|cost\.vary\.\w+", "removed"),
+    (r"extremes\.axes\.\w+(\.(h|H|accuracy))?|cost\.axes\.\w+(\.\w+)?", "removed"),
     # Any positive number is a size, and what is too fine is refused when it is made.
     (r"(.*\.)?(h|H|h_over_H|H_over_h|values|edges_per_cell|eliminated|ratios|uniform_ratios)(\.\d+)?", SIZES),
+    (r"cost\.h\.\w+(\.\d+)?", SIZES),
     (r".*\.(fitted_from|shift|grading|spread|edges_per_cell|radius|parameters\.reference)", SIZES),
     (r"graded\.scenes\.\d+\.kappas\.\d+", "tiny|half"),
     (r"surveys\.\w+\.deltas(\.\d+)?", "tiny|half"),
