@@ -74,12 +74,11 @@ def _unknown(study: Fields) -> Iterator[tuple[Place, str]]:
     names.append((("cost", "base", "case"), base["case"], scenes[base["scene"]]["cases"]))
     names.append((("cost", "base", "scene"), base["scene"], study["cost"]["h"]))
     for axis, others in study["cost"]["axes"].items():
-        place = ("cost", "axes", axis)
         for i, case in enumerate(others.get("case", [])):
-            names.append(((*place, "case", i), case, scenes[base["scene"]]["cases"]))
+            names.append((("cost", "axes", axis, "case", i), case, scenes[base["scene"]]["cases"]))
         for i, scene in enumerate(others.get("scene", [])):
             names.append((("cost", "base", "case"), base["case"], scenes[scene]["cases"]))
-            names.append(((*place, "scene", i), scene, study["cost"]["h"]))
+            names.append((("cost", "axes", axis, "scene", i), scene, study["cost"]["h"]))
     for place, name, known in names:
         if name not in known:
             yield place, f"it is {shown(repr(name))}; it has to be one of {', '.join(known)}"
