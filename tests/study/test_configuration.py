@@ -15,6 +15,7 @@ import yaml
 from conftest import ROOT
 
 from study import config as configuration
+from study.experiments.extremes.measure import AXES
 from unilateral.errors import InputError
 from unilateral.problems import case
 
@@ -154,10 +155,12 @@ REFUSED = {
     "sharpness.fixed.H": [["1/8", "1/16"]],
     "sharpness.fixed.h": [0],
     "cost.base.algebra": ["A_2"],
+    "cost.axes": [{}],
     "cost.axes.case.speed": [[1]],
-    "cost.axes.algorithm.algorithm": [["fast"]],
     "cost.axes.case.H_over_h": [["0"]],
+    "cost.axes.algorithm.algorithm": [["fast"]],
     "cost.h": [{}],
+    "cost.h.nowhere": [["1/8"]],
     "cost.stops": [[2.0]],
     "cost.costly_steps": [0],
     "extremes.accuracy": [0],
@@ -292,6 +295,10 @@ SAID = [
         "scenes.quick.H: each number has to be smaller than the one before it",
     ),
     (
+        ("extremes.axes.even", {"label": "even", "values": [1, 2]}),
+        f"extremes.axes: 'even' is not one of {list(AXES)}",
+    ),
+    (
         ("totals.levels", 7),
         "totals.levels: it has to be at most 5, the levels of its scenes",
     ),
@@ -323,6 +330,7 @@ def test_a_whole_part_that_is_missing_is_asked_for():
         ("cost.base.scene", "nowhere"),
         ("cost.base.case", "natural"),
         ("cost.axes.scene.scene", ["nowhere"]),
+        ("cost.axes.scene.scene", ["unstructured"]),
         ("cost.axes.case.case", ["rough"]),
         ("cost.h", {"nowhere": ["1/8"]}),
         ("algorithm.cases", ["violates_j"]),
@@ -395,6 +403,7 @@ ACCEPTED = [
     (r"extremes\.axes\.\w+(\.(h|H|accuracy))?|cost\.axes\.\w+(\.\w+)?", "removed"),
     # Any positive number is a size, and what is too fine is refused when it is made.
     (r"(.*\.)?(h|H|h_over_H|H_over_h|values|edges_per_cell|eliminated|ratios|uniform_ratios)(\.\d+)?", SIZES),
+    (r"cost\.h\.\w+(\.\d+)?", SIZES),
     (r".*\.(fitted_from|shift|grading|spread|edges_per_cell|radius|reference)", SIZES),
     (r"graded\.scenes\.\d+\.kappas\.\d+", "tiny|half"),
     (r"surveys\.\w+\.deltas(\.\d+)?", "tiny|half"),

@@ -28,7 +28,7 @@ from unilateral.geometry.structured import structured
 from unilateral.norms.dual import Gram
 from unilateral.norms.exact_errors import Exact, cell_means
 from unilateral.norms.ritz import ritz_projection
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 
 SLOWER = 2
 """A run in another precision may take so many times the steps in double precision."""
@@ -49,7 +49,7 @@ class Variant(NamedTuple):
     precision: str
 
 
-class Axis(NamedTuple):
+class Variation(NamedTuple):
     """Fields of the base with the values that they take, and the variants with all combinations of these."""
 
     values: dict[str, list[Any]]
@@ -83,7 +83,7 @@ def measure_cost(
         tables.save(along(axis, rows, sizes, study["stops"]), path, "cost", given)
 
 
-def plan(study: Mapping[str, Any]) -> list[Axis]:
+def plan(study: Mapping[str, Any]) -> list[Variation]:
     """The study's axes. Each field that one changes has the base's value first, then the others."""
     base = study["base"] | {"H_over_h": real(study["base"]["H_over_h"], "cost.base.H_over_h")}
     axes = []
@@ -92,13 +92,13 @@ def plan(study: Mapping[str, Any]) -> list[Axis]:
         if "H_over_h" in values:
             values["H_over_h"] = [real(ratio, "cost.axes.H_over_h") for ratio in values["H_over_h"]]
         changes = [dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())]
-        axes.append(Axis(values, [Variant(**base | changed) for changed in changes]))
+        axes.append(Variation(values, [Variant(**base | changed) for changed in changes]))
     return axes
 
 
 def measure(
     mesh: Mesh,
-    cases: Sequence[Case],
+    cases: Sequence[ExactSolution],
     gram: Gram,
     variants: Sequence[Variant],
     sizes: Sequence[float],
@@ -175,7 +175,7 @@ def _row(posed: Posed, variant: Variant, stops: Sequence[float], max_steps: int)
 
 
 def along(
-    axis: Axis, rows: Mapping[tuple[Variant, float], Row], sizes: Sequence[float], stops: Sequence[float]
+    axis: Variation, rows: Mapping[tuple[Variant, float], Row], sizes: Sequence[float], stops: Sequence[float]
 ) -> xr.Dataset:
     """The table over the fields that an axis changes, H and the stopping level, NaN where there is no run."""
     runs = [rows.get((variant, H), {}) for variant in axis.variants for H in sizes]

@@ -33,7 +33,7 @@ from unilateral.fem.linear_systems import elimination_order, factorise, last_blo
 from unilateral.fem.spaces import DualOperator, mixed_spaces
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import square
-from unilateral.solvers.uzawa import DIVERGED, LEAST
+from unilateral.solvers.uzawa import DIVERGED, LEAST, DualResult, residual_bound
 from unilateral.solvers.uzawa_steps import STEPS
 
 TOUCH = 1 / 3
@@ -206,7 +206,7 @@ def _steps_as_meant(problem: ExtremeProblem, budget: Budget) -> Axis:
     def left(share: float, problem: ExtremeProblem, mu: Array) -> float:
         return problem.error(_iterate(problem, share, budget, VARIANTS[0])) / problem.size
 
-    return Axis(pose=lambda share: problem, measure=left, share=lambda share: share, limit=1.0)
+    return Axis(pose=lambda share: problem, measure=left, sets_rho=True, limit=1.0)
 
 
 def _steps_as_printed(problem: ExtremeProblem, budget: Budget) -> Axis:
@@ -214,8 +214,9 @@ def _steps_as_printed(problem: ExtremeProblem, budget: Budget) -> Axis:
     return Axis(
         pose=lambda share: problem,
         measure=lambda share, problem, mu: problem.error(mu) / problem.size,
-        share=lambda share: share,
-        iterate=lambda share, problem: _iterate(problem, share, budget, VARIANTS[1]),
+        run=lambda share, problem: _with_bound(
+            problem, _iterate(problem, share, budget, VARIANTS[1]), share, budget
+        ),
         limit=0.5,
     )
 
@@ -225,6 +226,14 @@ def _iterate(problem: ExtremeProblem, share: float, budget: Budget, variant: str
     operator = problem.spaces.operator
     rho = share * 2 / operator.lambda_max
     return iterate(operator, problem.discrete.offset, rho, budget.max_steps, variant)
+
+
+def _with_bound(problem: ExtremeProblem, mu: Array, share: float, budget: Budget) -> DualResult:
+    """A last iterate with the bound of its residual, with rho that share of 2/lambda_max(S)."""
+    operator = problem.spaces.operator
+    rho = share * 2 / operator.lambda_max
+    bound = residual_bound(operator, problem.discrete.offset, mu, rho)
+    return DualResult(mu, budget.max_steps, 0, bound, bound <= budget.tolerance(problem), rho, "uzawa")
 
 
 # The precision, in full contact.
@@ -250,14 +259,14 @@ def _floors(values: Array, h_over_H: float, budget: Budget, precision: DTypeLike
     floors = np.array([unit_roundoff * problem.condition for problem in problems.values()])
     bounds = floors * [bound_of_floor(problem) for problem in problems.values()]
 
-    def last(size: float, problem: ExtremeProblem) -> Array:
-        return iterate_in(problem, operator_in(problem, precision), budget.max_steps)
+    def run(size: float, problem: ExtremeProblem) -> DualResult:
+        mu = iterate_in(problem, operator_in(problem, precision), budget.max_steps)
+        return _with_bound(problem, mu, 0.5, budget)
 
     return Axis(
         pose=lambda size: problems[size],
         measure=lambda size, problem, mu: problem.distance(mu, problem.lambda_H),
-        share=lambda size: 0.5,
-        iterate=last,
+        run=run,
         predicted=floors,
         limit=crossing(values, bounds, budget.accuracy),
     )

@@ -19,7 +19,7 @@ from unilateral.errors import InputError
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.dispatch import iterate
 from unilateral.solvers.stop import Stop
-from unilateral.solvers.uzawa import DualResult, residual_bound, uzawa
+from unilateral.solvers.uzawa import DualResult, uzawa
 from unilateral.solvers.uzawa_steps import STEPS
 
 RIGHT, NOT_CONVERGED, REFUSED, WRONG = ("right", "not converged", "refused", "wrong")
@@ -35,9 +35,9 @@ class Axis:
     """Problems from mild to extreme, how each is tried, and what is predicted of them.
 
     All functions are given the value on the axis. `measure` makes a number from the problem and the active
-    set's lambda_H (m,), and `start` gives lambda^0, on every cell or (m,). `share` gives rho over
-    2/lambda_max(S) where the axis sets it. Where the library does not offer an iteration, `iterate` gives its
-    last lambda (m,), which is judged by the bound and measured in the place of the active set's.
+    set's lambda_H (m,), and `start` gives lambda^0, on every cell or (m,). Where the axis `sets_rho`, its
+    values are rho over 2/lambda_max(S). `run` is an iteration that the library does not offer: it alone is
+    judged then, and its last lambda is measured in the place of the active set's.
 
     The number of each value is predicted to be `predicted`, NaN if nothing is; with a `slack` it is wrong
     above both. Up to `limit` plain Uzawa is predicted to be right, up to `tool_limit` the library's choice;
@@ -48,8 +48,8 @@ class Axis:
     pose: Callable[[float], ExtremeProblem]
     measure: Callable[[float, ExtremeProblem, Array], float]
     start: Callable[[float, ExtremeProblem], float | Array] = lambda value, problem: 0.0
-    share: Callable[[float], float] | None = None
-    iterate: Callable[[float, ExtremeProblem], Array] | None = None
+    sets_rho: bool = False
+    run: Callable[[float, ExtremeProblem], DualResult] | None = None
     predicted: float | Array = np.nan
     slack: float | None = None
     limit: float = np.nan
@@ -115,8 +115,13 @@ def try_value(axis: Axis, value: float, predicted: float, budget: Budget) -> dic
         except InputError as error:
             point = _point(Verdict(REFUSED, str(error)), REFUSED, np.nan)
         else:
-            attempt = _try_algorithms if axis.iterate is None else _try_iteration
-            point = attempt(axis, value, problem, budget)
+            if axis.run is None:
+                point = _try_algorithms(axis, value, problem, budget)
+            else:
+                result = axis.run(value, problem)
+                verdict = judge(problem, result, budget.tolerance(problem))
+                measured = axis.measure(value, problem, result.lambda_H)
+                point = _point(verdict, NO_TOOL, measured, message=f"bound {result.bound:.2g}")
     point |= {"value": value, "predicted": predicted}
     measured = point["measured"]
     untried = point["outcome"] == REFUSED and np.isnan(measured)
@@ -138,12 +143,11 @@ def _try_algorithms(axis: Axis, value: float, problem: ExtremeProblem, budget: B
     """The point by plain Uzawa and by all other algorithms.
 
     Any wrong result makes the point wrong. Its numbers are those of the algorithm that is nearest to its
-    bound, or beyond it. With a share there is no outcome of the library's own choice, which takes rho as it
-    is given.
+    bound, or beyond it. Where the axis sets rho there is no outcome of the library's own choice, which takes
+    rho as it is given.
     """
     start = np.full(len(problem.lambda_H), axis.start(value, problem))
-    share = None if axis.share is None else axis.share(value)
-    verdicts = _verdicts(problem, budget, start, share)
+    verdicts = _verdicts(problem, budget, start, value if axis.sets_rho else None)
     lambda_H = verdicts[EXACT].lambda_H
     measured = np.nan if lambda_H is None else axis.measure(value, problem, lambda_H)
     nearest = max(verdicts.values(), key=lambda verdict: verdict.used)
@@ -152,21 +156,8 @@ def _try_algorithms(axis: Axis, value: float, problem: ExtremeProblem, budget: B
         said = f"{names}: the error is above the bound, or there is none"
         return _point(nearest, WRONG, measured, message=said)
     plain = verdicts[PLAIN]
-    tool = NO_TOOL if share is not None else verdicts[TOOL].outcome
+    tool = NO_TOOL if axis.sets_rho else verdicts[TOOL].outcome
     return _point(nearest, tool, measured, outcome=plain.outcome, message=plain.said)
-
-
-def _try_iteration(axis: Axis, value: float, problem: ExtremeProblem, budget: Budget) -> dict[str, Any]:
-    """The point by the last iterate of an iteration that the library does not offer, and its bound."""
-    assert axis.iterate is not None
-    assert axis.share is not None
-    mu = axis.iterate(value, problem)
-    operator, tolerance = problem.spaces.operator, budget.tolerance(problem)
-    rho = axis.share(value) * 2 / operator.lambda_max
-    bound = residual_bound(operator, problem.discrete.offset, mu, rho)
-    result = DualResult(mu, budget.max_steps, 0, bound, bound <= tolerance, rho, "uzawa")
-    verdict = judge(problem, result, tolerance)
-    return _point(verdict, NO_TOOL, axis.measure(value, problem, mu), message=f"bound {bound:.2g}")
 
 
 def _verdicts(
