@@ -23,8 +23,8 @@ from unilateral.fem.p1 import coupling, h1_norm, of_rest
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import ExactErrors
-from unilateral.problems.data import Data
 from unilateral.problems.obstacle_and_flux import Obstacle
+from unilateral.problems.scaled import Data
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 

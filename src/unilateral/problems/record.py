@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.errors import InputError
 from unilateral.formulas.expression import Expression
 from unilateral.formulas.trees import of_tree, tree
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.given import FormulaFunction
-from unilateral.problems.nodal import Nodal, NodalTrace, NodalTraces
+from unilateral.problems.nodal import NodalTrace
 from unilateral.problems.problem import Problem
-from unilateral.problems.sampled import Function, Sampled
+from unilateral.problems.side_models import SideData
 from unilateral.problems.units import Units
 
 
-def record(of: Problem | Sampled) -> dict[str, Any]:
-    """What makes the problem again, but for functions and an array f at nodes, as JSON can have it."""
+def record(of: Problem) -> dict[str, Any]:
+    """What makes the problem again, but for an array f at nodes, as JSON can have it."""
     found = {
         "name": of.name,
         "polygon": of.polygon.name,
@@ -33,21 +30,19 @@ def record(of: Problem | Sampled) -> dict[str, Any]:
     if of.exact:
         return found | {"kind": "case", "declaration": of.exact.declaration, "side": of.exact.side}
     return found | {
-        "kind": "functions" if isinstance(of, Sampled) else "formulas",
+        "kind": "formulas",
         "title": of.title,
         "k": tree(of.units.k),
         "c": tree(of.units.c),
-        "f": _formula(of.f),
-        "g": [*map(_formula, of.g)],
-        "q": [*map(_formula, of.q)],
-        "on_mesh": of.nodal.mesh is not None,
-        "g_at_nodes": _traces(of.nodal.g),
-        "q_at_nodes": _traces(of.nodal.q),
+        "f": _data(of.f),
+        "g": [*map(_data, of.g)],
+        "q": [*map(_data, of.q)],
+        "on_mesh": of.mesh is not None,
     }
 
 
-def of_record(of: dict[str, Any], f_at_nodes: Array | None = None) -> Problem | Sampled:
-    """The problem of a record, without its mesh; in place of functions are such that raise InputError."""
+def of_record(of: dict[str, Any], f_at_nodes: Array | None = None) -> Problem:
+    """The problem of a record, without its mesh."""
     name, free, clamped = of["name"], tuple(of["free_sides"]), tuple(of["clamped_sides"])
     polygon = Polygon(np.array(of["vertices"]), of["polygon"])
     if of["kind"] == "case":
@@ -56,43 +51,24 @@ def of_record(of: dict[str, Any], f_at_nodes: Array | None = None) -> Problem | 
         solution = exact_solution(of["declaration"], name, polygon, of["side"])
         return replace(solution.problem, free_sides=free)
     units = Units(of_tree(of["k"]), of_tree(of["c"]))
-    at_nodes = (_of_traces(of[f"{field}_at_nodes"]) for field in "gq")
-    nodal = Nodal(None, f_at_nodes, *at_nodes)
-    if of["kind"] == "formulas":
-        formulas = (tuple(map(of_tree, of[field])) for field in "gq")
-        g, q = next(formulas), next(formulas)
-        return Problem(name, polygon, of_tree(of["f"]), g, free, units, q, nodal, of["title"], clamped)
-    functions = (tuple(map(_function, of[field])) for field in "gq")
-    given = _function(of["f"]), next(functions), free, units, next(functions)
-    return Sampled(name, polygon, *given, nodal, clamped)
+    f = of_tree(of["f"]) if f_at_nodes is None else f_at_nodes
+    g, q = (tuple(map(_of_data, of[field])) for field in "gq")
+    return Problem(name, polygon, f, g, free, units, q, None, of["title"], clamped)
 
 
-def on_mesh(problem: Problem | Sampled, mesh: Mesh) -> Problem | Sampled:
+def on_mesh(problem: Problem, mesh: Mesh) -> Problem:
     """The problem as one that was made of the mesh."""
-    if problem.exact:
-        return problem
-    return replace(problem, nodal=replace(problem.nodal, mesh=mesh))
+    return problem if problem.exact else replace(problem, mesh=mesh)
 
 
-def _formula(of: Expression | Function) -> list[Any] | None:
-    """A formula as nested lists, None for a function."""
-    if isinstance(of, FormulaFunction):
-        of = of.formula
-    return tree(of) if isinstance(of, Expression) else None
+def _data(data: object) -> Any:
+    """A formula as nested lists, a trace as its numbers; None for an array f."""
+    if isinstance(data, NodalTrace):
+        return {"t": data.t.tolist(), "values": data.values.tolist()}
+    return tree(data) if isinstance(data, Expression) else None
 
 
-def _function(of: list[Any] | None) -> Function:
-    return lost if of is None else FormulaFunction(of_tree(of))
-
-
-def lost(x: Array, y: Array) -> Array:
-    """In place of a function that a file cannot hold."""
-    raise InputError("a file of a solution holds no functions; give f, g and q again with ul.Problem(...)")
-
-
-def _traces(of: NodalTraces) -> Sequence[Any]:
-    return [[side, each.t.tolist(), each.values.tolist()] for side, each in of.items()]
-
-
-def _of_traces(of: Sequence[Any]) -> NodalTraces:
-    return {side: NodalTrace(np.array(t), np.array(values)) for side, t, values in of}
+def _of_data(data: Any) -> SideData:
+    if isinstance(data, dict):
+        return NodalTrace(np.array(data["t"]), np.array(data["values"]))
+    return of_tree(data)

@@ -29,9 +29,7 @@ from unilateral.geometry.mesh import Mesh, replayed, similar
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.triangulation_checks import check_areas
-from unilateral.problems.problem import Problem
 from unilateral.problems.record import of_record, on_mesh, record
-from unilateral.problems.sampled import Sampled
 from unilateral.problems.scaled import scaled
 from unilateral.solution import tables
 from unilateral.solution.solution import Solution
@@ -64,8 +62,8 @@ def write(solution: Solution, path: Path) -> None:
     if solution.solved.potential is not None:
         group["potential"] = solution.solved.potential
     problem = solution.problem
-    if isinstance(problem, Problem | Sampled) and problem.nodal.f is not None:
-        group["f_at_nodes"] = problem.nodal.f
+    if problem.f_at_nodes is not None:
+        group["f_at_nodes"] = problem.f_at_nodes
     text = json.dumps(_record(solution))
     write_netcdf(table, path)
     attributes = {"record": text, "sha256": _digest(text, arrays | group)}
@@ -181,7 +179,7 @@ def _solution(known: dict[str, Any], arrays: Arrays, path: Path) -> Solution:
     if known["problem"].get("on_mesh"):
         problem = on_mesh(problem, similar(mesh, problem.polygon))
     of_v = scaled(problem)
-    data = of_v if known["believed"] and not isinstance(of_v, Sampled) else None
+    data = of_v if known["believed"] else None
     partition = Partition(mesh.polygon, np.append(arrays["start"], arrays["end"][-1]))
     without = [*problem.free_sides, *problem.clamped_sides]
     cells, lambda_H = np.flatnonzero(~np.isin(partition.side, without)), arrays["multiplier"]

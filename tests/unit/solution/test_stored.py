@@ -133,7 +133,7 @@ def test_an_opened_file_is_the_same(name, tmp_path):
     again = ul.open(file)
     rtol = 1e-8 if s.search else 0.0
     assert_same(s, again, rtol, OF_SIZE if name == "sharp accuracy" else OF_SIZE[2:])
-    assert (s.bounds is None) == (again.bounds is None) == name.startswith("functions")
+    assert (s.bounds is None) == (again.bounds is None)
     if s.errors and s.unique:
         assert again.errors == s.errors
     again.save(tmp_path / "again.nc")
@@ -166,17 +166,6 @@ def test_an_opened_problem_of_arrays_is_solved_on_its_mesh(name, tmp_path):
     s.save(tmp_path / "s.nc")
     again = ul.solve(ul.open(tmp_path / "s.nc").problem, H=1 / 4)
     np.testing.assert_allclose(again.u, s.u, rtol=0, atol=1e-10 if "units" in name else 0.0)
-
-
-def test_functions_are_in_no_file(tmp_path):
-    s, file = solved("functions"), tmp_path / "s.nc"
-    s.save(file)
-    again = ul.open(file)
-    assert again.bounds is None
-    assert again.forces().whole.upper == np.inf
-    with pytest.raises(ul.InputError, match="a file of a solution holds no functions; give f, g and q again"):
-        ul.solve(again.problem, **SIZES)
-    np.testing.assert_array_equal(ul.solve(pickle.loads(pickle.dumps(s)).problem, **SIZES).u, s.u)
 
 
 def test_bounds_that_are_withdrawn_stay_so(tmp_path, monkeypatch):
