@@ -187,7 +187,7 @@ def test_what_is_given_is_not_changed_afterwards():
     mine = VALUES.copy()
     problem = ul.Problem(SQUARE, mine, 0)
     mine[:] = 7
-    np.testing.assert_array_equal(problem.nodal.f, VALUES)
+    np.testing.assert_array_equal(problem.f, VALUES)
 
 
 BAD = {

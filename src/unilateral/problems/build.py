@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Sized
 from dataclasses import replace
 from numbers import Number
 from typing import Any
@@ -67,23 +67,28 @@ def problem_of_arguments(
     if not isinstance(u, Mapping | None):
         raise InputError(f"{name}, field u: it is {shown(repr(u))}; it has to be a dict such as {{3: 0}}")
     mesh = polygon if isinstance(polygon, Mesh) else None
-    domain = (
-        make_polygon(arguments.vertices(polygon, f"{name}, field polygon"), name)
-        if mesh is None
-        else mesh.polygon
-    )
+    if mesh is None:
+        vertices = arguments.vertices(polygon, f"{name}, field polygon")
+        check_count(vertices, name)
+        domain = make_polygon(vertices, name, name)
+    else:
+        domain = mesh.polygon
     return build(
         name, domain, exact_corners(domain), f, g,
         free_sides=free_sides, k=k, c=c, q=q, u=(u or {}).items(), mesh=mesh, where=name,
     )  # fmt: skip
 
 
-def make_polygon(vertices: Array, where: str, name: str | None = None) -> Polygon:
-    """The polygon with these vertices (n, 2). Raises InputError, beginning with `where`."""
+def check_count(vertices: Sized, where: str) -> None:
+    """Raises InputError for a polygon with too many vertices, before they are read."""
     if len(vertices) > MAX_VERTICES:
         raise InputError(f"{where}, field polygon: {TOO_MANY.format(len(vertices))}")
+
+
+def make_polygon(vertices: Array, name: str, where: str) -> Polygon:
+    """The polygon with these vertices (n, 2). Raises InputError, beginning with `where`."""
     try:
-        return Polygon(vertices + 0.0, name or where)  # no -0.0
+        return Polygon(vertices + 0.0, name)  # no -0.0
     except InputError as error:
         raise InputError(f"{where}, field polygon: {error}") from None
 

@@ -365,7 +365,7 @@ def test_vertices_are_counted_before_they_are_read(declared, monkeypatch):
         problem_file.load(declared(polygon=[[0, 0]] * 1001))
     assert read == []
     problem_file.load(declared())
-    assert len(read) == 8 + 2  # and k and c
+    assert len(read) == 8
 
 
 def test_numbers_are_read_exactly(declared):
