@@ -67,7 +67,10 @@ def test_the_whole_study_can_be_planned_with_the_profiles_groups(node, tmp_path)
     code, said = snakemake(project, node, *PROFILE, "-n")
     assert code == 0, said
     assert set(re.findall(r"Group job (\w+)", said)) == {"judging", "figures", "telling"}
-    waiting = ("--groups", *(f"{rule}=telling" for rule in ("claims", "numbers", "documents", "typeset")))
+    waiting = (
+        "--groups",
+        *(f"{rule}=telling" for rule in ("claims", "document_numbers", "documents", "typeset")),
+    )
     code, said = snakemake(project, node, *PROFILE, *waiting, "-n")
     assert code == 1
     assert "Error in group telling" in said

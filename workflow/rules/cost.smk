@@ -7,7 +7,6 @@ MEASURED = {name: value for name, value in COST.items() if name not in ("fitted_
 
 rule cost:
     input:
-        code("experiments.cost.measure"),
         [case_files(SCENES[scene]["cases"]) for scene in COST["h"]],
         norms=expand("results/{scene}/dual_norm.nc", scene=COST["h"]),
     output:
@@ -19,10 +18,10 @@ rule cost:
     resources:
         **SOLVES,
     params:
-        job="experiments.cost.measure.measure_cost",
         scene={scene: SCENES[scene] for scene in COST["h"]},
         study=MEASURED,
+        code=code("cost"),
     message:
         "cost: all runs"
     script:
-        "../scripts/job.py"
+        "../scripts/cost.py"

@@ -16,6 +16,7 @@ import pytest
 import scipy.sparse as sp
 import xarray as xr
 
+from study.evidence import Unjudged
 from study.experiments.cells import checks as transitions
 from study.experiments.cost import checks as cost
 from study.experiments.estimates import checks as estimates
@@ -25,7 +26,6 @@ from study.experiments.scenes import checks as scenes
 from study.experiments.sharpness import checks as exponents
 from study.ledger import checks as shared
 from study.ledger import claims, evidence
-from study.ledger.evidence import Unjudged
 from unilateral.errors import InputError
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import named, square

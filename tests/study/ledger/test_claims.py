@@ -17,10 +17,10 @@ from conftest import RESULTS, config, load
 
 from study import tables
 from study.documents import marks, verdicts
+from study.evidence import Evidence
 from study.ledger import claims, controls, entries, listing, records, reports
 from study.ledger import results as of_study
 from study.ledger.claims import Judgement
-from study.ledger.evidence import Evidence
 from study.ledger.results import Results
 from study.ledger.texts import plain
 from study.scenes import is_clamped

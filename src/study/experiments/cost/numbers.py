@@ -17,14 +17,6 @@ from study.formats import TITLES, cells, shown, span
 from study.tables import NORMS
 from unilateral.formulas.formula import real
 
-READS = {
-    "algorithm": "results/cost/algorithm.nc",
-    "case": "results/cost/case.nc",
-    "scene": "results/cost/scene.nc",
-    "algebra": "results/cost/algebra.nc",
-    "precision": "results/cost/precision.nc",
-}
-"""The files behind the numbers and tables of this experiment in documents, by name."""
 LARGEST_RATIO = 4.0
 """The growth of steps is found for H/h up to this number, for which there are enough sizes."""
 LEVELS = (1e-1, 1e-3, 1e-6)
@@ -52,11 +44,11 @@ Spans = dict[float, tuple[float, float]]
 """The least and the largest of a number over all cases, by H/h."""
 
 
-def numbers(tables: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
     H_over_h, coarsest = _base(study)
-    crossed = tables["algorithm"]
+    crossed = results["cost/algorithm"]
     return {
-        "cost": recommend(tables["case"], H_over_h, coarsest)
+        "cost": recommend(results["cost/case"], H_over_h, coarsest)
         | {
             "enough_times": trade.ENOUGH,
             "newton_adds": newton_adds(crossed, H_over_h),
@@ -65,20 +57,20 @@ def numbers(tables: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, An
                 for name, stop in (("first", LEVELS[0]), ("last", LEVELS[-1]))
             },
             "growth": growth(crossed, coarsest),
-            "elimination": weigh_elimination(crossed, tables["algebra"], H_over_h),
-            "precision": judge_precision(tables["precision"]),
+            "elimination": weigh_elimination(crossed, results["cost/algebra"], H_over_h),
+            "precision": judge_precision(results["cost/precision"]),
         }
     }
 
 
-def blocks(tables: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
     H_over_h, coarsest = _base(study)
     return {
-        "ratios": tabulate_ratios(tables["case"], coarsest),
-        "prices": tabulate_prices(tables["case"], tables["scene"], H_over_h, coarsest),
-        "expected": tabulate_expected(tables["case"], H_over_h, coarsest),
-        "algorithms": tabulate_algorithms(tables["algorithm"], H_over_h),
-        "targets": tabulate_targets(tables["algorithm"], study["cost"]["targets"]),
+        "ratios": tabulate_ratios(results["cost/case"], coarsest),
+        "prices": tabulate_prices(results["cost/case"], results["cost/scene"], H_over_h, coarsest),
+        "expected": tabulate_expected(results["cost/case"], H_over_h, coarsest),
+        "algorithms": tabulate_algorithms(results["cost/algorithm"], H_over_h),
+        "targets": tabulate_targets(results["cost/algorithm"], study["cost"]["targets"]),
     }
 
 

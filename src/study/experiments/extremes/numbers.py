@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 
 from study.formats import shown
 
-READS = {"extremes": "results/extremes/extremes.nc"}
-"""The files behind the numbers and tables of this experiment in documents, by name."""
 RESCUED = "right, but not by plain Uzawa"
 ALWAYS, NEVER, NO_TOOL = "–", "none", "not offered"
 TOLD = {RESCUED: "by another algorithm only"}
@@ -31,12 +29,15 @@ def kinds(table: xr.Dataset) -> NDArray[np.str_]:
     return np.where((outcome != "right") & (tool == "right"), RESCUED, outcome)
 
 
-def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
-    return {"extremes": outcomes(of["extremes"])}
+def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+    return {"extremes": outcomes(results["extremes/extremes"])}
 
 
-def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
-    return {"extremes-limits": limits(of["extremes"]), "extremes-unlimited": unlimited(of["extremes"])}
+def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+    return {
+        "extremes-limits": limits(results["extremes/extremes"]),
+        "extremes-unlimited": unlimited(results["extremes/extremes"]),
+    }
 
 
 def limits(table: xr.Dataset) -> pd.DataFrame:
