@@ -266,19 +266,9 @@ def copy_project(folder):
     """The project without results, in a folder of that folder."""
     copied = folder / "project"
     copied.mkdir()
-    for name in ("workflow", "src", "manufactured", "examples", "docs"):
-        shutil.copytree(ROOT / name, copied / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("workflow", "src", "benchmarks", "manufactured", "examples", "docs"):
+        shutil.copytree(ROOT / name, copied / name, ignore=shutil.ignore_patterns("__pycache__", "runs"))
     for name in ("Snakefile", "README.md", "paper.md", "supplement.md", "paper.bib"):
         shutil.copy(ROOT / name, copied / name)
     (copied / "figures").mkdir()
-    (copied / "benchmarks").mkdir()
-    for name in (
-        "results.nc",
-        "commands.json",
-        "trust.json",
-        "scores.csv",
-        "installations.json",
-        "whole.json",
-    ):
-        shutil.copy(ROOT / "benchmarks" / name, copied / "benchmarks")
     return copied

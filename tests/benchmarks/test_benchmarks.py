@@ -17,10 +17,10 @@ from conftest import ROOT
 
 from benchmarks import __main__ as runner
 from benchmarks import plan, problem, summary
+from benchmarks import ratios as judge
+from benchmarks import side_by_side as benchmark_tables
 from benchmarks.peers.driver import matched
 from study import tables
-from study.experiments.benchmarks import ratios as judge
-from study.experiments.benchmarks import side_by_side as benchmark_tables
 from unilateral.errors import InputError
 from unilateral.geometry.polygon import named, square
 from unilateral.norms.ritz import h1_distance

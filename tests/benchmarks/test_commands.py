@@ -14,8 +14,8 @@ import yaml
 from conftest import ROOT
 
 from benchmarks import commands, plan
+from benchmarks import numbers as documented
 from benchmarks.commands import Whole
-from study.experiments.benchmarks import numbers as documented
 from unilateral import api
 from unilateral.errors import InputError
 

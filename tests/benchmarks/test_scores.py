@@ -6,8 +6,8 @@ import pytest
 import yaml
 from conftest import ROOT
 
+from benchmarks import numbers as documented
 from benchmarks import plan, scores
-from study.experiments.benchmarks import numbers as documented
 from unilateral.errors import InputError
 
 COMMITTED = pd.read_csv(ROOT / "benchmarks/scores.csv")

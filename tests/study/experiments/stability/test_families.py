@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from study.experiments.stability import measure as stability
 from study.experiments.stability.families import boundary_nodes, meshes_of, partition_of
-from study.experiments.stability.measure import Grams, survey
+from study.experiments.stability.measure import survey
 from unilateral.errors import InputError
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
@@ -240,9 +240,9 @@ def test_a_survey_condenses_each_mesh_once_and_tells_of_every_partition(monkeypa
     monkeypatch.setattr(stability, "condense", lambda mesh: condensed.append(mesh) or own(mesh))
     polygon = square()
     cells = [partition_of(polygon, spec) for spec in SAME_NUMBERS]
-    table = survey(cells, [RANDOM_EDGES] * 2, [2, 3], Grams())
+    table = survey(cells, [RANDOM_EDGES] * 2, [2, 3], {})
     assert len(condensed) == 2
     for p in range(2):
-        alone = survey(cells[p : p + 1], [RANDOM_EDGES], [2, 3], Grams())
+        alone = survey(cells[p : p + 1], [RANDOM_EDGES], [2, 3], {})
         xr.testing.assert_equal(table.isel(partition=[p]), alone)
     assert len(condensed) == 6
