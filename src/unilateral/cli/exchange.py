@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from unilateral import api
-from unilateral.cli.command import DOES_NOT_HOLD
+from unilateral.cli.guard import DOES_NOT_HOLD, say, tell
 from unilateral.cli.own_mesh import own_mesh
-from unilateral.cli.streams import load, say, sized, tell
 from unilateral.discrete.choice import check_size
 from unilateral.errors import InputError, counted
 from unilateral.exchange import export as exports
@@ -25,7 +24,7 @@ from unilateral.geometry.partition import uniform
 from unilateral.geometry.structured import natural_kind
 from unilateral.problems import problem_file
 from unilateral.problems.case import Case
-from unilateral.system.files import check_target, replacing
+from unilateral.system.files import check_target, replacing, sized
 
 MOST_LEVELS = 12
 PAGES = {".html": ["matplotlib"], ".htm": ["matplotlib"]}
@@ -42,12 +41,10 @@ def export(
     side: int,
     free_sides: tuple[int, ...] | None,
     out: str,
-) -> int:
-    """Write a case as files; the exit code."""
+) -> None:
+    """Write a case as files."""
     if problem_file.is_declared_in(case):
         raise InputError(f"{case} declares a problem; only a case has a known solution to compare with")
-    if (h is None) == (mesh is None):
-        raise InputError("export needs either --h or --mesh")
     if levels > MOST_LEVELS:
         raise InputError(f"argument --levels: {levels} is more than {MOST_LEVELS}")
     found = api.case(case, polygon, side, free_sides or ())
@@ -59,7 +56,6 @@ def export(
     for folder in (Path(out), *sorted(file for file in Path(out).iterdir() if file.is_dir())):
         files = sorted(file for file in folder.iterdir() if file.is_file())
         say(f"  {folder}: {', '.join(file.name for file in files)}; {sized(*files)}")
-    return 0
 
 
 def _coarsest(case: Case, h: float | None, levels: int, file: str | None) -> Mesh:
@@ -95,8 +91,9 @@ def score(
     verdict = scores.verdict(scored, rates)
     if html is not None:
         with replacing(html) as temporary:
-            page = load("unilateral.exchange.page").page(case, scored, rates)
-            temporary.write_text(page, encoding="utf-8", newline="\n")
+            from unilateral.exchange.page import page
+
+            temporary.write_text(page(case, scored, rates), encoding="utf-8", newline="\n")
     if json:
         found = {"case": case.name, "verdict": verdict, "rates": {n: _rate(r) for n, r in rates.items()}}
         say(dumps(found | {"solutions": [_solution(each) for each in scored]}))

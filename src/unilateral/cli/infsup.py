@@ -10,9 +10,9 @@ import numpy as np
 
 from unilateral import api
 from unilateral.arrays import Array, Index
-from unilateral.cli.command import is_count
+from unilateral.cli.arguments import is_count
+from unilateral.cli.guard import say
 from unilateral.cli.own_mesh import own_mesh
-from unilateral.cli.streams import say
 from unilateral.discrete.choice import check_condensed, check_size
 from unilateral.discrete.loads import form_of
 from unilateral.errors import InputError, counted
@@ -47,14 +47,13 @@ TRIANGLE = "    triangle {triangle} at ({x:.6g}, {y:.6g}): {angle:.4g} degrees"
 
 def run(
     mesh: str | None, h: float | None, polygon: str | None, cells: str | None, H: float | None, json: bool
-) -> int:
-    """Print what is found; the exit code."""
+) -> None:
+    """Print what is found."""
     domain = domain_of(polygon) if polygon else None
     of = _mesh(mesh, h, domain.polygon if domain else None)
     form = form_of(domain, of)._replace(free=()) if domain else H1
     found = record(of, _cells(of.polygon, cells or "", H), form)
     say(text(found) if json else "\n".join(lines(found)))
-    return 0
 
 
 def _mesh(file: str | None, h: float | None, polygon: Polygon | None) -> Mesh:

@@ -4,7 +4,7 @@ import click
 import pytest
 from conftest import ROOT
 
-from unilateral.cli.application import COMMANDS, application
+from unilateral.cli.application import application
 
 LONG = {
     "digits": "9" * 5000,
@@ -49,8 +49,8 @@ def typed(command, param, text):
 
 PARAMS = [
     (name, param)
-    for name in COMMANDS
-    for param in application.get_command(click.Context(application), name).params
+    for name, command in application.commands.items()
+    for param in command.params
     if not getattr(param, "is_flag", False)
 ]
 
