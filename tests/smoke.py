@@ -86,7 +86,8 @@ def helps():
 
     for name in ["", *application.commands]:
         code, out, err = typed(f"{name} --help")
-        assert (code, err) == (0, "") and out, (name, err)
+        assert (code, err) == (0, ""), (name, err)
+        assert out, name
 
 
 def python(has):
