@@ -1,5 +1,8 @@
 """The command `unilateral`: a group of commands."""
 
+from importlib import import_module
+from importlib.util import find_spec
+
 import click
 
 from unilateral.cli import commands, solve_commands
@@ -34,15 +37,19 @@ def application() -> None:
     """Solve contact (Signorini) problems on polygons, with guaranteed bounds on the errors."""
 
 
-for command in (
-    solve_commands.solve,
-    solve_commands.certify,
-    commands.init,
-    commands.check,
-    commands.cases,
-    commands.export,
-    commands.score,
-    commands.infsup,
-    commands.claims,
-):
-    application.add_command(command)
+@click.command(hidden=True, context_settings={"ignore_unknown_options": True, "allow_extra_args": True})
+def claims() -> None:
+    """Stands in for the study's command."""
+    raise click.UsageError("claims belongs to the study, which 'make' installs in a clone of the project")
+
+
+application.add_command(solve_commands.solve)
+application.add_command(solve_commands.certify)
+application.add_command(commands.init)
+application.add_command(commands.check)
+application.add_command(commands.cases)
+application.add_command(commands.export)
+application.add_command(commands.score)
+application.add_command(commands.infsup)
+# The library does not know the study, which brings a command where it is installed
+application.add_command(import_module("study.ledger.command").claims if find_spec("study") else claims)

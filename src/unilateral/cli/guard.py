@@ -7,6 +7,7 @@ so that an interrupt and a library that is broken are told as well.
 from __future__ import annotations
 
 import codecs
+import errno
 import io
 import os
 import re
@@ -19,7 +20,7 @@ from typing import TextIO
 
 import click
 
-from unilateral.errors import InputError, SolutionWarning
+from unilateral.errors import InputError, SolutionWarning, shown
 from unilateral.system.signals import INTERRUPTED, cleaning_up
 
 DOES_NOT_HOLD, NOT_CONVERGED, FAILED = 1, 3, 4
@@ -62,6 +63,9 @@ def run_guarded(action: Callable[[], int]) -> int:
         abandon(sys.stdout)
         return 0
     except Exception as error:
+        if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+            tell(f"{shown(error.filename)} is too long for the name of a file")
+            return InputError.exit_code
         if is_interrupt(error):
             tell("interrupted")
             return INTERRUPTED

@@ -6,8 +6,8 @@ from functools import cache
 import pytest
 from conftest import RESULTS, ROOT
 
+from study.ledger import claims, controls, results
 from unilateral.cli import main
-from unilateral.study.ledger import claims, controls, results
 
 pytestmark = pytest.mark.usefixtures("measured_once", "read_once")
 

@@ -292,7 +292,7 @@ def test_gmsh_is_imported_only_where_a_mesh_is_made_by_it(tmp_path):
         "from unilateral.geometry import partition, structured; "
         "from unilateral.geometry.polygon import square; "
         "from unilateral.problems import case; "
-        "from unilateral.study.experiments.scenes import measure as scene; "
+        "from study.experiments.scenes import measure as scene; "
         "cases, cells = [case.load('natural', square())], partition.uniform(square(), 1 / 4)"
     )
     forms = f"dual.Gram.of_table(xarray.open_dataset({str(table)!r}))"

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from conftest import ROOT
+from typed import in_python
 
 from unilateral.cli.application import application
 from unilateral.errors import meant
@@ -30,6 +31,16 @@ def test_the_examples_of_help_work_as_typed(run, tmp_path, monkeypatch, name):
         code, out, err = run(*shlex.split(line)[1:])
         assert (code, err) == (0, "")
         assert out
+
+
+def test_where_the_study_is_not_installed_its_command_says_so_and_is_not_listed(run):
+    """None in the place of a module makes Python take it for missing."""
+    assert "\n  claims " in run("--help")[1]
+    without = "import sys; sys.modules['study'] = None; from unilateral.cli import main; sys.exit(main({}))"
+    code, _, err = in_python(without.format(["claims", "4.12"]))
+    assert (code, "claims belongs to the study, which 'make' installs" in err) == (2, True)
+    code, out, _ = in_python(without.format(["--help"]))
+    assert (code, "claims" in out) == (0, False)
 
 
 def test_all_algorithms_can_be_named():

@@ -11,8 +11,8 @@ import pytest
 from conftest import ROOT
 from typed import KEYS, PROBLEM, SCRIPT, SIZES, in_python
 
+from study.ledger import claims
 from unilateral.cli.application import application
-from unilateral.study.ledger import claims
 
 
 def alone(*arguments, shell="", **environment):
@@ -231,7 +231,7 @@ def test_an_interrupt_while_the_command_begins_ends_it_in_one_line(module):
         "sys.meta_path.insert(0, Interrupting())\n"
         "from unilateral.__main__ import main\n"
         "sys.argv[1:] = ['cases']\n"
-        "main()\n"
+        "sys.exit(main())\n"
     )
     assert in_python(source) == (130, "", "unilateral: interrupted\n")
 
