@@ -21,7 +21,6 @@ from unilateral.cli.arguments import (
     sides,
 )
 from unilateral.cli.guard import say
-from unilateral.system.files import sized
 from unilateral.system.optional import require
 
 FORMATS = ("text", "json", "python", "ufl")
@@ -32,6 +31,7 @@ FORMATS = ("text", "json", "python", "ufl")
 def init(file: str) -> None:
     """Write a commented problem file to start from."""
     from unilateral.cli import init_check
+    from unilateral.system.files import sized
 
     init_check.init(file)
     say(f"written: {file}, {sized(file)}; edit it, then type: unilateral check {file}")
@@ -47,6 +47,7 @@ def init(file: str) -> None:
 def check(file: str, out: str | None) -> None:
     """Show how a problem file is read, before anything is solved."""
     from unilateral.cli import init_check
+    from unilateral.system.files import sized
 
     say(init_check.check(file, out))
     if out is not None:

@@ -12,7 +12,6 @@ import io
 import os
 import re
 import sys
-import traceback
 import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
@@ -111,6 +110,8 @@ def describe_failure(error: Exception) -> str:
     if isinstance(error, OSError):
         place = f"{error.filename}: " if error.filename else ""
         return f"the system failed: {place}{error.strerror or error}"
+    import traceback  # only here, because it is not needed by a command that works
+
     last = traceback.extract_tb(error.__traceback__)[-1]
     place = f"{os.path.basename(last.filename)}, line {last.lineno}"
     return f"this program or a library failed, not the input: {type(error).__name__}: {error} ({place})"
