@@ -18,7 +18,7 @@ from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import structured
 from unilateral.problems import case
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 from unilateral.problems.case_certificate import certify
 from unilateral.problems.catalogue import names
 
@@ -45,7 +45,7 @@ def stored_mesh(path: str, scene: Mapping[str, Any]) -> Mesh:
         raise StorageError(f"{error}; 'snakemake -j2 -f {path}' makes it anew") from None
 
 
-def cases(scene: Mapping[str, Any]) -> list[Case]:
+def cases(scene: Mapping[str, Any]) -> list[ExactSolution]:
     """The scene's cases, each certified. Raises InputError unless they have one form."""
     loaded = [case.load(name, domain(scene), scene["side"]) for name in scene["cases"]]
     first = loaded[0]

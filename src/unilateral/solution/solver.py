@@ -23,7 +23,7 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.data import Data, is_case
+from unilateral.problems.data import Data
 from unilateral.problems.given import Coefficient, Given, bare, mesh_of, problem_of, to_be_given, with_data
 from unilateral.problems.problem import Problem
 from unilateral.problems.sampled import Sampled
@@ -116,9 +116,7 @@ class Solver:
         """The same without warnings."""
         problem, discrete = self._discrete(f, g, q)
         with warnings.catch_warnings(action="ignore", category=IterationWarning):  # `tell_faults` tells it
-            solved = discrete.solved(self.stop)
-        solved.forget()
-        return Solution(solved, problem)
+            return Solution(discrete.solved(self.stop), problem)
 
     def matrices(self, f: Given = None, g: OnSides = None, q: OnSides = None) -> Matrices:
         """The discrete problem's matrices, load and means of g, in the units of the problem."""
@@ -135,7 +133,7 @@ class Solver:
         """The problem with that f, g and q, and the discrete one."""
         problem = self._with(f, g, q)
         data = self._data if problem is self.problem else scaled(problem)
-        if is_case(data):
+        if data.exact:
             return problem, discretised(data, self._spaces)  # with its exact solution
         load = self._load if f is None else self._load_of(problem, data)
         return problem, discretised(data, self._spaces, load)
@@ -159,7 +157,7 @@ class Solver:
             )
         if len(missing) == 2 and q is None:
             return of
-        if is_case(of) and missing:
+        if of.exact and missing:
             raise InputError(
                 f"'{of.name}' is a case, whose f and g belong to its solution; give both f and g"
             )

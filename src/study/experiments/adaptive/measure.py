@@ -8,7 +8,6 @@ carried over.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import chain
 from time import process_time
 from typing import Any, NamedTuple
 
@@ -18,8 +17,8 @@ import xarray as xr
 from study import scenes, tables
 from study.stability_constants import constants
 from unilateral.arrays import Array, Index
-from unilateral.discrete.base import DiscreteProblem, DiscreteSolution
 from unilateral.discrete.multilevel import refinements
+from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.formulas.formula import real
@@ -32,7 +31,6 @@ from unilateral.geometry.structured import natural_kind, structured
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems import problem_file
-from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
 from unilateral.solvers.stop import Stop
 
@@ -56,7 +54,7 @@ def measure_adaptive(
     rates: str,
 ) -> None:
     """Write the tables of all cases, and of the problems in the files `examples`."""
-    problems: list[Case | Problem] = [*chain.from_iterable(map(scenes.cases, study["scenes"]))]
+    problems: list[Problem] = [*(case.problem for scene in study["scenes"] for case in scenes.cases(scene))]
     problems += map(problem_file.load, examples)
     h, limits, measured = real(study["h"], "adaptive.h"), MostUnknowns(**study["most"]), []
     for problem in problems:
@@ -70,19 +68,19 @@ def measure_adaptive(
 
 def every(solution: DiscreteSolution) -> Index:
     """All triangles."""
-    return np.arange(len(solution.discrete.mesh.triangles))
+    return np.arange(len(solution.mesh.triangles))
 
 
 def where_needed(solution: DiscreteSolution) -> Index:
     """The triangles that half of the squared bound comes from."""
-    return marked(solution.discrete.mesh, solution.shares)
+    return marked(solution.mesh, solution.shares)
 
 
 KINDS: dict[str, Callable[[DiscreteSolution], Index]] = {"uniform": every, "adapted": where_needed}
 
 
 def measure(
-    problem: Case | Problem, h: float, limits: MostUnknowns, stop: Stop
+    problem: Problem, h: float, limits: MostUnknowns, stop: Stop
 ) -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:
     """Errors, constants of (3.4), and timings over (kind, level), NaN beyond a kind's last level.
 
@@ -104,51 +102,52 @@ def first_mesh(polygon: Polygon, h: float) -> Mesh:
     return meshes.following(uniform(polygon, 2 * h), 2)[0]
 
 
-def asymptotic_from(problem: Case | Problem) -> float:
+def asymptotic_from(problem: Problem) -> float:
     """The unknowns of the uniform mesh from which on a case declares its error in H1 to be asymptotic."""
-    if not isinstance(problem, Case):
+    if problem.exact is None:
         return np.nan
-    return problem.polygon.area / real(problem.declaration["asymptotic"]["h1"]["from"], "asymptotic.h1") ** 2
+    declared = problem.exact.declaration["asymptotic"]["h1"]
+    return problem.polygon.area / real(declared["from"], "asymptotic.h1") ** 2
 
 
 def _rows(
-    problem: Case | Problem, first: Mesh, kind: str, limits: MostUnknowns, stop: Stop
+    problem: Problem, first: Mesh, kind: str, limits: MostUnknowns, stop: Stop
 ) -> Iterator[tuple[Row, Row, Row]]:
     """What is measured on each level; its time includes that of the bound and of all levels before."""
     spent, begin = 0.0, process_time()
     for solution in refinements(problem, first, stop, KINDS[kind], limits.unknowns):
         solution.bound()
         spent += process_time() - begin
-        measured = kind == "adapted" and solution.discrete.mesh.n_nodes <= limits.of_beta
-        constants = stability(solution.discrete) if measured else {}
+        measured = kind == "adapted" and solution.mesh.n_nodes <= limits.of_beta
+        constants = stability(solution) if measured else {}
         yield _errors(problem, solution), constants, {"spent_seconds": spent}
         begin = process_time()
 
 
-def _errors(problem: Case | Problem, solution: DiscreteSolution) -> Row:
-    mesh = solution.discrete.mesh
+def _errors(problem: Problem, solution: DiscreteSolution) -> Row:
+    mesh = solution.mesh
     return {
         "unknowns": mesh.n_nodes,
-        "multipliers": len(solution.discrete.cells),
+        "multipliers": len(solution.cells),
         "diameter": mesh.longest_edges.max(),
         "shortest_edge": np.diff(mesh.s).min(),
-        "h1_error": h1_distance(problem, mesh, solution.u_h) if isinstance(problem, Case) else np.nan,
+        "h1_error": h1_distance(problem.exact, mesh, solution.u_h) if problem.exact else np.nan,
         "h1_bound": solution.total("h1"),
         "algebraic_bound": solution.result.bound,
         "converged": float(solution.result.converged),
     }
 
 
-def stability(discrete: DiscreteProblem) -> Row:
+def stability(solution: DiscreteSolution) -> Row:
     """The `constants` of its mesh and cells, also on free sides, and beta with an edge in each cell.
 
     P0 of the cells lies in that of the edges, and so one Gram matrix serves both.
     """
-    mesh, form = discrete.mesh, discrete.form._replace(free=())
+    mesh, form = solution.mesh, solution.form._replace(free=())
     edges, condensed = from_points(mesh.polygon, mesh.s), condense(mesh, form)
     gram = dual_norm(edges, form=form).gram()
     of_cells, of_edges = (
-        constants(mixed_spaces(condensed, of), gram.on(of).p0) for of in (discrete.partition, edges)
+        constants(mixed_spaces(condensed, of), gram.on(of).p0) for of in (solution.partition, edges)
     )
     return of_cells | {"beta_of_edges": of_edges["beta_upper"]}
 

@@ -20,7 +20,7 @@ from unilateral.fem.spaces import MixedSpaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.ritz import moments
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 
 DEGREE = 12
 """The degree of the quadrature rule for the solution with the flux 1, which is an entire function."""
@@ -28,7 +28,7 @@ PER_EDGE = 17
 """The gap is evaluated at so many points of an edge, its ends included."""
 
 
-def formulation(mesh: Mesh, partition: Partition, cases: Sequence[Case]) -> xr.Dataset:
+def formulation(mesh: Mesh, partition: Partition, cases: Sequence[ExactSolution]) -> xr.Dataset:
     """How well u satisfies (1.5) and the first equation of (P*), and u_h (3.2), over the cases.
 
     The numbers of the spaces alone are for (4.3), the constant M of (4.2) and, for the flux 1 on the unit
@@ -74,7 +74,7 @@ def _dual(spaces: MixedSpaces, values: Array) -> float:
     return float(np.sqrt(values @ spaces.condensed.solve(values)))
 
 
-def _least_gaps(case: Case, mesh: Mesh) -> Array:
+def _least_gaps(case: ExactSolution, mesh: Mesh) -> Array:
     """(nb,) the least gap on both edges at each boundary node."""
     polygon, ends = mesh.polygon, mesh.s
     side = np.searchsorted(polygon.starts, 0.5 * (ends[1:] + ends[:-1])) - 1

@@ -23,7 +23,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import Exact, cell_means
 from unilateral.norms.ritz import h1_distance, ritz_projection
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.uzawa import energy_bound, residual_bound
 
@@ -46,7 +46,7 @@ class SolvedCase(NamedTuple):
         return self.discrete.spaces
 
 
-def known(mesh: Mesh, partition: Partition, cases: Sequence[Case]) -> Iterator[SolvedCase]:
+def known(mesh: Mesh, partition: Partition, cases: Sequence[ExactSolution]) -> Iterator[SolvedCase]:
     """The cases on one mesh and one partition."""
     spaces = mixed_spaces(condense(mesh), partition)
     for case in cases:
@@ -56,7 +56,7 @@ def known(mesh: Mesh, partition: Partition, cases: Sequence[Case]) -> Iterator[S
 
 
 def algorithm(
-    mesh: Mesh, partition: Partition, cases: Sequence[Case], shares: Sequence[float], steps: int
+    mesh: Mesh, partition: Partition, cases: Sequence[ExactSolution], shares: Sequence[float], steps: int
 ) -> xr.Dataset:
     """Distances from lambda_H after so many steps from 0, by step rho (a share of 2/lambda_max(S)).
 
@@ -141,7 +141,7 @@ def _off_cells(of: SolvedCase) -> float:
 
 
 def certificates(
-    mesh: Mesh, partition: Partition, cases: Sequence[Case], recorded: Sequence[int]
+    mesh: Mesh, partition: Partition, cases: Sequence[ExactSolution], recorded: Sequence[int]
 ) -> xr.Dataset:
     """Both bounds on the algebraic error over that error, and the error itself, after steps `recorded`.
 
@@ -167,7 +167,7 @@ def _bounds(of: SolvedCase, steps: int) -> dict[str, float]:
     }
 
 
-def split(mesh: Mesh, partition: Partition, cases: Sequence[Case]) -> xr.Dataset:
+def split(mesh: Mesh, partition: Partition, cases: Sequence[ExactSolution]) -> xr.Dataset:
     """How far ||u-u_h||_1^2 by quadrature is from ||u-z_h||_1^2 + ||lambda-lambda_H||_{-1/2,h}^2, relative.
 
     The table is over the cases. `..._elsewhere` is the same with H ||lambda-lambda_H||_0^2 as second term.

@@ -32,7 +32,7 @@ from unilateral.norms.exact_errors import Exact, cell_means_of_gaps
 from unilateral.norms.ritz import RitzProjection, ritz_projection
 from unilateral.problems.atoms import T
 from unilateral.problems.cantor_atom import Cantor
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 from unilateral.problems.polar_atoms import harmonic
 from unilateral.solvers.stop import Stop
 
@@ -54,7 +54,9 @@ def measure_cells(study: Mapping[str, Any], stop: Mapping[str, Any], errors: str
     tables.save(table, alternating, "cells", given)
 
 
-def measure(mesh: Mesh, cases: Sequence[Case], sizes: Sequence[float], period: int, stop: Stop) -> xr.Dataset:
+def measure(
+    mesh: Mesh, cases: Sequence[ExactSolution], sizes: Sequence[float], period: int, stop: Stop
+) -> xr.Dataset:
     """Errors over (case, start, level): on cells of each of the sizes, and of that size over the period.
 
     Raises InputError where the cases do not have one u, which is a Cantor atom.
@@ -82,7 +84,7 @@ def measure(mesh: Mesh, cases: Sequence[Case], sizes: Sequence[float], period: i
     )
 
 
-def _flux_order(case: Case, first: Case) -> float:
+def _flux_order(case: ExactSolution, first: ExactSolution) -> float:
     (atom,) = case.atoms
     if not isinstance(atom, Cantor) or case.declaration["u"] != first.declaration["u"]:
         raise InputError(f"cells, cases: '{case.name}' needs the u of '{first.name}', one cantor atom")
@@ -90,7 +92,11 @@ def _flux_order(case: Case, first: Case) -> float:
 
 
 def on_partition(
-    condensed: Condensed, cases: Sequence[Case], ritz: RitzProjection, partition: Partition, stop: Stop
+    condensed: Condensed,
+    cases: Sequence[ExactSolution],
+    ritz: RitzProjection,
+    partition: Partition,
+    stop: Stop,
 ) -> Array:
     """(case, MEASURED) on one partition."""
     spaces, rows = mixed_spaces(condensed, partition), []
@@ -105,7 +111,7 @@ def on_partition(
 
 def alternating(
     polygon: Polygon, H: sympy.Expr, alpha: sympy.Expr, gammas: Sequence[sympy.Expr]
-) -> list[Case]:
+) -> list[ExactSolution]:
     """Cases with one u on side 0, and a gap for each exponent; H divides 1/4, in side lengths.
 
     Between t = 1/4 and 3/4 lambda = s^alpha (1 - (s/l)^2)_+^4 on one half of each cell, l = H/2. The gap is
@@ -119,7 +125,7 @@ def alternating(
         tents = [pos((T - a - H / 2) * (a + H - T), gamma) / (H / 2) ** gamma for a in starts]
         gap = sympy.Add(pos(INSET - T, gamma), pos(T - 1 + INSET, gamma), *tents)
         gaps = (gap, *[INSET**gamma] * (polygon.n_sides - 1))
-        cases.append(Case(f"gamma {gamma}, H {H}", {}, polygon, atoms, gaps))
+        cases.append(ExactSolution(f"gamma {gamma}, H {H}", {}, polygon, atoms, gaps))
     return cases
 
 

@@ -14,7 +14,7 @@ from unilateral.formulas.formula import real
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.structured import structured
 from unilateral.norms.ritz import h1_distance
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 from unilateral.solution.certification import certify
 from unilateral.solution.solver import Solver
 
@@ -30,11 +30,11 @@ def measure_certify(study: Mapping[str, Any], solutions: str) -> None:
     tables.save(table, solutions, "certify", {"certify": study})
 
 
-def measure(case: Case, mesh: Mesh, study: Mapping[str, Any]) -> xr.Dataset:
+def measure(case: ExactSolution, mesh: Mesh, study: Mapping[str, Any]) -> xr.Dataset:
     """The error and its bound over `scheme`, on one mesh."""
-    mixed = Solver(case, mesh=mesh, H=2 * mesh.h)().u
+    mixed = Solver(case.problem, mesh=mesh, H=2 * mesh.h)().u
     solutions = {"mixed method": mixed, **others(case, mesh, study["penalties"], study["sweeps"])}
     errors = [h1_distance(case, mesh, v) for v in solutions.values()]
-    bounds = [certify(case, mesh, v, None).solved.total("h1") for v in solutions.values()]
+    bounds = [certify(case.problem, mesh, v, None).solved.total("h1") for v in solutions.values()]
     values = {"certified_error": ("scheme", errors), "certified_bound": ("scheme", bounds)}
     return xr.Dataset(values, coords={"scheme": list(solutions)})

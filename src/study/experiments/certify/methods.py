@@ -17,7 +17,7 @@ from skfem.models.poisson import laplace, mass
 from unilateral.arrays import Array, Mask
 from unilateral.geometry.mesh import Mesh
 from unilateral.norms.reference import boundary_facets
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 
 DEGREE = 8
 """Of the quadrature of f."""
@@ -37,7 +37,7 @@ class NodalProblem(NamedTuple):
     fixed: Mask
 
 
-def nodal_problem(case: Case, mesh: Mesh, element: skfem.Element) -> NodalProblem:
+def nodal_problem(case: ExactSolution, mesh: Mesh, element: skfem.Element) -> NodalProblem:
     """A case with u >= g at the element's boundary unknowns: nodes, and for P2 the midpoints of edges."""
     of_skfem = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
     basis = skfem.Basis(of_skfem, element, intorder=DEGREE)
@@ -90,7 +90,7 @@ def gauss_seidel(problem: NodalProblem, sweeps: int) -> Array:
     return x
 
 
-def others(case: Case, mesh: Mesh, penalties: Sequence[int], sweeps: int) -> dict[str, Array]:
+def others(case: ExactSolution, mesh: Mesh, penalties: Sequence[int], sweeps: int) -> dict[str, Array]:
     """(n,) the values at the nodes of each method's solution, by its name."""
     linear = nodal_problem(case, mesh, skfem.ElementTriP1())
     quadratic = nodal_problem(case, mesh, skfem.ElementTriP2())

@@ -23,7 +23,7 @@ from unilateral.formulas.formula import real
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import Gram
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 from unilateral.system.memory import forget_peak, peak_mb
 
 LONGER = 2
@@ -76,7 +76,7 @@ def measure_cost(
 
 def measure(
     mesh: Mesh,
-    cases: Sequence[Case],
+    cases: Sequence[ExactSolution],
     gram: Gram,
     variants: Sequence[Variant],
     sizes: Sequence[float],

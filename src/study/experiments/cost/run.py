@@ -24,7 +24,7 @@ from unilateral.geometry.partition import uniform
 from unilateral.norms.dual import Gram
 from unilateral.norms.exact_errors import Exact, cell_means
 from unilateral.norms.ritz import ritz_projection
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 from unilateral.solvers.uzawa import Apply, uzawa
 from unilateral.solvers.uzawa_steps import STEPS
 
@@ -152,7 +152,9 @@ class Shared:
     `measured` is by case and H/h, `coupled`, the spaces and the seconds, by H/h.
     """
 
-    def __init__(self, mesh: Mesh, cases: Sequence[Case], gram: Gram, variants: Sequence[Variant]) -> None:
+    def __init__(
+        self, mesh: Mesh, cases: Sequence[ExactSolution], gram: Gram, variants: Sequence[Variant]
+    ) -> None:
         (factors, condensed), self.condensing = timed(partial(_condensed, mesh))
         alone, self.dissecting = timed(lambda: dissected(matrix(mesh)))
         eliminated = operations.factors(factors.lu)

@@ -24,7 +24,7 @@ from study import style, tables
 from unilateral.errors import InputError
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.norms.exact_errors import cell_means
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 from unilateral.problems.polar_atoms import Polar
 
 HEIGHT, MARKER = 10.7, 4.4
@@ -46,7 +46,7 @@ class Transition(NamedTuple):
         return self.alpha + self.gamma + 1
 
 
-def first_transition(case: Case) -> Transition:
+def first_transition(case: ExactSolution) -> Transition:
     """The transition at the case's harmonic atom. Raises InputError if there is none with a power as gap."""
     for atom in case.atoms:
         if isinstance(atom, Polar) and not atom.at_vertex:
@@ -90,7 +90,7 @@ def table(
     return pd.concat(parts)
 
 
-def _of_side(case: Case, partition: Partition) -> pd.DataFrame:
+def _of_side(case: ExactSolution, partition: Partition) -> pd.DataFrame:
     side, means = first_transition(case).side, cell_means(case, partition)
     here, start = partition.side == side, partition.polygon.starts[side]
     of_cells = {
@@ -103,7 +103,7 @@ def _of_side(case: Case, partition: Partition) -> pd.DataFrame:
     return pd.DataFrame({"kind": "cell", "case": case.name, "H": partition.H, **of_cells})[here]
 
 
-def _of_sizes(case: Case, errors: xr.Dataset) -> pd.DataFrame:
+def _of_sizes(case: ExactSolution, errors: xr.Dataset) -> pd.DataFrame:
     """Three rows for each H, from coarse to fine."""
     transition, H = first_transition(case), errors["H"].values
     predicted, theta = zip(*(leading(transition, uniform(case.polygon, size)) for size in H), strict=True)

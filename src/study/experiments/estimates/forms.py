@@ -11,10 +11,10 @@ from study import scenes, tables
 from unilateral.geometry.partition import Partition, common_refinement
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact_errors import cell_means
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 
 
-def dual_forms(partition: Partition, cases: Sequence[Case]) -> xr.Dataset:
+def dual_forms(partition: Partition, cases: Sequence[ExactSolution]) -> xr.Dataset:
     """The forms that bound ||.||_{-1/2}, see `Gram`, and the cell means of u - g, (case, cell)."""
     forms = dual_norm(partition, cases).gram(cases).table(cases)
     gaps = [cell_means(case, partition).gap_means for case in cases]

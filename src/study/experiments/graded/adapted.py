@@ -11,13 +11,13 @@ import xarray as xr
 from study import scenes
 from study.experiments.graded.levels import Row, along_levels
 from unilateral.arrays import Index
-from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.multilevel import refinements
+from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry.adapted import marked
 from unilateral.norms.exact_errors import exact
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 from unilateral.solvers.stop import Stop
 
 
@@ -37,21 +37,21 @@ def measure_adapted(study: Mapping[str, Any], stop: Mapping[str, Any]) -> xr.Dat
 
 def where_needed(solution: DiscreteSolution) -> Index:
     """The triangles that half of the squared bound comes from."""
-    return marked(solution.discrete.mesh, solution.shares)
+    return marked(solution.mesh, solution.shares)
 
 
-def on_adapted(scene: Mapping[str, Any], case: Case, unknowns: int, stop: Stop) -> Iterator[Row]:
+def on_adapted(scene: Mapping[str, Any], case: ExactSolution, unknowns: int, stop: Stop) -> Iterator[Row]:
     """What is measured on each level, from the scene's coarsest mesh on."""
     first = scenes.coarsest_mesh(scene)
-    for solution in refinements(case, first, stop, where_needed, unknowns):
+    for solution in refinements(case.problem, first, stop, where_needed, unknowns):
         solution.bound()
         yield errors_of(case, solution)
 
 
-def errors_of(case: Case, solution: DiscreteSolution) -> Row:
+def errors_of(case: ExactSolution, solution: DiscreteSolution) -> Row:
     """||u - u_h||_1 and D of a solution, by the case's exact one."""
-    mesh = solution.discrete.mesh
-    spaces = mixed_spaces(condense(mesh), solution.discrete.partition)
+    mesh = solution.mesh
+    spaces = mixed_spaces(condense(mesh), solution.partition)
     errors = exact(case, spaces).errors(spaces, solution.lambda_H)
     return {
         "unknowns": float(mesh.n_nodes),

@@ -30,7 +30,7 @@ from unilateral.norms.dual import Gram, dual_norm
 from unilateral.norms.exact_errors import Exact, exact
 from unilateral.norms.infsup import infsup
 from unilateral.norms.resolution import resolution
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 from unilateral.problems.polar_atoms import Polar
 from unilateral.solvers.stop import Stop
 
@@ -58,7 +58,7 @@ def measure(scene: Mapping[str, Any], normed: int, stop: Stop) -> Iterator[xr.Da
             print(f"{case.name}, kappa = {kappa:g} measured")
 
 
-def singular_atom(case: Case) -> Polar:
+def singular_atom(case: ExactSolution) -> Polar:
     """The case's only atom at a vertex."""
     (atom,) = (atom for atom in case.atoms if isinstance(atom, Polar))
     return atom
@@ -69,7 +69,7 @@ def cells_of(mesh: Mesh) -> Partition:
     return from_points(mesh.polygon, mesh.s[::2])
 
 
-def on_levels(levels: Sequence[Mesh], case: Case, normed: int, stop: Stop) -> xr.Dataset:
+def on_levels(levels: Sequence[Mesh], case: ExactSolution, normed: int, stop: Stop) -> xr.Dataset:
     """Errors over (level) on nested meshes, and what they depend on.
 
     Where there are more than `normed` cells the dual norm and beta are NaN. One reference mesh serves all
@@ -84,7 +84,7 @@ def on_levels(levels: Sequence[Mesh], case: Case, normed: int, stop: Stop) -> xr
     return along_levels(rows).assign_coords(case=case.name, exponent=float(atom.beta))
 
 
-def _errors(spaces: MixedSpaces, case: Case, gram: Gram, stop: Stop) -> Row:
+def _errors(spaces: MixedSpaces, case: ExactSolution, gram: Gram, stop: Stop) -> Row:
     """Errors of the discrete solution; in the dual norm if the forms are of a finer partition."""
     seen = exact(case, spaces)
     result = solve(with_solution(spaces, seen), stop).result
@@ -114,7 +114,7 @@ def _in_dual_norm(spaces: MixedSpaces, seen: Exact, gram: Gram, lambda_H: Array)
     }
 
 
-def alone(singular: Case, spaces: MixedSpaces) -> float:
+def alone(singular: ExactSolution, spaces: MixedSpaces) -> float:
     """||z_h - u_h||_1 of a case, were multipliers of both signs allowed."""
     seen = exact(singular, spaces)
     return seen.errors(spaces, equality(with_solution(spaces, seen))).hm12_discrete

@@ -11,9 +11,9 @@ import xarray as xr
 
 from study import scenes, tables
 from study.stability_constants import of_runs
-from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.condensed import solve, with_solution
 from unilateral.discrete.loads import form_of
+from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.files import write_mesh
@@ -23,7 +23,7 @@ from unilateral.norms.dual import Gram
 from unilateral.norms.exact_errors import Exact, ExactErrors, cell_means
 from unilateral.norms.infsup import InfSup, infsup
 from unilateral.norms.ritz import ritz_projections
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 from unilateral.solvers.stop import Stop
 from unilateral.system.memory import forget_peak, peak_mb
 
@@ -80,7 +80,7 @@ def solve_scene(
 
 def sweep(
     mesh: Mesh,
-    cases: Sequence[Case],
+    cases: Sequence[ExactSolution],
     partitions: Sequence[Partition],
     gram: Gram | None,
     H_over_h: tuple[float, float] = (0.0, np.inf),
@@ -94,7 +94,7 @@ def sweep(
     """
     forget_peak()
     begin = time.perf_counter()
-    condensed = condense(mesh, form_of(cases[0], mesh))
+    condensed = condense(mesh, form_of(cases[0].problem, mesh))
     sigma_1 = condensed.sigma_1
     condense_seconds = time.perf_counter() - begin
     problems = ritz_projections(cases, condensed)
@@ -120,10 +120,12 @@ def sweep(
             begin = time.perf_counter()
             exact = Exact(problem, cells[c])
             table["ritz_means"][c, 0, k] = exact.ritz_means(spaces)
-            solution = solve(with_solution(spaces, exact), stop, stability.beta_lower)
+            discrete = with_solution(spaces, exact)
+            solution = solve(discrete, stop, stability.beta_lower)
             errors = exact.errors(spaces, solution.result.lambda_H)
             seconds[c, 0, k] = time.perf_counter() - begin
             _record(table, c, k, solution, errors)
+            table["balance"][c, 0, k] = discrete.balance(solution)
             if form:
                 difference = cells[c].lambda_means - solution.lambda_H
                 lower, upper = form.error(c, difference[None])
@@ -151,7 +153,7 @@ def _form(spaces: MixedSpaces, gram: Gram | None) -> Gram | None:
     return gram.on(spaces.partition)
 
 
-def _empty(mesh: Mesh, cases: Sequence[Case], partitions: Sequence[Partition]) -> xr.Dataset:
+def _empty(mesh: Mesh, cases: Sequence[ExactSolution], partitions: Sequence[Partition]) -> xr.Dataset:
     n, p = len(cases), len(partitions)
     H = np.array([partition.H for partition in partitions])
     largest, clamped = max(partition.n_cells for partition in partitions), cases[0].clamped_sides
@@ -190,7 +192,6 @@ def _record(table: xr.Dataset, c: int, k: int, solution: DiscreteSolution, error
         "discrete_error": errors.hm12_discrete,
         "l2_error": errors.l2,
         "quadrature_share": errors.quadrature_share,
-        "balance": solution.balance,
         "iterations": result.iterations,
         "operator_applications": result.operator_applications,
         "algebraic_bound": result.bound,

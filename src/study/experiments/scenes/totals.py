@@ -21,7 +21,7 @@ from unilateral.fem.spaces import mixed_spaces
 from unilateral.formulas.formula import real
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 
 ZERO = 1e-12
 """An error of lambda_H that is at most this multiple of ||u||_1 counts as 0: lambda_H is exact."""
@@ -52,7 +52,11 @@ def bound_totals(
 
 
 def over_errors(
-    mesh: Mesh, partitions: Sequence[Partition], cases: Sequence[Case], solved: xr.Dataset, H_over_h: float
+    mesh: Mesh,
+    partitions: Sequence[Partition],
+    cases: Sequence[ExactSolution],
+    solved: xr.Dataset,
+    H_over_h: float,
 ) -> xr.Dataset:
     """Bounds over errors at one H/h, one level long in `mesh`, of what `measure.sweep` solved there.
 
@@ -61,16 +65,24 @@ def over_errors(
     takes the sharp bound on ||u - v||_1 for one on ||u - u_h||_1, which it is not.
     """
     k = int(np.argmin([abs(partition.H / mesh.h - H_over_h) for partition in partitions]))
-    spaces = mixed_spaces(condense(mesh, form_of(cases[0], mesh)), partitions[k])
+    spaces = mixed_spaces(condense(mesh, form_of(cases[0].problem, mesh)), partitions[k])
     cells, form, partition = spaces.cells, spaces.condensed.form, spaces.partition
     indices = np.full((len(NAMES), len(cases), 1), np.nan)
     for c, case in enumerate(cases):
         of = solved.sel(case=case.name).isel(mesh=0, partition=k)
-        mu, held = of["lambda_H"].values[: len(cells)], held_values(case, mesh)
-        load, g_means = load_of(case, mesh).values, obstacle_means(case, partition)
+        mu, held = of["lambda_H"].values[: len(cells)], held_values(case.problem, mesh)
+        load = load_of(case.problem, mesh).values
+        g_means = obstacle_means(case.problem, partition)
         on = with_load(spaces, load, None, g_means, held)
         pair = held + spaces.response(on.of_rest[0], mu), spaces.extended(mu)
-        given = enclosed(mesh, case), case.enclosed_obstacle, partition, *pair, nothing(mesh), form
+        given = (
+            enclosed(mesh, case.problem),
+            case.problem.enclosed_obstacle,
+            partition,
+            *pair,
+            nothing(mesh),
+            form,
+        )
         sharp, cheap = sharp_bound(*given), local_bound(*given)
         of_u, of_lambda = float(error_in(of, "h1")), float(error_in(of, "hm12", "upper"))
         of_lambda = of_lambda if of_lambda > ZERO * float(of["u_norm"]) else np.nan

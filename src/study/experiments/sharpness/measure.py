@@ -32,7 +32,7 @@ from unilateral.norms.exact_errors import CellMeans, Exact, cell_means_of_gaps
 from unilateral.norms.infsup import infsup
 from unilateral.norms.ritz import ritz_projections
 from unilateral.problems.atoms import T
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 from unilateral.problems.polar_atoms import harmonic
 from unilateral.solvers.stop import Stop
 
@@ -56,7 +56,7 @@ MEASURED = (
 
 def transitions(
     polygon: Polygon, at: sympy.Expr, alpha: sympy.Expr, gammas: Sequence[sympy.Expr]
-) -> list[Case]:
+) -> list[ExactSolution]:
     """Members of the family with one u on side 0, contact from `at` to `at` + CUTOFF, in side lengths."""
     rest = (T - at - CUTOFF) / (1 - at - CUTOFF)
     atoms = (harmonic(polygon, 0, at, alpha, CUTOFF),)
@@ -64,7 +64,7 @@ def transitions(
     for gamma in gammas:
         gap = pos(at - T, gamma) + at**gamma * pos(rest, END)
         gaps = (gap, *[at**gamma] * (polygon.n_sides - 1))
-        members.append(Case(f"alpha {alpha}, gamma {gamma}, at {at}", {}, polygon, atoms, gaps))
+        members.append(ExactSolution(f"alpha {alpha}, gamma {gamma}, at {at}", {}, polygon, atoms, gaps))
     return members
 
 
@@ -90,7 +90,7 @@ class SeenFamily:
     partition: Partition
     at: Sequence[sympy.Expr]
     exponents: tuple[Sequence[sympy.Expr], Sequence[sympy.Expr]]
-    members: list[list[list[Case]]]
+    members: list[list[list[ExactSolution]]]
     means: list[list[list[CellMeans]]]
     gram: Gram
 
