@@ -104,7 +104,7 @@ def cases(name: str | None, form: str, polygon: str | None, side: int | None) ->
     from unilateral.system.as_json import text as as_text
 
     if name is not None:
-        say(catalogue.shown(name, polygon, side or 0, form))
+        say(catalogue.show(name, polygon, side or 0, form))
     elif form == "json":
         say(as_text(catalogue.records()))
     else:
@@ -239,8 +239,6 @@ def infsup(**options: Any) -> None:
     for one, other in (("mesh", "h"), ("cells", "H")):
         if (options[one] is None) == (options[other] is None):
             raise click.UsageError(f"infsup needs either --{one} or --{other}")
-    if options["h"] is not None and options["polygon"] is None:
-        raise click.UsageError("--h needs --polygon")
     from unilateral.cli.infsup import run
 
     run(**options)

@@ -11,7 +11,7 @@ from typing import Any
 
 from unilateral import api
 from unilateral.cli.guard import DOES_NOT_HOLD, say, tell
-from unilateral.cli.own_mesh import own_mesh
+from unilateral.cli.own_mesh import mesh_of_size, own_mesh
 from unilateral.discrete.choice import check_size
 from unilateral.errors import InputError, counted
 from unilateral.exchange import export as exports
@@ -19,9 +19,7 @@ from unilateral.exchange import score as scores
 from unilateral.exchange.equation_residual import NAMES
 from unilateral.exchange.exported_folder import exported, foreign
 from unilateral.exchange.score import Rate, Scored
-from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import uniform
-from unilateral.geometry.structured import natural_kind
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
 from unilateral.system.files import check_target, replacing, sized
@@ -47,23 +45,19 @@ def export(
         raise InputError(f"{case} declares a problem; only a case has a known solution to compare with")
     if levels > MOST_LEVELS:
         raise InputError(f"argument --levels: {levels} is more than {MOST_LEVELS}")
-    found = api.case(case, polygon, side, free_sides or ())
-    coarse = _coarsest(found, h, levels, mesh)
-    exports.export(found, coarse, H, levels, out)
-    if coarse.h / 2 ** (levels - 1) >= uniform(found.polygon, H).H:
+    problem = api.case(case, polygon, side, free_sides or ())
+    if mesh is not None:
+        coarse = own_mesh(mesh, problem.polygon)
+    elif h is not None:
+        check_size(problem.polygon, h)
+        coarse = mesh_of_size(problem.polygon, h * 2 ** (levels - 1))
+    exports.export(problem, coarse, H, levels, out)
+    if coarse.h / 2 ** (levels - 1) >= uniform(problem.polygon, H).H:
         tell("the multiplier may not be unique, because h >= H; take h < H, such as H = 2h")
-    say(f"{found.name}: {counted(levels, 'level')} in {out}")
+    say(f"{problem.name}: {counted(levels, 'level')} in {out}")
     for folder in (Path(out), *sorted(file for file in Path(out).iterdir() if file.is_dir())):
         files = sorted(file for file in folder.iterdir() if file.is_file())
         say(f"  {folder}: {', '.join(file.name for file in files)}; {sized(*files)}")
-
-
-def _coarsest(case: Problem, h: float | None, levels: int, file: str | None) -> Mesh:
-    """The mesh in the file, or the one that has the size h on the finest level."""
-    if h is None:
-        return own_mesh(str(file), case.polygon)
-    check_size(case.polygon, h)
-    return api.KINDS[natural_kind(case.polygon)](case.polygon, h * 2 ** (levels - 1))
 
 
 def score(
