@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import yaml
+from sentences import recorder
 
 from unilateral.cli import main
 from unilateral.discrete.condensed import with_solution
@@ -45,6 +46,31 @@ NEED_RESULTS = (
     "test_report.py",
     "test_surveys.py",
 )
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--rewrite-sentences",
+        action="store_true",
+        help="write tests/sentences.yaml anew, for the tests that run",
+    )
+
+
+def pytest_configure(config):
+    recorder.rewriting = config.getoption("rewrite_sentences")
+    if recorder.rewriting and config.getoption("numprocesses", None):
+        raise pytest.UsageError("--rewrite-sentences needs one process: leave out -n")
+
+
+def pytest_sessionfinish():
+    if recorder.rewriting:
+        recorder.write()
+
+
+@pytest.fixture(autouse=True)
+def sentences_of_a_test(request, tmp_path_factory):
+    recorder.temporary = str(tmp_path_factory.getbasetemp())
+    recorder.begin(request.node.nodeid)
 
 
 def pytest_collection():
