@@ -39,7 +39,7 @@ def test_another_sentence_name_or_kind_fails(error, names, message, monkeypatch)
 
 
 def test_a_rewrite_stores_what_the_tests_say_now(tmp_path, monkeypatch):
-    """Of the tests that run, and of no other; folders and digits that depend on the processor are left out."""
+    """Of the tests that run, and of no other; folders and digits that depend on the processor go."""
     monkeypatch.setattr(sentences, "FILE", tmp_path / "sentences.yaml")
     recorder = sentences.Recorder()
     recorder.stored = {"a.py": {"test_1": ["old"], "test_2": ["kept"]}}
