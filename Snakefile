@@ -6,7 +6,7 @@ from contextlib import suppress
 
 from snakemake.utils import min_version, update_config
 
-from unilateral.study import config as configuration
+from study import config as configuration
 from unilateral.errors import InputError
 
 min_version("9.0")

@@ -2,4 +2,6 @@
 
 from setuptools import find_packages, setup
 
-setup(packages=[*find_packages("src"), "unilateral.checker", "unilateral.manufactured"])
+LIBRARY = find_packages("src", include=["unilateral*"])  # and not the study, which stands beside it
+
+setup(packages=[*LIBRARY, "unilateral.checker", "unilateral.manufactured"])

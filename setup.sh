@@ -28,14 +28,20 @@ install_packages() {
         stop "The packages of requirements.txt could not be installed (see above); 'make' tries again."
     .venv/bin/python -m pip install -qq --disable-pip-version-check --no-deps --no-build-isolation -e . ||
         stop "The package unilateral itself could not be installed (see above); 'make' tries again."
+    # The study beside it is no part of the package: the clone's folder of sources is on Python's path.
+    echo "$PWD/src" >"$(packages_folder)/study.pth"
     compile_packages
     pwd -P >.venv/installed
+}
+
+packages_folder() {
+    .venv/bin/python -c 'import sysconfig; print(sysconfig.get_path("platlib"))'
 }
 
 # What every process imports, also where PYTHONDONTWRITEBYTECODE has each of them compile it again, for seconds;
 # not their tests. Python sees by a file's time stamp that it was edited later.
 compile_packages() {
-    packages=$(.venv/bin/python -c 'import sysconfig; print(sysconfig.get_path("platlib"))')
+    packages=$(packages_folder)
     for name in $compiled; do
         set -- "$@" "$packages/$name"
     done

@@ -138,7 +138,7 @@ def main(sizes: list[str]) -> int:
         print(f"benchmarks: {fault}", file=sys.stderr)
         return fault.exit_code
     from benchmarks import summary  # not before: what is started counts the peak memory of who starts it
-    from unilateral.study import tables
+    from study import tables
 
     if sizes and records:
         print(summary.rows(records).to_string(index=False))

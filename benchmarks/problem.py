@@ -44,7 +44,7 @@ from unilateral.norms.exact_errors import cell_means
 from unilateral.norms.ritz import flux_load, h1_distance
 from unilateral.problems import case as cases
 from unilateral.problems import problem_file
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 from unilateral.problems.problem import Problem
 from unilateral.solvers.multigrid import Multigrid, multigrid
 from unilateral.system.files import replacing
@@ -104,7 +104,7 @@ def partition(mesh: Mesh, edges: int) -> Partition:
     return Partition(mesh.polygon, mesh.s[::edges].copy())
 
 
-def _judged(case: Case, mesh: Mesh, load: Array, means: Array) -> dict[str, Any]:
+def _judged(case: ExactSolution, mesh: Mesh, load: Array, means: Array) -> dict[str, Any]:
     levels = hierarchy(mesh)
     w = grid(mesh, levels, load, means, CELLS).solve(CONVERGED).u
     residual = load - levels.A @ w

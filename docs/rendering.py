@@ -23,7 +23,7 @@ MARKUP = re.compile(r"([\\*|_])")
 UPRIGHT = re.compile("<mi>(&#x003(?:9[1-9A-F]|A[0-9]);)</mi>")
 LINK = re.compile(r"\[([^\]]+)\]\(([^)#:\s]+)(#[\w-]+)?\)")
 PAPERS = ("paper", "supplement")
-VARIABLES = "src/unilateral/study/variables.yaml"
+VARIABLES = "src/study/variables.yaml"
 HEAD = ["variable", "what it holds", "unit", "of the paper"]
 
 

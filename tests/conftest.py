@@ -15,6 +15,8 @@ import scipy.sparse as sp
 import yaml
 from sentences import recorder
 
+from study import tables
+from study.ledger import claims
 from unilateral.cli import main
 from unilateral.discrete.condensed import with_solution
 from unilateral.fem.condense import condense
@@ -29,8 +31,6 @@ from unilateral.problems import case as cases
 from unilateral.problems import problem_file
 from unilateral.problems.case import load as load_case
 from unilateral.problems.case_certificate import certify
-from unilateral.study import tables
-from unilateral.study.ledger import claims
 
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "tests/data"
@@ -46,6 +46,8 @@ NEED_RESULTS = (
     "test_report.py",
     "test_surveys.py",
 )
+OTHERS = ("conftest", "study", "unilateral")
+"""What a file of tests imports, and did not build for itself."""
 
 
 def pytest_addoption(parser):
@@ -208,7 +210,7 @@ def forgotten(request):
     """What a file of tests has built for itself is not kept beside what the next ones build."""
     yield
     for each in vars(request.module).values():
-        if hasattr(each, "cache_clear") and not each.__module__.startswith(("conftest", "unilateral")):
+        if hasattr(each, "cache_clear") and each.__module__.split(".")[0] not in OTHERS:
             each.cache_clear()
     gc.collect()
     if hasattr(LIBC, "malloc_trim"):  # else glibc keeps what is free between what is not
@@ -285,7 +287,7 @@ def copy_project(folder):
     """The project without results, in a folder of that folder."""
     copied = folder / "project"
     copied.mkdir()
-    for name in ("workflow", "src/unilateral", "manufactured", "examples", "docs"):
+    for name in ("workflow", "src", "manufactured", "examples", "docs"):
         shutil.copytree(ROOT / name, copied / name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("Snakefile", "README.md", "paper.md", "supplement.md", "paper.bib"):
         shutil.copy(ROOT / name, copied / name)

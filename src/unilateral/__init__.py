@@ -7,7 +7,7 @@ True
 
 Public names live in `api` and are imported lazily; `__init__.pyi` lists them. The method is in `formulas`,
 `geometry`, `problems`, `fem`, `solvers`, `norms`, `bounds`, and on them `discrete`, `accuracy` and
-`solution`. The `study` uses the method, never the other way. `cli` is the command line.
+`solution`. `cli` is the command line.
 """
 
 from importlib import import_module

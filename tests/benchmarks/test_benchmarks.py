@@ -18,14 +18,14 @@ from conftest import ROOT
 from benchmarks import __main__ as runner
 from benchmarks import plan, problem, summary
 from benchmarks.peers.driver import matched
+from study import tables
+from study.experiments.benchmarks import ratios as judge
+from study.experiments.benchmarks import side_by_side as benchmark_tables
 from unilateral.errors import InputError
 from unilateral.geometry.polygon import named, square
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems import case as cases
 from unilateral.problems.case_certificate import certify
-from unilateral.study import tables
-from unilateral.study.experiments.benchmarks import ratios as judge
-from unilateral.study.experiments.benchmarks import side_by_side as benchmark_tables
 
 COMMITTED = ROOT / "benchmarks/benchmarks.yaml"
 N = 16

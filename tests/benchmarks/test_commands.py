@@ -15,9 +15,9 @@ from conftest import ROOT
 
 from benchmarks import commands, plan
 from benchmarks.commands import Whole
+from study.experiments.benchmarks import numbers as documented
 from unilateral import api
 from unilateral.errors import InputError
-from unilateral.study.experiments.benchmarks import numbers as documented
 
 COMMITTED = ROOT / "benchmarks/benchmarks.yaml"
 PLAN = plan.read(COMMITTED)

@@ -7,8 +7,8 @@ import yaml
 from conftest import ROOT
 
 from benchmarks import plan, scores
+from study.experiments.benchmarks import numbers as documented
 from unilateral.errors import InputError
-from unilateral.study.experiments.benchmarks import numbers as documented
 
 COMMITTED = pd.read_csv(ROOT / "benchmarks/scores.csv")
 PLAN = plan.read(plan.FOLDER / "benchmarks.yaml")

@@ -12,7 +12,7 @@ import pytest
 from conftest import ROOT
 
 from benchmarks import trust
-from unilateral.study.experiments.benchmarks import numbers as documented
+from study.experiments.benchmarks import numbers as documented
 
 PARTS = ("solve", "bound", "certificate", "check", "check_formulas")
 

@@ -255,9 +255,7 @@ def test_all_documented_names_are_on_the_page_of_the_library(site):
 
 def test_all_variables_of_tables_are_on_their_page(site):
     text = (site / "docs/tables.html").read_text(encoding="utf-8")
-    names = re.findall(
-        r"^(\w+): \[", (ROOT / "src/unilateral/study/variables.yaml").read_text(), re.MULTILINE
-    )
+    names = re.findall(r"^(\w+): \[", (ROOT / "src/study/variables.yaml").read_text(), re.MULTILINE)
     assert len(names) > 100
     assert [name for name in names if f">{name}</span>" not in text] == []
 

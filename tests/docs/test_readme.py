@@ -10,7 +10,7 @@ from conftest import ROOT
 from documents import PAGES, blocks
 from pictures import NUMBER, PRINTED
 
-from unilateral.study.documents.marks import without_marks
+from study.documents.marks import without_marks
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 FIRST = "unilateral solve examples/arch.yaml --accuracy 0.05"

@@ -13,8 +13,8 @@ from tempfile import TemporaryFile
 
 import snakemake.cli
 
-from unilateral.study import config
-from unilateral.study.ledger import claims  # noqa: F401 - imported for the Snakefile
+from study import config
+from study.ledger import claims  # noqa: F401 - imported for the Snakefile
 
 ROOT = Path(__file__).parents[2]
 

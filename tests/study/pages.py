@@ -13,7 +13,7 @@ from conftest import ROOT
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from unilateral.study import config, figure_entries, registry
+from study import config, figure_entries, registry
 
 NUMBERS = {
     "adaptive": ["error", "bound", "beta", "beta_of_edges"],
@@ -80,7 +80,7 @@ def drawn(figure, table):
     with TemporaryDirectory() as folder, recorded() as pages:
         path, target = Path(folder) / "table.csv", Path(folder) / "figure.svg"
         table.to_csv(path, index=False)
-        import_module(f"unilateral.study.{registry.figures()[figure]}").draw(path, target)
+        import_module(f"study.{registry.figures()[figure]}").draw(path, target)
         return pages[0], target.read_bytes()
 
 

@@ -43,7 +43,7 @@ KIND = """
 def calm(values: Array, h: float, H: float, budget: Budget) -> Axis:
     return nothing(values, h, H, budget)
 """
-STABILITY, COUNTS = (f"src/unilateral/study/experiments/{name}" for name in ("stability", "counts"))
+STABILITY, COUNTS = (f"src/study/experiments/{name}" for name in ("stability", "counts"))
 PLACES = [
     ("src/unilateral/geometry/polygons.yaml", "", POLYGON),
     ("manufactured/my_case.yaml", "", CASE),
@@ -57,22 +57,22 @@ PLACES = [
     (f"{COUNTS}/claims.yaml", "", COUNTED),
     ("workflow/config/study.yaml", "", FIELDS),
     ("workflow/rules/experiments.smk", "EXPERIMENTS = {\n", RULE),
-    ("src/unilateral/study/ledger/sections.yaml", "extremes: [", '"V.h", '),
+    ("src/study/ledger/sections.yaml", "extremes: [", '"V.h", '),
     (f"{COUNTS}/counts_figure.py", "", DRAWING),
     ("workflow/config/figures.yaml", "figures:\n", FIGURE),
     (f"{STABILITY}/claims.yaml", "", "\n" + CLAIM),
-    ("src/unilateral/study/ledger/sections.yaml", "stability: [", '"3.1d", '),
-    ("src/unilateral/study/experiments/extremes/contact.py", "", KIND),
+    ("src/study/ledger/sections.yaml", "stability: [", '"3.1d", '),
+    ("src/study/experiments/extremes/contact.py", "", KIND),
     ("workflow/config/extremes.yaml", "  axes:\n", AXIS),
 ]
 """What is added to a file, and behind which text or, without one, at its end."""
 
 USED = """
-from unilateral.study.experiments.counts.measure import measure_counts
-from unilateral.study.experiments.extremes.measure import KINDS
-from unilateral.study.figure_entries import make_figure
-from unilateral.study.ledger.claims import find
-from unilateral.study.tables import load
+from study.experiments.counts.measure import measure_counts
+from study.experiments.extremes.measure import KINDS
+from study.figure_entries import make_figure
+from study.ledger.claims import find
+from study.tables import load
 
 measure_counts({"polygon": "square", "h": ["1/8", "1/16"]}, "counts/counts.nc")
 print(find("V.h").measure({"counts/counts": load("counts/counts.nc")}).observed)
@@ -109,6 +109,6 @@ def test_what_is_added_is_planned_and_needs_no_other_change(tmp_path: Path) -> N
     jobs = dict.fromkeys(["dual_norm", "solve", "rates", "surveys", "counts", "figure"], 1) | {"total": 6}
     assert {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)} == jobs
     (project / "counts").mkdir()
-    said = ["0.0", "('square/infsup',)", "unilateral.study.experiments.extremes.contact"]
+    said = ["0.0", "('square/infsup',)", "study.experiments.extremes.contact"]
     said += ["h,unknowns 0.125,81 0.0625,289", "1"]
     assert run(project, "-c", USED).splitlines() == said

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from conftest import ROOT
 
+from study import config as configuration
+from study import config_schema, registry
 from unilateral.errors import InputError
 from unilateral.geometry import polygon
 from unilateral.problems import case
-from unilateral.study import config as configuration
-from unilateral.study import config_schema, registry
 
 SCHEMA = str(ROOT / "workflow/schemas/study.schema.yaml")
 RULES = config_schema._rules(SCHEMA)

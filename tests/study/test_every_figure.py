@@ -12,8 +12,8 @@ from matplotlib import rc_context
 from matplotlib.text import Text
 from pages import first_of_each, in_git, page, recorded
 
+from study import registry
 from unilateral.errors import InputError
-from unilateral.study import registry
 
 FIGURES = first_of_each()
 ODD = {"lines.linewidth": 9, "axes.facecolor": "red", "svg.hashsalt": None, "savefig.bbox": "tight"}
@@ -29,7 +29,7 @@ def test_every_committed_figure_is_drawn_and_nothing_else_is_there():
 def test_a_committed_figure_is_what_its_table_gives_and_on_the_page(name, tmp_path):
     """Whatever settings a user has. Text is drawn as paths, and there is no date."""
     target = tmp_path / "figure.svg"
-    draw = import_module(f"unilateral.study.{in_git()[name].module}").draw
+    draw = import_module(f"study.{in_git()[name].module}").draw
     with rc_context(ODD), recorded() as pages:
         draw(ROOT / f"figures/{name}.csv", target)
     svg = target.read_bytes()
@@ -70,7 +70,7 @@ def test_another_process_gives_the_same_bytes(tmp_path):
     program = "import sys\nfrom importlib import import_module\n"
     for module, name in FIGURES.items():
         files = str(ROOT / f"figures/{name}.csv"), f"{name}.svg"
-        program += f"import_module('unilateral.study.{registry.figures()[module]}').draw(*{files})\n"
+        program += f"import_module('study.{registry.figures()[module]}').draw(*{files})\n"
     program += "assert 'matplotlib.pyplot' not in sys.modules"
     environment = {**os.environ, "PYTHONHASHSEED": "12345", "TZ": "Asia/Tokyo"}
     subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=environment, check=True)
@@ -89,5 +89,5 @@ def test_another_table_gives_another_figure(figure):
 def test_a_table_that_is_missing_is_named(figure, tmp_path):
     given = tmp_path / "missing.csv"
     with pytest.raises(InputError, match=r"there is no table .*missing\.csv"):
-        import_module(f"unilateral.study.{registry.figures()[figure]}").draw(given, tmp_path / "figure.svg")
+        import_module(f"study.{registry.figures()[figure]}").draw(given, tmp_path / "figure.svg")
     assert list(tmp_path.iterdir()) == []

@@ -9,7 +9,7 @@ import tomllib
 import pytest
 from conftest import ROOT
 
-from unilateral.study import manifest
+from study import manifest
 
 ABC = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad"
 """The SHA-256 of "abc", an example of FIPS 180-4."""

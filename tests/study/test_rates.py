@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from study.rates import Expectation, collect, judge, smallest_rate, summary
 from unilateral.errors import InputError
-from unilateral.study.rates import Expectation, collect, judge, smallest_rate, summary
 
 UNFIT = "algebraic error is above"
 LEVELS = 0.5 ** np.arange(3, 9)

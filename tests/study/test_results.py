@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from conftest import RESULTS, ROOT, config, stored
 
+from study import rates
+from study.ledger import claims, reports
+from study.ledger.results import Results
+from study.scenes import is_clamped
+from study.tables import VARIABLES
 from unilateral.formulas.formula import real
 from unilateral.problems import case
-from unilateral.study import rates
-from unilateral.study.ledger import claims, reports
-from unilateral.study.ledger.results import Results
-from unilateral.study.scenes import is_clamped
-from unilateral.study.tables import VARIABLES
 
 EXPECTED = config("rates")["rates"]
 SCENES = {name: scene for name, scene in config("study")["scenes"].items() if scene.get("judged", True)}

@@ -8,10 +8,10 @@ import meshio
 import numpy as np
 import pytest
 
+from study import scenes
 from unilateral.errors import InputError, StorageError
 from unilateral.geometry import files
 from unilateral.geometry.mesh import Mesh
-from unilateral.study import scenes
 
 SCENE = {"polygon": "square", "mesh": {"kind": "unstructured", "h": "1/4"}}
 

@@ -16,8 +16,8 @@ from pathlib import Path
 import pytest
 from conftest import ROOT, copy_project
 
+from study import tables
 from unilateral.errors import StorageError
-from unilateral.study import tables
 
 
 @pytest.fixture(scope="module")

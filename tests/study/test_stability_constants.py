@@ -9,6 +9,14 @@ from boundary_norms import gram, on
 from numpy.testing import assert_allclose
 from scipy.linalg import eigh
 
+from study.stability_constants import (
+    cellwise,
+    certified_cellwise,
+    least_pairing_constant,
+    of_runs,
+    pairing,
+    pairing_constant,
+)
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling
 from unilateral.fem.spaces import mixed_spaces
@@ -18,14 +26,6 @@ from unilateral.geometry.polygon import named, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.infsup import infsup
 from unilateral.norms.resolution import inner_nodes
-from unilateral.study.stability_constants import (
-    cellwise,
-    certified_cellwise,
-    least_pairing_constant,
-    of_runs,
-    pairing,
-    pairing_constant,
-)
 
 
 def between(s, nodes, period):

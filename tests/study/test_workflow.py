@@ -19,13 +19,12 @@ import grimp
 import pytest
 from conftest import ROOT, copy_project
 
-from unilateral.study import config as configuration
-from unilateral.study import registry
-from unilateral.study.documents import marks
-from unilateral.study.ledger import claims
+from study import config as configuration
+from study import registry
+from study.documents import marks
+from study.ledger import claims
 
 WORKFLOW = ROOT / "workflow"
-LIBRARY = ROOT / "src/unilateral"
 STUDY, SOURCES = configuration.read(sorted(map(str, (WORKFLOW / "config").glob("*.yaml"))))
 configuration.check(STUDY, SOURCES, str(WORKFLOW / "schemas/study.schema.yaml"))
 
@@ -222,7 +221,7 @@ def test_documents_tell_the_numbers_of_the_files_that_experiments_name(planned):
         "graded",
         "sharpness",
     ):
-        module = import_module(f"unilateral.study.experiments.{experiment}.numbers")
+        module = import_module(f"study.experiments.{experiment}.numbers")
         wanted |= {*module.READS.values()}
     assert {file for file in job["input"] if not file.startswith(("src/", "workflow/"))} == wanted
 
@@ -270,17 +269,17 @@ def code(common):
 @cache
 def graph():
     """The library's imports, as import-linter sees them."""
-    return grimp.build_graph("unilateral", cache_dir=None)
+    return grimp.build_graph("study", "unilateral", cache_dir=None)
 
 
 def file_of(module):
-    path = LIBRARY.joinpath(*module.split(".")[1:])
+    path = ROOT.joinpath("src", *module.split("."))
     return str((path / "__init__.py" if path.is_dir() else path.with_suffix(".py")).relative_to(ROOT))
 
 
 def imports(modules):
     """All modules that these modules of the library import, by import-linter's graph, and their packages."""
-    found = {f"unilateral.{module}" for module in modules}
+    found = set(modules)
     found |= {each for module in found for each in graph().find_upstream_modules(module)}
     return found | {".".join(each.split(".")[:k]) for each in found for k in range(1, each.count(".") + 2)}
 
@@ -290,7 +289,7 @@ def imported(source):
     nodes = [node for node in ast.walk(ast.parse(source)) if isinstance(node, ast.ImportFrom)]
     names = {f"{node.module}.{alias.name}" for node in nodes for alias in node.names}
     names |= {node.module for node in nodes}
-    return {name.removeprefix("unilateral.") for name in names & graph().modules}
+    return names & graph().modules
 
 
 JOB = (WORKFLOW / "scripts/job.py").read_text()
@@ -315,7 +314,7 @@ def test_a_rule_depends_on_all_that_its_job_imports_and_on_no_more(planned, code
 def test_a_figure_depends_on_its_own_module_and_on_no_other_figure_s(code, module):
     """So a change of one figure's module redraws that figure only."""
     found = [file for file in code("figure_entries", module) if file.endswith(f"{registry.FIGURE}.py")]
-    assert found == [f"src/unilateral/study/{module.replace('.', '/')}.py"]
+    assert found == [f"src/study/{module.replace('.', '/')}.py"]
 
 
 def test_the_verdicts_depend_on_the_checks_of_all_experiments(planned):
@@ -323,7 +322,7 @@ def test_the_verdicts_depend_on_the_checks_of_all_experiments(planned):
     used = {claim.check.partition(".")[0] for claim in claims.ledger() if claim.check}
     assert used == set(registry.checks())
     (job,) = of_rules(planned, ["claims"])
-    files = {f"src/unilateral/study/{module.replace('.', '/')}.py" for module in registry.checks().values()}
+    files = {f"src/study/{module.replace('.', '/')}.py" for module in registry.checks().values()}
     assert files <= set(job["input"])
 
 
@@ -334,7 +333,7 @@ def test_a_rule_depends_on_the_data_that_its_modules_read(code):
 
 def test_a_solve_depends_on_uzawa_and_not_on_the_figures(code):
     found = code("experiments.scenes.measure")
-    assert {"src/unilateral/solvers/uzawa.py", "src/unilateral/study/scenes.py"} <= set(found)
+    assert {"src/unilateral/solvers/uzawa.py", "src/study/scenes.py"} <= set(found)
     assert not [file for file in found if "_figure" in file or "cli" in file]
     assert "src/unilateral/solvers/uzawa.py" not in code("figure_entries", "experiments.scenes.rates_figure")
 
@@ -370,7 +369,7 @@ def test_jobs_that_ask_for_too_little_are_noticed(planned):
 def test_each_rule_depends_on_its_own_job_and_has_a_log_of_its_name(planned):
     for job, module in calls(planned):
         assert job["script"] == "../scripts/job.py"
-        assert file_of(f"unilateral.study.{module}") in job["input"]
+        assert file_of(f"study.{module}") in job["input"]
         (log,) = job["log"]
         assert re.fullmatch(rf"results/logs/{job['rule']}(/.*)?\.log", log)
 
@@ -386,7 +385,7 @@ def test_what_is_measured_of_a_job_has_its_rule_s_name_and_is_no_result(planned)
 
 def test_a_rule_s_names_are_the_arguments_of_its_job(planned):
     for job, module in calls(planned):
-        function = getattr(import_module(f"unilateral.study.{module}"), job["params"]["job"].split(".")[-1])
+        function = getattr(import_module(f"study.{module}"), job["params"]["job"].split(".")[-1])
         parameters = inspect.signature(function).parameters.values()
         taken = {"job", *(each.name for each in parameters if each.kind is not each.VAR_KEYWORD)}
         takes_others = any(each.kind is each.VAR_KEYWORD for each in parameters)

@@ -8,7 +8,7 @@ from collections import Counter
 
 from conftest import ROOT
 
-SOURCES = sorted((ROOT / "src/unilateral").rglob("*.py"))
+SOURCES = sorted((ROOT / "src").rglob("*.py"))
 LOOSE = {"__init__", "__main__", "api", "arrays", "errors"}
 """The modules that belong to no room."""
 

@@ -4,7 +4,7 @@
 rule claims:
     input:
         code("ledger.reports", *registry.checks().values()),
-        [f"src/unilateral/study/experiments/{name}/claims.yaml" for name in files()],
+        [f"src/study/experiments/{name}/claims.yaml" for name in files()],
         tables=[f"results/{name}.nc" for name in claimed()],
     output:
         claims="results/claims.json",

@@ -2,11 +2,11 @@ import re
 from functools import cache
 from pathlib import Path
 
-from unilateral.study import registry
-from unilateral.study.documents import numbers, marks
-from unilateral.study.figure_entries import drawings
-from unilateral.study.ledger.entries import entries, files
-from unilateral.study.scenes import normed
+from study import registry
+from study.documents import numbers, marks
+from study.figure_entries import drawings
+from study.ledger.entries import entries, files
+from study.scenes import normed
 
 SCENES = config["scenes"]
 JUDGED = [name for name, scene in SCENES.items() if scene["judged"]]
@@ -25,7 +25,7 @@ def code(*modules):
     """
     files, waiting = set(), [Path("workflow/scripts/job.py")]
     for module in modules:
-        package, _, name = f"unilateral.study.{module}".rpartition(".")
+        package, _, name = f"study.{module}".rpartition(".")
         waiting += imports(f"from {package} import {name}")
     while waiting:
         file = waiting.pop()
@@ -51,13 +51,13 @@ def imports(source):
     """Where the modules can be that a source file imports, at its top or inside functions."""
     found = []
     for module, names in re.findall(
-        r"^\s*from unilateral([\w.]*) import (\([^)]*\)|.+)$", source, re.MULTILINE
+        r"^\s*from ((?:unilateral|study)[\w.]*) import (\([^)]*\)|.+)$", source, re.MULTILINE
     ):
-        parts = module.split(".")[1:]
-        folder = Path("src/unilateral", *parts)
-        packages = [Path("src/unilateral", *parts[:k]) for k in range(len(parts) + 1)]
+        parts = module.split(".")
+        folder = Path("src", *parts)
+        packages = [Path("src", *parts[:k]) for k in range(1, len(parts) + 1)]
         inside = [folder / name for name in re.findall(r"\w+", names)]
-        found += [folder.with_suffix(".py")] if parts else []
+        found += [folder.with_suffix(".py")]
         found += [each.with_suffix(".py") for each in inside]
         found += [package / "__init__.py" for package in [*packages, *inside]]
     return found

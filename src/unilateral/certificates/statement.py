@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 from unilateral.errors import InputError
 from unilateral.formulas.expression import ZERO, Expression, atoms_in
 from unilateral.formulas.formula import coefficients
-from unilateral.problems.problem import Problem
-from unilateral.problems.sampled import Function, Sampled
+from unilateral.problems.sampled import Function
 
 if TYPE_CHECKING:
     from unilateral.problems.given import AnyProblem
@@ -34,7 +33,7 @@ def state_problem(problem: AnyProblem) -> dict[str, Any]:
     and u that is not quadratic along its side.
     """
     name, sides = problem.name, list[dict[str, Any]]()
-    if not isinstance(problem, Problem | Sampled):
+    if problem.exact:
         raise _unread_error(f"'{name}'", "is a case", "take a problem file")
     vertices = [(_simplest_fraction(x), _simplest_fraction(y)) for x, y in problem.polygon.vertices.tolist()]
     for side, start in enumerate(vertices):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Sequence
+from importlib.util import find_spec
 
 import click
 
@@ -34,29 +35,40 @@ PACKAGES = {
     "score": ("sympy", "meshio", "pandas", "xarray"),
     "certify": ("meshio", "pandas"),
     "infsup": ("gmsh",),
-    "claims": ("sympy", "netCDF4", "pandas", "xarray"),
 }
 """The optional packages without which a command can do nothing."""
+MODULES = {"solve": "unilateral.cli.solve_options", "claims": "study.ledger.command"}
+"""Where a command is defined that is not in `commands`. The study's one is there after `make`."""
 
 
 class Application(Command, click.Group):
     """The group of all commands."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        return list(COMMANDS)
+        return [name for name in COMMANDS if name != "claims" or _has_study()]
 
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
         if name not in COMMANDS:
             return None
-        module = "solve_options" if name == "solve" else "commands"
-        found: click.Command = getattr(load(f"unilateral.cli.{module}"), name)
+        if name not in self.list_commands(ctx):
+            ctx.fail("claims belongs to the study, which 'make' installs in a clone of the project")
+        found: click.Command = getattr(load(MODULES.get(name, "unilateral.cli.commands")), name)
         found.short_help, found.packages = COMMANDS[name], PACKAGES.get(name, ())  # type: ignore[attr-defined]
         return found
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         super().format_options(ctx, formatter)
         with formatter.section("Commands"):
-            formatter.write_dl([(name, f"{what}{_needed(name)}") for name, what in COMMANDS.items()])
+            names = self.list_commands(ctx)
+            formatter.write_dl([(name, f"{COMMANDS[name]}{_needed(name)}") for name in names])
+
+
+def _has_study() -> bool:
+    """Whether the study is installed, which stands beside the library and has a command of its own."""
+    try:
+        return find_spec(MODULES["claims"]) is not None
+    except ModuleNotFoundError:
+        return False
 
 
 def _needed(name: str) -> str:

@@ -10,7 +10,7 @@ from unilateral.exchange.case_formulas import DEFINITIONS, NO_FORMULAS, formulas
 from unilateral.geometry import polygon
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import case, problem_file
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 from unilateral.problems.case_certificate import PROVED, ROUND_OFF, Certificate, certify
 from unilateral.problems.polar_atoms import Polar
 from unilateral.system.as_json import text as as_text
@@ -57,7 +57,7 @@ def _listed(name: str) -> dict[str, Any]:
     return {"name": name, "title": case.declared(name)[0]["title"], "polygons": on}
 
 
-def polygon_record(found: Case, certificate: Certificate) -> dict[str, Any]:
+def polygon_record(found: ExactSolution, certificate: Certificate) -> dict[str, Any]:
     """The certificate of a case on a polygon; contact by arc lengths from the start of each side."""
     lengths, (flux, gap) = found.polygon.lengths.tolist(), largest(certificate)
     intervals = [
@@ -80,7 +80,7 @@ def domains(name: str) -> list[Polygon]:
     return [polygon.named(each) for each in (polygon.names() if declared == "any" else declared)]
 
 
-def certified(name: str, on: Sequence[Polygon], side: int = 0) -> Iterator[tuple[Case, Certificate]]:
+def certified(name: str, on: Sequence[Polygon], side: int = 0) -> Iterator[tuple[ExactSolution, Certificate]]:
     """The case on a side of each polygon, with its certificate."""
     for domain in on:
         found = case.load(name, domain, side)
@@ -117,7 +117,7 @@ def shown(name: str, polygon: str | None, side: int, kind: str) -> str:
     return as_text(record(each)) if kind == "json" else "\n".join(lines(each))
 
 
-def record(on: list[tuple[Case, Certificate]]) -> dict[str, Any]:
+def record(on: list[tuple[ExactSolution, Certificate]]) -> dict[str, Any]:
     """What `lines` says, for programs."""
     first = on[0][0]
     return {
@@ -134,12 +134,12 @@ def record(on: list[tuple[Case, Certificate]]) -> dict[str, Any]:
     }
 
 
-def proved(of: Case) -> dict[str, float] | None:
+def proved(of: ExactSolution) -> dict[str, float] | None:
     """The rates of Theorem 4.1, None where it does not apply."""
     return PROVED if all(of.declaration["hypotheses"].values()) else None
 
 
-def lines(on: list[tuple[Case, Certificate]]) -> Iterator[str]:
+def lines(on: list[tuple[ExactSolution, Certificate]]) -> Iterator[str]:
     """What is known of a case, in lines for readers."""
     first, certificate = on[0]
     declared = first.declaration
@@ -162,7 +162,7 @@ def lines(on: list[tuple[Case, Certificate]]) -> Iterator[str]:
     yield LEGEND
 
 
-def _on_polygon(of: Case, certificate: Certificate) -> Iterator[str]:
+def _on_polygon(of: ExactSolution, certificate: Certificate) -> Iterator[str]:
     found, polygon, intervals = formulas(of), of.polygon, polygon_record(of, certificate)["contact"]
     closed = found["u"] is not None
     yield f"on {polygon.name}:"
@@ -185,12 +185,12 @@ def _contact(intervals: list[dict[str, float]]) -> str:
     return "contact " + (", ".join("{start:.6g} to {end:.6g}".format(**each) for each in intervals) or "none")
 
 
-def regularity(of: Case) -> dict[str, bool]:
+def regularity(of: ExactSolution) -> dict[str, bool]:
     """The regularity of u and lambda: what all atoms have."""
     return {name: all(getattr(atom.regularity, name) for atom in of.atoms) for name in REGULARITY}
 
 
-def powers(of: Case) -> list[dict[str, Any]]:
+def powers(of: ExactSolution) -> list[dict[str, Any]]:
     """The points (x, y) about which u is like a fractional power of the distance."""
     atoms = [atom for atom in of.atoms if isinstance(atom, Polar)]
     return [

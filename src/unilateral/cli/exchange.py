@@ -24,7 +24,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.structured import natural_kind
 from unilateral.problems import problem_file
-from unilateral.problems.case import Case
+from unilateral.problems.problem import Problem
 from unilateral.system.files import check_target, replacing
 
 MOST_LEVELS = 12
@@ -62,7 +62,7 @@ def export(
     return 0
 
 
-def _coarsest(case: Case, h: float | None, levels: int, file: str | None) -> Mesh:
+def _coarsest(case: Problem, h: float | None, levels: int, file: str | None) -> Mesh:
     """The mesh in the file, or the one that has the size h on the finest level."""
     if h is None:
         return own_mesh(str(file), case.polygon)
@@ -138,7 +138,7 @@ def _numbers(found: dict[str, float]) -> dict[str, float | None]:
     return {name: None if math.isnan(value) else value for name, value in found.items()}
 
 
-def _table(case: Case, scored: list[Scored]) -> Iterator[str]:
+def _table(case: Problem, scored: list[Scored]) -> Iterator[str]:
     """The errors, with this project's own below them."""
     of_u = f"u in {NAMES[case.reaction][1]}"
     yield f"{'level':10} {'h':>9} {of_u:>10} {'lambda in H^(-1/2)':>22} {'in L2':>10}  multiplier"
@@ -150,7 +150,7 @@ def _table(case: Case, scored: list[Scored]) -> Iterator[str]:
             yield f"{name:10} {numbers}  {kind}"
 
 
-def _lines(case: Case, scored: Sequence[Scored], rates: dict[str, Rate]) -> Iterator[str]:
+def _lines(case: Problem, scored: Sequence[Scored], rates: dict[str, Rate]) -> Iterator[str]:
     """A line on the rate in each norm."""
     for norm, rate in rates.items():
         if rate.pairs:

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -53,9 +53,6 @@ from unilateral.system import as_json
 from unilateral.system.files import check_target, writing_failed
 from unilateral.system.memory import keep_freed, peak_mb
 from unilateral.system.optional import require
-
-if TYPE_CHECKING:
-    from unilateral.problems.case import Case
 
 INTERRUPTED = 130
 LIMITS = ("max_unknowns", "max_seconds", "max_memory")
@@ -122,7 +119,7 @@ def certify(options: SimpleNamespace) -> int:
     return 0 if printed["h1_bound"] < math.inf else NOT_CONVERGED
 
 
-def _read(options: SimpleNamespace, drawn: bool) -> Case | Problem:
+def _read(options: SimpleNamespace, drawn: bool) -> Problem:
     """The problem, its formulas enclosed. Raises BudgetError where a limit of an accuracy ends that."""
     limits = {"max_seconds": options.max_seconds, "max_memory": options.max_memory}
     goal = None if options.accuracy is None else Goal(options.accuracy, **limits)
@@ -134,7 +131,7 @@ def _read(options: SimpleNamespace, drawn: bool) -> Case | Problem:
         raise BudgetError(why) from None
 
 
-def _solved(options: SimpleNamespace, problem: Case | Problem, watch: Watch, drawn: bool) -> Solution:
+def _solved(options: SimpleNamespace, problem: Problem, watch: Watch, drawn: bool) -> Solution:
     return api.solve(
         problem,
         **{name: getattr(options, name) for name in PASSED_ON},
@@ -259,7 +256,7 @@ def _allowed(phase: str, compute: Callable[[], Any], found: Solution, watch: Wat
         watch.rest()
 
 
-def _problem(options: SimpleNamespace) -> Case | Problem:
+def _problem(options: SimpleNamespace) -> Problem:
     """What is to be solved, with its free sides."""
     name = options.problem
     if problem_file.is_declared_in(name):
@@ -273,7 +270,7 @@ def _problem(options: SimpleNamespace) -> Case | Problem:
     return api.case(name, options.polygon, options.side or 0, options.free_sides or ())
 
 
-def _mesh(given: str | None, problem: Case | Problem) -> Any:
+def _mesh(given: str | None, problem: Problem) -> Any:
     """The kind of mesh, or the mesh in a file of that name."""
     if given is None or given in api.KINDS:
         return given or ""
@@ -282,7 +279,7 @@ def _mesh(given: str | None, problem: Case | Problem) -> Any:
     return own_mesh(given, problem.polygon)
 
 
-def _told(problem: Case | Problem, by_default: bool, drawn: bool) -> Callable[[Level], None]:
+def _told(problem: Problem, by_default: bool, drawn: bool) -> Callable[[Level], None]:
     """A function that prints each level, the first one below a line that says what is wanted."""
     first, units = True, problem.units
 

@@ -21,7 +21,7 @@ from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import Exact, ExactErrors, exact
-from unilateral.problems.data import Data, is_case
+from unilateral.problems.data import Data
 from unilateral.problems.sampled import Sampled
 from unilateral.solvers.algebraic_bound import certified
 from unilateral.solvers.dispatch import iterate
@@ -162,10 +162,10 @@ def with_load(
 
 
 def with_solution(spaces: MixedSpaces, exact: Exact) -> CondensedProblem:
-    """The problem of a case whose exact solution is known on these spaces."""
+    """The problem of a case whose `exact` solution is known on these spaces, without free sides."""
     of = exact.ritz
     discrete = with_load(spaces, of.load, of.trace, exact.means.g_means, of.held)
-    return replace(discrete, exact=exact, data=of.case)
+    return replace(discrete, exact=exact, data=of.case.problem)
 
 
 def discretise(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> CondensedProblem:
@@ -183,8 +183,8 @@ def on_spaces(problem: Data | Sampled, spaces: MixedSpaces, load: Load | None = 
             f"the mesh of '{spaces.mesh.polygon.name}' has no node in contact that is not on a clamped side;"
             " take a smaller h, or ul.mesh(mesh, halvings=1) of your own mesh"
         )
-    if is_case(problem):
-        return with_solution(spaces, exact(problem, spaces))
+    if problem.exact:
+        return replace(with_solution(spaces, exact(problem.exact, spaces)), data=problem)
     mesh = spaces.mesh
     of_f = load or load_of(problem, mesh)
     total = of_f.values + flux_load(problem, mesh)

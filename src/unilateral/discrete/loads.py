@@ -18,7 +18,7 @@ from unilateral.fem.quadrature import boundary_rule
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import cell_means
-from unilateral.problems.data import Data, is_case
+from unilateral.problems.data import Data
 from unilateral.problems.sampled import Sampled
 
 
@@ -56,8 +56,8 @@ def load_of(problem: Data | Sampled, mesh: Mesh) -> Load:
 
     Where f is known at points only nobody knows the error of the quadrature.
     """
-    if is_case(problem):
-        return Load(by_parts(mesh, partial(case_moments, problem)), None)
+    if problem.exact:
+        return Load(by_parts(mesh, partial(case_moments, problem.exact)), None)
     if isinstance(problem, Sampled):
         return Load(by_parts(mesh, partial(sampled_moments, problem)), None)
     source = source_of(mesh, problem)
@@ -73,8 +73,8 @@ def flux_load(problem: Data | Sampled, mesh: Mesh) -> Array:
 
 def obstacle_means(problem: Data | Sampled, cells: Partition) -> Array:
     """(cells,) the means of g: of a case exact up to rounding, else of the enclosure, or by Gauss rules."""
-    if is_case(problem):
-        return cell_means(problem, cells).g_means
+    if problem.exact:
+        return cell_means(problem.exact, cells).g_means
     if not isinstance(problem, Sampled):
         return problem.enclosed_obstacle.means(cells.points)
     cuts = np.union1d(cells.points, problem.kinks)

@@ -24,7 +24,8 @@ from unilateral.norms.functionals import values_on
 from unilateral.norms.ritz import hat_load
 
 if TYPE_CHECKING:
-    from unilateral.problems.case import Case
+    from unilateral.problems.case import ExactSolution
+    from unilateral.problems.problem import Problem
 
 ROUNDING = 1e-12
 
@@ -52,15 +53,15 @@ class Trace:
         values = values_on(self.cells, rule, cell[rule.interval], self.values[None])[:, 0]
         return hat_load(mesh, rule._replace(interval=edge[rule.interval]), values)
 
-    def distance(self, case: Case) -> float:
+    def distance(self, exact: ExactSolution) -> float:
         """||lambda - mu||_0, NaN where lambda is not in L2."""
-        weight, flux, mu = self.beside(case)
-        return math.sqrt(weight @ (flux - mu) ** 2) if case.flux_in_L2 else math.nan
+        weight, flux, mu = self.beside(exact)
+        return math.sqrt(weight @ (flux - mu) ** 2) if exact.flux_in_L2 else math.nan
 
-    def beside(self, case: Case) -> tuple[Array, Array, Array]:
-        """Weights (Q,), lambda (Q,) and mu (Q,) at the points of a rule for the case's singularities."""
-        rule = boundary_rule(case.polygon, self.cells.points, case.singular())
-        flux = case.boundary(rule.side, rule.s, rule.near)[1]
+    def beside(self, exact: ExactSolution) -> tuple[Array, Array, Array]:
+        """Weights (Q,), lambda (Q,) and mu (Q,) at the points of a rule for the singularities of lambda."""
+        rule = boundary_rule(exact.polygon, self.cells.points, exact.singular())
+        flux = exact.boundary(rule.side, rule.s, rule.near)[1]
         return rule.weight, flux, values_on(self.cells, rule, rule.interval, self.values[None])[:, 0]
 
     def is_constant_on(self, cells: Partition) -> bool:
@@ -116,12 +117,12 @@ def of_reactions(mesh: Mesh, reactions: Array) -> Trace:
     return continuous(mesh, np.asarray(spsolve(boundary_mass(mesh).tocsc(), reactions)))
 
 
-def has_obstacle(case: Case, side: Index) -> Mask:
+def has_obstacle(case: Problem, side: Index) -> Mask:
     """(k,) which of the sides (k,) are neither free nor clamped."""
     return ~np.isin(side, [*case.free_sides, *case.clamped_sides])
 
 
-def obstacle(case: Case, mesh: Mesh) -> Array:
+def obstacle(case: Problem, mesh: Mesh) -> Array:
     """(nb,) g at the boundary nodes, NaN where both edges are free, and on clamped sides."""
     nb, edges = len(mesh.boundary), has_obstacle(case, mesh.side)
     of_end, g = np.roll(mesh.side, 1), np.full(len(edges), np.nan)
@@ -130,6 +131,6 @@ def obstacle(case: Case, mesh: Mesh) -> Array:
     s[before] = mesh.s[np.where(before == 0, nb, before)]
     clamped = Form(clamped=case.clamped_sides).fixed(mesh)[mesh.boundary]
     held = np.flatnonzero((edges | np.roll(edges, 1)) & ~clamped)
-    u, _, gap = case.boundary(side[held], s[held] - mesh.polygon.starts[side[held]])
+    u, _, gap = case.known_solution().boundary(side[held], s[held] - mesh.polygon.starts[side[held]])
     g[held] = u - gap
     return g

@@ -13,7 +13,7 @@ import sympy
 
 from unilateral.errors import InputError
 from unilateral.problems.atoms import D, Smooth, T, Tensor, X, Y
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 from unilateral.problems.fields import listed
 from unilateral.problems.polar_atoms import THETA, Polar, R
 
@@ -34,7 +34,7 @@ Closed = Smooth | Tensor | Polar
 ANGLE = sympy.Function("angle", real=True)
 
 
-def formulas(case: Case, coordinates: tuple[str, str] = COORDINATES["python"]) -> dict[str, Any]:
+def formulas(case: ExactSolution, coordinates: tuple[str, str] = COORDINATES["python"]) -> dict[str, Any]:
     """The formulas `u`, `f` and the two of `grad_u`, and `g`, `gap` and `lambda` per side.
 
     Each is None where the case has no closed formula. On clamped sides g is u, and gap and lambda are 0.
@@ -60,7 +60,7 @@ def formulas(case: Case, coordinates: tuple[str, str] = COORDINATES["python"]) -
     }
 
 
-def module(case: Case, kind: str) -> str:
+def module(case: ExactSolution, kind: str) -> str:
     """A Python module of the case's functions, with numpy for the `kind` "python", else of UFL expressions.
 
     Raises InputError for a case without closed formulas.
@@ -94,7 +94,7 @@ def _text(expression: sympy.Expr, names: dict[sympy.Symbol, sympy.Symbol]) -> st
     return str(sympy.sstr(expression.xreplace(names), full_prec=True))
 
 
-def _along(case: Case, side: int) -> sympy.Expr:
+def _along(case: ExactSolution, side: int) -> sympy.Expr:
     """t, the arc length from the side's start over the length of the side."""
     (a, b), (p, q) = case.polygon.vertices[side], case.polygon.tangents[side]
     s = (X - _number(a)) * _number(p) + (Y - _number(b)) * _number(q)

@@ -24,7 +24,7 @@ from unilateral.fem.p1 import boundary_mass, coupling
 from unilateral.formulas.decimals import down, up
 from unilateral.geometry.mesh import Mesh
 from unilateral.norms.dual import Errors
-from unilateral.problems.case import Case
+from unilateral.problems.problem import Problem
 from unilateral.solvers.stop import Stop
 
 COUNTS = Stop.fraction
@@ -44,7 +44,7 @@ class Judged(NamedTuple):
     remarks: list[str]
 
 
-def judged(case: Case, given: Foreign, discrete: CondensedProblem, own: Errors, u_h: Array) -> Judged:
+def judged(case: Problem, given: Foreign, discrete: CondensedProblem, own: Errors, u_h: Array) -> Judged:
     """What is wrong with a solution, by this project's `own` errors on the level, and its u_h (n,).
 
     A bug inside is told only if without it, and without further known bugs of the multiplier or the
@@ -84,7 +84,7 @@ def _inside(of: Residual) -> Fault:
     )
 
 
-def _at_boundary(case: Case, mu: Trace | None, of: Residual, own: Errors) -> Iterator[Fault]:
+def _at_boundary(case: Problem, mu: Trace | None, of: Residual, own: Errors) -> Iterator[Fault]:
     """What is wrong on clamped sides, with the multiplier, by u's equation, and with its conditions."""
     yield from not_given(of, COUNTS * own.h1)
     if mu is None:
@@ -149,7 +149,7 @@ def _against_exact(mu: Trace | None, of: Residual, own: Errors) -> Iterator[Faul
         yield wrong("the multiplier", fit.factor, f"the exact one, to {up(uncertain / fit.size, '.1g')}")
 
 
-def _of_conditions(case: Case, mu: Trace, of: Residual, allowed: float) -> Iterator[Fault]:
+def _of_conditions(case: Problem, mu: Trace, of: Residual, allowed: float) -> Iterator[Fault]:
     """The other conditions that u has, if it has none of those that belong to mu."""
     missed = {}
     for each in conditions(case, of.discrete, mu):
@@ -222,7 +222,7 @@ def _of_cells(mu: Trace, mesh: Mesh, right: Array) -> Iterator[MeantMultiplier]:
         yield MeantMultiplier(fault, right + other, as_reactions)
 
 
-def ahead(case: Case, mu: Trace, of: Residual, right: Array) -> Iterator[MeantMultiplier]:
+def ahead(case: Problem, mu: Trace, of: Residual, right: Array) -> Iterator[MeantMultiplier]:
     """The multiplier after one more step of Uzawa's iteration than u has.
 
     That is max(0, mu_u - rho times the means of u - g), where mu_u has the `right` load (nb,). The rho > 0 is

@@ -29,7 +29,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import cell_means
 from unilateral.norms.ritz import hat_load
-from unilateral.problems.case import Case
+from unilateral.problems.problem import Problem
 from unilateral.solvers.active_set import active_set
 
 ROUNDING = 1e-9
@@ -88,7 +88,7 @@ class Reversed(Conditions):
         return -found, bound
 
 
-def conditions(case: Case, discrete: CondensedProblem, mu: Trace) -> Iterator[Conditions]:
+def conditions(case: Problem, discrete: CondensedProblem, mu: Trace) -> Iterator[Conditions]:
     """The conditions that mu may belong to; there are none on free and clamped sides.
 
     A mu that is constant on the cells of the exported partition, or on parts of these, may belong to that.
@@ -112,9 +112,9 @@ def conditions(case: Case, discrete: CondensedProblem, mu: Trace) -> Iterator[Co
     yield Conditions("tested against each hat function", mass, weights, moments, s, mu.nodal).kept(held)
 
 
-def _on_cells(case: Case, mesh: Mesh, cells: Partition, mu: Trace) -> Conditions:
+def _on_cells(case: Problem, mesh: Mesh, cells: Partition, mu: Trace) -> Conditions:
     middle, values = 0.5 * (cells.points[1:] + cells.points[:-1]), mu.cells.means(mu.values, cells.points)
-    means = cell_means(case, cells).g_means
+    means = cell_means(case.known_solution(), cells).g_means
     found = Conditions(
         "in the means over the cells", coupling(mesh, cells), cells.lengths, means, middle, values
     )
@@ -122,7 +122,7 @@ def _on_cells(case: Case, mesh: Mesh, cells: Partition, mu: Trace) -> Conditions
 
 
 def mistaken(
-    case: Case, discrete: CondensedProblem, mu: Trace, trace: Array
+    case: Problem, discrete: CondensedProblem, mu: Trace, trace: Array
 ) -> Iterator[tuple[str, Conditions]]:
     """Conditions that an author may have in place of the right ones, and what is wrong with them.
 
@@ -166,7 +166,7 @@ def moves(mu: Trace) -> Iterator[tuple[str, Trace]]:
 
 
 def _ignored(
-    case: Case, discrete: CondensedProblem, mu: Trace, trace: Array
+    case: Problem, discrete: CondensedProblem, mu: Trace, trace: Array
 ) -> Iterator[tuple[str, Conditions]]:
     """The conditions without the sides, and the nodes at their ends, that look ignored."""
     first = next(conditions(case, discrete, mu))
@@ -191,14 +191,15 @@ def _below_and_pushed(each: Conditions, trace: Array) -> tuple[Mask, Mask]:
     return below, np.abs(each.mu) > ROUNDING * np.abs(each.mu).max(initial=0)
 
 
-def _inside(case: Case, side: int, s: Array) -> Mask:
+def _inside(case: Problem, side: int, s: Array) -> Mask:
     """Which arc lengths (k,) lie on the side, but not at its ends."""
     first, last = case.polygon.starts[side : side + 2]
     return (first < s) & (s < last)
 
 
-def _moments(case: Case, mesh: Mesh, edges: Mask) -> Array:
+def _moments(case: Problem, mesh: Mesh, edges: Mask) -> Array:
     """(nb,) integrals of g phi_j over those edges (nb,)."""
-    rule = boundary_rule(mesh.polygon, mesh.s, case.singular())
-    u, _, gap = case.boundary(rule.side, rule.s, rule.near)
+    exact = case.known_solution()
+    rule = boundary_rule(mesh.polygon, mesh.s, exact.singular())
+    u, _, gap = exact.boundary(rule.side, rule.s, rule.near)
     return hat_load(mesh, rule, (u - gap) * edges[rule.interval])

@@ -27,7 +27,7 @@ from unilateral.exchange.exported_folder import SAME
 from unilateral.exchange.fault import Fault, wrong
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import h1_norm, of_rest, stiffness_and_mass
-from unilateral.problems.case import Case
+from unilateral.problems.problem import Problem
 
 EXPLAINS = 0.1
 """A bug is named if at most this fraction of what is wrong is left without it, 1 % of the square."""
@@ -57,7 +57,7 @@ class Undone(NamedTuple):
     both: bool = False
 
 
-def with_load(case: Case, exported: Residual, mu: Array | None, allowed: float) -> tuple[Residual, str]:
+def with_load(case: Problem, exported: Residual, mu: Array | None, allowed: float) -> tuple[Residual, str]:
     """The residual with the load that u's equation has, and that load's name: the exported one if in doubt.
 
     Another load has to leave no more than `allowed` inside, and hardly anything of what the exported one
@@ -76,7 +76,7 @@ def with_load(case: Case, exported: Residual, mu: Array | None, allowed: float) 
     return best
 
 
-def explanations(case: Case, plain: Residual, allowed: float) -> list[Undone]:
+def explanations(case: Problem, plain: Residual, allowed: float) -> list[Undone]:
     """The bugs that, undone, leave no more than `allowed` and hardly anything of the `plain` residual."""
     most = min(allowed, EXPLAINS * plain.inside)
     for _, load in loads(case, plain.discrete):
@@ -184,14 +184,14 @@ def _how(of: Residual, edges: Mask, allowed: float) -> str:
     return "not u_D" if of.u[every].any() else "0, not u_D,"
 
 
-def renumbered(case: Case, plain: Residual, u_h: Array) -> Fault | None:
+def renumbered(case: Problem, plain: Residual, u_h: Array) -> Fault | None:
     """The fault of another numbering, if the sorted values are nearly those of u_h (n,).
 
     They have to be as near to these as these are to the exact ones. All distances are root mean squares over
     the nodes. Sorted values are never farther apart than values at the nodes, so a right solution passes,
     however numbered. Twice the distance is allowed, as another method may err twice as much.
     """
-    exact = case.value_and_gradient(plain.discrete.mesh.points)[0]
+    exact = case.known_solution().value_and_gradient(plain.discrete.mesh.points)[0]
     own, here = _rms(u_h - exact), _rms(plain.u - u_h)
     ordered = _rms(np.sort(plain.u) - np.sort(u_h))
     if ordered > 2 * own or here <= MIXED * max(own, ordered):

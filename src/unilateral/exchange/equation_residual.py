@@ -18,7 +18,7 @@ import numpy as np
 from unilateral.arrays import Array
 from unilateral.discrete.condensed import CondensedProblem
 from unilateral.fem.p1 import load_vector, of_rest, stiffness_and_mass
-from unilateral.problems.case import Case
+from unilateral.problems.problem import Problem
 
 NAMES = {1.0: ("(u, v)_1", "H1"), 0.0: ("(grad u, grad v)", "|.|_1")}
 """What the form and its norm are called, by the factor of the reaction term."""
@@ -133,18 +133,19 @@ class Residual:
         return Fit(factor, self.norm(load - factor * right), math.sqrt(max(square, 0.0)))
 
 
-def loads(case: Case, discrete: CondensedProblem) -> Iterator[tuple[str, Array]]:
+def loads(case: Problem, discrete: CondensedProblem) -> Iterator[tuple[str, Array]]:
     """Loads (n,) that a right solver may have: the exported one, and f by simple rules, with their names."""
     mesh = discrete.mesh
     yield "", discrete.load
     mass, corners = stiffness_and_mass(mesh)[1], mesh.triangles
-    f = case.source(mesh.points)
+    exact = case.known_solution()
+    f = exact.source(mesh.points)
     yield "interpolated at the nodes", mass @ f
     yield "at the nodes with the lumped mass matrix", mass.sum(axis=1) * f
-    middle = case.source(mesh.points[corners].mean(axis=1))
+    middle = exact.source(mesh.points[corners].mean(axis=1))
     yield "at the centroids", load_vector(mesh, np.repeat((mesh.areas * middle / 3)[:, None], 3, axis=1))
     ends = mesh.points[np.roll(corners, 1, axis=1)] + mesh.points[corners]
-    on_edges = case.source(ends.reshape(-1, 2) / 2).reshape(-1, 3)
+    on_edges = exact.source(ends.reshape(-1, 2) / 2).reshape(-1, 3)
     of_corner = on_edges + np.roll(on_edges, -1, axis=1)
     yield "at the midpoints of the edges", load_vector(mesh, mesh.areas[:, None] / 6 * of_corner)
 

@@ -31,8 +31,8 @@ from unilateral.geometry.files import write_mesh
 from unilateral.geometry.mesh import Mesh, refine
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import cell_means
-from unilateral.problems.case import Case
 from unilateral.problems.fields import listed
+from unilateral.problems.problem import Problem
 from unilateral.solution.certificate import energy
 from unilateral.solution.tables import of_cells, write_csv
 from unilateral.system.files import check_writable, hidden_beside, write_netcdf, writing_failed
@@ -55,7 +55,7 @@ TERMS = {"of_u": " + u", "of_v": " + uv", "of_rest": " + u(v − u)", "of_square
 """The parts of the README's equations that belong to the reaction term."""
 
 
-def export(case: Case, coarse: Mesh, H: float, levels: int, folder: str | os.PathLike[str]) -> None:
+def export(case: Problem, coarse: Mesh, H: float, levels: int, folder: str | os.PathLike[str]) -> None:
     """Writes the case on a mesh and its uniform refinements; H is the size of the cells on the finest.
 
     The whole folder appears or nothing. Raises InputError for a folder that is there, or where none may be
@@ -80,7 +80,7 @@ def export(case: Case, coarse: Mesh, H: float, levels: int, folder: str | os.Pat
         raise writing_failed(folder, error) from error
 
 
-def _write(case: Case, coarse: Mesh, H: float, levels: int, folder: Path) -> None:
+def _write(case: Problem, coarse: Mesh, H: float, levels: int, folder: Path) -> None:
     sizes = []
     for k in range(levels):
         mesh = refine(coarse, k)
@@ -90,69 +90,73 @@ def _write(case: Case, coarse: Mesh, H: float, levels: int, folder: Path) -> Non
         sizes.append({"folder": f"level_{k}", "h": mesh.h, "H": cells.H, **counts})
     found = _problem(case) | {"levels": sizes}
     (folder / "problem.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8", newline="\n")
-    declaration = yaml.safe_dump(dict(case.declaration), allow_unicode=True, sort_keys=False)
+    declaration = yaml.safe_dump(dict(case.known_solution().declaration), allow_unicode=True, sort_keys=False)
     (folder / f"{case.name}.yaml").write_text(declaration, encoding="utf-8", newline="\n")
     (folder / "README.md").write_text(_readme(case, found), encoding="utf-8", newline="\n")
 
 
-def _problem(case: Case) -> dict[str, Any]:
+def _problem(case: Problem) -> dict[str, Any]:
     """What problem.json holds, but for the levels."""
+    exact = case.known_solution()
     singular = [
         {"side": p.side, "t": p.t, "place": case.polygon.point(p.side, p.t).tolist()}
-        for p in case.flux_singular()
+        for p in exact.flux_singular()
     ]
     return {
         "case": case.name,
         "title": case.title,
         "polygon": case.polygon.name,
         "vertices": case.polygon.vertices.tolist(),
-        "side": case.side,
+        "side": exact.side,
         "free_sides": list(case.free_sides),
         "clamped_sides": list(case.clamped_sides),
         "k": 1,
         "c": int(case.reaction),
-        "hypotheses": case.declaration["hypotheses"],
+        "hypotheses": exact.declaration["hypotheses"],
         "definitions": DEFINITIONS,
-        **formulas(case),
-        "u_D": [str(case.values[i]) if i in case.values else None for i in range(case.polygon.n_sides)],
+        **formulas(exact),
+        "u_D": [str(exact.values[i]) if i in exact.values else None for i in range(case.polygon.n_sides)],
         "lambda_is_a_fractional_power_at": singular,
-        "lambda_in_L2": case.flux_in_L2,
+        "lambda_in_L2": exact.flux_in_L2,
     }
 
 
-def _write_level(case: Case, mesh: Mesh, cells: Partition, folder: Path) -> None:
+def _write_level(case: Problem, mesh: Mesh, cells: Partition, folder: Path) -> None:
     folder.mkdir()
     for name in ("mesh.msh", "mesh.vtu"):
         write_mesh(mesh, folder / name)
     _nodes(case, mesh).to_csv(folder / "nodes.csv", index=False)
-    g_mean = np.where(has_obstacle(case, cells.side), cell_means(case, cells).g_means, np.nan)
+    means = cell_means(case.known_solution(), cells).g_means
+    g_mean = np.where(has_obstacle(case, cells.side), means, np.nan)
     write_csv(of_cells(cells, g_mean=g_mean), folder / "partition.csv")
     write_netcdf(_quadrature(case, mesh), folder / "quadrature.nc")
 
 
-def _nodes(case: Case, mesh: Mesh) -> pd.DataFrame:
+def _nodes(case: Problem, mesh: Mesh) -> pd.DataFrame:
     """A row per node. Inside s, g and u_D are empty; on the boundary a node has g, or u_D, or neither."""
+    exact = case.known_solution()
     s, g = (np.full(mesh.n_nodes, np.nan) for _ in range(2))
     s[mesh.boundary], g[mesh.boundary] = mesh.s[:-1], obstacle(case, mesh)
-    (x, y), f, u = mesh.points.T, case.source(mesh.points), case.value_and_gradient(mesh.points)[0]
+    (x, y), f, u = mesh.points.T, exact.source(mesh.points), exact.value_and_gradient(mesh.points)[0]
     u_D = np.where(Form(clamped=case.clamped_sides).fixed(mesh), u, np.nan)
-    load = load_vector(mesh, case_moments(case, mesh))
+    load = load_vector(mesh, case_moments(exact, mesh))
     return pd.DataFrame(
         {"node": np.arange(len(x)), "x": x, "y": y, "f": f, "load": load, "s": s, "g": g, "u_D": u_D}
     )
 
 
-def _quadrature(case: Case, mesh: Mesh) -> xr.Dataset:
+def _quadrature(case: Problem, mesh: Mesh) -> xr.Dataset:
     """The rules with which this project integrates f and g."""
+    exact = case.known_solution()
     parts: list[tuple[Array, ...]] = []
-    for rule in triangle_rules(mesh, case):
+    for rule in triangle_rules(mesh, exact):
         count = rule.weight.shape[1]
-        f = case.source(rule.origin, rule.offset)
+        f = exact.source(rule.origin, rule.offset)
         hats = rule.barycentric.reshape(-1, 3)
         parts.append((np.repeat(rule.triangle, count), rule.points, rule.weight.ravel(), hats, f))
     triangle, places, weight, hats, f = (np.concatenate(each) for each in zip(*parts, strict=True))
-    on = boundary_rule(case.polygon, mesh.s, case.singular())
-    u, _, gap = case.boundary(on.side, on.s, on.near)
+    on = boundary_rule(case.polygon, mesh.s, exact.singular())
+    u, _, gap = exact.boundary(on.side, on.s, on.near)
     return xr.Dataset(
         {
             "triangle": ("point", triangle.astype(np.int32)),
@@ -170,12 +174,12 @@ def _quadrature(case: Case, mesh: Mesh) -> xr.Dataset:
     )
 
 
-def _readme(case: Case, found: dict[str, Any]) -> str:
+def _readme(case: Problem, found: dict[str, Any]) -> str:
     """The template `README.template.md` with the case's own lines."""
     template = resources.files("unilateral.exchange") / "README.template.md"
     columns = "| {folder} | {h:.6g} | {H:.6g} | {nodes} | {cells} |"
     rows = [columns.format(**level) for level in found["levels"]]
-    values = [f"`{u}` on side {i}" for i, u in sorted(case.values.items())]
+    values = [f"`{u}` on side {i}" for i, u in sorted(case.known_solution().values.items())]
     files = [f"- `{name}`: {what}" for name, what in LEVEL_FILES.items()]
     return template.read_text(encoding="utf-8").format(
         name=case.name,

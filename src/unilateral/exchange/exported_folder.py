@@ -25,7 +25,7 @@ from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 
 if TYPE_CHECKING:
-    from unilateral.problems.case import Case
+    from unilateral.problems.problem import Problem
 
 SAME = 1e-6
 """Places whose distance is at most this fraction of h are the same."""
@@ -56,7 +56,7 @@ class Foreign:
     kind: str
 
 
-def exported(folder: str | os.PathLike[str]) -> tuple[Case, list[ExportedLevel]]:
+def exported(folder: str | os.PathLike[str]) -> tuple[Problem, list[ExportedLevel]]:
     """What `export` wrote. Raises InputError with the file that is missing or damaged."""
     from unilateral.problems import case as cases  # and with it sympy
 
@@ -65,7 +65,7 @@ def exported(folder: str | os.PathLike[str]) -> tuple[Case, list[ExportedLevel]]
         problem = json.loads((folder / "problem.json").read_text(encoding="utf-8"))
         polygon = Polygon(np.array(problem["vertices"]), problem["polygon"])
         found = cases.load(folder / f"{_plain(folder, problem['case'])}.yaml", polygon, problem["side"])
-        case = replace(found, free_sides=tuple(problem["free_sides"]))
+        case = replace(found.problem, free_sides=tuple(problem["free_sides"]))
         if not problem["levels"]:
             raise ValueError("problem.json names no levels")
         return case, [_level(folder, case, _plain(folder, entry["folder"])) for entry in problem["levels"]]
@@ -84,7 +84,7 @@ def _plain(folder: Path, name: object) -> str:
     return name
 
 
-def _level(folder: Path, case: Case, name: str) -> ExportedLevel:
+def _level(folder: Path, case: Problem, name: str) -> ExportedLevel:
     mesh = read_mesh(folder / name / "mesh.vtu", case.polygon)
     cells = read_partition(folder / name / "partition.csv", case.polygon)
     return ExportedLevel(name, mesh, cells, case.clamped_sides)

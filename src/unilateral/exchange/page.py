@@ -15,7 +15,7 @@ from unilateral import __version__
 from unilateral.arrays import Array
 from unilateral.exchange.boundary_function import has_obstacle, obstacle
 from unilateral.exchange.score import Rate, Scored, at_boundary, error_in, sentences, texts, verdict
-from unilateral.problems.case import Case
+from unilateral.problems.problem import Problem
 from unilateral.solution.plot import svg
 
 TITLES = {"h1": "u in {}", "hm12": "λ in H<sup>−1/2</sup>", "l2": "λ in L²"}
@@ -27,7 +27,7 @@ POINTS = 400
 """The exact values are drawn at this many points of each side."""
 
 
-def page(case: Case, scored: Sequence[Scored], rates: dict[str, Rate]) -> str:
+def page(case: Problem, scored: Sequence[Scored], rates: dict[str, Rate]) -> str:
     """The page: errors beside this project's own, rates, faults, and the boundary on the finest level."""
     ladder = sorted(scored, key=lambda one: -one.given.level.mesh.h)
     titles, drawn = (
@@ -113,7 +113,7 @@ def _both(ladder: Sequence[Scored], norm: str) -> Array:
     return np.array([[error_in(of, norm) for of in (one.errors, one.own)] for one in ladder]).T
 
 
-def _boundary_drawn(case: Case, one: Scored) -> Figure:
+def _boundary_drawn(case: Problem, one: Scored) -> Figure:
     """The multiplier, if there is one, and u - g, over arc length beside the exact ones."""
     mu, mesh = one.given.multiplier, one.given.level.mesh
     figure = Figure(figsize=(9, 5), layout="constrained")
@@ -121,7 +121,7 @@ def _boundary_drawn(case: Case, one: Scored) -> Figure:
     side = np.repeat(np.arange(case.polygon.n_sides), POINTS)
     t = np.tile((np.arange(POINTS) + 0.5) / POINTS, case.polygon.n_sides) * case.polygon.lengths[side]
     s = t + case.polygon.starts[side]
-    _, flux, gap = case.boundary(side, t)
+    _, flux, gap = case.known_solution().boundary(side, t)
     of_u = one.given.u[mesh.boundary] - obstacle(case, mesh)
     bottom.plot(mesh.s, np.append(of_u, of_u[0]), color=THEIRS, label="judged")
     bottom.plot(s, np.where(has_obstacle(case, side), gap, np.nan), "--", color=EXACT, label="exact")
@@ -139,7 +139,7 @@ def _boundary_drawn(case: Case, one: Scored) -> Figure:
     return figure
 
 
-def _finished(axes: Axes, case: Case, title: str) -> None:
+def _finished(axes: Axes, case: Problem, title: str) -> None:
     for start in case.polygon.starts:
         axes.axvline(start, color="0.85", linewidth=0.8, zorder=0)
     axes.set(title=title)

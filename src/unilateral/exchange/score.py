@@ -20,8 +20,8 @@ from unilateral.formulas.decimals import down, up
 from unilateral.formulas.formula import real
 from unilateral.norms.dual import DualNorm, Errors, dual_norm
 from unilateral.norms.ritz import h1_distance
-from unilateral.problems.case import Case
 from unilateral.problems.case_certificate import PROVED
+from unilateral.problems.problem import Problem
 
 ROOM = 0.1
 """A rate between finite levels may stay below the proved one by this: set, not derived.
@@ -70,11 +70,11 @@ class Rate(NamedTuple):
         return "reaches the proved rate" if self.observed >= self.proved - ROOM else "falls short"
 
 
-def score(case: Case, given: Foreign) -> Scored:
+def score(case: Problem, given: Foreign) -> Scored:
     """The errors of one solution; those of lambda are NaN without a multiplier."""
     mesh, cells = given.level.mesh, given.level.cells
     discrete = discretise(case, mesh, cells)
-    norm, solved = dual_norm(cells, [case]), solve(discrete)
+    norm, solved = dual_norm(cells, [case.known_solution()]), solve(discrete)
     lambda_H = constant(cells, solved.lambda_H) if discrete.unique else None
     own = _errors(norm, case, given, solved.u_h, lambda_H)
     errors = _errors(norm, case, given, given.u, given.multiplier)
@@ -82,21 +82,22 @@ def score(case: Case, given: Foreign) -> Scored:
     return Scored(given, errors, own, told, extremes(case, given, discrete))
 
 
-def _errors(norm: DualNorm, case: Case, given: Foreign, u: Array, mu: Trace | None) -> Errors:
-    h1 = h1_distance(case, given.level.mesh, u)
+def _errors(norm: DualNorm, case: Problem, given: Foreign, u: Array, mu: Trace | None) -> Errors:
+    exact = case.known_solution()
+    h1 = h1_distance(exact, given.level.mesh, u)
     if mu is None:
         return Errors(h1, math.nan, math.nan, math.nan)
     on = mu.without(case.clamped_sides)
-    lower, upper = norm.of_error(case, on.values[None], on.cells)
-    return Errors(h1, float(lower[0]), float(upper[0]), on.distance(case))
+    lower, upper = norm.of_error(exact, on.values[None], on.cells)
+    return Errors(h1, float(lower[0]), float(upper[0]), on.distance(exact))
 
 
-def rates(case: Case, scored: Sequence[Scored]) -> dict[str, Rate]:
+def rates(case: Problem, scored: Sequence[Scored]) -> dict[str, Rate]:
     """The rates over all levels, by norm; in H^{-1/2} the error is the root mean square of its bounds.
 
     Pairs are compared from where the case says that it is asymptotic, and by the factor that it names.
     """
-    holds = all(case.declaration["hypotheses"].values())
+    holds = all(case.known_solution().declaration["hypotheses"].values())
     by_norm = {}
     for norm, proved in PROVED.items():
         begin, factor = _asymptotic(case, norm)
@@ -115,13 +116,13 @@ def _observed(pairs: Sequence[tuple[Errors, Errors]], norm: str, factor: float) 
     return [math.log(coarse / fine) / math.log(factor) for coarse, fine in known]
 
 
-def _asymptotic(case: Case, norm: str) -> tuple[float, float]:
+def _asymptotic(case: Problem, norm: str) -> tuple[float, float]:
     """The h from which on a case says that rates in a norm count, and the factor between two such h."""
-    declared = case.declaration["asymptotic"][norm]
+    declared = case.known_solution().declaration["asymptotic"][norm]
     return real(declared["from"], norm), float(declared.get("factor", 2))
 
 
-def why_not_judged(case: Case, scored: Sequence[Scored], norm: str) -> str:
+def why_not_judged(case: Problem, scored: Sequence[Scored], norm: str) -> str:
     """Why there is no rate in a norm: no two levels that count, or errors that are 0 or not known."""
     begin, factor = _asymptotic(case, norm)
     if any(_pairs(scored, begin, factor)):
@@ -230,7 +231,7 @@ class Extremes(NamedTuple):
         return f"{where}: {', '.join(known)}"
 
 
-def extremes(case: Case, given: Foreign, discrete: CondensedProblem) -> Extremes | None:
+def extremes(case: Problem, given: Foreign, discrete: CondensedProblem) -> Extremes | None:
     """The extremes for the first conditions that the multiplier may belong to, else at the nodes.
 
     None if all sides are free or clamped. At a node lambda is its integral with the hat over that of the hat.

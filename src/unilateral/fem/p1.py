@@ -17,7 +17,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, overlay
 
 if TYPE_CHECKING:
-    from unilateral.problems.case import Case
+    from unilateral.problems.case import ExactSolution
     from unilateral.problems.sampled import Sampled
 
 SAMPLED = 8
@@ -70,7 +70,7 @@ def by_parts(mesh: Mesh, moments: Callable[[Mesh], Array]) -> Array:
     return values
 
 
-def case_moments(case: Case, mesh: Mesh) -> Array:
+def case_moments(case: ExactSolution, mesh: Mesh) -> Array:
     """(m, 3) the moments of a case's f, by a quadrature that sees the case's singular points and kinks."""
     moments = np.zeros((len(mesh.triangles), 3))
     for rule in triangle_rules(mesh, case):

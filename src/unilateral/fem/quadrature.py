@@ -24,7 +24,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
 
 if TYPE_CHECKING:
-    from unilateral.problems.case import Case
+    from unilateral.problems.case import ExactSolution
 
 GAUSS = 16
 DEGREE = 8
@@ -135,7 +135,7 @@ class TriangleRule:
         return self.origin + self.offset
 
 
-def triangle_rules(mesh: Mesh, case: Case, degree: int | None = None) -> Iterator[TriangleRule]:
+def triangle_rules(mesh: Mesh, case: ExactSolution, degree: int | None = None) -> Iterator[TriangleRule]:
     """Rules which together cover the mesh, in blocks that keep memory bounded.
 
     If no `degree` is given it is DEGREE, or FINE_DEGREE on whole triangles of a fine mesh, see FINE.

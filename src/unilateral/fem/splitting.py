@@ -21,7 +21,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.plane import circles, cross
 
 if TYPE_CHECKING:
-    from unilateral.problems.case import Case
+    from unilateral.problems.case import ExactSolution
 
 KINK_LEVELS = 2
 KINK_SIZE = 1 / 256
@@ -46,7 +46,7 @@ class Apart:
     grading: int
 
 
-def split_triangles(mesh: Mesh, case: Case) -> tuple[Array, Index, list[Apart]]:
+def split_triangles(mesh: Mesh, case: ExactSolution) -> tuple[Array, Index, list[Apart]]:
     """The pieces of all triangles that a kink crosses or that lie at a singular point of the case.
 
     They are given by their corners (k, 3, 3) in the triangles (k,); those at singular points stand apart, for
@@ -114,7 +114,7 @@ def _one_point_each(mesh: Mesh, corners: Array, parent: Index, points: list[Arra
     return corners, parent
 
 
-def _singular_points(case: Case) -> list[tuple[Array, int]]:
+def _singular_points(case: ExactSolution) -> list[tuple[Array, int]]:
     return [(case.polygon.point(p.side, p.t), p.grading) for p in case.flux_singular()]
 
 

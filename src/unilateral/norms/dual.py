@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from unilateral.norms.reference import ReferenceSpaces
-    from unilateral.problems.case import Case
+    from unilateral.problems.case import ExactSolution
 
 TABLE = ("points", "lambda_means", "norm_lower", "norm_upper", "oscillation")
 
@@ -70,7 +70,7 @@ class Gram:
         """The `Gram` from the table that `table` makes."""
         return cls(*(table[name].values for name in TABLE))
 
-    def table(self, cases: Sequence[Case]) -> xr.Dataset:
+    def table(self, cases: Sequence[ExactSolution]) -> xr.Dataset:
         """The forms, the ends of their cells and what belongs to the cases, with the names of all."""
         import xarray as xr
 
@@ -143,14 +143,14 @@ class DualNorm:
         """
         return self._bounds(of_p0(self.spaces, partition or self.partition, mu_H))
 
-    def of_error(self, case: Case, mu_H: Array, partition: Partition | None = None) -> Bracket:
+    def of_error(self, case: ExactSolution, mu_H: Array, partition: Partition | None = None) -> Bracket:
         """Bounds (k,) on ||lambda - mu_H||_{-1/2} for functions mu_H (k, m) constant on the cells.
 
         mu_H may also be linear on the cells, with the values (k, m, 2) at their ends.
         """
         return self._bounds(of_differences(self.spaces, partition or self.partition, case, mu_H))
 
-    def gram(self, cases: Sequence[Case] = ()) -> Gram:
+    def gram(self, cases: Sequence[ExactSolution] = ()) -> Gram:
         """The bounds' quadratic forms on P0(T_H) and on lambda - Pi_H lambda of the cases."""
         means = [cell_means(case, self.partition).lambda_means for case in cases]
         of_cases = [
@@ -176,7 +176,7 @@ class DualNorm:
 
 def dual_norm(
     partition: Partition,
-    cases: Sequence[Case] = (),
+    cases: Sequence[ExactSolution] = (),
     edges_per_cell: int = EDGES_PER_CELL,
     form: Form | None = None,
 ) -> DualNorm:
@@ -224,7 +224,7 @@ class ErrorsWithoutReaction(Errors):
 
 
 def errors(
-    case: Case, mesh: Mesh, u_h: Array, cells: Partition, lambda_H: Array, unique: bool, dual: bool
+    case: ExactSolution, mesh: Mesh, u_h: Array, cells: Partition, lambda_H: Array, unique: bool, dual: bool
 ) -> Errors:
     """The errors of u_h (n,) and lambda_H (m,), which is constant on the cells.
 

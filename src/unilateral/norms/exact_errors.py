@@ -27,7 +27,7 @@ from unilateral.geometry.partition import Partition
 from unilateral.norms.ritz import RitzProjection, ritz_projection
 
 if TYPE_CHECKING:
-    from unilateral.problems.case import Case
+    from unilateral.problems.case import ExactSolution
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,12 +73,12 @@ class CellMeans:
         return self.lambda_norm <= 1e-12 * self.size
 
 
-def cell_means(case: Case, partition: Partition) -> CellMeans:
+def cell_means(case: ExactSolution, partition: Partition) -> CellMeans:
     """The cell means of one case, see `cell_means_of_gaps`."""
     return cell_means_of_gaps([case], partition)[0]
 
 
-def cell_means_of_gaps(cases: Sequence[Case], partition: Partition) -> list[CellMeans]:
+def cell_means_of_gaps(cases: Sequence[ExactSolution], partition: Partition) -> list[CellMeans]:
     """Means and norms of cases with the same u, which is evaluated once, and different gaps.
 
     They are exact to round-off, by quadrature that is split at the singular points of all cases.
@@ -148,6 +148,6 @@ class Exact:
         return ExactErrors(h1, dual, self.means.l2_error(spaces.extended(mu)), share)
 
 
-def exact(case: Case, spaces: MixedSpaces) -> Exact:
+def exact(case: ExactSolution, spaces: MixedSpaces) -> Exact:
     """The case's solution seen from the spaces."""
     return Exact(ritz_projection(case, spaces.condensed), cell_means(case, spaces.partition))

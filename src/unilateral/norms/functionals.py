@@ -15,7 +15,7 @@ from unilateral.norms.oscillation import oscillation_bound
 
 if TYPE_CHECKING:
     from unilateral.norms.reference import ReferenceSpaces
-    from unilateral.problems.case import Case
+    from unilateral.problems.case import ExactSolution
 
 
 class Functionals(NamedTuple):
@@ -36,7 +36,9 @@ def of_p0(spaces: ReferenceSpaces, partition: Partition, mu_H: Array) -> Functio
     return _of_values(spaces, rule, mu_H.T[cell])
 
 
-def of_differences(spaces: ReferenceSpaces, partition: Partition, case: Case, mu_H: Array) -> Functionals:
+def of_differences(
+    spaces: ReferenceSpaces, partition: Partition, case: ExactSolution, mu_H: Array
+) -> Functionals:
     """The `Functionals` of lambda - mu_H; what oscillates of a lambda outside L2 has no bound here: NaN.
 
     mu_H (k, m) is constant on the cells, or linear between its values (k, m, 2) at their ends.
@@ -68,7 +70,9 @@ def of_indicators(spaces: ReferenceSpaces, partition: Partition) -> Functionals:
     return Functionals(loads, fluxes, np.zeros(m))
 
 
-def _rule(spaces: ReferenceSpaces, partition: Partition, case: Case | None) -> tuple[BoundaryRule, Index]:
+def _rule(
+    spaces: ReferenceSpaces, partition: Partition, case: ExactSolution | None
+) -> tuple[BoundaryRule, Index]:
     """Quadrature whose intervals are the reference mesh's edges, and the cell (Q,) of every point."""
     cuts, edge, cell = overlay(spaces.mesh.s, partition.points)
     rule = boundary_rule(partition.polygon, cuts, case.singular() if case else ())

@@ -21,7 +21,7 @@ from unilateral.fem.quadrature import BoundaryRule, TriangleRule, boundary_rule,
 from unilateral.geometry.mesh import Mesh
 
 if TYPE_CHECKING:
-    from unilateral.problems.case import Case
+    from unilateral.problems.case import ExactSolution
 
 SMALLEST, LARGEST = 1e-152, 1e152
 """The largest |u| has to lie between these.
@@ -42,7 +42,7 @@ class RitzProjection:
     that of f.
     """
 
-    case: Case
+    case: ExactSolution
     condensed: Condensed
     load: Array
     flux_load: Array
@@ -71,13 +71,13 @@ class RitzProjection:
         return math.sqrt(max(square, 0.0)), abs(share) / square if square > 0 else 0.0, dual
 
 
-def ritz_projection(case: Case, condensed: Condensed, degree: int | None = None) -> RitzProjection:
+def ritz_projection(case: ExactSolution, condensed: Condensed, degree: int | None = None) -> RitzProjection:
     """The projection of one case, see `ritz_projections`."""
     return ritz_projections([case], condensed, degree)[0]
 
 
 def ritz_projections(
-    cases: Sequence[Case], condensed: Condensed, degree: int | None = None
+    cases: Sequence[ExactSolution], condensed: Condensed, degree: int | None = None
 ) -> list[RitzProjection]:
     """The projections and their errors, with quadrature of that degree in Omega, see `triangle_rules`.
 
@@ -125,7 +125,7 @@ def ritz_projections(
     ]
 
 
-def _check_size(case: Case, size: float) -> None:
+def _check_size(case: ExactSolution, size: float) -> None:
     if size != 0 and not SMALLEST <= size <= LARGEST:
         raise InputError(
             f"case '{case.name}': u is as large as {size:.3g}, and squares of its errors leave the range of "
@@ -133,7 +133,7 @@ def _check_size(case: Case, size: float) -> None:
         )
 
 
-def h1_distance(case: Case, mesh: Mesh, v_h: Array, degree: int | None = None) -> float:
+def h1_distance(case: ExactSolution, mesh: Mesh, v_h: Array, degree: int | None = None) -> float:
     """||u - v_h||_1 of any v_h (n,) in V_h, by quadrature, part by part of a large mesh."""
     square = 0.0
     for part in parts(mesh):
@@ -146,7 +146,7 @@ def h1_distance(case: Case, mesh: Mesh, v_h: Array, degree: int | None = None) -
     return math.sqrt(square)
 
 
-def _where_not_0(case: Case, mesh: Mesh, v_h: Array) -> Mesh:
+def _where_not_0(case: ExactSolution, mesh: Mesh, v_h: Array) -> Mesh:
     """The mesh without the triangles on which u and v_h are 0."""
     zero = case.vanishes(*mesh.circles) & ~v_h[mesh.triangles].any(axis=1)
     return mesh.part(np.flatnonzero(~zero)) if zero.any() else mesh
@@ -171,7 +171,7 @@ def _square(w: Array, value: Array, slope: Array, reaction: float) -> float:
 
 
 def moments(
-    case: Case, mesh: Mesh, v_h: Array, degree: int | None, reaction: float = 1.0
+    case: ExactSolution, mesh: Mesh, v_h: Array, degree: int | None, reaction: float = 1.0
 ) -> tuple[Array, Array, float, float]:
     """(f, phi_i), (u - v_h, phi_i), ||u - v_h||^2 and ||u||^2, in one pass where u or v_h is not 0."""
     mesh = _where_not_0(case, mesh, v_h)
@@ -192,13 +192,13 @@ def moments(
     return load_vector(mesh, of_f), h1_load(mesh, slopes, of_difference, gradient), square, u_square
 
 
-def flux_load(case: Case, mesh: Mesh) -> Array:
+def flux_load(case: ExactSolution, mesh: Mesh) -> Array:
     """<lambda, phi_j> (nb,) of the boundary hats."""
     rule, _, flux = _trace(case, mesh)
     return hat_load(mesh, rule, flux)
 
 
-def _trace(case: Case, mesh: Mesh) -> tuple[BoundaryRule, Array, Array]:
+def _trace(case: ExactSolution, mesh: Mesh) -> tuple[BoundaryRule, Array, Array]:
     """A rule on the boundary edges, and u and lambda (Q,) at its points."""
     rule = boundary_rule(case.polygon, mesh.s, case.singular())
     u, flux, _ = case.boundary(rule.side, rule.s, rule.near)

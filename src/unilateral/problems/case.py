@@ -1,8 +1,8 @@
 """Cases: manufactured solutions, declared in YAML files and derived here.
 
 A case declares u as a sum of atoms and the gap u - g on every side; f = -Delta u + c u, lambda = du/dn and g
-= u - gap follow. On clamped sides it declares u once more, as a formula. `case_certificate.certify` checks
-what the paper asks of them.
+= u - gap follow. On clamped sides it declares u once more, as a formula. A case is a `Problem` with that
+`ExactSolution`. `case_certificate.certify` checks what the paper asks of it.
 """
 
 from __future__ import annotations
@@ -23,11 +23,9 @@ import sympy
 from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError, meant, shown
 from unilateral.formulas.expression import ZERO, Expression, number
-from unilateral.formulas.expression import Atom as Part
 from unilateral.formulas.formula import Compiled
 from unilateral.formulas.symbolic import compile_numpy, kinks, plain
-from unilateral.formulas.taylor import Model, joined
-from unilateral.formulas.taylor_enclosures import Steps
+from unilateral.formulas.taylor import Model
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import arguments
@@ -35,20 +33,19 @@ from unilateral.problems.atoms import Along, Smooth, T
 from unilateral.problems.cantor_atom import Cantor
 from unilateral.problems.case_builder import Atom, Builder, constants_of
 from unilateral.problems.catalogue import folder, names
-from unilateral.problems.data import KnownSolution, on_sides, places, slopes_on_sides
-from unilateral.problems.fields import as_html, listed
-from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_obstacle, no_flux
+from unilateral.problems.data import on_sides, places
+from unilateral.problems.problem import Problem
 from unilateral.problems.units import Units
 from unilateral.system import declarations
 
 
 @dataclass(frozen=True, eq=False)
-class Case(KnownSolution):
-    """A manufactured problem on a polygon, as `Data`; lengths along a side are measured from its start.
+class ExactSolution:
+    """u of a manufactured problem on a polygon, with lambda, f and g, which follow from u and the gaps.
 
-    `gaps` holds one expression in t (the arc length in side lengths) per side. The case was put on
-    `side`. On `free_sides` lambda is 0, and the method has no multipliers there;
-    `case_certificate.with_free_sides` checks that lambda is 0. `values` has u on the clamped sides.
+    `gaps` holds u - g as one expression in t (the arc length in side lengths) per side. The case was put on
+    `side`. `values` has u on the clamped sides, as it is declared there. Lengths along a side are measured
+    from its start.
     """
 
     name: str
@@ -56,35 +53,45 @@ class Case(KnownSolution):
     polygon: Polygon
     atoms: tuple[Atom, ...]
     gaps: tuple[sympy.Expr, ...]
-    free_sides: tuple[int, ...] = ()
     side: int = 0
     values: Mapping[int, Expression] = field(default_factory=dict)
 
     @cached_property
-    def units(self) -> Units:
-        return Units(c=number(self.declaration.get("c", 1)))
+    def problem(self) -> Problem:
+        """The problem that has this solution, without free sides."""
+        return Problem(
+            name=self.name,
+            polygon=self.polygon,
+            f=ZERO,
+            g=tuple(self.values.get(side, ZERO) for side in range(self.polygon.n_sides)),
+            free_sides=(),
+            units=Units(c=number(self.declaration.get("c", 1))),
+            title=self.title,
+            clamped_sides=self.clamped_sides,
+            exact=self,
+        )
 
-    @property
+    @cached_property
     def reaction(self) -> float:
-        return self.units.reaction
+        """What u is multiplied by in (1.1), c: 1 or 0."""
+        return float(self.declaration.get("c", 1))
 
     @property
     def clamped_sides(self) -> tuple[int, ...]:
+        """The sides on which u is given in place of (1.2)."""
         return tuple(sorted(self.values))
 
     @property
     def title(self) -> str:
-        return str(self.declaration["title"])
+        """One line that says what the case is."""
+        return str(self.declaration.get("title", ""))
 
     def __repr__(self) -> str:
-        return f"Case '{self.name}' on '{self.polygon.name}': {self.title}"
-
-    def _repr_html_(self) -> str:
-        return as_html(repr(self), {"polygon": repr(self.polygon), "free sides": listed(self.free_sides)})
+        return f"Exact solution of case '{self.name}' on '{self.polygon.name}'"
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copies and pickles are made of the declaration."""
-        return declared_on, (self.declaration, self.name, self.polygon, self.side, self.free_sides)
+        return exact_solution, (self.declaration, self.name, self.polygon, self.side)
 
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
         """u (k,) and grad u (k, 2) at the places points + offset (k, 2) of Omega.
@@ -107,11 +114,8 @@ class Case(KnownSolution):
         """(k,) on which of the circles with centres (k, 2) and radii (k,) u is known to be 0."""
         return np.logical_and.reduce([atom.vanishes(centre, radius) for atom in self.atoms])
 
-    @property
-    def jumps(self) -> dict[Part, Kink]:
-        return {}
-
-    def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
+    def source_model(self, x: Model, y: Model) -> Model:
+        """f on the boxes of x and y."""
         f = reduce(Model.__add__, (atom.source_model(x, y) for atom in self.atoms))
         return f if self.reaction else f + self._value_model(x, y).scaled(-1.0)
 
@@ -119,40 +123,9 @@ class Case(KnownSolution):
         return reduce(Model.__add__, (atom.value_model(x, y) for atom in self.atoms))
 
     def obstacle_model(self, side: Index, t: Model) -> Model:
-        """g = u - gap, or u as it is declared, see `Data`."""
-        clamped = np.isin(side, self.clamped_sides)
-        parts = []
-        for of, at in ((self._g_model, ~clamped), (self._u_model, clamped)):
-            places_of = np.flatnonzero(at)
-            parts += [(of(side[at], t.on(places_of)), places_of)] if places_of.size else []
-        return joined(parts)
-
-    def _g_model(self, side: Index, t: Model) -> Model:
+        """g = u - gap on intervals of the sides (k,), t the arc length in side lengths."""
         u = self._value_model(*places(self.polygon, side, t))
         return u + on_sides([plain(-gap) for gap in self.gaps], side, {T.name: t})
-
-    def _u_model(self, side: Index, t: Model) -> Model:
-        x, y = places(self.polygon, side, t)
-        given = [self.values.get(i, ZERO) for i in range(self.polygon.n_sides)]
-        return on_sides(given, side, {"x": x, "y": y})
-
-    def slope_model(self, side: Index, t: Model) -> Model:
-        """The derivative by t of u on clamped sides."""
-        return slopes_on_sides(self.values, self.polygon, side, t, {})
-
-    @cached_property
-    def enclosed_obstacle(self) -> Obstacle:
-        return enclose_obstacle(
-            self.polygon,
-            self.obstacle_model,
-            cuts=self.singular(),
-            clamped=self.clamped_sides,
-            slope=self.slope_model,
-        )
-
-    @cached_property
-    def enclosed_flux(self) -> Flux:
-        return no_flux(self.polygon)
 
     def boundary(
         self, side: Index, s: Array, near: tuple[Array, Array] | None = None
@@ -259,18 +232,18 @@ def _summed(values: Iterable[tuple[Array, ...]]) -> list[Array]:
     return [sum(others, start=first) for first, *others in zip(*values, strict=True)]
 
 
-def load(case: str | Path, polygon: Polygon, side: int = 0) -> Case:
-    """The case of that name, or declared in that file, put on a side of a polygon.
+def load(case: str | Path, polygon: Polygon, side: int = 0) -> ExactSolution:
+    """The solution of the case of that name, or declared in that file, put on a side of a polygon.
 
     Raises InputError for an unknown name, a declaration against the schema, or a polygon it is not for.
     """
-    return declared_on(*declared(case), polygon, side)
+    return exact_solution(*declared(case), polygon, side)
 
 
-def declared_on(
-    declaration: Mapping[str, Any], name: str, polygon: Polygon, side: int, free_sides: tuple[int, ...] = ()
-) -> Case:
-    """The case with that declaration; raises InputError as `load`. On `free_sides` lambda has to be 0."""
+def exact_solution(
+    declaration: Mapping[str, Any], name: str, polygon: Polygon, side: int = 0
+) -> ExactSolution:
+    """The solution that a case declares; raises InputError as `load`."""
     where = f"case '{name}'"
     if declaration["polygons"] != "any" and polygon.name not in declaration["polygons"]:
         raise InputError(f"{where} is for {', '.join(declaration['polygons'])}, not for '{polygon.name}'")
@@ -280,7 +253,7 @@ def declared_on(
     atoms = tuple(build.atom(entry, f"{where}, u[{i}]") for i, entry in enumerate(declaration["u"]))
     values = build.values(declaration.get("clamped", []))
     gaps = tuple(sympy.S.Zero if i in values else gap for i, gap in enumerate(build.gaps(declaration["gap"])))
-    return Case(name, declaration, polygon, atoms, gaps, free_sides, side, values)
+    return ExactSolution(name, declaration, polygon, atoms, gaps, side, values)
 
 
 def declared(case: str | Path) -> tuple[dict[str, Any], str]:

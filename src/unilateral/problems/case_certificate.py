@@ -19,8 +19,8 @@ from unilateral.errors import InputError
 from unilateral.formulas.formula import compile_numpy
 from unilateral.formulas.taylor import EPS
 from unilateral.problems import arguments
-from unilateral.problems.case import Case
-from unilateral.problems.problem import contact_sides
+from unilateral.problems.case import ExactSolution
+from unilateral.problems.problem import Problem, contact_sides
 
 PROVED = {"h1": 1.0, "hm12": 1.0, "l2": 0.5}
 """The rates proved by (4.11), (4.12) and (4.13), where (j), (jj) and (jjj) hold."""
@@ -64,7 +64,7 @@ class _Sample(NamedTuple):
     gap: Array
 
 
-def certify(case: Case) -> Certificate:
+def certify(case: ExactSolution) -> Certificate:
     """The certificate of a case.
 
     Raises InputError, with the point, where lambda < 0, u < g, lambda (u - g) is not 0, both vanish on
@@ -96,7 +96,7 @@ def certify(case: Case) -> Certificate:
     )
 
 
-def _sample(case: Case, side: int) -> _Sample:
+def _sample(case: ExactSolution, side: int) -> _Sample:
     """Midpoints of a uniform grid, and geometric sequences about the singular points, inside the side."""
     uniform = (np.arange(SAMPLES) + 0.5) / SAMPLES
     near = np.logspace(-9, -2, 36)
@@ -107,7 +107,7 @@ def _sample(case: Case, side: int) -> _Sample:
         return _Sample(side, t, *case.boundary(np.full(len(t), side), t * case.polygon.lengths[side]))
 
 
-def _size(case: Case, samples: list[_Sample]) -> float:
+def _size(case: ExactSolution, samples: list[_Sample]) -> float:
     """What 0 is compared with: the largest |u| and, times the diameter, typical |lambda| of a side."""
     sizes = [
         (np.max(np.abs(sample.u)), case.polygon.diameter * np.median(np.abs(sample.flux)))
@@ -116,7 +116,7 @@ def _size(case: Case, samples: list[_Sample]) -> float:
     return float(np.max(np.nan_to_num(sizes, posinf=0.0)))
 
 
-def _check(case: Case, sample: _Sample, size: float) -> None:
+def _check(case: ExactSolution, sample: _Sample, size: float) -> None:
     """Raises InputError with the first point that fails."""
     side, t, _, flux, gap = sample
     scale_gap = max(size, np.max(np.abs(gap)))
@@ -138,7 +138,7 @@ def _check(case: Case, sample: _Sample, size: float) -> None:
             raise InputError(f"{_place(case, side, t[k])}: {what} ({values})")
 
 
-def _check_given(case: Case, sample: _Sample, size: float) -> None:
+def _check_given(case: ExactSolution, sample: _Sample, size: float) -> None:
     """Raises InputError where u differs from the declared u on a clamped side."""
     x, y = case.polygon.at(
         np.full(len(sample.t), sample.side), sample.t * case.polygon.lengths[sample.side]
@@ -150,7 +150,7 @@ def _check_given(case: Case, sample: _Sample, size: float) -> None:
         raise InputError(f"{_place(case, sample.side, sample.t[k])}: u is not as declared ({values})")
 
 
-def _contact(case: Case, side: int) -> list[tuple[float, float]]:
+def _contact(case: ExactSolution, side: int) -> list[tuple[float, float]]:
     """The maximal intervals of a side on which the gap is 0, between singular points."""
     ends = np.unique([0.0, 1.0, *(p.t for p in case.singular() if p.side == side)])
     middles = 0.5 * (ends[1:] + ends[:-1])
@@ -163,7 +163,7 @@ def _contact(case: Case, side: int) -> list[tuple[float, float]]:
     return merged
 
 
-def _continuous_at_vertices(case: Case, samples: list[_Sample]) -> None:
+def _continuous_at_vertices(case: ExactSolution, samples: list[_Sample]) -> None:
     """Raises InputError where g, or u on clamped sides, jumps; of other sides' numbers nothing depends on."""
     n, lengths = case.polygon.n_sides, case.polygon.lengths
     sides = np.arange(n)
@@ -179,26 +179,27 @@ def _continuous_at_vertices(case: Case, samples: list[_Sample]) -> None:
         raise InputError(f"{_place(case, worst, 0.0)}: g jumps by {jump[worst]:.6g} at this vertex")
 
 
-def _place(case: Case, side: int, t: float) -> str:
+def _place(case: ExactSolution, side: int, t: float) -> str:
     x, y = case.polygon.point(side, t)
     return f"case '{case.name}' on '{case.polygon.name}' at ({x:.6g}, {y:.6g}), side {side}, t = {t:.6g}"
 
 
-def _as_declared(case: Case, hypotheses: dict[str, bool]) -> None:
+def _as_declared(case: ExactSolution, hypotheses: dict[str, bool]) -> None:
     for name, value in hypotheses.items():
         if case.declaration["hypotheses"][name] != value:
             found_out = f"({name}) {'holds' if value else 'does not hold'}, declared otherwise"
             raise InputError(f"case '{case.name}', field hypotheses.{name}: {found_out}")
 
 
-def with_free_sides(case: Case, free: Sequence[int]) -> Case:
+def with_free_sides(case: Problem, free: Sequence[int]) -> Problem:
     """The case with those sides free, which changes nothing of its solution: lambda is 0 there.
 
     Raises InputError for sides that do not exist or have contact, and if all sides would be free.
     """
-    contact, n = {side for side, _, _ in certify(case).contact}, case.polygon.n_sides
+    contact = {side for side, _, _ in certify(case.known_solution()).contact}
+    n = case.polygon.n_sides
     for side in arguments.sides(free, n, "free sides"):
-        if side in case.values:
+        if side in case.clamped_sides:
             raise InputError(f"free sides: case '{case.name}' is clamped on side {side}")
         if side in contact:
             raise InputError(f"free sides: case '{case.name}' has contact on side {side}")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import reduce
 from operator import add
-from typing import TYPE_CHECKING, Protocol, TypeGuard
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -20,19 +20,7 @@ from unilateral.problems.nodal import NodalTrace, NodalTraces
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle
 
 if TYPE_CHECKING:
-    from unilateral.problems.case import Case
-
-
-class KnownSolution:
-    """The base class of cases, to know them by: importing their module takes longer than a small problem."""
-
-    @property
-    def f_at_nodes(self) -> None:
-        return None
-
-
-def is_case(problem: object) -> TypeGuard[Case]:
-    return isinstance(problem, KnownSolution)
+    from unilateral.problems.case import ExactSolution
 
 
 class Data(Protocol):
@@ -57,6 +45,10 @@ class Data(Protocol):
     @property
     def clamped_sides(self) -> tuple[int, ...]:
         """The sides on which u is given."""
+
+    @property
+    def exact(self) -> ExactSolution | None:
+        """The exact solution of a case."""
 
     @property
     def reaction(self) -> float:

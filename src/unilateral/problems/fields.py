@@ -19,6 +19,8 @@ FUNCTION, ARRAY = "a function", "an array"
 
 def fields_of(of: Problem | Sampled) -> dict[str, str]:
     """The fields by their names; k, c, free sides and q only if they are given."""
+    if of.exact:
+        return {"polygon": repr(of.polygon), "free sides": listed(of.free_sides)}
     clamped, n = of.clamped_sides, of.polygon.n_sides
     held = [side for side in range(n) if side not in of.free_sides and side not in clamped]
     found = {"polygon": f"{of.polygon.n_sides} sides, area {of.polygon.area:.4g}"}
@@ -41,6 +43,8 @@ def headed(of: Problem | Sampled) -> str:
 
 def as_text(of: Problem | Sampled) -> str:
     """The fields in a line."""
+    if of.exact:
+        return f"Case '{of.name}' on '{of.polygon.name}': {of.title}"
     fields = ", ".join(f"{name} = {value}" for name, value in fields_of(of).items())
     return f"{headed(of)}; {fields}"
 

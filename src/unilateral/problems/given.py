@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from numbers import Number
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +19,6 @@ from unilateral.formulas.formula import compile_numpy
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import arguments, nodal, problem_file
-from unilateral.problems.data import is_case
 from unilateral.problems.data_checks import check, check_vertices
 from unilateral.problems.nodal import Nodal, NodalTrace, NodalTraces
 from unilateral.problems.problem import Problem, contact_sides
@@ -29,10 +28,7 @@ from unilateral.system.copies import Rebuilt
 from unilateral.system.files import path_of
 from unilateral.system.optional import require
 
-if TYPE_CHECKING:
-    from unilateral.problems.case import Case
-
-    AnyProblem = Case | Problem | Sampled
+AnyProblem = Problem | Sampled
 
 Coefficient = str | float
 """A number, or one that is written exactly, such as "1/3"."""
@@ -61,7 +57,7 @@ def case(
     polygon: str | Polygon | None = None,
     side: int = 0,
     free_sides: Sequence[int] | None = (),
-) -> Case:
+) -> Problem:
     """A case of the catalogue by its name, or of a YAML file: a problem whose solution is known.
 
     It is put on that side of the polygon, which is by default the first of those that it is for. A polygon is
@@ -87,10 +83,10 @@ def case(
     found = cases.load(given, domain, arguments.side(side, domain.n_sides, "side"))
     certify(found)
     free = arguments.sides(free_sides, domain.n_sides, "free sides")
-    return with_free_sides(found, free) if free else found
+    return with_free_sides(found.problem, free) if free else found.problem
 
 
-def load(path: str | os.PathLike[str]) -> Case | Problem:
+def load(path: str | os.PathLike[str]) -> Problem:
     """What a YAML file declares: a problem, or a case. Raises InputError with the file and the field.
 
     >>> import pathlib, tempfile
@@ -109,12 +105,12 @@ def problem_of(given: object) -> AnyProblem | None:
     """The problem that is given, or that of a name; None for what is neither."""
     if isinstance(given, str | os.PathLike):
         return load(given)
-    return given if isinstance(given, Problem | Sampled) or is_case(given) else None
+    return given if isinstance(given, Problem | Sampled) else None
 
 
 def mesh_of(problem: AnyProblem) -> Mesh | None:
     """The mesh that a problem was made of."""
-    return problem.nodal.mesh if isinstance(problem, Problem | Sampled) else None
+    return problem.nodal.mesh
 
 
 def bare(
@@ -149,11 +145,7 @@ def bare(
 
 def to_be_given(of: AnyProblem) -> Problem | Sampled:
     """The problem or, for a case, the one with f = g = 0 on its polygon, with its free and clamped sides."""
-    if isinstance(of, Problem | Sampled):
-        return of
-    g = tuple(of.values.get(side, ZERO) for side in range(of.polygon.n_sides))
-    given = of.name, of.polygon, ZERO, g, of.free_sides, of.units
-    return Problem(*given, clamped_sides=of.clamped_sides)
+    return replace(of, exact=None, title="") if isinstance(of, Problem) and of.exact else of
 
 
 def with_data(

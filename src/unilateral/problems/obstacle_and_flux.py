@@ -240,8 +240,3 @@ def enclose_flux(
     inner = np.where(side[1:] == side[:-1], ends, 0.0)  # the place of a vertex is exact
     given, jumps = np.isin(side, on), np.concatenate([[0.0], inner, [0.0]])
     return Flux(polygon, points, side, c, doubt, lower, upper, given, jumps, PLACES * unit)
-
-
-def no_flux(polygon: Polygon) -> Flux:
-    """No flux is given: q = 0 on free sides."""
-    return enclose_flux(polygon, lambda _, t: t, ())

@@ -7,12 +7,16 @@ from collections.abc import Collection
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from unilateral.arrays import Array, Index
+from unilateral.errors import InputError
 from unilateral.formulas.exact_numbers import magnitude, rounded, sign
 from unilateral.formulas.expression import ZERO, Atom, Expression, atoms_in
 from unilateral.formulas.formula import coefficients
-from unilateral.formulas.taylor import EPS, Model
+from unilateral.formulas.taylor import EPS, Model, joined
 from unilateral.formulas.taylor_enclosures import Steps, evaluate
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
@@ -23,6 +27,9 @@ from unilateral.problems.nodal import Nodal, NodalTraces, cuts
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_flux, enclose_obstacle
 from unilateral.problems.units import Units
 from unilateral.system.copies import Rebuilt
+
+if TYPE_CHECKING:
+    from unilateral.problems.case import ExactSolution
 
 FAR = 1e-100
 """Coefficients that differ by this factor make a line that is nowhere near, or a circle that is too large."""
@@ -37,8 +44,8 @@ class Problem(Rebuilt):
 
     `f` is a formula in x, y. `g` has one per side, which is not used on free sides; on `clamped_sides` it is
     what u is there. `q` has one per side, which is 0 on those that are not free; if `q` is empty, the flux is
-    0. Arrays that are `nodal` take their place. The `title` is one line that says what problem it is. What is
-    enclosed is told by `Data`.
+    0. Arrays that are `nodal` take their place. The `title` is one line that says what problem it is. A case
+    has an `exact` solution: f, and g on sides with contact, come from it. What is enclosed is told by `Data`.
     """
 
     name: str
@@ -51,6 +58,13 @@ class Problem(Rebuilt):
     nodal: Nodal = field(default_factory=Nodal)
     title: str = ""
     clamped_sides: tuple[int, ...] = ()
+    exact: ExactSolution | None = None
+
+    def known_solution(self) -> ExactSolution:
+        """The exact solution. Raises InputError for a problem that is not a case."""
+        if self.exact is None:
+            raise InputError(f"'{self.name}' is not a case; only the solutions of cases are known")
+        return self.exact
 
     def __repr__(self) -> str:
         return as_text(self)
@@ -77,11 +91,22 @@ class Problem(Rebuilt):
         return {step: kink for step in steps for kink in curve(step.args[0])}
 
     def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
+        if self.exact:
+            return self.exact.source_model(x, y)
         assert self.nodal.f is None  # in whose place the formula is 0
         return evaluate(self.f, {"x": x, "y": y}, steps)
 
     def obstacle_model(self, side: Index, t: Model) -> Model:
-        return self._on_sides(self.g, self.nodal.g, side, t)
+        if self.exact is None:
+            return self._on_sides(self.g, self.nodal.g, side, t)
+        clamped = np.isin(side, self.clamped_sides)
+        contact, held = np.flatnonzero(~clamped), np.flatnonzero(clamped)
+        parts = []
+        if contact.size:
+            parts.append((self.exact.obstacle_model(side[contact], t.on(contact)), contact))
+        if held.size:
+            parts.append((self._on_sides(self.g, {}, side[held], t.on(held)), held))
+        return joined(parts)
 
     @cached_property
     def enclosed_obstacle(self) -> Obstacle:
@@ -91,7 +116,8 @@ class Problem(Rebuilt):
         the solution for any other obstacle that is at most a where g is.
         """
         least = -math.inf if self.clamped_sides else self._least_of_f
-        on = self.free_sides, least, cuts(self.nodal.g), self.clamped_sides, self.slope_model
+        singular = self.exact.singular() if self.exact else cuts(self.nodal.g)
+        on = self.free_sides, least, singular, self.clamped_sides, self.slope_model
         return enclose_obstacle(self.polygon, self.obstacle_model, *on)
 
     def slope_model(self, side: Index, t: Model) -> Model:
@@ -120,7 +146,9 @@ class Problem(Rebuilt):
 
     @cached_property
     def range_of_f(self) -> tuple[float, float]:
-        """Guaranteed bounds on f in Omega, infinite where none are found."""
+        """Guaranteed bounds on f in Omega, infinite where none are found, as for cases."""
+        if self.exact:
+            return -math.inf, math.inf
         if self.nodal.f is not None:
             return float(self.nodal.f.min()), float(self.nodal.f.max())
         return range_in(self.polygon, self.f)

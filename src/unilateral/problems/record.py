@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -20,11 +20,8 @@ from unilateral.problems.problem import Problem
 from unilateral.problems.sampled import Function, Sampled
 from unilateral.problems.units import Units
 
-if TYPE_CHECKING:
-    from unilateral.problems.case import Case
 
-
-def record(of: Case | Problem | Sampled) -> dict[str, Any]:
+def record(of: Problem | Sampled) -> dict[str, Any]:
     """What makes the problem again, but for functions and an array f at nodes, as JSON can have it."""
     found = {
         "name": of.name,
@@ -33,8 +30,8 @@ def record(of: Case | Problem | Sampled) -> dict[str, Any]:
         "free_sides": [*of.free_sides],
         "clamped_sides": [*of.clamped_sides],
     }
-    if not isinstance(of, Problem | Sampled):
-        return found | {"kind": "case", "declaration": of.declaration, "side": of.side}
+    if of.exact:
+        return found | {"kind": "case", "declaration": of.exact.declaration, "side": of.exact.side}
     return found | {
         "kind": "functions" if isinstance(of, Sampled) else "formulas",
         "title": of.title,
@@ -49,14 +46,15 @@ def record(of: Case | Problem | Sampled) -> dict[str, Any]:
     }
 
 
-def of_record(of: dict[str, Any], f_at_nodes: Array | None = None) -> Case | Problem | Sampled:
+def of_record(of: dict[str, Any], f_at_nodes: Array | None = None) -> Problem | Sampled:
     """The problem of a record, without its mesh; in place of functions are such that raise InputError."""
     name, free, clamped = of["name"], tuple(of["free_sides"]), tuple(of["clamped_sides"])
     polygon = Polygon(np.array(of["vertices"]), of["polygon"])
     if of["kind"] == "case":
-        from unilateral.problems.case import declared_on  # with sympy, which takes long to import
+        from unilateral.problems.case import exact_solution  # with sympy, which takes long to import
 
-        return declared_on(of["declaration"], name, polygon, of["side"], free)
+        solution = exact_solution(of["declaration"], name, polygon, of["side"])
+        return replace(solution.problem, free_sides=free)
     units = Units(of_tree(of["k"]), of_tree(of["c"]))
     at_nodes = (_of_traces(of[f"{field}_at_nodes"]) for field in "gq")
     nodal = Nodal(None, f_at_nodes, *at_nodes)
@@ -69,9 +67,9 @@ def of_record(of: dict[str, Any], f_at_nodes: Array | None = None) -> Case | Pro
     return Sampled(name, polygon, *given, nodal, clamped)
 
 
-def on_mesh(problem: Case | Problem | Sampled, mesh: Mesh) -> Case | Problem | Sampled:
+def on_mesh(problem: Problem | Sampled, mesh: Mesh) -> Problem | Sampled:
     """The problem as one that was made of the mesh."""
-    if not isinstance(problem, Problem | Sampled):
+    if problem.exact:
         return problem
     return replace(problem, nodal=replace(problem.nodal, mesh=mesh))
 

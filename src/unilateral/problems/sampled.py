@@ -44,6 +44,10 @@ class Sampled(Rebuilt):
         return self.units.reaction
 
     @property
+    def exact(self) -> None:
+        """The solution of a problem with functions is not known."""
+
+    @property
     def title(self) -> str:
         """No title is given with functions."""
         return ""

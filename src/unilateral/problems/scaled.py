@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, overload
+from typing import overload
 
 import numpy as np
 
@@ -23,15 +23,13 @@ from unilateral.problems.sampled import Function, Sampled, values
 from unilateral.problems.units import Units
 from unilateral.system.copies import Rebuilt
 
-if TYPE_CHECKING:
-    from unilateral.problems.case import Case
-
 
 @dataclass(frozen=True, eq=False)
 class Scaled(Rebuilt):
     """The problem for v as `Data`, made from the problem `of` u. Vertices are rounded once more."""
 
     of: Problem
+    exact: None = field(default=None, init=False)
 
     @property
     def name(self) -> str:
@@ -117,10 +115,10 @@ def scaled_polygon(of: Problem | Sampled) -> Polygon:
 
 
 @overload
-def scaled(problem: Case | Problem) -> Data: ...
+def scaled(problem: Problem) -> Data: ...
 @overload
 def scaled(problem: Sampled) -> Sampled: ...
-def scaled(problem: Case | Problem | Sampled) -> Data | Sampled:
+def scaled(problem: Problem | Sampled) -> Data | Sampled:
     """The problem for v; the problem itself if k = c = 1, as for cases."""
     if isinstance(problem, Problem) and not problem.units.trivial:
         return Scaled(problem)

@@ -33,7 +33,6 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.norms.dual import Errors, errors
 from unilateral.norms.fortin import beta_below
 from unilateral.problems import arguments
-from unilateral.problems.data import is_case
 from unilateral.solution import summary, tables
 from unilateral.solution.certificate import Bounds, BoundsWithoutReaction, record, relative, too_large
 from unilateral.solution.contact import Contact
@@ -396,12 +395,12 @@ class Solution:
         Without `dual` the one in H^{-1/2} is NaN, because on large meshes it costs more than a solve.
         """
         arguments.check_flags(dual=dual)
-        of, case = self.solved.discrete, self.solved.discrete.data
-        if not is_case(case):
+        of, exact = self.solved.discrete, self.problem.exact
+        if exact is None:
             return None
         judged = of.unique and len(of.cells) > 0
         lambda_H = self.problem.units.flux * self.solved.lambda_H
-        return errors(case, self.mesh, self.u, self.partition, lambda_H, judged, dual)
+        return errors(exact, self.mesh, self.u, self.partition, lambda_H, judged, dual)
 
     @property
     def bounds(self) -> Bounds | None:

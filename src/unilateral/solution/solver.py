@@ -23,7 +23,7 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.data import Data, is_case
+from unilateral.problems.data import Data
 from unilateral.problems.given import Coefficient, Given, bare, mesh_of, problem_of, to_be_given, with_data
 from unilateral.problems.problem import Problem
 from unilateral.problems.sampled import Sampled
@@ -135,7 +135,7 @@ class Solver:
         """The problem with that f, g and q, and the discrete one."""
         problem = self._with(f, g, q)
         data = self._data if problem is self.problem else scaled(problem)
-        if is_case(data):
+        if data.exact:
             return problem, discretised(data, self._spaces)  # with its exact solution
         load = self._load if f is None else self._load_of(problem, data)
         return problem, discretised(data, self._spaces, load)
@@ -159,7 +159,7 @@ class Solver:
             )
         if len(missing) == 2 and q is None:
             return of
-        if is_case(of) and missing:
+        if of.exact and missing:
             raise InputError(
                 f"'{of.name}' is a case, whose f and g belong to its solution; give both f and g"
             )

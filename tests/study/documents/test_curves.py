@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 from pages import study_errors
 
-from unilateral.study.documents import curves
+from study.documents import curves
 
 
 def fitted():

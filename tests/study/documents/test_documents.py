@@ -8,10 +8,10 @@ import pandas as pd
 import pytest
 from conftest import ROOT
 
+from study import config
+from study.documents import marks, numbers, verdicts
+from study.ledger import records
 from unilateral.errors import InputError
-from unilateral.study import config
-from unilateral.study.documents import marks, numbers, verdicts
-from unilateral.study.ledger import records
 
 CONFIG = [
     f"workflow/config/{name}.yaml" for name in ("study", "rates", "worst_infsup", "extremes", "figures")

@@ -2,9 +2,9 @@
 
 import pytest
 
+from study import formats
+from study.documents import marks
 from unilateral.errors import InputError
-from unilateral.study import formats
-from unilateral.study.documents import marks
 
 BEGIN, END = "<!-- rates: begin -->", "<!-- rates: end -->"
 OTHER = "<!-- cost: begin -->\nb\n<!-- cost: end -->\n"

@@ -5,7 +5,7 @@ import re
 import pytest
 from conftest import ROOT
 
-from unilateral.study.documents import marks
+from study.documents import marks
 
 PAGES, WORDS = 13, 6500  # a page and a half of it are references
 """The most pages and words of paper.md: somebody reads so much in one sitting."""

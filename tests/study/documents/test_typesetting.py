@@ -6,8 +6,8 @@ import pytest
 import typst
 from conftest import ROOT
 
+from study.documents import typesetting
 from unilateral.errors import InputError
-from unilateral.study.documents import typesetting
 
 BIBLIOGRAPHY = "@book{Known, author = {Jane Doe}, title = {A Book}, year = {1980}}\n"
 PICTURE = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9"><circle cx="4" cy="4" r="3"/></svg>\n'

@@ -16,20 +16,20 @@ import pytest
 import scipy.sparse as sp
 import xarray as xr
 
+from study.experiments.cells import checks as transitions
+from study.experiments.cost import checks as cost
+from study.experiments.estimates import checks as estimates
+from study.experiments.extremes import checks as extremes
+from study.experiments.extremes.outcome import NOT_CONVERGED, NOTHING, REFUSED, RIGHT, WRONG
+from study.experiments.scenes import checks as scenes
+from study.experiments.sharpness import checks as exponents
+from study.ledger import checks as shared
+from study.ledger import claims, evidence
+from study.ledger.evidence import Unjudged
 from unilateral.errors import InputError
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import named, square
 from unilateral.norms.dual import Gram
-from unilateral.study.experiments.cells import checks as transitions
-from unilateral.study.experiments.cost import checks as cost
-from unilateral.study.experiments.estimates import checks as estimates
-from unilateral.study.experiments.extremes import checks as extremes
-from unilateral.study.experiments.extremes.outcome import NOT_CONVERGED, NOTHING, REFUSED, RIGHT, WRONG
-from unilateral.study.experiments.scenes import checks as scenes
-from unilateral.study.experiments.sharpness import checks as exponents
-from unilateral.study.ledger import checks as shared
-from unilateral.study.ledger import claims, evidence
-from unilateral.study.ledger.evidence import Unjudged
 
 NAN, INF = math.nan, math.inf
 DIMS = {

@@ -15,6 +15,15 @@ import pytest
 import xarray as xr
 from conftest import RESULTS, config, load
 
+from study import tables
+from study.documents import marks, verdicts
+from study.ledger import claims, controls, entries, listing, records, reports
+from study.ledger import results as of_study
+from study.ledger.claims import Judgement
+from study.ledger.evidence import Evidence
+from study.ledger.results import Results
+from study.ledger.texts import plain
+from study.scenes import is_clamped
 from unilateral import cli
 from unilateral.errors import InputError, StorageError
 from unilateral.formulas.formula import real
@@ -22,15 +31,6 @@ from unilateral.geometry.polygon import named
 from unilateral.norms.dual import Bracket, Gram
 from unilateral.norms.resolution import RULE
 from unilateral.problems.case_certificate import certify
-from unilateral.study import tables
-from unilateral.study.documents import marks, verdicts
-from unilateral.study.ledger import claims, controls, entries, listing, records, reports
-from unilateral.study.ledger import results as of_study
-from unilateral.study.ledger.claims import Judgement
-from unilateral.study.ledger.evidence import Evidence
-from unilateral.study.ledger.results import Results
-from unilateral.study.ledger.texts import plain
-from unilateral.study.scenes import is_clamped
 
 ALL = {claim.id: claim for claim in claims.ledger()}
 LEDGER = {name: claim for name, claim in ALL.items() if not claim.unmeasured}

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from unilateral.study.ledger import claims, controls
-from unilateral.study.ledger.results import Results
+from study.ledger import claims, controls
+from study.ledger.results import Results
 
 OBSERVED, REQUIRED = 2.0, 1.0
 

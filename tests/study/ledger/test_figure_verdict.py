@@ -5,8 +5,8 @@ import json
 import pytest
 from pages import page, table
 
-from unilateral.study.ledger import claims
-from unilateral.study.ledger import verdict_figure as figure_of_verdicts
+from study.ledger import claims
+from study.ledger import verdict_figure as figure_of_verdicts
 
 
 def made(folder, records):

@@ -8,9 +8,9 @@ import click
 import pytest
 from conftest import RESULTS, ROOT
 
+from study.ledger import claims, controls, results
 from unilateral.cli import main
 from unilateral.cli.application import application
-from unilateral.study.ledger import claims, controls, results
 
 pytestmark = pytest.mark.usefixtures("measured_once", "read_once")
 EXAMPLES = application.get_command(click.Context(application), "claims").examples

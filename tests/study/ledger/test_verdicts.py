@@ -5,10 +5,10 @@ import re
 import pytest
 from conftest import RESULTS, ROOT
 
+from study.documents import verdicts
+from study.ledger import claims, texts
+from study.ledger import records as stored
 from unilateral.errors import StorageError
-from unilateral.study.documents import verdicts
-from unilateral.study.ledger import claims, texts
-from unilateral.study.ledger import records as stored
 
 
 def record(**changed):

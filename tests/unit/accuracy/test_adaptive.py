@@ -110,7 +110,7 @@ def test_the_bound_falls_like_the_unknowns_to_the_power_one_half(name):
 
 def test_where_triangles_share_the_bound_alike_meshes_stay_uniform():
     """`natural` varies alike everywhere, an L-shape's u does not; a mesh or solver may be asked for."""
-    assert not on_adapted(levels(load("natural"), Goal(0.06)))
+    assert not on_adapted(levels(load("natural").problem, Goal(0.06)))
     assert on_adapted(levels(problem(LSHAPE), Goal(0.2)))
     asked_for = list(levels(problem(LSHAPE), Goal(0.2), None, "structured"))
     assert not on_adapted(asked_for)

@@ -82,7 +82,7 @@ def test_a_wave_that_cannot_be_enclosed_is_not_certified(problem_of, monkeypatch
     (only,) = levels(problem_of(f="1 + cos(4096*pi*(x - y))", g=-10), Goal(0.01))
     assert not only.certified
     assert unknowable(only)
-    assert not any(map(unknowable, levels(load("natural"), Goal(0.03))))
+    assert not any(map(unknowable, levels(load("natural").problem, Goal(0.03))))
 
 
 def test_jumps_of_f_are_integrated_where_they_are(problem_of):

@@ -59,7 +59,7 @@ def test_a_plan_is_right_within_a_factor_of_2(name, goal, adapted):
 
 def test_limits_that_do_not_allow_a_plan_are_named():
     """Each a little below what is planned; control: none a little above it."""
-    done = list(levels(load("natural"), Goal(0.05)))
+    done = list(levels(load("natural").problem, Goal(0.05)))
     for share, missed in ((0.99, ["max_unknowns", "max_memory", "max_seconds"]), (1.01, [])):
         free = planned(done, Goal(0.001))
         limits = [share * value for value in (free.unknowns, free.seconds, free.peak_mb)]
@@ -87,10 +87,10 @@ def test_an_accuracy_that_is_out_of_reach_ends_the_search_after_the_plan(name, m
 @pytest.mark.usefixtures("at_once", "machine")
 def test_a_limit_that_somebody_set_is_spent():
     """The same accuracy; so is one that the plan does not exclude by far."""
-    found = search(load("natural"), Goal(1e-9, max_unknowns=2000))
+    found = search(load("natural").problem, Goal(1e-9, max_unknowns=2000))
     assert found.ended == "out of budget (max_unknowns=2000)"
     assert found.reach is None
-    done = list(levels(load("natural"), Goal(0.02)))
+    done = list(levels(load("natural").problem, Goal(0.02)))
     allowed = min(most_unknowns(Prospect(done, Stop(), "", 1.0)).values())
     for times, far in ((FAR / 2, False), (2 * FAR, True)):
         last = done[-1]
@@ -103,7 +103,7 @@ def test_a_limit_that_somebody_set_is_spent():
 @pytest.mark.parametrize("limit", [{"max_seconds": MAX_SECONDS}, {"max_memory": 1e9}, {"max_unknowns": 1e9}])
 def test_a_limit_is_spent_even_if_it_is_the_default_or_never_reached(limit):
     """The plan ends nothing; control: it does so without the limit."""
-    done = list(levels(load("natural"), Goal(0.02)))
+    done = list(levels(load("natural").problem, Goal(0.02)))
     for given, far in ((limit, False), ({}, True)):
         of_goal = [replace(level, goal=Goal(1e-9, **given)) for level in done]
         assert hopeless(Prospect(of_goal, Stop(), "", 1.0)) == far
@@ -112,14 +112,14 @@ def test_a_limit_is_spent_even_if_it_is_the_default_or_never_reached(limit):
 @pytest.mark.usefixtures("at_once", "machine")
 def test_out_of_reach_without_a_plan_names_no_limit(monkeypatch):
     monkeypatch.setattr(of_search, "plan", lambda _: None)
-    found = search(load("natural"), Goal(1e-9))
+    found = search(load("natural").problem, Goal(1e-9))
     assert (found.ended, found.reach) == ("out of reach", None)
 
 
 @pytest.mark.usefixtures("at_once", "machine")
 def test_bounds_that_stand_still_on_coarse_meshes_end_nothing(monkeypatch):
     """As if the rate were 1/4: then a plan misses the limits by far, but nothing is concluded from that."""
-    found = levels(load("natural"), Goal(0.02), kind="structured")
+    found = levels(load("natural").problem, Goal(0.02), kind="structured")
     done = [replace(level, goal=Goal(0.001)) for level in found]
     monkeypatch.setattr(of_plan, "observed_rate", lambda *_: 0.25)
     prospect = Prospect(done, Stop(), "structured", 1.0)
@@ -129,7 +129,7 @@ def test_bounds_that_stand_still_on_coarse_meshes_end_nothing(monkeypatch):
 
 
 def test_what_is_certified_needs_nothing_more():
-    found = search(load("natural"), Goal(0.2), probe=True)
+    found = search(load("natural").problem, Goal(0.2), probe=True)
     assert found.certified
     assert found.plan.unknowns == found.best.unknowns
     assert found.plan.missed == ()
@@ -137,7 +137,7 @@ def test_what_is_certified_needs_nothing_more():
 
 def test_costs_and_what_they_allow_agree():
     """The unknowns within the seconds and the MB of a level are its own; none are within no time."""
-    done = list(levels(load("natural"), Goal(0.05)))
+    done = list(levels(load("natural").problem, Goal(0.05)))
     prospect = Prospect(done, Stop(), "", elapsed=7.0)
     assert prospect.within_seconds(7.0 + prospect.seconds(12_345)) == pytest.approx(12_345)
     assert prospect.within_mb(prospect.mb(12_345)) == pytest.approx(12_345)

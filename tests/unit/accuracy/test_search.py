@@ -105,7 +105,7 @@ def test_a_spoilt_solution_has_a_larger_bound():
 def test_an_accuracy_is_reached_and_certified(norm):
     """The certificate, and that the accuracy holds: against the exact solution of a case."""
     goal = Goal(0.05, norm, **LIMITS)
-    done = list(levels(load("natural"), goal))
+    done = list(levels(load("natural").problem, goal))
     last, case = done[-1].solved, load("natural")
     assert [level.certified for level in done] == [False] * (len(done) - 1) + [True]
     assert all(a.unknowns < b.unknowns for a, b in pairwise(done))
@@ -128,10 +128,10 @@ def test_a_level_is_certified_up_to_its_own_total(norm):
 
     What is wanted ends its iteration, too, which changes the total by a hundredth.
     """
-    coarsest = next(levels(load("natural"), Goal(0.5, norm))).solved
+    coarsest = next(levels(load("natural").problem, Goal(0.5, norm))).solved
     relative = coarsest.total(norm) / coarsest.size(norm)
     for share, certified in ((1.1, True), (0.9, False)):
-        assert next(levels(load("natural"), Goal(share * relative, norm))).certified == certified
+        assert next(levels(load("natural").problem, Goal(share * relative, norm))).certified == certified
 
 
 def test_an_absolute_accuracy_is_that_of_the_error_itself():
@@ -147,10 +147,10 @@ def test_an_absolute_accuracy_is_that_of_the_error_itself():
 
 def test_an_absolute_accuracy_of_a_multiplier_that_is_0():
     """Nothing is relative to it; lambda = 0 exactly, so the error is 0 and no bound is below it."""
-    absolute = list(levels(load("no_contact"), Goal(0.1, "hm12", sharp=True, absolute=True)))[-1]
+    absolute = list(levels(load("no_contact").problem, Goal(0.1, "hm12", sharp=True, absolute=True)))[-1]
     assert absolute.certified
     assert absolute.size == 0 <= absolute.total <= 0.1
-    relative = levels(load("no_contact"), Goal(0.1, "hm12", 300, sharp=True))
+    relative = levels(load("no_contact").problem, Goal(0.1, "hm12", 300, sharp=True))
     assert not any(level.certified for level in relative)
 
 
@@ -159,7 +159,7 @@ def test_levels_are_not_wasted():
 
     The bound that was predicted is right within a tenth, from the fourth level on.
     """
-    done = list(levels(load("natural"), Goal(0.01, **LIMITS)))
+    done = list(levels(load("natural").problem, Goal(0.01, **LIMITS)))
     assert sum(level.unknowns for level in done[:-1]) <= 0.4 * done[-1].unknowns
     assert done[-1].solved.total("h1") > 0.5 * done[-1].target
     assert all(level.predicted == pytest.approx(level.total, rel=0.1) for level in done[3:])
@@ -229,7 +229,7 @@ def test_a_budget_ends_the_search_with_the_best_so_far(of, limit, least):
 
 def test_a_budget_below_the_coarsest_mesh_is_bad_input():
     with pytest.raises(InputError, match="'square' needs 9 unknowns; max_unknowns=8 has to be"):
-        next(levels(load("natural"), Goal(0.1, max_unknowns=8)))
+        next(levels(load("natural").problem, Goal(0.1, max_unknowns=8)))
 
 
 def test_nothing_to_do_is_done_at_once(problem_of):
@@ -292,7 +292,7 @@ def test_gmsh_is_imported_only_where_a_mesh_is_made_by_it(tmp_path):
         "from unilateral.geometry import partition, structured; "
         "from unilateral.geometry.polygon import square; "
         "from unilateral.problems import case; "
-        "from unilateral.study.experiments.scenes import measure as scene; "
+        "from study.experiments.scenes import measure as scene; "
         "cases, cells = [case.load('natural', square())], partition.uniform(square(), 1 / 4)"
     )
     forms = f"dual.Gram.of_table(xarray.open_dataset({str(table)!r}))"
@@ -322,7 +322,7 @@ def test_what_is_too_much_is_said_before_meshing(problem_of, monkeypatch):
 
 def test_structured_cells_consist_of_whole_edges():
     """On the L-shape, whose sides have lengths 1 and 2, for any H."""
-    for level in levels(load("violates_j", "lshape"), Goal(0.1, "hm12", 3_000)):
+    for level in levels(load("violates_j", "lshape").problem, Goal(0.1, "hm12", 3_000)):
         mesh = level.solved.discrete.mesh
         assert set(level.partition.points) <= set(mesh.s)
         assert 2 * level.partition.n_cells == len(mesh.boundary)
@@ -331,7 +331,7 @@ def test_structured_cells_consist_of_whole_edges():
 def test_an_iteration_that_fails_ends_the_search():
     """A finer mesh would not help it."""
     with pytest.warns(RuntimeWarning, match="stopped after 1 steps"):
-        found = list(levels(load("natural"), Goal(1e-2), stop=Stop(algorithm="uzawa", max_steps=1)))
+        found = list(levels(load("natural").problem, Goal(1e-2), stop=Stop(algorithm="uzawa", max_steps=1)))
     assert len(found) == 1
     assert not found[0].certified
 
@@ -357,7 +357,7 @@ def falsified(level, factor):
 @pytest.mark.parametrize("name", ["natural", "full_contact"])
 def test_bounds_that_contradict_each_other_are_withdrawn(name):
     """One's is 1000 times too small, and nobody knows which; control: as they are, all stand."""
-    done = list(levels(load(name), Goal(0.02)))
+    done = list(levels(load(name).problem, Goal(0.02)))
     assert standing(done) == done
     assert standing([falsified(done[0], 1e-3), done[-1]]) == []
 
@@ -372,7 +372,7 @@ def test_the_time_of_a_level_includes_that_of_its_bound(monkeypatch):
         return made(solved, *others)
 
     monkeypatch.setattr(of_levels, "Level", recorded)
-    assert len(list(levels(load("natural"), Goal(0.2)))) == len(known) > 1
+    assert len(list(levels(load("natural").problem, Goal(0.2)))) == len(known) > 1
     assert all(known)
 
 

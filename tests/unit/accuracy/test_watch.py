@@ -36,7 +36,9 @@ class Told(Watch):
 
 def test_phases_are_told_and_their_seconds_are_those_of_the_level():
     watch, seconds = Told(), []
-    found = search(load("natural"), Goal(0.3), tell=lambda _: seconds.append(watch.seconds), watch=watch)
+    found = search(
+        load("natural").problem, Goal(0.3), tell=lambda _: seconds.append(watch.seconds), watch=watch
+    )
     assert watch.phases == [*PHASES, ""] * len(found.done)
     for level, of_phases in zip(found.done, seconds, strict=True):
         assert list(of_phases) == list(PHASES)
@@ -49,11 +51,11 @@ def test_phases_are_told_and_their_seconds_are_those_of_the_level():
 def test_an_interrupt_in_any_phase_keeps_the_levels_before(phase):
     """In the second level; control: in the first one nothing is left, and it is raised."""
     watch = Told(6 + phase, Watch.interrupt)
-    found = search(load("natural"), Goal(1e-3), watch=watch)
+    found = search(load("natural").problem, Goal(1e-3), watch=watch)
     assert (found.ended, len(found.done), found.plan) == ("interrupted", 1, None)
     assert (watch.goal, watch.phase) == (None, "")
     with pytest.raises(KeyboardInterrupt):
-        search(load("natural"), Goal(1e-3), watch=Told(phase, Watch.interrupt))
+        search(load("natural").problem, Goal(1e-3), watch=Told(phase, Watch.interrupt))
 
 
 def test_an_interrupt_that_was_lost_is_seen_at_the_next_phase():
@@ -64,7 +66,7 @@ def test_an_interrupt_that_was_lost_is_seen_at_the_next_phase():
             watch.interrupt()
 
     watch = Told(8, lost)
-    assert search(load("natural"), Goal(1e-3), watch=watch).ended == "interrupted"
+    assert search(load("natural").problem, Goal(1e-3), watch=watch).ended == "interrupted"
     assert len(watch.phases) == 8
 
 
@@ -80,9 +82,9 @@ def test_an_interrupt_of_which_a_library_makes_another_error_is_one():
     def broken(_):
         raise ImportError
 
-    assert search(load("natural"), Goal(1e-3), watch=Told(8, failing)).ended == "interrupted"
+    assert search(load("natural").problem, Goal(1e-3), watch=Told(8, failing)).ended == "interrupted"
     with pytest.raises(ImportError):
-        search(load("natural"), Goal(1e-3), watch=Told(8, broken))
+        search(load("natural").problem, Goal(1e-3), watch=Told(8, broken))
 
 
 @pytest.mark.parametrize("name", ["max_seconds", "max_memory"])
@@ -97,7 +99,7 @@ def test_a_limit_in_the_midst_of_a_level_keeps_those_before(name, monkeypatch):
         else:
             monkeypatch.setattr(of_watch, "peak_mb", lambda: 2 * limit)
 
-    found = search(load("natural"), Goal(0.02, **{name: limit}), watch=Told(15, jump))
+    found = search(load("natural").problem, Goal(0.02, **{name: limit}), watch=Told(15, jump))
     assert len(found.done) == 2
     assert found.ended == f"out of budget ({name}=1e+06)"
     assert found.plan.unknowns > found.done[-1].unknowns
@@ -113,7 +115,7 @@ def test_without_a_limit_no_more_memory_is_taken_than_was_free(monkeypatch):
         monkeypatch.setattr(of_watch, "peak_mb", lambda: 1.01 * watch.most_mb)
 
     watch = Told(15, jump)
-    found = search(load("natural"), Goal(0.02), watch=watch)
+    found = search(load("natural").problem, Goal(0.02), watch=watch)
     assert len(found.done) == 2
     assert found.ended == f"out of budget ({watch.most_mb:.0f} MB of this machine's memory)"
 
@@ -122,14 +124,14 @@ def test_what_the_process_holds_is_no_part_of_what_a_level_may_take(monkeypatch)
     """Ten times more than is free, as beside data of one's own in Python."""
     monkeypatch.setattr(of_levels, "available_mb", lambda: 1000.0)
     monkeypatch.setattr(of_levels, "peak_mb", lambda: 10_000.0)
-    assert search(load("natural"), Goal(0.02)).certified
+    assert search(load("natural").problem, Goal(0.02)).certified
 
 
 def test_a_limit_in_the_first_level_leaves_nothing():
     with pytest.raises(
         BudgetError, match=r"max_seconds=10 is not enough .* coarsest mesh of 'square'"
     ) as told:
-        search(load("natural"), Goal(0.1, max_seconds=10.0), watch=Watch(begin=-1e9))
+        search(load("natural").problem, Goal(0.1, max_seconds=10.0), watch=Watch(begin=-1e9))
     assert told.value.exit_code == 3
 
 
@@ -137,7 +139,7 @@ def test_memory_that_the_system_refuses_is_a_limit():
     def refused(_):
         raise MemoryError
 
-    found = search(load("natural"), Goal(1e-3), watch=Told(8, refused))
+    found = search(load("natural").problem, Goal(1e-3), watch=Told(8, refused))
     assert found.ended == "out of budget (the memory of this machine)"
     assert len(found.done) == 1
 

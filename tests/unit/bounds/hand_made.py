@@ -21,7 +21,7 @@ from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems import data
 from unilateral.problems.atoms import X, Y
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 from unilateral.problems.obstacle_and_flux import enclose_obstacle
 
 CASES = [
@@ -42,7 +42,7 @@ LINEAR_SOURCE = "cosh(x - 0.4) + cosh(y - 0.55) + 0.1*x - 0.05*y"
 class Manufactured:
     """u from a formula and g = u - gap, gap >= 0 a formula in x, y too; no singular points.
 
-    It is the solution where lambda = du/dn >= 0, and 0 where gap > 0; `boundary` is that of Case.
+    It is the solution where lambda = du/dn >= 0, and 0 where gap > 0; `boundary` is that of ExactSolution.
     """
 
     flux_in_L2 = True
@@ -92,7 +92,11 @@ def enclosed(mesh, problem):
 
 def given_to(problem, mesh, cells, u_h, lambda_H, free=()):
     """What both bounds take."""
-    g = problem.enclosed_obstacle if isinstance(problem, Case) else problem.enclosed(free)
+    if isinstance(problem, ExactSolution):
+        problem = problem.problem
+        g = problem.enclosed_obstacle
+    else:
+        g = problem.enclosed(free)
     return enclosed(mesh, problem), g, cells, u_h, lambda_H, nothing(mesh), Form(free=free)
 
 
@@ -112,7 +116,7 @@ def norm_for(name, m, polygon):
 class Pair(NamedTuple):
     """u_h and lambda_H, and their true errors: ||u - u_h||_1, and bounds of ||lambda - lambda_H||_{-1/2}."""
 
-    case: Case
+    case: ExactSolution
     mesh: meshes.Mesh
     cells: partitions.Partition
     u_h: np.ndarray

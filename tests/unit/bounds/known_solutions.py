@@ -20,7 +20,6 @@ from unilateral.formulas import formula
 from unilateral.formulas.symbolic import compile_numpy, plain
 from unilateral.norms.ritz import flux_load, h1_distance
 from unilateral.problems.atoms import X, Y
-from unilateral.problems.case import Case
 from unilateral.problems.problem import Problem
 
 SIZE = 1 / 2
@@ -126,17 +125,17 @@ class Known(NamedTuple):
 class Catalogued(NamedTuple):
     """A case made of the catalogue's atoms, whose quadrature knows its singular points."""
 
-    problem: Case
+    problem: Problem
     doubt: float = 0.0
 
     def errors(self, mesh, functions):
-        return np.array([h1_distance(self.problem, mesh, v_h) for v_h in functions])
+        return np.array([h1_distance(self.problem.exact, mesh, v_h) for v_h in functions])
 
     def flux_moments(self, mesh):
-        return flux_load(self.problem, mesh)
+        return flux_load(self.problem.exact, mesh)
 
     def boundary(self, side, s):
-        return self.problem.boundary(side, s)
+        return self.problem.exact.boundary(side, s)
 
 
 class Trial(NamedTuple):

@@ -151,7 +151,7 @@ def at_a_corner(number, folder):
     }[kind]
     sides = [{"side": i, "formula": formula} for i, formula in gap.items()]
     file = case_file(folder, "thirds", u=u, gap={"sides": sides, "elsewhere": elsewhere})
-    return Catalogued(cases.load(file, polygon, side))
+    return Catalogued(cases.load(file, polygon, side).problem)
 
 
 def _room(polygon, side, at):

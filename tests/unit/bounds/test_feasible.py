@@ -161,7 +161,7 @@ def test_what_is_missing_is_not_less_than_it_is(name):
     d = discrete(name, 8, 4)
     mesh, case = d.mesh, d.exact.ritz.case
     on = np.ones(len(mesh.boundary), dtype=bool)
-    g = constraint(case.enclosed_obstacle, mesh, on)
+    g = constraint(case.problem.enclosed_obstacle, mesh, on)
     v, rng = np.where(np.isfinite(g.at_unknowns), g.at_unknowns, 0.0), np.random.default_rng(1)
     v[len(on) :] += rng.normal(0, 0.01, len(on))
     flux = rng.random((len(on), 2))

@@ -7,14 +7,14 @@ import click
 import pytest
 from conftest import ROOT, certified, load
 
+from study.ledger import claims
+from study.ledger.claims import Judgement
+from study.ledger.evidence import Unjudged
+from study.ledger.results import Results
 from unilateral.cli import main
 from unilateral.cli.application import COMMANDS, application
 from unilateral.cli.cases import polygon_record
 from unilateral.cli.command import CODES
-from unilateral.study.ledger import claims
-from unilateral.study.ledger.claims import Judgement
-from unilateral.study.ledger.evidence import Unjudged
-from unilateral.study.ledger.results import Results
 
 TEXT = (ROOT / "docs/command-line.md").read_text(encoding="utf-8")
 CONTEXT = click.Context(application)

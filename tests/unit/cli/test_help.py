@@ -55,6 +55,16 @@ def test_only_what_can_fail_so_has_the_codes_of_claims_and_of_solvers():
     assert [name for name in COMMANDS if 3 in command_of(name).codes] == ["solve", "certify"]
 
 
+def test_where_the_study_is_not_installed_its_command_says_so_and_is_not_listed(run, refused, monkeypatch):
+    """None in the place of a module makes Python take it for missing."""
+    assert "\n  claims " in run("--help")[1]
+    for name in [name for name in sys.modules if name.partition(".")[0] == "study"]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "study", None)
+    assert "claims belongs to the study, which 'make' installs" in refused("claims", "4.12")
+    assert "\n  claims " not in run("--help")[1]
+
+
 def test_the_placeholders_of_an_option_are_its_own(run):
     """--h and --H are sizes of two things."""
     out = run("solve", "--help")[1]

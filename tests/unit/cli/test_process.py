@@ -11,8 +11,8 @@ import pytest
 from conftest import ROOT
 from typed import KEYS, PROBLEM, SCRIPT, SIZES, in_python
 
+from study.ledger import claims
 from unilateral.cli.application import COMMANDS
-from unilateral.study.ledger import claims
 
 
 def alone(*arguments, shell="", **environment):

@@ -30,7 +30,7 @@ from unilateral.exchange.exported_folder import ExportedLevel, Foreign, exported
 from unilateral.exchange.fault import UNEXPLAINED
 from unilateral.exchange.score import score
 from unilateral.norms.dual import Errors
-from unilateral.problems.case import Case
+from unilateral.problems.problem import Problem
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
 NAMED = {
@@ -165,7 +165,7 @@ def table(method):
 class Solved(NamedTuple):
     """A level of a case as this project and an author see it; `own` are this project's errors."""
 
-    case: Case
+    case: Problem
     level: ExportedLevel
     discrete: CondensedProblem
     u_h: Array

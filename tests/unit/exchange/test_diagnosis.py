@@ -49,7 +49,7 @@ def problem():
 def own():
     """u, lambda_H and the errors of this project."""
     solved = solve(problem())
-    return solved.u_h, solved.lambda_H, score(load("natural"), given(solved.u_h)).own
+    return solved.u_h, solved.lambda_H, score(load("natural").problem, given(solved.u_h)).own
 
 
 def given(u, mu=None):
@@ -57,7 +57,7 @@ def given(u, mu=None):
 
 
 def told(u, mu=None):
-    found = judged(load("natural"), given(u, mu), problem(), own()[2], own()[0])
+    found = judged(load("natural").problem, given(u, mu), problem(), own()[2], own()[0])
     return [str(fault) for fault in found.faults]
 
 
@@ -128,7 +128,7 @@ def of_load(of, reactions):
 def solutions_with(conditions_of):
     """u, reactions (nb,) and what is >= 0, for all conditions that a multiplier may belong to."""
     of = problem()
-    for each in conditions(load("natural"), of, conditions_of):
+    for each in conditions(load("natural").problem, of, conditions_of):
         reactions, bound = each.multiplier_load(*without_multiplier(of), 1e-9)
         assert bound <= 1e-9
         yield of_load(of, reactions), reactions, each.what
@@ -156,7 +156,7 @@ def test_nodal_and_mortar_multipliers_are_right_and_lumped_ones_are_not():
 
 def test_the_conditions_are_what_they_say():
     """Signs and complementarity, by g itself: its values, and Simpson's rule on each half of an edge."""
-    mesh, case = problem().mesh, load("natural")
+    mesh, case = problem().mesh, load("natural").problem
     starts = mesh.polygon.starts[mesh.side]
     for u, reactions, what in solutions_with(on_edges()):
         value = u[mesh.boundary]
@@ -306,7 +306,7 @@ def test_sentences_of_a_fault_have_one_colon():
         *told(u, on_cells(0 * mu)),
     ]
     for each in (Equal, Reversed):
-        (right,) = conditions(load("natural"), problem(), on_cells(mu))
+        (right,) = conditions(load("natural").problem, problem(), on_cells(mu))
         reactions, _ = each(**vars(right)).multiplier_load(*without_multiplier(problem()), 1e-9)
         wrong = np.linalg.lstsq(right.B.T.toarray(), reactions)[0]
         faults += told(of_load(problem(), reactions), on_cells(wrong))
@@ -336,7 +336,7 @@ def test_nothing_is_wrong_with_solutions_of_discrete_problems(name, sizes):
 
     A test of errors' sizes would fail here: they are as large as the solution.
     """
-    of, case = discrete(name, *sizes), load(name)
+    of, case = discrete(name, *sizes), load(name).problem
     solved, level = solve(of), ExportedLevel("level_0", of.mesh, of.partition)
     one = score(case, Foreign("file", level, solved.u_h, constant(of.partition, solved.lambda_H), ""))
     assert one.faults == []

@@ -179,7 +179,7 @@ def test_a_failure_midway_leaves_nothing(tmp_path, monkeypatch):
     """The second level's cells cannot be written."""
     monkeypatch.setattr("unilateral.exchange.export.of_cells", lambda cells, **_: 1 / (cells.n_cells - 8))
     with pytest.raises((ZeroDivisionError, AttributeError)):
-        export(load("natural"), structured(polygon.square(), 1 / 4), 1 / 4, 2, tmp_path / "out")
+        export(load("natural").problem, structured(polygon.square(), 1 / 4), 1 / 4, 2, tmp_path / "out")
     assert not list(tmp_path.iterdir())
 
 
@@ -206,5 +206,5 @@ def test_a_full_disk_is_told_of_the_file_that_was_to_be_there(tmp_path, monkeypa
 
     monkeypatch.setattr(exporting, "write_mesh", full)
     with sentences.raises(StorageError, f"{tmp_path}/out/level_0/mesh.msh"):
-        export(load("natural"), structured(polygon.square(), 1 / 4), 1 / 4, 1, tmp_path / "out")
+        export(load("natural").problem, structured(polygon.square(), 1 / 4), 1 / 4, 1, tmp_path / "out")
     assert not list(tmp_path.iterdir())

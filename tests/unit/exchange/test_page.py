@@ -30,12 +30,12 @@ def scored(name, with_multiplier=True):
         solved = solve(of)
         mu = constant(of.partition, solved.lambda_H) if with_multiplier else None
         level = ExportedLevel(f"level_{k}", of.mesh, of.partition)
-        found.append(score(load(name), Foreign("file", level, solved.u_h, mu, "constant on cells")))
+        found.append(score(load(name).problem, Foreign("file", level, solved.u_h, mu, "constant on cells")))
     return found
 
 
 def written(name, found):
-    return page(load(name), found, rates(load(name), found))
+    return page(load(name).problem, found, rates(load(name).problem, found))
 
 
 class Seen(HTMLParser):
@@ -78,14 +78,16 @@ def test_a_page_is_whole_and_needs_no_network(name, with_multiplier):
     assert not re.search(r"url\((?!#)|@import", text)
     assert f"{found[-1].errors.h1:.4g}" in seen.cells
     assert ("-" in seen.cells) == (not with_multiplier or name == "rough")
-    assert verdict(found, rates(load(name), found)) in text
+    assert verdict(found, rates(load(name).problem, found)) in text
     assert "nan" not in seen.cells
 
 
 def test_where_no_rate_is_proved_the_page_has_none():
     """Control: one that is proved, in the other norms."""
-    known = rates(load("natural"), scored("natural"))
-    cells = Seen(page(load("natural"), scored("natural"), known | {"h1": Rate(0.5, 1, 0.7, nan)})).cells
+    known = rates(load("natural").problem, scored("natural"))
+    cells = Seen(
+        page(load("natural").problem, scored("natural"), known | {"h1": Rate(0.5, 1, 0.7, nan)})
+    ).cells
     assert cells[-15:-10] == ["u in H¹", "0.50", "0.70", "-", "no rate is proved"]
     assert cells[-2:] == ["0.5", "reaches the proved rate"]
 
@@ -111,7 +113,7 @@ def test_faults_and_names_are_told_as_text():
 
 def test_what_holds():
     """Nothing wrong, and no rate short of a proved one; a ladder that stays as it is has the rate 0."""
-    found, case = scored("natural"), load("natural")
+    found, case = scored("natural"), load("natural").problem
     assert holds(found, rates(case, found))
     assert not holds([replace(found[0], told=Judged([Fault("wrong", "")], [])), found[1]], rates(case, found))
     same = [replace(each, errors=found[0].errors) for each in found]

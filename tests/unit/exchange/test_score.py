@@ -110,10 +110,10 @@ def test_rates_are_over_levels_with_h_and_H_small_enough():
         Scored(Foreign("", level, np.zeros(0), None, ""), each, each, Judged([], []), None)
         for level, each in zip(levels, errors, strict=True)
     ]
-    for rate in rates(load("natural"), ladder).values():
+    for rate in rates(load("natural").problem, ladder).values():
         assert (rate.pairs, rate.observed) == (1, 1)
     levels[2].mesh.h = 1 / 32.8
-    assert [rate.pairs for rate in rates(load("natural"), ladder).values()] == [0, 0, 0]
+    assert [rate.pairs for rate in rates(load("natural").problem, ladder).values()] == [0, 0, 0]
 
 
 def ladder(*errors, sizes=(1 / 8, 1 / 16, 1 / 32, 1 / 64)):
@@ -128,30 +128,30 @@ def ladder(*errors, sizes=(1 / 8, 1 / 16, 1 / 32, 1 / 64)):
 @pytest.mark.parametrize(("name", "polygon"), [("violates_j", "lshape"), ("violates_jj", "square")])
 def test_no_rate_is_proved_where_a_hypothesis_fails(name, polygon):
     """Neither rate is short then, however slow; control: `natural`, for which all hypotheses hold."""
-    case = load(name, polygon)
+    case = load(name, polygon).problem
     assert not all(case.declaration["hypotheses"].values())
     slow = ladder(*[1.0] * 8, sizes=0.5 ** np.arange(3, 11))
     found = rates(case, slow)
     assert np.isnan([rate.proved for rate in found.values()]).all()
     assert {rate.verdict for rate in found.values()} <= {"no rate is proved", "not judged"}
-    assert {rate.verdict for rate in rates(load("natural"), slow).values()} == {"falls short"}
+    assert {rate.verdict for rate in rates(load("natural").problem, slow).values()} == {"falls short"}
 
 
 @pytest.mark.parametrize("fine", [0.0, 1e-13])
 def test_an_error_of_0_up_to_rounding_has_no_rate(fine):
     """Neither as the finer of a pair nor as the coarser; the pair before it counts."""
-    found = rates(load("natural"), ladder(1.0, 0.25, fine, fine))["h1"]
+    found = rates(load("natural").problem, ladder(1.0, 0.25, fine, fine))["h1"]
     assert (found.pairs, found.observed) == (1, 2.0)
 
 
 def test_the_slowest_pair_counts_and_own_rates_are_apart():
-    found = rates(load("natural"), ladder(1.0, 0.5, 0.125, 0.0625))["h1"]
+    found = rates(load("natural").problem, ladder(1.0, 0.5, 0.125, 0.0625))["h1"]
     assert (found.pairs, found.observed, found.own, found.proved) == (3, 1.0, 0.0, 1.0)
 
 
 def test_rates_are_by_the_factor_that_the_case_names():
     """4 for lambda of `thirds`, whose transitions lie at thirds: log 16 / log 4 between levels 4 apart."""
-    case = load("thirds")
+    case = load("thirds").problem
     assert float(case.declaration["asymptotic"]["l2"]["factor"]) == 4
     sizes = 0.5 ** np.arange(6, 11)
     found = rates(case, ladder(1.0, 0.9, 1 / 16, 0.05, 1 / 256, sizes=sizes))["l2"]
@@ -527,7 +527,7 @@ def test_a_level_that_is_handed_in_twice_is_told(folder, tmp_path, refused):
 def test_where_no_rate_is_proved_none_is_printed():
     """Control: one that is proved."""
     by_norm = {"h1": Rate(0.91, 2, 0.92, np.nan), "l2": Rate(0.91, 1, 0.92, 1.0)}
-    assert list(exchange._lines(load("natural"), [], by_norm)) == [
+    assert list(exchange._lines(load("natural").problem, [], by_norm)) == [
         "rate in h1    0.91 (2 pairs), own 0.92: no rate is proved",
         "rate in l2    0.91 (1 pair), own 0.92, proved 1: reaches the proved rate",
     ]

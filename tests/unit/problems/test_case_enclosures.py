@@ -53,7 +53,7 @@ def test_no_value_leaves_its_enclosure(name, polygon, size, arm):
     assert inside.sum() > 500
     powers = np.prod(sigma[:, None] ** x.basis.exponents, axis=2)
     u = reduce(Model.__add__, (atom.value_model(x, y) for atom in case.atoms))
-    f, flat = case.source_model(x, y, {}), points.reshape(-1, 2)
+    f, flat = case.source_model(x, y), points.reshape(-1, 2)
     for model, values in ((u, case.value_and_gradient(flat)[0]), (f, case.source(flat))):
         exact = np.where(inside, values.reshape(inside.shape), 0.0)
         slack = ROUNDING * np.abs(exact).max()

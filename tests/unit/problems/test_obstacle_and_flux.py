@@ -16,7 +16,7 @@ from unilateral.formulas.taylor_enclosures import evaluate
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.problems import piecewise
 from unilateral.problems.atoms import T, X, Y
-from unilateral.problems.obstacle_and_flux import enclose_obstacle, no_flux
+from unilateral.problems.obstacle_and_flux import enclose_flux, enclose_obstacle
 from unilateral.problems.piecewise import ORDER, IntervalPieces, Piecewise
 from unilateral.problems.problem import Problem
 
@@ -207,9 +207,9 @@ def test_what_takes_too_many_pieces_is_known_less_well(monkeypatch):
 
 @pytest.mark.parametrize("name", ["thirds", "natural", "vertex", "reentrant", "violates_j", "smooth"])
 def test_g_of_a_case_is_that_of_its_formulas(name):
-    """u - gap by `Case.boundary`, which is tested elsewhere, on all sides."""
+    """u - gap by `ExactSolution.boundary`, which is tested elsewhere, on all sides."""
     case = load(name, "lshape" if name in ("reentrant", "violates_j") else "square")
-    found, polygon = case.enclosed_obstacle, case.polygon
+    found, polygon = case.problem.enclosed_obstacle, case.polygon
     s = np.sort(np.random.default_rng(1).random(2000)) * polygon.perimeter
     side = np.searchsorted(polygon.starts, s, side="right") - 1
     u, _, gap = case.boundary(side, s - polygon.starts[side])
@@ -314,7 +314,7 @@ def test_only_sides_with_a_flux_have_one():
     assert {*found.side[found.given].tolist()} == {0}
     assert found.range(0) == pytest.approx((-2, -1))
     assert found.least == pytest.approx(-2)
-    assert no_flux(square()).least == np.inf
+    assert enclose_flux(square(), lambda _, t: t, ()).least == np.inf
     assert not ul.case("natural").enclosed_flux.given.any()
 
 

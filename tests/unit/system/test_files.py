@@ -16,13 +16,13 @@ import pytest
 import sentences
 import xarray as xr
 
+from study import tables
+from study.documents import marks
+from study.style import figure_in
 from unilateral.errors import InputError, StorageError
 from unilateral.geometry.files import write_mesh
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
-from unilateral.study import tables
-from unilateral.study.documents import marks
-from unilateral.study.style import figure_in
 from unilateral.system import signals
 from unilateral.system.files import replacing, write_netcdf
 

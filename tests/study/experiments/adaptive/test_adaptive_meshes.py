@@ -8,6 +8,8 @@ import xarray as xr
 from conftest import load
 from numpy.testing import assert_allclose
 
+from study.experiments.adaptive import measure as adaptive
+from study.experiments.adaptive import numbers as adaptive_tables
 from unilateral.discrete.condensed import discretise
 from unilateral.fem.condense import condense
 from unilateral.fem.form import H1
@@ -18,8 +20,6 @@ from unilateral.geometry.structured import structured
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.infsup import infsup
 from unilateral.solvers.stop import Stop
-from unilateral.study.experiments.adaptive import measure as adaptive
-from unilateral.study.experiments.adaptive import numbers as adaptive_tables
 
 LIMITS = adaptive.MostUnknowns(100, 50)
 STOP = Stop(fraction=0.01)

@@ -5,8 +5,8 @@ import pandas as pd
 import xarray as xr
 from pages import drawn, page, pairs, points, said, table
 
-from unilateral.study import tables
-from unilateral.study.experiments.adaptive import adaptive_figure as adaptive
+from study import tables
+from study.experiments.adaptive import adaptive_figure as adaptive
 
 
 def test_the_table(tmp_path):

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from conftest import condensed, coupled, discrete, load
 
+from study.experiments.algorithm import formulation as statements
+from study.experiments.algorithm import measure as experiments
 from unilateral.discrete.condensed import solve
 from unilateral.fem.linear_systems import dissected
 from unilateral.geometry import partition as partitions
@@ -13,8 +15,6 @@ from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.norms.exact_errors import cell_means
 from unilateral.norms.ritz import ritz_projection
-from unilateral.study.experiments.algorithm import formulation as statements
-from unilateral.study.experiments.algorithm import measure as experiments
 
 SHARES = (0.25, 0.45, 0.49, 0.51, 0.99, 1.01)
 STEPS = 400

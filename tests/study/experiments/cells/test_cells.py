@@ -10,6 +10,7 @@ from scipy.integrate import quad
 from scipy.special import beta
 from sympy import Rational as Q
 
+from study.experiments.cells.measure import alternating, measure
 from unilateral.discrete.condensed import discretise, solve
 from unilateral.errors import InputError
 from unilateral.geometry.partition import uniform
@@ -18,7 +19,6 @@ from unilateral.geometry.structured import structured
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.case_certificate import certify
 from unilateral.solvers.stop import Stop
-from unilateral.study.experiments.cells.measure import alternating, measure
 
 STOP = Stop(fraction=0.01, max_steps=200_000, algorithm="nesterov")
 CASES = [load("cantor_2"), load("violates_jj_jjj")]

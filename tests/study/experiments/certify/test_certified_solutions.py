@@ -7,10 +7,10 @@ import xarray as xr
 from conftest import load
 
 import unilateral as ul
+from study import tables
+from study.experiments.certify import measure, methods, numbers
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
-from unilateral.study import tables
-from unilateral.study.experiments.certify import measure, methods, numbers
 
 GIVEN = {"penalties": [10, 1000], "sweeps": 10}
 SCHEMES = [

@@ -5,11 +5,11 @@ import pytest
 import skfem
 from conftest import load
 
+from study.experiments.certify import methods
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems.case import declared_on
-from unilateral.study.experiments.certify import methods
 
 P1, P2 = skfem.ElementTriP1(), skfem.ElementTriP2()
 MESH = structured(square(), 1 / 8)

@@ -13,6 +13,11 @@ import yaml
 from conftest import ROOT, condensed, coupled, discrete, load
 from scipy.sparse.linalg import splu
 
+from study import operations
+from study.experiments.cost import history, trade
+from study.experiments.cost import measure as cost
+from study.experiments.cost import tables as cost_tables
+from study.experiments.cost.variants import REFRESH, Variant, along, plan
 from unilateral.discrete.condensed import solve
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
@@ -20,11 +25,6 @@ from unilateral.norms.dual import dual_norm
 from unilateral.solvers import uzawa_steps as acceleration
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import residual_bound, uzawa
-from unilateral.study import operations
-from unilateral.study.experiments.cost import history, trade
-from unilateral.study.experiments.cost import measure as cost
-from unilateral.study.experiments.cost import tables as cost_tables
-from unilateral.study.experiments.cost.variants import REFRESH, Variant, along, plan
 
 STUDY = yaml.safe_load((ROOT / "workflow/config/study.yaml").read_text())["cost"]
 BASE = Variant("square", "thirds", 2.0, "uzawa", "S", "float64")

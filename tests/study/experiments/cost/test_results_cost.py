@@ -9,11 +9,11 @@ import pytest
 from conftest import config
 from conftest import stored as table_of
 
-from unilateral.study.experiments.cost import tables as cost_tables
-from unilateral.study.experiments.cost import trade
-from unilateral.study.experiments.cost import work_precision_figure as work_precision
-from unilateral.study.experiments.cost.variants import Variant, plan
-from unilateral.study.rates import NORMS
+from study.experiments.cost import tables as cost_tables
+from study.experiments.cost import trade
+from study.experiments.cost import work_precision_figure as work_precision
+from study.experiments.cost.variants import Variant, plan
+from study.rates import NORMS
 
 COARSEST = 1 / 16
 RATES = {"h1": 1.0, "hm12": 1.5, "l2": 1.0}

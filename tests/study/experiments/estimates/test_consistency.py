@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from conftest import CANTOR, certified, config, home, load
 
+from study.experiments.estimates.consistency_figure import Transition, first_transition, leading
 from unilateral.errors import InputError
 from unilateral.geometry.partition import from_points, shifted, uniform
 from unilateral.geometry.polygon import named
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems import case as cases
-from unilateral.study.experiments.estimates.consistency_figure import Transition, first_transition, leading
 
 SQUARE, LSHAPE = named("square"), named("lshape")
 REGULAR = ("smooth", "natural", "thirds", "vertex", "borderline_0.1", "violates_jj", "singular", "rough")

@@ -11,12 +11,12 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import StepPatch
 from pages import drawn, lines, page, said, table
 
+from study import tables
+from study.experiments.estimates import consistency_figure as consistency
+from study.experiments.estimates.consistency_figure import first_transition, leading
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import named
 from unilateral.norms.exact_errors import cell_means
-from unilateral.study import tables
-from unilateral.study.experiments.estimates import consistency_figure as consistency
-from unilateral.study.experiments.estimates.consistency_figure import first_transition, leading
 
 
 def cells():

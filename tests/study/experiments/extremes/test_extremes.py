@@ -9,6 +9,24 @@ import numpy as np
 import pytest
 from conftest import certified, config, interior_point, load
 
+from study.experiments.extremes import cells, contact, iteration, outcome, shapes
+from study.experiments.extremes import measure as extremes
+from study.experiments.extremes import problem as problems
+from study.experiments.extremes.measure import KINDS
+from study.experiments.extremes.outcome import (
+    NO_TOOL,
+    NOT_CONVERGED,
+    REFUSED,
+    RIGHT,
+    WRONG,
+    Budget,
+    Row,
+    attempt,
+    crossing,
+    judge,
+    within,
+)
+from study.experiments.extremes.problem import condensed, full, made, on_square, waves
 from unilateral.discrete.condensed import solve, with_solution
 from unilateral.errors import InputError
 from unilateral.fem.condense import CONSTANTS
@@ -26,24 +44,6 @@ from unilateral.solvers.active_set import active_set
 from unilateral.solvers.dispatch import iterate
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa_steps import STEPS
-from unilateral.study.experiments.extremes import cells, contact, iteration, outcome, shapes
-from unilateral.study.experiments.extremes import measure as extremes
-from unilateral.study.experiments.extremes import problem as problems
-from unilateral.study.experiments.extremes.measure import KINDS
-from unilateral.study.experiments.extremes.outcome import (
-    NO_TOOL,
-    NOT_CONVERGED,
-    REFUSED,
-    RIGHT,
-    WRONG,
-    Budget,
-    Row,
-    attempt,
-    crossing,
-    judge,
-    within,
-)
-from unilateral.study.experiments.extremes.problem import condensed, full, made, on_square, waves
 
 BUDGET = Budget(1e-6, 2000)
 AXES = config("extremes")["extremes"]["axes"]

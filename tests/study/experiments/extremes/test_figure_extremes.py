@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 from pages import drawn, page, table
 
-from unilateral.study.experiments.extremes.extremes_figure import KINDS
+from study.experiments.extremes.extremes_figure import KINDS
 
 
 def marks(axes):

@@ -7,12 +7,12 @@ import pytest
 from conftest import RESULTS, ROOT, config
 from conftest import stored as table_of
 
-from unilateral.study.documents import marks, numbers
-from unilateral.study.experiments.extremes import extremes_figure as figure
-from unilateral.study.experiments.extremes import measure as extremes
-from unilateral.study.experiments.extremes import numbers as extremes_tables
-from unilateral.study.experiments.extremes import problem
-from unilateral.study.experiments.extremes.kinds import RESCUED
+from study.documents import marks, numbers
+from study.experiments.extremes import extremes_figure as figure
+from study.experiments.extremes import measure as extremes
+from study.experiments.extremes import numbers as extremes_tables
+from study.experiments.extremes import problem
+from study.experiments.extremes.kinds import RESCUED
 
 STUDY = config("extremes")["extremes"]
 AXES = STUDY["axes"]

@@ -8,6 +8,9 @@ import xarray as xr
 from conftest import load
 from numpy.testing import assert_allclose
 
+from study.experiments.graded import adapted, levels, measure
+from study.experiments.graded import numbers as in_documents
+from study.experiments.graded.grading import graded, least_angle
 from unilateral.discrete.condensed import with_solution
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
@@ -18,9 +21,6 @@ from unilateral.geometry.structured import structured
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact_errors import exact
 from unilateral.solvers.stop import Stop
-from unilateral.study.experiments.graded import adapted, levels, measure
-from unilateral.study.experiments.graded import numbers as in_documents
-from unilateral.study.experiments.graded.grading import graded, least_angle
 
 LSHAPE, HEXAGON = named("lshape"), named("hexagon")
 CASE = load("reentrant_full", "lshape")

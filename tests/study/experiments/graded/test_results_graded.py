@@ -3,8 +3,8 @@
 import numpy as np
 from conftest import config, stored
 
+from study.ledger import claims
 from unilateral.formulas.formula import real
-from unilateral.study.ledger import claims
 
 STUDY = config("study")["graded"]
 GIVEN = [

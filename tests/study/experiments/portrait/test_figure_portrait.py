@@ -5,8 +5,8 @@ import pytest
 from pages import committed, drawn, lines, said
 
 import unilateral as ul
+from study.experiments.portrait import portrait_figure as portrait
 from unilateral.geometry.polygon import named
-from unilateral.study.experiments.portrait import portrait_figure as portrait
 
 F = "-1 - 3*x - 9*x*y"
 DOMAIN = named("lshape")

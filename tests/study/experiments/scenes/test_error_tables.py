@@ -4,10 +4,10 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from unilateral.study.documents import numbers
-from unilateral.study.experiments.scenes import numbers as scenes
-from unilateral.study.experiments.sharpness import numbers as sharpness
-from unilateral.study.experiments.stability import numbers as stability
+from study.documents import numbers
+from study.experiments.scenes import numbers as scenes
+from study.experiments.sharpness import numbers as sharpness
+from study.experiments.stability import numbers as stability
 
 
 def made_up():

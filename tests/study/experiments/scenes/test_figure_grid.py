@@ -5,8 +5,8 @@ import re
 import numpy as np
 from pages import page, said, study_errors, table
 
-from unilateral.study import tables
-from unilateral.study.experiments.scenes import grid_figure as grid
+from study import tables
+from study.experiments.scenes import grid_figure as grid
 
 
 def test_the_table(tmp_path):

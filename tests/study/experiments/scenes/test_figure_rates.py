@@ -8,9 +8,9 @@ import xarray as xr
 from matplotlib.ticker import NullFormatter
 from pages import LEVELS, committed, drawn, page, said, study_errors, table
 
+from study import tables
+from study.experiments.scenes import rates_figure as rates
 from unilateral.errors import InputError
-from unilateral.study import tables
-from unilateral.study.experiments.scenes import rates_figure as rates
 
 
 def study_rates():

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from study.experiments.scenes.floors import by_case, fit
 from unilateral.errors import InputError
-from unilateral.study.experiments.scenes.floors import by_case, fit
 
 SIZES = [a.ravel() for a in np.meshgrid(2.0 ** -np.arange(3, 9), 2.0 ** -np.arange(2, 9), indexing="ij")]
 

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 from conftest import discrete, load
 
+from study.experiments.scenes import measure as module
+from study.experiments.scenes.measure import sweep
 from unilateral.discrete.condensed import discretise, solve
 from unilateral.fem.condense import Condensed
 from unilateral.geometry import partition
@@ -15,8 +17,6 @@ from unilateral.geometry.structured import structured
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.infsup import infsup
 from unilateral.norms.ritz import h1_distance
-from unilateral.study.experiments.scenes import measure as module
-from unilateral.study.experiments.scenes.measure import sweep
 
 SQUARE = named("square")
 NAMES = ("natural", "no_contact", "thirds")

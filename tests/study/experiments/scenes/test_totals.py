@@ -5,13 +5,13 @@ import pytest
 import xarray as xr
 from conftest import load
 
+from study.experiments.scenes import numbers as error_tables
+from study.experiments.scenes.measure import sweep
+from study.experiments.scenes.totals import over_errors
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import dual_norm
-from unilateral.study.experiments.scenes import numbers as error_tables
-from unilateral.study.experiments.scenes.measure import sweep
-from unilateral.study.experiments.scenes.totals import over_errors
 
 
 @pytest.fixture(scope="module")

@@ -5,10 +5,10 @@ import pytest
 import xarray as xr
 from pages import page, table
 
-from unilateral.study import tables
-from unilateral.study.experiments.sharpness import sharpness_figure as sharpness
-from unilateral.study.experiments.sharpness.measure import MEASURED
-from unilateral.study.experiments.sharpness.surfaces import rates_over
+from study import tables
+from study.experiments.sharpness import sharpness_figure as sharpness
+from study.experiments.sharpness.measure import MEASURED
+from study.experiments.sharpness.surfaces import rates_over
 
 NORMS = ("discrete", "hm12", "l2")
 

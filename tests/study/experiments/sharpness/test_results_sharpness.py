@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from conftest import config, stored
 
+from study import tables
+from study.experiments.scenes import floors
+from study.experiments.sharpness import surfaces
+from study.rates import NORMS
 from unilateral.formulas.formula import real
 from unilateral.problems import case as cases
-from unilateral.study import tables
-from unilateral.study.experiments.scenes import floors
-from unilateral.study.experiments.sharpness import surfaces
-from unilateral.study.rates import NORMS
 
 STUDY = config("study")["sharpness"]
 ALPHA, GAMMA, H = (np.array([float(Fraction(x)) for x in STUDY[name]]) for name in ("alphas", "gammas", "H"))

@@ -11,6 +11,16 @@ import sympy
 import xarray as xr
 from conftest import condensed, coupled
 
+from study.experiments.sharpness import surfaces
+from study.experiments.sharpness.measure import (
+    CUTOFF,
+    START,
+    T,
+    measure,
+    places,
+    seen,
+    transitions,
+)
 from unilateral.discrete.condensed import solve, with_solution
 from unilateral.errors import InputError
 from unilateral.formulas.symbolic import pos
@@ -22,16 +32,6 @@ from unilateral.problems.case import Case
 from unilateral.problems.case_certificate import certify
 from unilateral.problems.polar_atoms import harmonic
 from unilateral.solvers.stop import Stop
-from unilateral.study.experiments.sharpness import surfaces
-from unilateral.study.experiments.sharpness.measure import (
-    CUTOFF,
-    START,
-    T,
-    measure,
-    places,
-    seen,
-    transitions,
-)
 
 SQUARE = named("square")
 R = sympy.Rational

@@ -7,13 +7,13 @@ import yaml
 from conftest import ROOT
 from numpy.testing import assert_allclose, assert_array_equal
 
+from study.experiments.stability import measure as stability
+from study.experiments.stability.families import boundary_nodes, meshes_of, partition_of
+from study.experiments.stability.measure import Grams, survey
 from unilateral.errors import InputError
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.resolution import resolution
-from unilateral.study.experiments.stability import measure as stability
-from unilateral.study.experiments.stability.families import boundary_nodes, meshes_of, partition_of
-from unilateral.study.experiments.stability.measure import Grams, survey
 
 TRIANGLE = Polygon(np.array([[0, 0], [4, 0], [0, 3]]), "triangle")
 """Its sides are 4, 5 and 3 long."""
@@ -43,7 +43,7 @@ def mesh_of(cells, spec, K):
 
 def test_all_that_can_be_asked_for_is_tried_here():
     """The schema's kinds of boundary nodes, and its forms of partitions."""
-    schema = yaml.safe_load((ROOT / "src/unilateral/study/experiments/stability/schema.yaml").read_text())
+    schema = yaml.safe_load((ROOT / "src/study/experiments/stability/schema.yaml").read_text())
     rules = schema["surveys"]["$defs"]
     assert rules["nodes"]["properties"]["kind"]["enum"] == [
         "structured",

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from pages import drawn, page, pairs, points, said, table
 
+from study.experiments.stability.infsup_figure import RATIO
 from unilateral.norms.resolution import RULE
-from unilateral.study.experiments.stability.infsup_figure import RATIO
 
 
 def test_beta_stands_over_the_ratio_and_over_delta_and_below_it_the_bound_without_eigenvalues():

@@ -7,9 +7,9 @@ import xarray as xr
 from matplotlib.patches import StepPatch
 from pages import drawn, page, said, table
 
+from study import tables
+from study.experiments.stability import multiplier_figure as multiplier
 from unilateral.errors import InputError
-from unilateral.study import tables
-from unilateral.study.experiments.stability import multiplier_figure as multiplier
 
 
 @pytest.fixture

@@ -8,8 +8,8 @@ from boundary_norms import EQUAL_POINTS, gram, on, operator, own_cells
 from numpy.testing import assert_allclose
 from scipy.linalg import eigh
 
+from study.experiments.stability.measure import worst_multiplier
 from unilateral.norms.infsup import infsup
-from unilateral.study.experiments.stability.measure import worst_multiplier
 
 
 def symmetries(m):

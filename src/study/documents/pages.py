@@ -1,0 +1,63 @@
+"""The report's pages: texts with marks, filled in and typeset.
+
+They also show what the results were made with: versions, files by rule, and parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from study.documents import marks, verdicts
+from study.documents.numbers import markdown
+from study.documents.typesetting import page_of
+from study.ledger import records
+from unilateral.system.files import replacing
+
+MEGABYTE = 1e6
+
+
+def typeset_pages(
+    numbers: str,
+    blocks: str,
+    claims: str,
+    manifest: str,
+    parameters: Sequence[str],
+    texts: Sequence[str],
+    filter: str,
+    template: str,
+    pages: Sequence[str],
+) -> None:
+    """Write a page for each text; `filter` is a Lua filter for pandoc."""
+    known = records.read(blocks) | provenance(records.read(manifest), parameters)
+    holding = verdicts.holding(records.read(claims))
+    for text, page in zip(texts, pages, strict=True):
+        told = marks.filled(text, records.read(numbers), known, holding)
+        with replacing(page) as temporary:
+            temporary.write_text(page_of(told, text, filter, template), encoding="utf-8")
+
+
+def provenance(manifest: Mapping[str, Any], parameters: Iterable[str]) -> dict[str, str]:
+    """Blocks by their names, from the study's manifest and the files that hold its parameters."""
+    versions = pd.DataFrame(manifest["versions"].items(), columns=["package", "version"])
+    digest = f"SHA-256 of the configuration: `{manifest['parameters']}`"
+    return {
+        "versions": markdown(versions),
+        "files": markdown(_files(pd.DataFrame(manifest["files"]))),
+        "parameters": "\n\n".join([digest, *map(_quoted, parameters)]),
+    }
+
+
+def _files(files: pd.DataFrame) -> pd.DataFrame:
+    """How many files each rule made, and how large they are."""
+    by_rule = files.groupby("rule", sort=False)["bytes"]
+    size = by_rule.sum().map(lambda size: f"{size / MEGABYTE:.2g}")
+    return pd.DataFrame({"files": by_rule.size().astype(str), "MB": size}).reset_index()
+
+
+def _quoted(path: str) -> str:
+    """The text of a file as code, below its name."""
+    return f"## `{path}`\n\n```yaml\n{Path(path).read_text(encoding='utf-8')}```"

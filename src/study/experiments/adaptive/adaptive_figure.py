@@ -1,0 +1,121 @@
+"""Errors and bounds over the number of unknowns, on uniform meshes and on adapted ones, and beta on these."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator
+
+from study import style, tables
+from study.scenes import is_clamped
+
+COLUMNS = ["case", "kind", "level", "unknowns", "error", "bound", "beta", "beta_of_edges"]
+LEFT, WIDTH, HEIGHT = (1.25, 6.95, 12.65), 4.15, 4.3
+BOTTOM, ROW = 2.65, 6.1
+KINDS: dict[str, style.Look] = {
+    "uniform": {"color": style.COLOURS[1], "marker": "s"},
+    "adapted": {"color": style.COLOURS[0], "marker": "o"},
+}
+BOUND: style.Look = {"ls": style.LINES[1], "mfc": "white"}
+OPTIMAL, SPAN = -0.5, 8.0
+"""The slope that the triangles show, and the factor by which unknowns grow along their base."""
+
+
+def table(errors: style.FilePath, infsup: style.FilePath) -> pd.DataFrame:
+    """A row per case, kind of mesh and level: unknowns, the error, its bound, beta from below.
+
+    Cases with clamped sides are left out. `beta_of_edges` is an upper bound on beta with the edges as cells.
+    What is not known is NaN.
+    """
+    measured, constants = tables.load(errors), tables.load(infsup)
+    of = xr.Dataset(
+        {
+            "unknowns": measured["unknowns"],
+            "error": measured["h1_error"],
+            "bound": measured["h1_bound"],
+            "beta": constants["beta_lower"],
+            "beta_of_edges": constants["beta_of_edges"],
+        }
+    )
+    of = of.sel(case=[name for name in of["case"].values if not is_clamped(name)])
+    rows = of.to_dataframe(["case", "kind", "level"]).reset_index()
+    return rows[rows["unknowns"].notna()].astype({"unknowns": int})[COLUMNS]
+
+
+def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
+    """A panel per case, of errors and bounds, and one of beta on the adapted meshes of all cases.
+
+    Columns: case, kind (uniform, adapted), level, unknowns, error, bound, beta, beta_of_edges.
+    """
+    data = style.read(csv_path)
+    cases = list(dict.fromkeys(data["case"]))
+    rows = len(cases) // len(LEFT) + 1
+    places = [(left, BOTTOM + ROW * k) for k in range(rows)[::-1] for left in LEFT]
+    with style.figure_in(svg_path, BOTTOM + ROW * rows - 1) as figure:
+        for case, place in zip(cases, places, strict=False):
+            axes = style.axes_at(figure, *place, WIDTH, HEIGHT)
+            axes.set_title(case)
+            _errors(axes, data[data["case"] == case])
+            _over_unknowns(axes, data["unknowns"])
+        axes = style.axes_at(figure, *places[len(cases)], WIDTH, HEIGHT)
+        axes.set_title(r"$\beta$ on adapted meshes")
+        _beta(axes, data[data["beta"].notna()], cases)
+        _over_unknowns(axes, data["unknowns"])
+        _key(figure, cases)
+
+
+def _over_unknowns(axes: Axes, unknowns: pd.Series) -> None:
+    """Set the horizontal axis, which is the same in all panels."""
+    axes.set_xscale("log")
+    axes.set_xlim(unknowns.min() / 1.5, unknowns.max() * 1.5)
+    axes.xaxis.set_minor_locator(LogLocator(subs=range(2, 10)))
+    axes.set_xlabel("unknowns $N$", labelpad=1)
+    style.light_grid(axes)
+
+
+def _errors(axes: Axes, rows: pd.DataFrame) -> None:
+    axes.set_yscale("log")
+    for kind, look in KINDS.items():
+        of = rows[rows["kind"] == kind]
+        axes.plot(of["unknowns"], of["bound"], lw=1.0, ms=3.4, mew=0.9, **look, **BOUND)
+        axes.plot(of["unknowns"], of["error"], lw=1.1, ms=3.4, mew=0.9, **look)
+    _slope(axes, rows)
+    style.few_powers(axes.yaxis)
+
+
+def _slope(axes: Axes, rows: pd.DataFrame) -> None:
+    """The triangle of the optimal slope, at the left, below all lines."""
+    left = 1.3 * rows["unknowns"].min()
+    near = rows[rows["unknowns"] < SPAN * left]
+    values = np.fmin(near["error"], near["bound"])
+    top = 0.6 * float((values * (near["unknowns"] / left) ** -OPTIMAL).min())
+    right, base = SPAN * left, top * SPAN**OPTIMAL
+    axes.fill([left, right, left], [top, base, base], fc="0.88", ec="0.25", lw=0.7)
+    beside: style.Look = {"textcoords": "offset points", "fontsize": style.SMALL}
+    axes.annotate("$2$", (np.sqrt(left * right), base), (0, -2), ha="center", va="top", **beside)
+    axes.annotate("$1$", (left, np.sqrt(top * base)), (-3, 0), ha="right", va="center", **beside)
+
+
+def _beta(axes: Axes, data: pd.DataFrame, cases: list[str]) -> None:
+    for i, case in enumerate(cases):
+        of, look = data[data["case"] == case], style.look(i)
+        axes.plot(of["unknowns"], of["beta"], lw=1.0, ms=3.4, mew=0.9, **look)
+        axes.plot(of["unknowns"], of["beta_of_edges"], ls="", ms=2.6, mew=0.7, **look, mfc="white")
+    axes.set_ylim(-0.05, 1.0)
+
+
+def _key(figure: Figure, cases: list[str]) -> None:
+    lines = [
+        style.key(f"{kind}: {what}", ms=4, mew=0.9, lw=1.1, **look, **more)
+        for kind, look in KINDS.items()
+        for what, more in ((style.NORMS["h1"], {}), ("guaranteed bound", BOUND))
+    ]
+    of_beta = [style.key(case, ms=4, lw=1.0, **style.look(i)) for i, case in enumerate(cases)]
+    of_beta.append(
+        style.key("cells of one edge", ls="", ms=4, mew=0.9, marker="o", color="0.25", mfc="white")
+    )
+    style.legend(figure, lines, 1.25, 1.45, ncols=2, columnspacing=1.6)
+    style.legend(figure, of_beta, 11.2, 1.45, ncols=2, columnspacing=1.2)

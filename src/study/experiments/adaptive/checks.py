@@ -1,0 +1,30 @@
+"""Checks of adapted meshes: rates against the number of unknowns, and how large the bound is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from study.ledger.evidence import Evidence, Tables, provided, worst
+
+PAIRS = 3
+"""A rate needs so many pairs of asymptotic levels; fewer say nothing about it."""
+
+
+def rate(
+    tables: Tables, table: str, cases: Sequence[str], variable: str, least: float, share: float
+) -> Evidence:
+    """The smallest rate on adapted meshes over all asymptotic pairs of levels.
+
+    Raises Unjudged if it would pass, but a case has too few pairs, or the algebraic bound of an asymptotic
+    level is more than that share of the error.
+    """
+    of = tables[table].sel(kind="adapted", case=list(cases))
+    rates = {str(case): of[variable].sel(case=case).dropna("level").values for case in of["case"].values}
+    faults = [f"{case} has {len(found)} pairs" for case, found in rates.items() if len(found) < PAIRS]
+    largest = float(of["share"].where(of["asymptotic"] == 1).max())
+    if not largest <= share:
+        faults.append(f"the algebraic bound is {largest:.2g} of an error")
+    rows = {case: float(np.min(found, initial=np.inf)) for case, found in rates.items()}
+    return provided(worst(rows, "the smallest rate against the unknowns", least, True), faults)

@@ -1,0 +1,192 @@
+"""Errors and bounds on uniform meshes and on adapted ones, their rates, and beta on the adapted ones.
+
+Both kinds start from one mesh, with two boundary edges in each cell, and are solved in one way; they differ
+in which triangles are refined. From one level to the next u_h, the active cells and what is known of f are
+carried over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from time import process_time
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from study import scenes, tables
+from study.stability_constants import constants
+from unilateral.arrays import Array, Index
+from unilateral.discrete.base import DiscreteProblem, DiscreteSolution
+from unilateral.discrete.multilevel import refinements
+from unilateral.fem.condense import condense
+from unilateral.fem.spaces import mixed_spaces
+from unilateral.formulas.formula import real
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry.adapted import marked
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import from_points, uniform
+from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.structured import natural_kind, structured
+from unilateral.norms.dual import dual_norm
+from unilateral.norms.ritz import h1_distance
+from unilateral.problems import problem_file
+from unilateral.problems.problem import Problem
+from unilateral.solvers.stop import Stop
+
+Row = dict[str, float]
+
+
+class MostUnknowns(NamedTuple):
+    """The most unknowns of a mesh, and of one on which beta is measured."""
+
+    unknowns: int
+    of_beta: int
+
+
+def measure_adaptive(
+    examples: Sequence[str],
+    study: Mapping[str, Any],
+    stop: Mapping[str, Any],
+    errors: str,
+    infsup: str,
+    timings: str,
+    rates: str,
+) -> None:
+    """Write the tables of all cases, and of the problems in the files `examples`."""
+    problems: list[Problem] = [*(case.problem for scene in study["scenes"] for case in scenes.cases(scene))]
+    problems += map(problem_file.load, examples)
+    h, limits, measured = real(study["h"], "adaptive.h"), MostUnknowns(**study["most"]), []
+    for problem in problems:
+        measured.append(measure(problem, h, limits, Stop(**stop)))
+        print(f"{problem.name} measured")
+    names, given = [problem.name for problem in problems], {"adaptive": study, "stop": stop}
+    for parts, path in zip(zip(*measured, strict=True), (errors, infsup, timings), strict=True):
+        tables.save(together(parts, "case", names), path, "adaptive", given)
+    tables.save(rates_over(tables.load(errors), study["factor"]), rates, "adaptive", given)
+
+
+def every(solution: DiscreteSolution) -> Index:
+    """All triangles."""
+    return np.arange(len(solution.discrete.mesh.triangles))
+
+
+def where_needed(solution: DiscreteSolution) -> Index:
+    """The triangles that half of the squared bound comes from."""
+    return marked(solution.discrete.mesh, solution.shares)
+
+
+KINDS: dict[str, Callable[[DiscreteSolution], Index]] = {"uniform": every, "adapted": where_needed}
+
+
+def measure(
+    problem: Problem, h: float, limits: MostUnknowns, stop: Stop
+) -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:
+    """Errors, constants of (3.4), and timings over (kind, level), NaN beyond a kind's last level.
+
+    Where no solution is known the error is NaN, and so is the number of unknowns from which it is asymptotic.
+    """
+    first = first_mesh(problem.polygon, h)
+    by_kind = [zip(*_rows(problem, first, kind, limits, stop), strict=True) for kind in KINDS]
+    errors, constants, timings = (
+        together([_levels(rows) for rows in of_kinds], "kind", list(KINDS))
+        for of_kinds in zip(*by_kind, strict=True)
+    )
+    return errors.assign(asymptotic_from=asymptotic_from(problem)), constants, timings
+
+
+def first_mesh(polygon: Polygon, h: float) -> Mesh:
+    """The mesh with edges of the size h on the boundary, two in each cell of the size 2h."""
+    if natural_kind(polygon) == "structured":
+        return structured(polygon, h)
+    return meshes.following(uniform(polygon, 2 * h), 2)[0]
+
+
+def asymptotic_from(problem: Problem) -> float:
+    """The unknowns of the uniform mesh from which on a case declares its error in H1 to be asymptotic."""
+    if problem.exact is None:
+        return np.nan
+    declared = problem.exact.declaration["asymptotic"]["h1"]
+    return problem.polygon.area / real(declared["from"], "asymptotic.h1") ** 2
+
+
+def _rows(
+    problem: Problem, first: Mesh, kind: str, limits: MostUnknowns, stop: Stop
+) -> Iterator[tuple[Row, Row, Row]]:
+    """What is measured on each level; its time includes that of the bound and of all levels before."""
+    spent, begin = 0.0, process_time()
+    for solution in refinements(problem, first, stop, KINDS[kind], limits.unknowns):
+        solution.bound()
+        spent += process_time() - begin
+        measured = kind == "adapted" and solution.discrete.mesh.n_nodes <= limits.of_beta
+        constants = stability(solution.discrete) if measured else {}
+        yield _errors(problem, solution), constants, {"spent_seconds": spent}
+        begin = process_time()
+
+
+def _errors(problem: Problem, solution: DiscreteSolution) -> Row:
+    mesh = solution.discrete.mesh
+    return {
+        "unknowns": mesh.n_nodes,
+        "multipliers": len(solution.discrete.cells),
+        "diameter": mesh.longest_edges.max(),
+        "shortest_edge": np.diff(mesh.s).min(),
+        "h1_error": h1_distance(problem.exact, mesh, solution.u_h) if problem.exact else np.nan,
+        "h1_bound": solution.total("h1"),
+        "algebraic_bound": solution.result.bound,
+        "converged": float(solution.result.converged),
+    }
+
+
+def stability(discrete: DiscreteProblem) -> Row:
+    """The `constants` of its mesh and cells, also on free sides, and beta with an edge in each cell.
+
+    P0 of the cells lies in that of the edges, and so one Gram matrix serves both.
+    """
+    mesh, form = discrete.mesh, discrete.form._replace(free=())
+    edges, condensed = from_points(mesh.polygon, mesh.s), condense(mesh, form)
+    gram = dual_norm(edges, form=form).gram()
+    of_cells, of_edges = (
+        constants(mixed_spaces(condensed, of), gram.on(of).p0) for of in (discrete.partition, edges)
+    )
+    return of_cells | {"beta_of_edges": of_edges["beta_upper"]}
+
+
+def together(tables: Sequence[xr.Dataset], dim: str, names: Sequence[str]) -> xr.Dataset:
+    """The tables as one, along a dimension with these names; NaN where one has fewer levels."""
+    return xr.concat(tables, dim, join="outer").assign_coords({dim: list(names)})
+
+
+def _levels(rows: Sequence[Row]) -> xr.Dataset:
+    names = dict.fromkeys(name for row in rows for name in row)
+    values = {name: ("level", [float(row.get(name, np.nan)) for row in rows]) for name in names}
+    return xr.Dataset(values, coords={"level": np.arange(len(rows))})
+
+
+def rates_over(errors: xr.Dataset, factor: float) -> xr.Dataset:
+    """Rates from each level to the first with at least `factor` times its unknowns; NaN where there is none.
+
+    `asymptotic` is 1 where the case declares errors on meshes of that size asymptotic; rates of errors are
+    given from there on. `index` is the bound over the error, and `share` the algebraic bound over the error.
+    """
+    errors = errors.transpose("case", "kind", "level")
+    N, order = errors["unknowns"].values, ("case", "kind", "level")
+    later = np.argmax(N[..., None, :] >= factor * N[..., None], axis=-1)
+    rates = {name: (order, _rate(N, errors[name].values, later)) for name in ("h1_error", "h1_bound")}
+    observed = xr.Dataset(rates, coords=errors.coords)
+    asymptotic = errors["unknowns"] >= errors["asymptotic_from"]
+    return xr.Dataset(
+        {
+            "error_rate": observed["h1_error"].where(asymptotic),
+            "bound_rate": observed["h1_bound"],
+            "asymptotic": asymptotic.astype(float),
+            "index": errors["h1_bound"] / errors["h1_error"],
+            "share": errors["algebraic_bound"] / errors["h1_error"],
+        }
+    )
+
+
+def _rate(N: Array, values: Array, later: Index) -> Array:
+    """(case, kind, level) rates: the fall of values against the growth of N; NaN where `later` is 0."""
+    fall, growth = (np.log(np.take_along_axis(of, later, axis=-1) / of) for of in (values, N))
+    return np.where(later > 0, -fall / np.where(later > 0, growth, 1.0), np.nan)

@@ -1,0 +1,18 @@
+"""The check of section 5 that is more than an expression: how the steps of Uzawa's algorithm grow."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from study import tables as stored
+from study.ledger.evidence import Evidence, Tables, in_rows, worst
+
+
+def step_growth(tables: Tables, scene: str, case: str, H_over_h: float, most: float) -> Evidence:
+    """The largest over the smallest of H steps / log(1/tolerance) for plain Uzawa, whose steps are O(1/H)."""
+    runs = stored.along_ratio(tables[f"{scene}/errors"].sel(case=case), 1 / H_over_h)
+    scaled = runs["iterations"] * runs["H"] / np.log(1 / runs["tolerance"])
+    fine = scaled.values[2:]
+    rows = {"steps times H over the logarithm of the tolerance": float(fine.max() / fine.min())}
+    lines = [f"  {name}: {value:.4g}" for name, value in in_rows(scaled, "H = {H:g}").items()]
+    return worst(rows, r"largest over smallest, $H \le 1/16$", most, False)._replace(lines=lines)

@@ -1,0 +1,247 @@
+"""What sections 1, 3 and 5 of the paper say of Lagrangians and of Uzawa's algorithm, tried.
+
+Also its certificates, problems with two multipliers, and what steps cost.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from study import operations
+from study.uzawa_variants import VARIANTS, iterate
+from unilateral.arrays import Array
+from unilateral.discrete.condensed import CondensedProblem, with_solution
+from unilateral.fem.condense import condense
+from unilateral.fem.linear_systems import Sparse, dissected
+from unilateral.fem.quadrature import boundary_rule
+from unilateral.fem.spaces import DualOperator, MixedSpaces, mixed_spaces
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.norms.exact_errors import Exact, cell_means
+from unilateral.norms.ritz import h1_distance, ritz_projection
+from unilateral.problems.case import ExactSolution
+from unilateral.solvers.active_set import active_set
+from unilateral.solvers.uzawa import energy_bound, residual_bound
+
+DIRECTIONS, NEAR = 200, 1e-6
+"""How many random directions are tried, and how near to u_h: there a slope of L in v, if there were one,
+outweighs its curvature."""
+BOUNDED = 1e6
+"""Distances above this number count as this number."""
+
+
+class SolvedCase(NamedTuple):
+    """A case's discrete problem with lambda_H (m,) from the active set."""
+
+    discrete: CondensedProblem
+    exact: Exact
+    lambda_H: Array
+
+    @property
+    def spaces(self) -> MixedSpaces:
+        return self.discrete.spaces
+
+
+def known(mesh: Mesh, partition: Partition, cases: Sequence[ExactSolution]) -> Iterator[SolvedCase]:
+    """The cases on one mesh and one partition."""
+    spaces = mixed_spaces(condense(mesh), partition)
+    for case in cases:
+        exact = Exact(ritz_projection(case, spaces.condensed), cell_means(case, partition))
+        discrete = with_solution(spaces, exact)
+        yield SolvedCase(discrete, exact, active_set(spaces.operator, discrete.offset, np.inf).lambda_H)
+
+
+def algorithm(
+    mesh: Mesh, partition: Partition, cases: Sequence[ExactSolution], shares: Sequence[float], steps: int
+) -> xr.Dataset:
+    """Distances from lambda_H after so many steps from 0, by step rho (a share of 2/lambda_max(S)).
+
+    They are in L2, relative to lambda_H, over (case, variant, rho_share). Further numbers of each case are
+    how far (u_h, lambda_H) is from being a saddle point, the factor between the stationary multipliers of
+    (3.3) and of section 5, and the part of u_h - g that is not constant on the cells. `..._elsewhere` is the
+    same with lambda_H + 1, and for the Lagrangian of section 5.
+    """
+    rng = np.random.default_rng(0)
+    distances, of_cases = [], []
+    for of in known(mesh, partition, cases):
+        distances.append([[_distance(of, share, steps, variant) for share in shares] for variant in VARIANTS])
+        of_cases.append(
+            _saddle(of, of.lambda_H, rng, "")
+            | _saddle(of, of.lambda_H + 1, rng, "_elsewhere")
+            | {
+                "multiplier_factor": _factor(of, 0.5),
+                "multiplier_factor_elsewhere": _factor(of, 1.0),
+                "off_cells": _off_cells(of),
+            }
+        )
+    table: dict[str, Any] = {"distance": (("case", "variant", "rho_share"), np.array(distances))}
+    table |= {name: ("case", [each[name] for each in of_cases]) for name in of_cases[0]}
+    coords = {"case": [case.name for case in cases], "variant": list(VARIANTS), "rho_share": list(shares)}
+    return xr.Dataset(table, coords).assign(steps=((), steps))
+
+
+def _distance(of: SolvedCase, share: float, steps: int, variant: str) -> float:
+    operator, H_i = of.spaces.operator, of.spaces.partition.lengths
+    last = iterate(operator, of.discrete.offset, share * 2 / operator.lambda_max, steps, variant)
+    difference = np.where(np.isfinite(last), np.clip(last - of.lambda_H, -1e100, 1e100), 1e100)
+    return min(float(np.sqrt(H_i @ difference**2 / (H_i @ of.lambda_H**2))), BOUNDED)
+
+
+def _factor(of: SolvedCase, share: float) -> float:
+    """The norm in L2 of the stationary multiplier with that share of D, over that of lambda_H."""
+    spaces, H_i = of.spaces, of.spaces.partition.lengths
+    scaled = DualOperator(spaces.operator.half * np.sqrt(share), H_i, spaces.mesh.polygon.area)
+    other = active_set(scaled, of.discrete.offset, np.inf).lambda_H
+    return float(np.sqrt(H_i @ other**2 / (H_i @ of.lambda_H**2)))
+
+
+def _saddle(of: SolvedCase, multiplier: Array, rng: np.random.Generator, suffix: str) -> dict[str, float]:
+    """The smallest L(v, lambda_H) - L(u_h, lambda_H), L(u_h, lambda_H) - L(u_h, mu) and excess of (4.4).
+
+    They are relative to |L(u_h, lambda_H)|, for random v and mu >= 0, where u_h belongs to the multiplier
+    lambda_H, and L(v, mu) = ||v||_1^2 / 2 - (f, v) - <mu, v - g>. The excess is
+    A(U_h, V - U_h) - F(V - U_h), V = (v, mu).
+    """
+    spaces, load, g_means = of.spaces, of.discrete.load, of.exact.means.g_means
+    H_i, boundary, A = spaces.partition.lengths, spaces.mesh.boundary, spaces.condensed.A
+    u_h = spaces.response(load, multiplier)
+    weak = A @ u_h - load
+    weak[boundary] -= spaces.B.T @ multiplier
+
+    def L(v: Array, mu: Array) -> float:
+        return float(0.5 * v @ (A @ v) - load @ v - mu @ (spaces.B @ v[boundary] - H_i * g_means))
+
+    at, size = L(u_h, multiplier), np.abs(u_h).max()
+    gap = spaces.B @ u_h[boundary] - H_i * g_means
+    differences: dict[str, list[float]] = {"saddle_in_v": [], "saddle_in_mu": [], "inequality": []}
+    for _ in range(DIRECTIONS):
+        w, mu = NEAR * size * rng.standard_normal(len(u_h)), multiplier.max() * rng.random(len(multiplier))
+        differences["saddle_in_v"].append(L(u_h + w, multiplier) - at)
+        differences["saddle_in_mu"].append(at - L(u_h, mu))
+        differences["inequality"].append(float(weak @ w + (mu - multiplier) @ gap))
+    return {f"{name}{suffix}": min(values) / abs(at) for name, values in differences.items()}
+
+
+def _off_cells(of: SolvedCase) -> float:
+    """The part of u_h - g, in L2, that is not constant on the cells; relative."""
+    mesh, partition, case = of.spaces.mesh, of.spaces.partition, of.exact.ritz.case
+    trace = of.spaces.response(of.discrete.load, of.lambda_H)[mesh.boundary]
+    rule = boundary_rule(mesh.polygon, np.union1d(mesh.s, partition.points), case.singular())
+    u, _, gap = case.boundary(rule.side, rule.s, rule.near)
+    s = mesh.polygon.starts[rule.side] + rule.s
+    values = np.interp(s, mesh.s, np.append(trace, trace[0])) - (u - gap)
+    cell = np.clip(np.searchsorted(partition.points, s, side="right") - 1, 0, partition.n_cells - 1)
+    means = np.bincount(cell, rule.weight * values, partition.n_cells) / partition.lengths
+    rest, whole = rule.weight @ (values - means[cell]) ** 2, rule.weight @ values**2
+    return float(np.sqrt(rest / whole))
+
+
+def certificates(
+    mesh: Mesh, partition: Partition, cases: Sequence[ExactSolution], recorded: Sequence[int]
+) -> xr.Dataset:
+    """Both bounds on the algebraic error over that error, and the error itself, after steps `recorded`.
+
+    The table is over (case, step), for rho = 0.9/lambda_max(S). The error is ||u(mu) - u_h||_1, relative in
+    `u_distance`. `first_term_index` is for the first of the two terms of `residual_bound`, which is no bound.
+    """
+    rows = [[_bounds(of, steps) for steps in recorded] for of in known(mesh, partition, cases)]
+    table = {name: (("case", "step"), [[each[name] for each in row] for row in rows]) for name in rows[0][0]}
+    return xr.Dataset(table, {"case": [case.name for case in cases], "step": list(recorded)})
+
+
+def _bounds(of: SolvedCase, steps: int) -> dict[str, float]:
+    operator, offset = of.spaces.operator, of.discrete.offset
+    rho = 0.9 / operator.lambda_max
+    mu = iterate(operator, offset, rho, steps, VARIANTS[0])
+    error = float(np.linalg.norm(operator.half @ (mu - of.lambda_H)))
+    R = np.minimum(mu, rho * operator.gap(mu, offset))
+    return {
+        "u_distance": error / float(np.linalg.norm(operator.half @ of.lambda_H)),
+        "residual_index": residual_bound(operator, offset, mu, rho) / error,
+        "first_term_index": float(np.linalg.norm(operator.half @ R)) / error,
+        "energy_index": energy_bound(operator, offset, mu) / error,
+    }
+
+
+def split(mesh: Mesh, partition: Partition, cases: Sequence[ExactSolution]) -> xr.Dataset:
+    """How far ||u-u_h||_1^2 by quadrature is from ||u-z_h||_1^2 + ||lambda-lambda_H||_{-1/2,h}^2, relative.
+
+    The table is over the cases. `..._elsewhere` is the same with H ||lambda-lambda_H||_0^2 as second term.
+    """
+    defects = []
+    for of in known(mesh, partition, cases):
+        ritz, lambda_H = of.exact.ritz, of.lambda_H
+        left = h1_distance(ritz.case, mesh, of.spaces.response(of.discrete.load, lambda_H)) ** 2
+        seconds = (
+            ritz.discrete_dual(of.exact.boundary_load(of.spaces, lambda_H)) ** 2,
+            partition.H * of.exact.means.l2_error(lambda_H) ** 2,
+        )
+        defects.append([abs(ritz.ritz_error**2 + second - left) / left for second in seconds])
+    table = dict(zip(("split_defect", "split_defect_elsewhere"), np.transpose(defects), strict=True))
+    coords = {"case": [case.name for case in cases]}
+    return xr.Dataset({name: ("case", column) for name, column in table.items()}, coords)
+
+
+def uniqueness(mesh: Mesh, partition: Partition) -> xr.Dataset:
+    """A problem with two multipliers at H = h: lambda_H = 1 and 1 + kernel / 2, the kernel (-1)^e/|e|.
+
+    g is chosen so that there is contact everywhere. `violation` is the largest |mean(u_h - g)| of the second;
+    `same_u` how far its u_h is from that of the first, in ||.||_1 relative to it.
+    """
+    spaces = mixed_spaces(condense(mesh), partition)
+    one = np.ones(partition.n_cells)
+    kernel = (-1.0) ** np.arange(partition.n_cells) / partition.lengths
+    other = one + 0.5 * kernel / np.abs(kernel).max()
+    gap = spaces.operator.gap(other, -spaces.operator.gap(one, np.zeros(partition.n_cells)))
+    norm = np.linalg.norm(spaces.operator.half @ one)
+    return xr.Dataset(
+        {
+            "violation": ((), float(np.abs(gap).max())),
+            "same_u": ((), float(np.linalg.norm(spaces.operator.half @ (other - one)) / norm)),
+            "multiplier_distance": ((), float(np.sqrt(partition.lengths @ (other - one) ** 2))),
+        }
+    )
+
+
+def elimination(meshes: Sequence[Mesh], partitions: Sequence[Partition], steps: int) -> xr.Dataset:
+    """Operations to find F in one step (5.1)-(5.3), by `operations`: with A factorised, with A_3, and with S.
+
+    `difference` is how far u^n on the boundary is, after some steps, by the first way from that by the second
+    one, on the coarsest mesh and relative to it.
+    """
+    counts = np.empty((3, len(meshes)))
+    for k, (mesh, partition) in enumerate(zip(meshes, partitions, strict=True)):
+        condensed = condense(mesh)
+        spaces, alone = mixed_spaces(condensed, partition), dissected(condensed.A)
+        m, nb, nnz = partition.n_cells, len(mesh.boundary), spaces.B.nnz
+        counts[:, k] = (
+            operations.apply_A(m, nb, nnz, operations.factors(alone.lu)),
+            operations.apply_A_3(m, nb, nnz),
+            operations.apply_S(m),
+        )
+        if k == 0:
+            difference = _by_both_ways(alone, spaces, steps)
+    sizes = {"h": [mesh.h for mesh in meshes], "unknowns": [mesh.n_nodes for mesh in meshes]}
+    table = {name: ("mesh", row) for name, row in zip(("with_A", "with_A_3", "with_S"), counts, strict=True)}
+    coordinates = {name: ("mesh", values) for name, values in sizes.items()}
+    return xr.Dataset({**table, "difference": ((), difference)}, coords=coordinates)
+
+
+def _by_both_ways(alone: Sparse, spaces: MixedSpaces, steps: int) -> float:
+    """The difference of u^n by both ways, with f = 0 and g = 1, where there is contact everywhere."""
+    H_i, condensed = spaces.partition.lengths, spaces.condensed
+    boundary = condensed.mesh.boundary
+    rho = 1 / spaces.operator.lambda_max
+    full, small = np.zeros(len(H_i)), np.zeros(len(H_i))
+    for _ in range(steps):
+        load = np.zeros(condensed.mesh.n_nodes)
+        load[boundary] = spaces.B.T @ full
+        u, v = alone.solve(load)[boundary], condensed.solve_boundary(spaces.B.T @ small)
+        full, small = (
+            np.maximum(0, mu - rho * (spaces.B @ w / H_i - 1)) for mu, w in ((full, u), (small, v))
+        )
+    return float(np.abs(u - v).max() / np.abs(v).max())

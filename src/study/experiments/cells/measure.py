@@ -1,0 +1,144 @@
+"""What the size of the cells alone does, on one mesh, where there are many transitions.
+
+At a Cantor set there are infinitely many. It looks the same on scales a factor of `period` apart, and so
+rates are formed over one period, from each of several sizes of the cells. Theorem 1 is sharp where each cell
+has a transition: contact on one half and a gap on the other. Cases with one u differ in g, so that what
+depends on u alone is found once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import sympy
+import xarray as xr
+
+from study import scenes, tables
+from unilateral.arrays import Array
+from unilateral.discrete.condensed import solve, with_solution
+from unilateral.errors import InputError
+from unilateral.fem.condense import Condensed, condense
+from unilateral.fem.spaces import mixed_spaces
+from unilateral.formulas.formula import real
+from unilateral.formulas.symbolic import number_of, pos
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition, uniform
+from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.structured import structured
+from unilateral.norms.exact_errors import Exact, cell_means_of_gaps
+from unilateral.norms.ritz import RitzProjection, ritz_projection
+from unilateral.problems.atoms import T
+from unilateral.problems.cantor_atom import Cantor
+from unilateral.problems.case import ExactSolution
+from unilateral.problems.polar_atoms import harmonic
+from unilateral.solvers.stop import Stop
+
+MEASURED = ("discrete_error", "consistency", "algebraic_bound", "quadrature_share", "converged")
+INSET = sympy.Rational(1, 4)
+"""Alternating contact lies on side 0 between this share of it and one minus this share."""
+
+
+def measure_cells(study: Mapping[str, Any], stop: Mapping[str, Any], errors: str, alternating: str) -> None:
+    """Write the errors at a Cantor set, and those with a transition in each cell."""
+    domain, chosen = scenes.domain(study), Stop(**stop, algorithm=study["algorithm"])
+    given, of = {"cells": study, "stop": stop}, study["alternating"]
+    mesh, sizes = structured(domain, real(study["h"], "cells.h")), [real(H, "cells.H") for H in study["H"]]
+    table = measure(mesh, scenes.cases(study), sizes, study["period"], chosen)
+    tables.save(table, errors, "cells", given)
+    mesh, where = structured(domain, real(of["h"], "cells.alternating.h")), "cells.alternating"
+    exact, gammas = ([number_of(x, where) for x in of[name]] for name in ("H", "gammas"))
+    table = measure_alternating(mesh, exact, number_of(of["alpha"], where), gammas, chosen)
+    tables.save(table, alternating, "cells", given)
+
+
+def measure(
+    mesh: Mesh, cases: Sequence[ExactSolution], sizes: Sequence[float], period: int, stop: Stop
+) -> xr.Dataset:
+    """Errors over (case, start, level): on cells of each of the sizes, and of that size over the period.
+
+    Raises InputError where the cases do not have one u, which is a Cantor atom.
+    """
+    orders = np.array([(_flux_order(case, cases[0]), case.gap_order) for case in cases])
+    condensed = condense(mesh)
+    ritz = ritz_projection(cases[0], condensed)
+    H = np.array(sizes)[:, None] / [1.0, period]
+    measured = np.array(
+        [
+            [on_partition(condensed, cases, ritz, uniform(mesh.polygon, size), stop) for size in row]
+            for row in H
+        ]
+    )
+    by_name = measured.transpose(3, 2, 0, 1)
+    table = {name: (("case", "start", "level"), of) for name, of in zip(MEASURED, by_name, strict=True)}
+    return xr.Dataset(
+        table
+        | {
+            "flux_order": ("case", orders[:, 0]),
+            "gap_order": ("case", orders[:, 1]),
+            "ritz_error": ((), ritz.ritz_error),
+        },
+        coords={"case": [case.name for case in cases], "h": mesh.h, "H": (("start", "level"), H)},
+    )
+
+
+def _flux_order(case: ExactSolution, first: ExactSolution) -> float:
+    (atom,) = case.atoms
+    if not isinstance(atom, Cantor) or case.declaration["u"] != first.declaration["u"]:
+        raise InputError(f"cells, cases: '{case.name}' needs the u of '{first.name}', one cantor atom")
+    return atom.flux_order
+
+
+def on_partition(
+    condensed: Condensed,
+    cases: Sequence[ExactSolution],
+    ritz: RitzProjection,
+    partition: Partition,
+    stop: Stop,
+) -> Array:
+    """(case, MEASURED) on one partition."""
+    spaces, rows = mixed_spaces(condensed, partition), []
+    for case, cells in zip(cases, cell_means_of_gaps(cases, partition), strict=True):
+        exact = Exact(replace(ritz, case=case), cells)
+        result = solve(with_solution(spaces, exact), stop).result
+        errors = exact.errors(spaces, result.lambda_H)
+        solved = (result.bound, errors.quadrature_share, float(result.converged))
+        rows.append((errors.hm12_discrete, cells.consistency, *solved))
+    return np.array(rows)
+
+
+def alternating(
+    polygon: Polygon, H: sympy.Expr, alpha: sympy.Expr, gammas: Sequence[sympy.Expr]
+) -> list[ExactSolution]:
+    """Cases with one u on side 0, and a gap for each exponent; H divides 1/4, in side lengths.
+
+    Between t = 1/4 and 3/4 lambda = s^alpha (1 - (s/l)^2)_+^4 on one half of each cell, l = H/2. The gap is
+    like s^gamma on the other half, so that u and g change with H. Their norms in H^alpha and in H^gamma stay
+    bounded, and the consistency term is like H^{alpha + gamma}.
+    """
+    starts = [INSET + k * H for k in range(int((1 - 2 * INSET) / H))]
+    atoms = tuple(harmonic(polygon, 0, start, alpha, H / 2) for start in starts)
+    cases = []
+    for gamma in gammas:
+        tents = [pos((T - a - H / 2) * (a + H - T), gamma) / (H / 2) ** gamma for a in starts]
+        gap = sympy.Add(pos(INSET - T, gamma), pos(T - 1 + INSET, gamma), *tents)
+        gaps = (gap, *[INSET**gamma] * (polygon.n_sides - 1))
+        cases.append(ExactSolution(f"gamma {gamma}, H {H}", {}, polygon, atoms, gaps))
+    return cases
+
+
+def measure_alternating(
+    mesh: Mesh, sizes: Sequence[sympy.Expr], alpha: sympy.Expr, gammas: Sequence[sympy.Expr], stop: Stop
+) -> xr.Dataset:
+    """Errors over (partition, gamma), on one mesh."""
+    condensed, rows = condense(mesh), []
+    for H in sizes:
+        cases = alternating(mesh.polygon, H, alpha, gammas)
+        ritz = ritz_projection(cases[0], condensed)
+        rows.append(on_partition(condensed, cases, ritz, uniform(mesh.polygon, float(H)), stop))
+    values = np.array(rows)
+    table = {name: (("partition", "gamma"), values[..., k]) for k, name in enumerate(MEASURED)}
+    coords = {"gamma": [float(each) for each in gammas], "h": mesh.h, "alpha": float(alpha)}
+    return xr.Dataset(table, coords=coords | {"H": ("partition", [float(H) for H in sizes])})

@@ -1,0 +1,49 @@
+"""Bounds over errors of solutions of other methods, as documents show them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+import xarray as xr
+
+from study.formats import shown
+
+READS = {"solutions": "results/certify/solutions.nc"}
+"""The files behind the numbers and tables of this experiment in documents, by name."""
+
+
+def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+    """The bound over the error at the first penalty, on the coarsest and the finest mesh; the sweeps.
+
+    `half` is the error with half the load over that of the mixed method, for `clamped` on the coarsest mesh.
+    """
+    index = indices(of["solutions"]).sel(case="natural")
+    of_penalty = index.sel(scheme=f"penalty {study['certify']['penalties'][0]}/h").values
+    errors = of["solutions"]["certified_error"].sel(case="clamped").isel(mesh=0)
+    half = float(errors.sel(scheme="half the load") / errors.sel(scheme="mixed method"))
+    penalty = {"coarsest": float(of_penalty[0]), "finest": float(of_penalty[-1])}
+    return {"certify": {"penalty": penalty, "half": half, "sweeps": study["certify"]["sweeps"]}}
+
+
+def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+    return {"certify": solutions(of["solutions"])}
+
+
+def indices(table: xr.Dataset) -> xr.DataArray:
+    return table["certified_bound"] / table["certified_error"]
+
+
+def solutions(table: xr.Dataset) -> pd.DataFrame:
+    """The true error and the bound over it, a row per case and method."""
+    rows = []
+    for case in table["case"].values:
+        for scheme in table["scheme"].values:
+            row, of = {"case": f"`{case}`", "method": str(scheme)}, table.sel(case=case, scheme=scheme)
+            for k, h in enumerate(table["h"].values):
+                at = f"h = {shown(float(h), '1/n')}"
+                row[f"error, {at}"] = f"{float(of['certified_error'][k]):.3g}"
+                row[f"bound/error, {at}"] = f"{float(indices(of)[k]):.2f}"
+            rows.append(row)
+    return pd.DataFrame(rows)

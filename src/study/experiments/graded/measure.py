@@ -1,0 +1,140 @@
+"""Meshes graded to a vertex of angle omega at which u is like r^(pi/omega), in full contact.
+
+Two boundary edges make a cell. In full contact u_h and lambda_H depend linearly on u as long as lambda_H > 0.
+So the part of z_h - u_h that belongs to the singular function alone is measured, too: with multipliers of
+both signs, and a gap that is 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy.linalg import solve as solve_linear
+
+from study import scenes, tables
+from study.experiments.graded.adapted import measure_adapted
+from study.experiments.graded.grading import graded, least_angle
+from study.experiments.graded.levels import Row, along_levels
+from unilateral.arrays import Array
+from unilateral.discrete.condensed import CondensedProblem, solve, with_solution
+from unilateral.fem.condense import condense
+from unilateral.fem.spaces import MixedSpaces, mixed_spaces
+from unilateral.formulas.formula import real
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition, from_points
+from unilateral.norms.dual import Gram, dual_norm
+from unilateral.norms.exact_errors import Exact, exact
+from unilateral.norms.infsup import infsup
+from unilateral.norms.resolution import resolution
+from unilateral.problems.case import ExactSolution
+from unilateral.problems.polar_atoms import Polar
+from unilateral.solvers.stop import Stop
+
+
+def measure_graded(study: Mapping[str, Any], stop: Mapping[str, Any], errors: str, adapted: str) -> None:
+    """Write the table of all scenes, cases and gradings, and that of the meshes that the bound refines."""
+    chosen, normed = Stop(**stop, algorithm=study["algorithm"]), study["normed"]
+    measured = [run for scene in study["scenes"] for run in measure(scene, normed, chosen)]
+    given = {"graded": study, "stop": stop}
+    tables.save(xr.concat(measured, "run"), errors, "graded", given)
+    tables.save(measure_adapted(study, stop), adapted, "graded", given)
+
+
+def measure(scene: Mapping[str, Any], normed: int, stop: Stop) -> Iterator[xr.Dataset]:
+    """What `on_levels` measures, for each case and each kappa of a scene."""
+    radius = real(scene["radius"], "graded.radius")
+    levels = list(scenes.refinements(scenes.coarsest_mesh(scene), scene["mesh"]["levels"]))
+    for case in scenes.cases(scene):
+        vertex = singular_atom(case).side
+        for given in scene["kappas"]:
+            kappa = real(given, "graded.kappas")
+            meshes = [graded(mesh, vertex, radius, kappa) for mesh in levels]
+            found = on_levels(meshes, case, normed, stop).assign_coords(kappa=kappa)
+            yield found.assign(equal_h=("level", [mesh.h for mesh in levels]))
+            print(f"{case.name}, kappa = {kappa:g} measured")
+
+
+def singular_atom(case: ExactSolution) -> Polar:
+    """The case's only atom at a vertex."""
+    (atom,) = (atom for atom in case.atoms if isinstance(atom, Polar))
+    return atom
+
+
+def cells_of(mesh: Mesh) -> Partition:
+    """The partition with two boundary edges in each cell. Raises InputError if a side has an odd number."""
+    return from_points(mesh.polygon, mesh.s[::2])
+
+
+def on_levels(levels: Sequence[Mesh], case: ExactSolution, normed: int, stop: Stop) -> xr.Dataset:
+    """Errors over (level) on nested meshes, and what they depend on.
+
+    Where there are more than `normed` cells the dual norm and beta are NaN. One reference mesh serves all
+    other levels.
+    """
+    spaces = [mixed_spaces(condense(mesh), cells_of(mesh)) for mesh in levels]
+    finest = [each.partition for each in spaces if each.partition.n_cells <= normed][-1]
+    gram, atom = dual_norm(finest, [case]).gram([case]), singular_atom(case)
+    rows = [_errors(each, case, gram, stop) | resolved(each) for each in spaces]
+    for row, each in zip(rows, spaces, strict=True):
+        row["singular_error"] = alone(replace(case, atoms=(atom,)), each)
+    return along_levels(rows).assign_coords(case=case.name, exponent=float(atom.beta))
+
+
+def _errors(spaces: MixedSpaces, case: ExactSolution, gram: Gram, stop: Stop) -> Row:
+    """Errors of the discrete solution; in the dual norm if the forms are of a finer partition."""
+    seen = exact(case, spaces)
+    result = solve(with_solution(spaces, seen), stop).result
+    errors = seen.errors(spaces, result.lambda_H)
+    row = {
+        "h1_error": errors.h1,
+        "discrete_error": errors.hm12_discrete,
+        "weighted_ritz_means": weighted_ritz_means(seen, spaces),
+        "least_multiplier": float(result.lambda_H.min()),
+        "algebraic_bound": result.bound,
+        "converged": float(result.converged),
+        "quadrature_share": errors.quadrature_share,
+    }
+    return row | _in_dual_norm(spaces, seen, gram, result.lambda_H)
+
+
+def _in_dual_norm(spaces: MixedSpaces, seen: Exact, gram: Gram, lambda_H: Array) -> Row:
+    if spaces.partition.n_cells > gram.n_cells:
+        return dict.fromkeys(("hm12_error_lower", "hm12_error_upper", "beta_lower"), np.nan)
+    form = gram.on(spaces.partition)
+    lower, upper = form.error(0, (seen.means.lambda_means - lambda_H)[None])
+    least = seen.errors(spaces, lambda_H).hm12_discrete
+    return {
+        "hm12_error_lower": max(float(lower[0]), least),
+        "hm12_error_upper": float(upper[0]),
+        "beta_lower": infsup(spaces.operator, form.p0).beta_lower,
+    }
+
+
+def alone(singular: ExactSolution, spaces: MixedSpaces) -> float:
+    """||z_h - u_h||_1 of a case, were multipliers of both signs allowed."""
+    seen = exact(singular, spaces)
+    return seen.errors(spaces, equality(with_solution(spaces, seen))).hm12_discrete
+
+
+def equality(discrete: CondensedProblem) -> Array:
+    """(m,) the multiplier, of either sign, at which all cell means of u_h - g are 0."""
+    root = np.sqrt(discrete.spaces.operator.H_i)
+    S = discrete.spaces.operator.S
+    return np.asarray(solve_linear(S, -discrete.offset * root, assume_a="pos") / root)
+
+
+def weighted_ritz_means(seen: Exact, spaces: MixedSpaces) -> float:
+    """t of Lemma 1: (sum_i H_i^{-1} ||Pi_H(u - z_h)||_{0,i}^2)^{1/2}."""
+    u_means = seen.means.gap_means + seen.means.g_means
+    return float(np.linalg.norm(u_means - spaces.B @ seen.ritz.values / spaces.operator.H_i))
+
+
+def resolved(spaces: MixedSpaces) -> Row:
+    """How large the mesh is, its smallest angle, and how finely it resolves the cells."""
+    found = resolution(spaces.mesh, spaces.partition)
+    of_mesh = {"unknowns": float(spaces.mesh.n_nodes), "least_angle": least_angle(spaces.mesh)}
+    return of_mesh | {"delta": found.delta, "alpha_1": found.alpha_1}

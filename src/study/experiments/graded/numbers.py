@@ -1,0 +1,78 @@
+"""The tables in documents about meshes that are graded to a vertex."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from study.experiments.graded.checks import SMOOTH, gamma
+from study.experiments.graded.levels import far_apart, halved
+from study.formats import shown
+from study.tables import error_in
+
+READS = {"errors": "results/graded/errors.nc", "adapted": "results/graded/adapted.nc"}
+"""The files behind the numbers and tables of this experiment in documents, by name."""
+FACTOR = 16
+"""Triangles are halved in steps, so orders on adapted meshes are taken over so many times the unknowns."""
+GRADED = {
+    r"$\Vert u-u_h\Vert_1$": "h1_error",
+    r"$\lambda$ in $H^{-1/2}$": "hm12_error",
+    "$D$": "discrete_error",
+    "$D$, singular part": "singular_error",
+}
+ADAPTED = {r"$\Vert u-u_h\Vert_1$": "h1_error", "$D$": "discrete_error", "shortest edge": "shortest_edge"}
+
+
+def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+    """The least beta, angle in degrees and delta of Theorem 5 on graded meshes, and their most unknowns.
+
+    `factor` is that of the unknowns on adapted meshes over which orders are taken.
+    """
+    errors = of["errors"]
+    least = {"beta": "beta_lower", "angle": "least_angle", "delta": "delta"}
+    found = {name: float(errors[variable].min()) for name, variable in least.items()}
+    return {"graded": found | {"most_unknowns": float(errors["unknowns"].max()), "factor": FACTOR}}
+
+
+def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+    return {"graded": orders(of["errors"]), "graded-adapted": orders_in_unknowns(of["adapted"])}
+
+
+def orders(errors: xr.Dataset) -> pd.DataFrame:
+    """The orders in h of the finest pair of levels on which an error is known, by case and kappa."""
+    data, rows = errors.assign(hm12_error=error_in(errors, "hm12")), []
+    for run in range(data.sizes["run"]):
+        of = data.isel(run=run)
+        rates = {title: float(halved(of[name].dropna("level"))[-1]) for title, name in GRADED.items()}
+        exponent = float(gamma(of))
+        row = {"case": f"`{of['case'].item()}`", "angle": f"{1 / float(of['exponent']):.2g}π"}
+        row |= {
+            r"$\kappa$": f"{float(of['kappa']):g}",
+            r"$\gamma$": f"{exponent:.2f}",
+            "required": f"{min(SMOOTH, exponent):.2f}",
+        }
+        rows.append(row | {title: shown(rate, ".2f") for title, rate in rates.items()})
+    return pd.DataFrame(rows)
+
+
+def orders_in_unknowns(adapted: xr.Dataset) -> pd.DataFrame:
+    """The least and the largest order in N^{-1/2} on meshes that the bound refines, by case."""
+    rows = []
+    for case in adapted["case"].values:
+        of = adapted.sel(case=case)
+        found = {
+            title: far_apart(of["unknowns"].values, of[name].values, FACTOR)
+            for title, name in ADAPTED.items()
+        }
+        row = {"case": f"`{case}`", "unknowns": shown(float(of["unknowns"].max()), "space")}
+        rows.append(row | {title: _range(values) for title, values in found.items()})
+    return pd.DataFrame(rows)
+
+
+def _range(values: np.ndarray) -> str:
+    least, most = (shown(float(of), ".2f") for of in (values.min(), values.max()))
+    return least if len(values) == 1 else f"{least} to {most}"

@@ -1,0 +1,203 @@
+"""All solves of a scene on one mesh: every case on every partition, from one factorisation."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from study import scenes, tables
+from study.stability_constants import of_runs
+from unilateral.discrete.base import DiscreteSolution
+from unilateral.discrete.condensed import solve, with_solution
+from unilateral.discrete.loads import form_of
+from unilateral.fem.condense import condense
+from unilateral.fem.spaces import MixedSpaces, mixed_spaces
+from unilateral.geometry.files import write_mesh
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.norms.dual import Gram
+from unilateral.norms.exact_errors import Exact, ExactErrors, cell_means
+from unilateral.norms.infsup import InfSup, infsup
+from unilateral.norms.ritz import ritz_projections
+from unilateral.problems.case import ExactSolution
+from unilateral.solvers.stop import Stop
+from unilateral.system.memory import forget_peak, peak_mb
+
+PER_RUN = (
+    "h1_error",
+    "hm12_error_lower",
+    "hm12_error_upper",
+    "discrete_error",
+    "hm12_best",
+    "l2_error",
+    "iterations",
+    "operator_applications",
+    "algebraic_bound",
+    "tolerance",
+    "converged",
+    "balance",
+    "quadrature_share",
+    "ritz_means",
+)
+PER_PAIR = ("lambda_min", "lambda_max", "beta_lower", "beta_upper", "beta_0")
+PER_CELLS = ("projection_error", "consistency", "consistency_elsewhere")
+PER_CASE = ("u_norm", "interpolation_error", "ritz_error", "ritz_boundary_error")
+
+
+def solve_scene(
+    norm: str | None,
+    scene: Mapping[str, Any],
+    name: str,
+    stop: Mapping[str, Any],
+    mesh: str,
+    solutions: str,
+    errors: str,
+    infsup: str,
+    timings: str,
+) -> None:
+    """Write the tables of every case on every partition, on the coarsest mesh and on its refinements.
+
+    `norm` is the file of the dual norm's forms, if errors are measured in it anywhere.
+    """
+    gram = Gram.of_table(tables.load(norm)) if norm else None
+    cases, partitions, levels = scenes.cases(scene), scenes.partitions(scene), []
+    coarsest = scenes.coarsest_mesh(scene)
+    write_mesh(coarsest, mesh)
+    for refined in scenes.refinements(coarsest, scene["mesh"]["levels"]):
+        levels.append(sweep(refined, cases, partitions, gram, scenes.limits(scene), Stop(**stop)))
+        print(f"h = {refined.h:.4g} solved")
+    solved, timed = (tables.along_mesh(each) for each in zip(*levels, strict=True))
+    given = {f"scenes.{name}": scene, "stop": stop}
+    tables.save(solved, solutions, name, given)
+    tables.save(solved.drop_vars("lambda_H"), errors, name, given)
+    tables.save(of_runs(solved), infsup, name, given)
+    tables.save(timed, timings, name, given)
+
+
+def sweep(
+    mesh: Mesh,
+    cases: Sequence[ExactSolution],
+    partitions: Sequence[Partition],
+    gram: Gram | None,
+    H_over_h: tuple[float, float] = (0.0, np.inf),
+    stop: Stop = Stop(),  # noqa: B008
+) -> tuple[xr.Dataset, xr.Dataset]:
+    """The table of results, one level long in `mesh`, and that of times and memory.
+
+    All cases have one form. Only pairs with H/h within the two limits are solved; the rest is NaN. `gram`
+    holds the dual norm's forms for these cases, on a partition that refines those given; it is needed where
+    beta > 0.
+    """
+    forget_peak()
+    begin = time.perf_counter()
+    condensed = condense(mesh, form_of(cases[0].problem, mesh))
+    sigma_1 = condensed.sigma_1
+    condense_seconds = time.perf_counter() - begin
+    problems = ritz_projections(cases, condensed)
+    table = _empty(mesh, cases, partitions)
+    table["sigma_1"][:] = sigma_1
+    for c, problem in enumerate(problems):
+        for name in PER_CASE:
+            table[name][c, 0] = getattr(problem, name)
+    seconds = np.full((len(cases), 1, len(partitions)), np.nan)
+    for k, partition in enumerate(partitions):
+        if not H_over_h[0] <= partition.H / mesh.h * (1 + 1e-12) <= H_over_h[1] * (1 + 2e-12):
+            continue
+        cells = [cell_means(case, partition) for case in cases]
+        for name in PER_CELLS:
+            table[name].values[:, k] = [getattr(each, name) for each in cells]
+        spaces = mixed_spaces(condensed, partition)
+        form = _form(spaces, gram)
+        stability = infsup(spaces.operator, form.p0) if form else InfSup(0.0, 0.0, 0.0)
+        values = (spaces.operator.lambda_min, spaces.operator.lambda_max, *stability)
+        for name, value in zip(PER_PAIR, values, strict=True):
+            table[name][0, k] = value
+        for c, problem in enumerate(problems):
+            begin = time.perf_counter()
+            exact = Exact(problem, cells[c])
+            table["ritz_means"][c, 0, k] = exact.ritz_means(spaces)
+            solution = solve(with_solution(spaces, exact), stop, stability.beta_lower)
+            errors = exact.errors(spaces, solution.result.lambda_H)
+            seconds[c, 0, k] = time.perf_counter() - begin
+            _record(table, c, k, solution, errors)
+            if form:
+                difference = cells[c].lambda_means - solution.lambda_H
+                lower, upper = form.error(c, difference[None])
+                table["hm12_error_lower"][c, 0, k] = max(float(lower[0]), errors.hm12_discrete)
+                table["hm12_error_upper"][c, 0, k] = upper[0]
+                table["hm12_best"][c, 0, k] = form.best_approximations[c]
+    coordinates = {"case": table["case"], "h": table["h"], "H": table["H"]}
+    timings = xr.Dataset(
+        {
+            "seconds": (("case", "mesh", "partition"), seconds),
+            "condense_seconds": ("mesh", [condense_seconds]),
+            "peak_mb": ("mesh", [peak_mb()]),
+        },
+        coords=coordinates,
+    )
+    return table, timings
+
+
+def _form(spaces: MixedSpaces, gram: Gram | None) -> Gram | None:
+    """The dual norm on the partition; None where S is singular, as beta is 0 and no norm is needed."""
+    if spaces.operator.singular:
+        return None
+    if gram is None:
+        raise ValueError("a pair with beta > 0 needs the dual norm's forms")
+    return gram.on(spaces.partition)
+
+
+def _empty(mesh: Mesh, cases: Sequence[ExactSolution], partitions: Sequence[Partition]) -> xr.Dataset:
+    n, p = len(cases), len(partitions)
+    H = np.array([partition.H for partition in partitions])
+    largest, clamped = max(partition.n_cells for partition in partitions), cases[0].clamped_sides
+    run, grid = ("case", "mesh", "partition"), ("mesh", "partition")
+
+    def unknown(*shape: int) -> np.ndarray:
+        return np.full(shape, np.nan)
+
+    variables: dict[str, tuple] = {name: (run, unknown(n, 1, p)) for name in PER_RUN}
+    variables |= {name: (("case", "mesh"), unknown(n, 1)) for name in PER_CASE}
+    variables |= {name: (grid, unknown(1, p)) for name in PER_PAIR}
+    variables |= {name: (("case", "partition"), unknown(n, p)) for name in PER_CELLS}
+    variables["sigma_1"] = ("mesh", unknown(1))
+    variables["algorithm"] = (run, np.full((n, 1, p), "", dtype=object))
+    variables["lambda_H"] = ((*run, "cell"), unknown(n, 1, p, largest))
+    return xr.Dataset(
+        variables,
+        coords={
+            "case": [case.name for case in cases],
+            "h": ("mesh", [mesh.h]),
+            "diameter": ("mesh", [mesh.diameter]),
+            "unknowns": ("mesh", [mesh.n_nodes]),
+            "boundary_unknowns": ("mesh", [len(mesh.boundary)]),
+            "H": ("partition", H),
+            "H_over_Hi_max": ("partition", [partition.H_over_Hi_max for partition in partitions]),
+            "multipliers": ("partition", [np.count_nonzero(~np.isin(p.side, clamped)) for p in partitions]),
+            "h_over_H": (grid, mesh.h / H[None]),
+        },
+    )
+
+
+def _record(table: xr.Dataset, c: int, k: int, solution: DiscreteSolution, errors: ExactErrors) -> None:
+    result = solution.result
+    values = {
+        "h1_error": errors.h1,
+        "discrete_error": errors.hm12_discrete,
+        "l2_error": errors.l2,
+        "quadrature_share": errors.quadrature_share,
+        "balance": solution.balance,
+        "iterations": result.iterations,
+        "operator_applications": result.operator_applications,
+        "algebraic_bound": result.bound,
+        "tolerance": solution.tolerance,
+        "converged": float(result.converged),
+    }
+    for name, value in values.items():
+        table[name].values[c, 0, k] = value
+    table["algorithm"].values[c, 0, k] = result.algorithm
+    table["lambda_H"].values[c, 0, k, : len(result.lambda_H)] = result.lambda_H

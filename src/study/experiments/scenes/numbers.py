@@ -1,0 +1,181 @@
+"""Tables of rates, floors and bounds, as documents show them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from study.experiments.scenes.checks import rate_of_excess
+from study.formats import SPACES, TITLES, cells, shown
+from study.ledger import claims
+from study.rates import NORMS, smallest_rate
+from study.scenes import is_clamped
+from unilateral.formulas.formula import real
+
+READS = {
+    "rates": "results/{judged}/rates.nc",
+    "totals": "results/{bounded}/totals.nc",
+    "floors": "results/square/floors.nc",
+}
+"""The files behind the numbers and tables of this experiment in documents, by name."""
+NOTHING = "–"
+
+
+def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+    """The rate of u without (j) and without (jj); bounds on totals."""
+    at = {"norm": "h1", "h_over_H": real(study["rates"]["judged_ratio"], "judged_ratio")}
+    without = {
+        case: smallest_rate(of["rates"][scene].sel(case=case, **at))
+        for scene, case in (("corners", "violates_j"), ("irregular", "violates_jj"))
+    }
+    return {"rates": without, "totals": totals_of_corners(of["totals"]["corners"])}
+
+
+def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+    ratio = real(study["rates"]["judged_ratio"], "judged_ratio")
+    (judged, clamped), (bounded, clamped_totals) = apart(of["rates"]), apart(of["totals"])
+    return {
+        "rates": rates(judged, ratio),
+        "rates-by-case": rates_by_case(judged, ratio),
+        "rates-clamped": rates_by_case(clamped, ratio),
+        "floors": floors(of["floors"]),
+        "totals": totals(bounded),
+        "totals-clamped": totals(clamped_totals),
+        "exactness": exactness(bounded, claims.find("F.exact").parameters),
+    }
+
+
+def apart(scenes: Mapping[str, xr.Dataset]) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]]:
+    """The scenes without clamped sides, and those with some."""
+    clamped = {name: of for name, of in scenes.items() if is_clamped(of["case"].values[0])}
+    return {name: of for name, of in scenes.items() if name not in clamped}, clamped
+
+
+def rates(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd.DataFrame:
+    """Per scene and case, the smallest asymptotic rate in each norm."""
+    first = next(iter(scenes.values()))
+    proved = {norm: float(first["proved"].sel(norm=norm, h_over_H=ratio).max()) for norm in NORMS}
+    rows = [
+        {"scene": name, "case": f"`{case}`"}
+        | {
+            f"{TITLES[norm]} (proved {proved[norm]:g})": observed(
+                found.sel(case=case, norm=norm, h_over_H=ratio)
+            )
+            for norm in NORMS
+        }
+        for name, found in scenes.items()
+        for case in found["case"].values
+    ]
+    return pd.DataFrame(rows)
+
+
+def observed(of: xr.Dataset) -> str:
+    verdict = of["verdict"].item()
+    if verdict == "exact":
+        return "error 0, as exact"
+    if verdict == "not judged":
+        return str(verdict)
+    pairs = int(np.count_nonzero(of["asymptotic"].values == 1))
+    suffix = "" if verdict == "holds" else f", **{verdict}**"
+    counted = "1 pair" if pairs == 1 else f"{pairs} pairs"
+    return f"{smallest_rate(of):.2f} of {float(of['expected']):.3g} ({counted}){suffix}"
+
+
+def rates_by_case(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd.DataFrame:
+    """Per case, the smallest rates of all scenes; a case that is nowhere judged has no row."""
+    rows = []
+    for case in dict.fromkeys(case for found in scenes.values() for case in found["case"].values):
+        of = {
+            name: found.sel(case=case, h_over_H=ratio)
+            for name, found in scenes.items()
+            if case in found["case"]
+        }
+        shown_of = {
+            TITLES[norm]: _smallest([found.sel(norm=norm) for found in of.values()]) for norm in NORMS
+        }
+        if set(shown_of.values()) != {NOTHING}:
+            rows.append({"case": f"`{case}`", "scenes": ", ".join(of)} | shown_of)
+    return pd.DataFrame(rows)
+
+
+def _smallest(found: Sequence[xr.Dataset]) -> str:
+    judged = [of for of in found if of["verdict"].item() in ("holds", "fails")]
+    if not judged:
+        return "exact" if found[0]["verdict"].item() == "exact" else NOTHING
+    failed = any(of["verdict"].item() == "fails" for of in judged)
+    expected = max(float(of["expected"]) for of in judged)
+    return f"{min(map(smallest_rate, judged)):.2f} of {expected:.3g}" + (", **fails**" if failed else "")
+
+
+FLOORS = {"C₁": ("C1", ".3g"), "C₂": ("C2", ".3g"), "s": ("s", ".2f")} | {
+    "errors fitted": ("pairs", ".0f"),
+    "largest misfit": ("residual", ".2g%"),
+}
+
+
+def floors(fits: xr.Dataset) -> pd.DataFrame:
+    """The fit of the errors over the whole (h, H) grid, by case."""
+    of = fits.to_dataframe()
+    table = pd.DataFrame([{"case": f"`{case}`"} | cells(fit, FLOORS) for case, fit in of.iterrows()])
+    table["s"] += [f" ± {uncertainty:.2f}" for uncertainty in of["s_uncertainty"]]
+    return table
+
+
+INDICES = {
+    "local_index_u": f"cheap, {SPACES['h1']}",
+    "total_index_u": f"sharp, {SPACES['h1']}",
+    "total_index_lambda": f"sharp, {SPACES['hm12']}",
+}
+
+
+def totals(scenes: Mapping[str, xr.Dataset]) -> pd.DataFrame:
+    """The guaranteed bounds on total errors, over the true errors, on the coarsest and the finest level."""
+    rows = []
+    for name, table in scenes.items():
+        for case, (variable, title) in itertools.product(table["case"].values, INDICES.items()):
+            for k in (0, -1):
+                value = float(table[variable].sel(case=case)[k])
+                head = f"{title}, h = {shown(float(table['h'][k]), '1/n')}"
+                rows.append((name, f"`{case}`", head, "λ_H exact" if np.isnan(value) else f"{value:.2f}"))
+    long = pd.DataFrame(rows, columns=["scene", "case", "at", "index"])
+    heads, cases = long["at"].unique(), pd.MultiIndex.from_frame(long[["scene", "case"]]).unique()
+    return long.pivot(index=["scene", "case"], columns="at", values="index").loc[cases, heads].reset_index()
+
+
+def exactness(scenes: Mapping[str, xr.Dataset], claimed: Mapping[str, Any]) -> pd.DataFrame:
+    """How fast the sharp bound's index falls to 1, and eta over the error of u on the finest level."""
+    rows = []
+    for name, table in scenes.items():
+        rates, orders = rate_of_excess(table), claimed["orders"] if name in claimed["scenes"] else {}
+        h = shown(float(table["h"][-1]), "1/n")
+        for case in table["case"].values:
+            finest = table.sel(case=case).isel(mesh=-1)
+            rows.append(
+                {
+                    "scene": name,
+                    "case": f"`{case}`",
+                    "proved rate": _proved(orders.get(case)),
+                    "observed rate": f"{float(rates.sel(case=case)):.2f}".replace("-", "−"),
+                    f"index − 1, h = {h}": f"{float(finest['total_index_u']) - 1:.4f}",
+                    f"η over the error, h = {h}": f"{float(finest['total_index_v']):.3f}",
+                }
+            )
+    return pd.DataFrame(rows)
+
+
+def _proved(order: float | None) -> str:
+    """The rate 2 (p - 1) of Proposition S9; for p = 1 it is only proved that the index falls to 1."""
+    if order is None:
+        return NOTHING
+    return f"{2 * (order - 1):.2f}" if order > 1 else "falls to 0"
+
+
+def totals_of_corners(corners: xr.Dataset) -> dict[str, Any]:
+    """The number of meshes with bounds on totals; lambda's bound over its error at the re-entrant vertex."""
+    index = corners["total_index_lambda"].sel(case="reentrant").values
+    return {"meshes": len(index), "reentrant": {"coarsest": float(index[0]), "finest": float(index[-1])}}

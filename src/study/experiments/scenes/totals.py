@@ -1,0 +1,94 @@
+"""The guaranteed bounds on the total errors of a scene's solutions, over the true errors."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from study import scenes, tables
+from study.tables import error_in
+from unilateral.bounds.boundary_flux import nothing
+from unilateral.bounds.local_bounds import local_bound
+from unilateral.bounds.sharp_bounds import sharp_bound
+from unilateral.bounds.source import enclosed
+from unilateral.discrete.condensed import with_load
+from unilateral.discrete.loads import form_of, held_values, load_of, obstacle_means
+from unilateral.fem.condense import condense
+from unilateral.fem.spaces import mixed_spaces
+from unilateral.formulas.formula import real
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.problems.case import ExactSolution
+
+ZERO = 1e-12
+"""An error of lambda_H that is at most this multiple of ||u||_1 counts as 0: lambda_H is exact."""
+NAMES = ("total_index_u", "total_index_lambda", "total_index_v", "local_index_u", "local_index_lambda")
+
+
+def bound_totals(
+    mesh: str,
+    solutions: str,
+    scene: Mapping[str, Any],
+    name: str,
+    levels: int,
+    wanted: Sequence[str],
+    ratio: object,
+    totals: str,
+) -> None:
+    """Write the table of the wanted cases on a scene's coarser levels, at the judged h/H."""
+    H_over_h, solved = 1 / real(ratio, "judged_ratio"), tables.load(solutions)
+    partitions = scenes.partitions(scene)
+    cases = [case for case in scenes.cases(scene) if case.name in wanted]
+    meshes = scenes.refinements(scenes.stored_mesh(mesh, scene), levels)
+    indices = [
+        over_errors(each, partitions, cases, solved.isel(mesh=[level]), H_over_h)
+        for level, each in enumerate(meshes)
+    ]
+    given = {f"scenes.{name}": scene, "totals.levels": levels, f"totals.scenes.{name}": wanted}
+    tables.save(tables.along_mesh(indices), totals, name, given | {"rates.judged_ratio": ratio})
+
+
+def over_errors(
+    mesh: Mesh,
+    partitions: Sequence[Partition],
+    cases: Sequence[ExactSolution],
+    solved: xr.Dataset,
+    H_over_h: float,
+) -> xr.Dataset:
+    """Bounds over errors at one H/h, one level long in `mesh`, of what `measure.sweep` solved there.
+
+    `total_index_u` and `total_index_lambda` belong to the sharp bounds, `local_index_...` to the cheap ones.
+    Those of lambda are over the upper bound on the error, and NaN where lambda_H is exact. `total_index_v`
+    takes the sharp bound on ||u - v||_1 for one on ||u - u_h||_1, which it is not.
+    """
+    k = int(np.argmin([abs(partition.H / mesh.h - H_over_h) for partition in partitions]))
+    spaces = mixed_spaces(condense(mesh, form_of(cases[0].problem, mesh)), partitions[k])
+    cells, form, partition = spaces.cells, spaces.condensed.form, spaces.partition
+    indices = np.full((len(NAMES), len(cases), 1), np.nan)
+    for c, case in enumerate(cases):
+        of = solved.sel(case=case.name).isel(mesh=0, partition=k)
+        mu, held = of["lambda_H"].values[: len(cells)], held_values(case.problem, mesh)
+        load = load_of(case.problem, mesh).values
+        g_means = obstacle_means(case.problem, partition)
+        on = with_load(spaces, load, None, g_means, held)
+        pair = held + spaces.response(on.of_rest[0], mu), spaces.extended(mu)
+        given = (
+            enclosed(mesh, case.problem),
+            case.problem.enclosed_obstacle,
+            partition,
+            *pair,
+            nothing(mesh),
+            form,
+        )
+        sharp, cheap = sharp_bound(*given), local_bound(*given)
+        of_u, of_lambda = float(error_in(of, "h1")), float(error_in(of, "hm12", "upper"))
+        of_lambda = of_lambda if of_lambda > ZERO * float(of["u_norm"]) else np.nan
+        of_sharp = sharp.u / of_u, sharp.lambda_ / of_lambda, sharp.eta / of_u
+        indices[:, c, 0] = *of_sharp, cheap.u / of_u, cheap.lambda_ / of_lambda
+    table = {name: (("case", "mesh"), values) for name, values in zip(NAMES, indices, strict=True)}
+    return xr.Dataset(table, coords={"case": [case.name for case in cases], "h": ("mesh", [mesh.h])}).assign(
+        H=("mesh", [partition.H])
+    )

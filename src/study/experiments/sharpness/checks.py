@@ -1,0 +1,142 @@
+"""Checks of Lemma 1, of the exponents of Theorems 2 and 4, and of Proposition 3."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from study.experiments.sharpness import surfaces
+from study.ledger.evidence import (
+    ZERO,
+    Evidence,
+    Tables,
+    all_of,
+    by_case,
+    forms,
+    in_rows,
+    worst,
+)
+from study.tables import error_in
+from unilateral.arrays import Array
+
+
+def lemma_1(tables: Tables, scenes: Sequence[str]) -> Evidence:
+    """D over the bound that Lemma 1 gives with mu = Pi_H lambda, where beta > 0 and D is not 0.
+
+    The bound is the positive root of D^2 = m D + (m + D) k + c, k = min(a/beta, t/beta_0), with m from below
+    and beta from above: every factor on its unfavourable side.
+    """
+    found = {}
+    for scene in scenes:
+        names = list(tables[f"{scene}/dual_norm"]["case"].values)
+        runs = tables[f"{scene}/errors"].sel(case=names)
+        for p, (cells, gram) in enumerate(forms(tables, scene)):
+            nothing = np.zeros((1, gram.n_cells))
+            m = [float(gram.error(c, nothing).lower[0]) for c in range(len(names))]
+            shares = _over_lemma_1(runs.isel(partition=p), xr.DataArray(m, dims="case"))
+            for case, share in zip(names, shares, strict=True):
+                if np.isfinite(share).any():
+                    found[f"{scene}, {case}, H = {cells.H:g}"] = float(np.nanmax(share))
+    return worst(found, "$D$ over its bound in Lemma 1", 1.0, False)
+
+
+def _over_lemma_1(runs: xr.Dataset, m: xr.DataArray) -> Array:
+    """(case, mesh) D over the bound, for m = ||lambda - mu||_{-1/2}, (case,); NaN where beta or D is 0."""
+    D, c, H = runs["discrete_error"], runs["consistency"], float(runs["H"])
+    known = (runs["beta_lower"] > 0) & (D / runs["u_norm"] > ZERO)
+    beta, beta_0 = (runs[name].where(known) for name in ("beta_upper", "beta_0"))
+    k = np.minimum(runs["ritz_error"] / beta, runs["ritz_means"] / H**0.5 / beta_0)
+    bound = 0.5 * (m + k + np.sqrt((m + k) ** 2 + 4 * (m * k + c)))
+    return np.asarray((D / bound).transpose("case", "mesh").values, dtype=float)
+
+
+def theorem_4(tables: Tables, table: str, tolerances: Mapping[str, float]) -> Evidence:
+    """The least excess over the predicted rate, in tolerances of its norm, on the two finest pairs.
+
+    The rates are those of the largest error over gamma, for the theorem's constant does not depend on gamma;
+    alpha > 0.
+    """
+    rows: dict[str, float] = {}
+    for norm, tolerance in tolerances.items():
+        excess = _excess(tables[table], norm).isel(pair=[-2, -1]).min("pair", skipna=False)
+        rows |= _by_alpha(excess / tolerance, f"{norm}, ")
+    return worst(rows, "the smallest rate less the predicted one, over its tolerance", -1.0, True)
+
+
+def attained(tables: Tables, table: str, largest: Mapping[str, float], tolerance: float) -> Evidence:
+    """The largest excess, over the predicted rate, of the rates as in `theorem_4` on the finest pair.
+
+    It is for 0 < alpha <= `largest` of the norm.
+    """
+    rows: dict[str, float] = {}
+    for norm, alpha in largest.items():
+        excess = _excess(tables[table], norm).isel(pair=-1)
+        rows |= _by_alpha(excess.sel(alpha=excess["alpha"] <= alpha), f"{norm}, ")
+    return worst(rows, "the rate of the finest pair less the predicted one", tolerance, False)
+
+
+def released(tables: Tables, table: str, norms: Sequence[str], most: float) -> Evidence:
+    """The largest error of a position over that for the smallest gamma, for which no position is held.
+
+    It is taken on the two finest levels, for alpha > 0.
+    """
+    data, rows = tables[table].isel(level=slice(-2, None)), dict[str, float]()
+    freest = data.sel(gamma=data["gamma"].min(), drop=True)
+    for norm in norms:
+        share = error_in(data, norm) / error_in(freest, norm)
+        rows |= _by_alpha(share.max(["level", "gamma", "position"], skipna=False), f"{norm}, ")
+    held = _by_alpha(freest["held"].max(["level", "position"], skipna=False))
+    return all_of(
+        worst(rows, r"an error over that for the smallest $\gamma$", most, False),
+        worst(held, "positions whose cell has a multiplier at the smallest gamma", 0.0, False),
+    )
+
+
+def superclose(tables: Tables, table: str, tolerance: float) -> Evidence:
+    """The least excess of the rates of t over min(3/2, 1 + alpha), for alpha > 0 on the two finest pairs.
+
+    Its logarithm is allowed for.
+    """
+    data = tables[table]
+    power = xr.DataArray(logarithm(data["alpha"].values), dims="alpha")
+    taken = xr.DataArray(surfaces.taken_by_logarithm(data["H"].values), dims="pair") * power
+    expected = data["predicted"].sel(norm="discrete")
+    excess = (data["t_rate"] + taken - expected).isel(pair=[-2, -1]).min("pair", skipna=False)
+    quantity = r"the smallest rate of $t$ with its logarithm, less $\min(3/2, 1 + \alpha)$"
+    return worst(_by_alpha(excess), quantity, -tolerance, True)
+
+
+def proposition_3(
+    tables: Tables, scenes: Sequence[str], exponents: Mapping[str, float], tolerance: float
+) -> Evidence:
+    """The least excess of the rates of ||u - z_h||_0 on the boundary over min(2, 3/2 + nu), nu by case.
+
+    The rates are over the last factor of 4, and the logarithm is allowed for.
+    """
+    found = {}
+    for name, run in by_case(tables, "{scene}/errors", scenes, exponents).items():
+        h, error = (run[of].values[[-3, -1]] for of in ("h", "ritz_boundary_error"))
+        nu, rate = exponents[str(run["case"].values)], np.log(error[0] / error[1]) / np.log(h[0] / h[1])
+        taken = float(logarithm(nu)) * surfaces.taken_by_logarithm(h)[0]
+        found[name] = float(rate + taken - min(2.0, 1.5 + nu))
+    quantity = r"the rate over the last factor of 4 with its logarithm, less $\min(2, 3/2 + \nu)$"
+    return worst(found, quantity, -tolerance, True)
+
+
+def logarithm(nu: ArrayLike) -> Array:
+    """The power of ln(1/h) in (5)."""
+    a = np.asarray(nu, dtype=float)
+    return np.select([a < 0.5, a == 0.5], [0.0, 1.0], 0.5)
+
+
+def _excess(data: xr.Dataset, norm: str) -> xr.DataArray:
+    """(pair, alpha) rates of the largest error over gamma, less the predicted ones."""
+    return surfaces.of_largest(data, norm) - surfaces.predicted(norm, data["alpha"])
+
+
+def _by_alpha(values: xr.DataArray, before: str = "") -> dict[str, float]:
+    """The values with alpha > 0, by a name that begins with `before`."""
+    return in_rows(values.sel(alpha=values["alpha"] > 0), before + "alpha = {alpha:g}")

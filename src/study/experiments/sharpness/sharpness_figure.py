@@ -1,0 +1,113 @@
+"""Rates over alpha at a transition with lambda ~ s_+^alpha, u - g ~ s_-^gamma: measured against predicted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from fractions import Fraction
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.patches import Patch
+from matplotlib.ticker import MultipleLocator
+
+from study import style, tables
+from study.experiments.sharpness import surfaces
+from unilateral.arrays import Array
+
+TITLES = {
+    "discrete": r"$D$ over $H$, at a fixed $h$",
+    **{norm: f"{style.NORMS[norm]}, at $H=2h$" for norm in ("hm12", "l2")},
+}
+COLUMNS = ["kind", "norm", "alpha", "gamma", "rate"]
+BOTTOM, WIDTH, PANEL = 2.9, 4.4, 4.6
+LEFT = {"discrete": 1.25, "hm12": 6.85, "l2": 12.45}
+"""The left ends of the panels; these and their size are in cm."""
+LOOKS: dict[str, style.Look] = {
+    "proved": {"color": "0.72", "lw": 3.2, "solid_capstyle": "butt", "zorder": 1.2},
+    "left": {"color": style.COLOURS[1], "lw": 1.1, "ls": (0, (3, 2)), "zorder": 2},
+    "predicted": {"color": "black", "lw": 1.0, "zorder": 2},
+    "measured": {"color": style.COLOURS[0], "lw": 0.9, "marker": "_", "ms": 6, "mew": 0.9, "zorder": 3},
+    "largest": {"color": style.COLOURS[0], "ls": "", "marker": "o", "ms": 4.4, "mec": "white", "zorder": 4},
+}
+FAILS: style.Look = {"fc": "0.93", "lw": 0}
+
+
+def table(rates: style.FilePath, fixed: style.FilePath) -> pd.DataFrame:
+    """Rows by `kind`, for D over H at a fixed h, and for lambda's errors at H = 2h.
+
+    `measured`: the finest pair's rate, for D the rate over all levels, per alpha and gamma; `largest`: that
+    of lambda's largest error over gamma, per alpha; `predicted`: points of the predicted line; `left`: points
+    of what the choice Pi_H lambda leaves of D for the least gamma; `proved`: ends of Theorem 4.1's line.
+    """
+    stored, parts = tables.load(rates), []
+    for norm in TITLES:
+        theory = _theory(norm, stored["alpha"].values, float(stored["gamma"].min()))
+        parts.append(pd.concat([*_measured(norm, stored, tables.load(fixed)), *theory]).assign(norm=norm))
+    return pd.concat(parts)[COLUMNS]
+
+
+def _measured(norm: str, rates: xr.Dataset, fixed: xr.Dataset) -> Iterator[pd.DataFrame]:
+    found = {"measured": surfaces.over_all_levels(fixed, "discrete")}
+    if norm != "discrete":
+        found = {
+            "measured": rates["rate"].sel(norm=norm, drop=True).isel(pair=-1),
+            "largest": surfaces.of_largest(rates, norm).isel(pair=-1),
+        }
+    for kind, rate in found.items():
+        yield rate.rename("rate").to_dataframe().reset_index().assign(kind=kind)
+
+
+def _theory(norm: str, alphas: Array, least: float) -> Iterator[pd.DataFrame]:
+    """The theorem's line and the predicted ones, bends included."""
+    yield pd.DataFrame({"kind": "proved", "alpha": [0.0, max(alphas)], "rate": surfaces.PROVED[norm]})
+    bends = np.unique([*alphas, 0.0, surfaces.bend(norm)])
+    yield pd.DataFrame({"kind": "predicted", "alpha": bends, "rate": surfaces.predicted(norm, bends)})
+    if norm == "discrete":
+        x = np.unique([*bends, np.clip(surfaces.bend_left(norm, least), min(alphas), max(alphas))])
+        rate = surfaces.left_by_proof(norm, x, least)
+        yield pd.DataFrame({"kind": "left", "alpha": x, "gamma": least, "rate": rate})
+
+
+def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
+    """Rates over alpha of D and of lambda's errors: a bar over all gamma at each alpha.
+
+    Columns: kind (measured, largest, predicted, left, proved), norm (discrete, hm12, l2), alpha, gamma (empty
+    for lines and for the largest error), rate.
+    """
+    data = style.read(csv_path)
+    with style.figure_in(svg_path, BOTTOM + PANEL + 0.7) as figure:
+        for norm, left in LEFT.items():
+            axes = style.axes_at(figure, left, BOTTOM, WIDTH, PANEL)
+            axes.set(title=TITLES[norm], ylabel="rate" if norm == "discrete" else "")
+            _panel(axes, data[data["norm"] == norm])
+        labels = {
+            "measured": "observed, a tick for each exponent of the gap",
+            "largest": "of the largest error over these",
+            "predicted": "Theorems 2 and 4",
+            "left": r"what $\mu=\Pi_H\lambda$ gives, $\gamma=$" + _least(data),
+            "proved": "Theorem 4.1 (1980)",
+        }
+        handles: list[Artist] = [style.key(label, **LOOKS[kind]) for kind, label in labels.items()]
+        handles.append(Patch(label=r"$\alpha\leq 0$: (j) fails", **FAILS))
+        style.legend(figure, handles, LEFT["discrete"] - 0.8, BOTTOM - 1.15, ncols=2, labelspacing=0.45)
+
+
+def _panel(axes: Axes, rows: pd.DataFrame) -> None:
+    for kind, look in LOOKS.items():
+        of = rows[rows["kind"] == kind]
+        for _, line in of.groupby("alpha") if kind == "measured" else [("", of)] * (not of.empty):
+            axes.plot(line["alpha"], line["rate"], **look)
+    first, last = rows["alpha"].min(), rows["alpha"].max()
+    axes.set_xlim(first - 0.06 * (last - first), last + 0.06 * (last - first))
+    axes.axvspan(axes.get_xlim()[0], 0, zorder=0, **FAILS)
+    axes.set_xlabel(r"$\alpha$", labelpad=1)
+    axes.xaxis.set_major_locator(MultipleLocator(0.5))
+    axes.xaxis.set_major_formatter(lambda alpha, _: f"${Fraction(alpha).limit_denominator(2)}$")
+    style.light_grid(axes, "0.88")
+
+
+def _least(data: pd.DataFrame) -> str:
+    return f"${style.as_fraction(data['gamma'].min())}$"

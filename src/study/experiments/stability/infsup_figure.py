@@ -1,0 +1,131 @@
+"""The inf-sup constant: over h/H, over delta of Theorem 5, and beside the bound that needs no eigenvalues."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.ticker import NullLocator
+
+from study import style, tables
+from unilateral.formulas.decimals import up
+from unilateral.norms.resolution import RULE
+
+PER_PAIR = [
+    "h_over_H",
+    "edges_per_cell",
+    "cell_over_edge",
+    "smallest_angle",
+    "delta",
+    "alpha_1",
+    "beta_lower",
+    "beta_upper",
+    "beta_fortin",
+]
+LEFT, WIDTH, HEIGHT = (1.25, 6.5, 12.25), 4.4, 4.9
+"""The left ends of the panels, their width and their height, in cm."""
+LOOKS: dict[str, style.Look] = {
+    "irregular": {"marker": "o", "ms": 3.2, "mew": 0.6, "ls": "", "color": "0.55", "mfc": "white"},
+    "regular": {"marker": "o", "ms": 3.6, "mew": 0.4, "ls": "", "color": "0.25", "mec": "white"},
+    "uniform": {"marker": "s", "ms": 3.6, "mew": 0.4, "ls": "", "color": style.COLOURS[0], "mec": "white"},
+    "worst": {"marker": "x", "ms": 5.0, "mew": 1.4, "ls": "", "color": style.COLOURS[1]},
+}
+RATIO = 10
+"""`regular` pairs have neighbouring cells within this ratio, and the angles of RULE, as claim T.node says."""
+LABELS = {
+    "uniform": "uniform",
+    "regular": rf"other ones, angles $\geq {RULE.smallest_angle:g}°$, neighbouring cells within {RATIO}:1",
+    "irregular": "other ones, smaller angles or larger ratios",
+    "worst": "the worst that searches found",
+}
+GUIDE: style.Look = {"color": "0.25", "lw": 0.8, "ls": (0, (4, 2)), "zorder": 1}
+
+
+def table(surveys: Sequence[style.FilePath], families: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
+    """One row per survey, partition and mesh; `families` have the label and kind of each survey, by name.
+
+    `widest` is the largest beta_upper/beta_lower - 1 of all.
+    """
+    parts = [
+        tables.load(path)[PER_PAIR]
+        .to_dataframe(["partition", "mesh"])
+        .assign(scene=name, label=family["label"], kind=family["kind"])
+        for (name, family), path in zip(families.items(), surveys, strict=True)
+    ]
+    rows = pd.concat(parts)[["scene", "label", "kind", "H", *PER_PAIR]]
+    known = rows["beta_lower"] > 0
+    return rows.assign(widest=(rows["beta_upper"] / rows["beta_lower"] - 1)[known].max())
+
+
+def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
+    """beta over h/H and over delta; and over beta the bound without eigenvalues, where there is one.
+
+    Columns: kind (uniform, local, worst), h_over_H, delta (the smallest over the cells), alpha_1,
+    smallest_angle, beta_lower, beta_fortin; and, for the note, beta_upper and widest (largest
+    beta_upper/beta_lower - 1), if known.
+    """
+    data = style.read(csv_path)
+    data = data.assign(look=_kinds(data))
+    bottom = 3.0
+    with style.figure_in(svg_path, bottom + HEIGHT + 0.65) as figure:
+        ratio, inner, unsolved = (style.axes_at(figure, x, bottom, WIDTH, HEIGHT) for x in LEFT)
+        _marks(ratio, data, "h_over_H", "beta_lower")
+        _marks(inner, data, "delta", "beta_lower")
+        _marks(unsolved, data[data["beta_fortin"] > 0], "beta_lower", "beta_fortin")
+        _ratio_axis(ratio, data["h_over_H"])
+        _delta_axis(inner)
+        _unsolved_axes(unsolved)
+        handles = [style.key(label, **LOOKS[kind]) for kind, label in LABELS.items()]
+        style.legend(figure, handles, LEFT[0] - 0.8, bottom - 1.25, ncols=2, labelspacing=0.5)
+        style.note(figure, _note(data))
+
+
+def _kinds(data: pd.DataFrame) -> pd.Series:
+    """The look of each pair: its kind, and of the other ones whether they are regular."""
+    regular = (data["smallest_angle"] >= RULE.smallest_angle) & (data["alpha_1"] <= RATIO)
+    return data["kind"].where(data["kind"] != "local", np.where(regular, "regular", "irregular"))
+
+
+def _marks(axes: Axes, data: pd.DataFrame, x: str, y: str) -> None:
+    for kind, look in LOOKS.items():
+        of = data[data["look"] == kind]
+        axes.plot(of[x], of[y], **look)
+    axes.set_ylim(-0.03, 1.03)
+    style.light_grid(axes)
+
+
+def _ratio_axis(axes: Axes, x: pd.Series) -> None:
+    axes.set(title="$h/H$ does not decide", xlabel="$h/H$", ylabel=r"$\beta$")
+    axes.set_xscale("log", base=2)
+    axes.set_xlim(x.min() / 1.2, x.max() * 1.2)
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(lambda value, _: f"${style.as_fraction(value)}$")
+    axes.axvline(1, **GUIDE)
+
+
+def _delta_axis(axes: Axes) -> None:
+    """The axis of delta from 0 to 1/2, with the bound of claim T.node."""
+    delta = np.linspace(0, 0.5)
+    axes.plot(delta, delta * (1 - delta), **GUIDE)
+    axes.text(0.3, 0.18, r"$\delta(1-\delta)$", ha="left", va="top", fontsize=style.SMALL)
+    axes.set(title=r"$\delta$ bounds it below", xlabel=r"$\delta$", xlim=(-0.012, 0.512))
+    axes.tick_params(labelleft=False)
+
+
+def _unsolved_axes(axes: Axes) -> None:
+    """With the lines on which the bound is beta, and a quarter of it."""
+    for factor, text, place in ((1, r"$\beta$", (0.53, 0.6)), (0.25, r"$\beta/4$", (0.95, 0.15))):
+        axes.plot([0, 1], [0, factor], **GUIDE)
+        axes.text(*place, text, fontsize=style.SMALL, ha="center")
+    axes.set(title="a bound without eigenvalues", xlabel=r"$\beta$", xlim=(-0.03, 1.03))
+    axes.tick_params(labelleft=False)
+
+
+def _note(data: pd.DataFrame) -> str:
+    note = r"$\beta$: its lower bound by eigenvalues"
+    if "widest" in data:
+        note += f"; the upper one is at most {up(100 * data['widest'].max(), '.2g')} % higher"
+    return note + "."

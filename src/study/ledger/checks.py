@@ -1,0 +1,103 @@
+"""Checks that a claim writes as an expression: the worst value that tables give, against a bound.
+
+    check: ledger.worst
+    parameters:
+      table: "{scene}/infsup"
+      scenes: [square, lshape]
+      value: beta_lower / beta_upper
+      where: h_over_H < 1
+      rows: "{scene}, H = {H:g}"
+      at_least: 0.5
+      quantity: the smallest quotient
+
+An expression is Python over a table's variables and coordinates, and numpy as `np`; xarray evaluates it, with
+`and`, `or` and `not` element by element. It can do whatever Python can, and so it stands in files of this
+package, in no user's. A check that is more than an expression is a function of its experiment.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import xarray as xr
+
+from study import tables as stored
+from study.ledger import evidence
+from study.ledger.evidence import Evidence, Tables, dims_of, in_rows
+from unilateral.errors import InputError
+
+
+def worst(
+    tables: Tables,
+    table: str,
+    value: str | Sequence[str] | Mapping[str, str],
+    quantity: str,
+    at_least: float | None = None,
+    at_most: float | None = None,
+    scenes: Sequence[str] = ("",),
+    cases: Sequence[str] | None = None,
+    select: Mapping[str, Any] | None = None,
+    H_over_h: float | None = None,
+    let: Mapping[str, str] | None = None,
+    where: str = "",
+    left_out: bool = False,
+    rows: str = "{scene}",
+) -> Evidence:
+    """The smallest of the values against `at_least`, or the largest against `at_most`.
+
+    `value` may be several expressions by names, which the coordinate `variable` then has. It is taken of the
+    `table` of each scene: of those of the `cases` that are in it, sorted; at the labels of `select`; over
+    `run`, the levels with that H/h. `let` gives names to expressions.
+
+    `rows` names the values by coordinates and by `scene`, which is the table's name if there are no scenes.
+    In a row the worst value counts of those that are known and are not excluded by `where`. If there is none
+    the row is not known; if all are excluded it may be `left_out`. Raises InputError without a bound.
+    """
+    smallest, required = (True, at_least) if at_most is None else (False, at_most)
+    if required is None:
+        raise InputError(f"the check of {value!r} has no bound; it needs at_least or at_most")
+    found: dict[str, float] = {}
+    for scene in scenes:
+        name = table.format(scene=scene)
+        data = _chosen(tables[name], cases, select, H_over_h)
+        for variable, text in (let or {}).items():
+            data = data.assign({variable: _evaluated(data, text)})
+        values = _evaluated(data, value)
+        counts = _evaluated(data, where) if where else xr.ones_like(values, dtype=bool)
+        values, counts = xr.broadcast(values.where(counts), counts)
+        others = [dim for dim in values.dims if dim not in dims_of(values, rows)]
+        of_row = values.min(others) if smallest else values.max(others)
+        counted = in_rows(counts.any(others), rows, scene or name)
+        found |= {
+            row: number
+            for row, number in in_rows(of_row, rows, scene or name).items()
+            if counted[row] or not left_out
+        }
+    return evidence.worst(found, quantity, required, smallest)
+
+
+def all_of(tables: Tables, parts: Sequence[Mapping[str, Any]], **shared: Any) -> Evidence:
+    """The evidence for a statement in parts, each as for `worst`; they share the other parameters."""
+    return evidence.all_of(*(worst(tables, **{**shared, **part}) for part in parts))
+
+
+def _chosen(
+    table: xr.Dataset,
+    cases: Sequence[str] | None,
+    select: Mapping[str, Any] | None,
+    H_over_h: float | None,
+) -> xr.Dataset:
+    """The part of a table that a check is about."""
+    if cases is not None:
+        table = table.sel(case=sorted(set(cases) & set(table["case"].values)))
+    if select is not None:
+        table = table.sel(select)
+    return table if H_over_h is None else stored.along_ratio(table, 1 / H_over_h)
+
+
+def _evaluated(data: xr.Dataset, value: str | Sequence[str] | Mapping[str, str]) -> xr.DataArray:
+    if isinstance(value, str):
+        return xr.DataArray(data.eval(value))
+    named_ones = value if isinstance(value, Mapping) else dict(zip(value, value, strict=True))
+    return xr.Dataset({name: _evaluated(data, text) for name, text in named_ones.items()}).to_dataarray()

@@ -1,0 +1,197 @@
+"""The ledger: every statement of the paper, a check on the study's results, and a verdict.
+
+An experiment declares its claims in `claims.yaml`. What is observed is there an expression over its tables,
+see `ledger.checks`, or a function in the experiment's `checks`. A check gives an observed number and the one
+it has to reach or to stay below; its margin is what is left, relative to the latter. A claim whose margin is
+not negative gets the verdict that the ledger declares for that case, any other one fails. Where a
+precondition of the check does not hold the claim is not judged, for that reason, and does not hold either. A
+control is a spoilt result on which the check has to fail; the smallest share of it at which it does is how
+small an error the check sees. A statement that no number can refute is declared with the reason, and has no
+check.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cache, cached_property
+from importlib import import_module
+from typing import Any
+
+from study import registry
+from study.ledger.controls import smallest_share, spoilt, told
+from study.ledger.entries import entries
+from study.ledger.evidence import Evidence, Tables, Unjudged
+from study.ledger.records import FAILS, ORIGINS, UNJUDGED, UNMEASURED, counts_against
+from study.ledger.results import Results
+from unilateral.errors import InputError, meant, shown
+
+
+@dataclass(frozen=True)
+class Claim:
+    """A statement: where it stands, what the study says if the check passes, and how it is checked.
+
+    `title` says it in a few words, for figures; `section` is where this study reports it; `reads` names
+    the tables it depends on; `source` is where the required number comes from; `control` spoils a table.
+    Where there is nothing to measure, `unmeasured` says why, and the claim has no verdict, check or control.
+    """
+
+    id: str
+    section: str
+    title: str
+    statement: str
+    where: str
+    verdict: str = ""
+    check: str = ""
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    reads: tuple[str, ...] = ()
+    source: str = ""
+    control: Mapping[str, Any] = field(default_factory=dict)
+    unmeasured: str = ""
+
+    def measure(self, results: Tables) -> Evidence:
+        """The check's evidence. Raises Unjudged, and InputError for a table that is missing."""
+        experiment, function = self.check.split(".")
+        checks = import_module(f"study.{registry.checks()[experiment]}")
+        evidence: Evidence = getattr(checks, function)(results, **self.parameters)
+        return evidence
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """A claim, the results it was judged by, and the evidence, or why there is none."""
+
+    claim: Claim
+    results: Results
+    evidence: Evidence | Unjudged | None
+
+    @property
+    def holds(self) -> bool:
+        return isinstance(self.evidence, Evidence) and self.evidence.holds
+
+    @property
+    def counts_against(self) -> bool:
+        """Whether there is something to measure and it does not hold."""
+        return counts_against(self.verdict)
+
+    @property
+    def verdict(self) -> str:
+        if self.evidence is None:
+            return f"{UNMEASURED}: {self.claim.unmeasured}"
+        if isinstance(self.evidence, Unjudged):
+            return f"{UNJUDGED}: {self.evidence}"
+        return self.claim.verdict if self.holds else FAILS
+
+    @cached_property
+    def sees(self) -> str | None:
+        """The smallest part of its control at which the claim does not hold; None if it fails anyway."""
+        if not self.holds:
+            return None
+        control, claim = self.claim.control, _of_spoilt_scenes(self.claim)
+        if not judgement(self.results, claim).holds:  # nothing to judge on these alone
+            claim = self.claim
+        share = smallest_share(lambda x: not judgement(spoilt(self.results, control, x), claim).holds)
+        return told(control, share)
+
+    def record(self) -> dict[str, Any]:
+        """What `results/claims.json` holds of a claim; without numbers if there are none."""
+        claim = self.claim
+        record = {
+            "id": claim.id,
+            "section": claim.section,
+            "title": claim.title,
+            "statement": claim.statement,
+            "where": claim.where,
+            "scene": sorted({name.split("/")[0] for name in claim.reads}),
+            "quantity": None,
+            "expected": None,
+            "source": claim.source or None,
+            "observed": None,
+            "margin": None,
+            "verdict": self.verdict,
+            "control": claim.control.get("what"),
+            "sees": self.sees,
+        }
+        return record | (_numbers(self.evidence) if isinstance(self.evidence, Evidence) else {})
+
+
+def _numbers(evidence: Evidence) -> dict[str, Any]:
+    return {
+        "quantity": evidence.quantity,
+        "expected": f"{'>=' if evidence.at_least else '<='} {evidence.required:.4g}",
+        "observed": float(f"{evidence.observed:.4g}"),
+        "margin": float(f"{evidence.margin:.2g}"),
+    }
+
+
+@cache
+def ledger() -> tuple[Claim, ...]:
+    """All claims, section by section. Raises InputError for an entry that is none."""
+    return tuple(declared(entry) for entry in entries())
+
+
+FORMS = frozenset({"verdict", "check", "reads", "source", "control"}), frozenset({"unmeasured"})
+"""Besides id, section, title, statement and where, a claim has the first fields or, unmeasured, the last."""
+
+
+def declared(entry: Mapping[str, Any]) -> Claim:
+    """The claim of an entry. Raises InputError for fields too few or too many, and for an unknown check."""
+    parameters = entry.get("parameters", {})
+    scenes = parameters.get("scenes", [""])
+    reads = [name.format(scene=scene) for name in entry.get("reads", ()) for scene in scenes]
+    fields = {**entry, "parameters": parameters, "reads": tuple(dict.fromkeys(reads))}
+    try:
+        claim = Claim(**fields)
+    except TypeError as error:
+        raise InputError(f"ledger, claim '{entry['id']}': {error}") from None
+    if entry.keys() & frozenset.union(*FORMS) not in FORMS:
+        raise InputError(
+            f"ledger, claim '{claim.id}': it needs {', '.join(sorted(FORMS[0]))}, or 'unmeasured' alone"
+        )
+    if claim.check and claim.source.partition(":")[0] not in ORIGINS.values():
+        known = ", ".join(f"'{origin}'" for origin in ORIGINS.values())
+        raise InputError(
+            f"ledger, claim '{claim.id}': its source has to begin with one of {known}, and a colon"
+        )
+    if claim.check and not _is_there(*claim.check.split(".", 1)):
+        raise InputError(f"ledger, claim '{claim.id}': there is no check '{claim.check}'")
+    return claim
+
+
+def _is_there(experiment: str, function: str) -> bool:
+    """Whether the experiment has that check; as its source tells, for an import takes a second."""
+    module = registry.checks().get(experiment)
+    return module is not None and function in registry.functions(module)
+
+
+def _of_spoilt_scenes(claim: Claim) -> Claim:
+    """The claim about those of its scenes that its control spoils: a check fails where one scene does."""
+    touched = {name.split("/")[0] for name in claim.control["tables"]}
+    if not (scenes := [scene for scene in claim.parameters.get("scenes", ()) if scene in touched]):
+        return claim
+    return replace(claim, parameters={**claim.parameters, "scenes": scenes})
+
+
+def judge(results: Results, claims: Iterable[Claim] | None = None) -> list[Judgement]:
+    """The claims' judgements by those tables."""
+    return [judgement(results, claim) for claim in claims or ledger()]
+
+
+def judgement(results: Results, claim: Claim) -> Judgement:
+    """The judgement of one claim by those tables."""
+    if claim.unmeasured:
+        return Judgement(claim, results, None)
+    try:
+        return Judgement(claim, results, claim.measure(results))
+    except Unjudged as reason:
+        return Judgement(claim, results, reason)
+
+
+def find(wanted: str) -> Claim:
+    """The claim with that id. Raises InputError if there is none."""
+    known = {claim.id: claim for claim in ledger()}
+    if wanted not in known:
+        raise InputError(
+            f"there is no claim '{shown(wanted)}'{meant(wanted, known)}; 'unilateral claims' lists them all"
+        )
+    return known[wanted]

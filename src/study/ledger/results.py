@@ -1,0 +1,38 @@
+"""The study's tables, read when they are asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import xarray as xr
+
+from study.ledger import records
+from study.tables import load
+
+
+class Results(dict[str, xr.Dataset]):
+    """The tables below a folder by name, such as "square/errors", read when they are asked for.
+
+    A file that is `listed` has to have the SHA-256 that is listed.
+    """
+
+    def __init__(
+        self,
+        folder: str | Path,
+        tables: Mapping[str, xr.Dataset] | None = None,
+        listed: Mapping[str, str] | None = None,
+    ) -> None:
+        super().__init__(tables or {})
+        self.folder, self.listed = Path(folder), listed or {}
+
+    def __missing__(self, name: str) -> xr.Dataset:
+        table = load(self.folder / f"{name}.nc")
+        records.check_listed(self.folder, f"{name}.nc", self.listed)
+        self[name] = table
+        return table
+
+
+def finished(folder: str | Path) -> Results:
+    """The tables of a study that has ended, as its manifest lists them, if there is one."""
+    return Results(folder, listed=records.listed(folder))

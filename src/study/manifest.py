@@ -1,0 +1,67 @@
+"""What the study made, by which rule, from which parameters and with which versions; and its checksums."""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+from collections.abc import Iterable, Mapping
+from hashlib import sha256
+from importlib.metadata import requires, version
+from pathlib import Path
+from typing import Any
+
+from packaging.requirements import Requirement
+
+from study.table_origin import OF_THE_MACHINE
+from unilateral import __version__
+from unilateral.system.files import replacing
+
+
+def write_manifest(
+    study: Mapping[str, Any],
+    manifest: str | os.PathLike[str],
+    sums: str | os.PathLike[str],
+    **made: Iterable[str],
+) -> None:
+    """Write the manifest (JSON) of the files that each rule made, and their sums for `sha256sum -c`.
+
+    `study` is the configuration, and `made` the files by rule. Files that depend on the machine are left
+    out, so that two runs with the same results have the same manifest.
+    """
+    files = [
+        {"path": path, "rule": rule, **_content(Path(path))}
+        for rule, paths in made.items()
+        for path in paths
+        if not path.endswith(OF_THE_MACHINE)
+    ]
+    told = {"versions": versions(), "parameters": digest(study), "files": files}
+    lines = [f"{file['sha256']}  {file['path']}\n" for file in files]
+    with replacing(manifest) as new_manifest, replacing(sums) as new_sums:
+        new_manifest.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        new_sums.write_text("".join(lines), encoding="utf-8")
+
+
+def _content(path: Path) -> dict[str, Any]:
+    content = path.read_bytes()
+    return {"bytes": len(content), "sha256": sha256(content).hexdigest()}
+
+
+def digest(study: Mapping[str, Any]) -> str:
+    """The SHA-256 of the configuration as JSON with sorted keys."""
+    return sha256(json.dumps(study, sort_keys=True).encode()).hexdigest()
+
+
+def versions() -> dict[str, str]:
+    """The versions of this package, Python, and the packages that pyproject.toml names for the study."""
+    own = {"unilateral": __version__, "Python": platform.python_version()}
+    return own | {name: version(name) for name in sorted(_needed("study"))}
+
+
+def _needed(extra: str) -> set[str]:
+    """The names of the packages that this one needs here with that extra, which may name others."""
+    found = set()
+    for each in map(Requirement, requires("unilateral") or []):
+        if each.marker is None or each.marker.evaluate({"extra": extra}):
+            found |= set().union(*map(_needed, each.extras)) if each.name == "unilateral" else {each.name}
+    return found
