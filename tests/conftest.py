@@ -85,8 +85,12 @@ def pytest_collection_finish():
     gc.freeze()
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Without the study's results a run that would judge them ends at once, and says what to run."""
+    """What opens pages in a browser is nightly. A run that would judge results that are missing ends at once."""
+    for item in items:
+        if "browser" in item.fixturenames:
+            item.add_marker("nightly")
     if any(_needs_results(item.path.name) for item in items) and not any(RESULTS.glob("*/rates.nc")):
         pytest.exit("The tests judge the study's results, and there are none: run 'make' first.", 1)
 
