@@ -87,7 +87,7 @@ def pytest_collection_finish():
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """What opens pages in a browser is nightly. A run that would judge results that are missing ends at once."""
+    """What opens pages in a browser is nightly. Without the results that it judges a run ends at once."""
     for item in items:
         if "browser" in item.fixturenames:
             item.add_marker("nightly")
