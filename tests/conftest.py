@@ -158,6 +158,11 @@ def discrete(name, n, m, polygon="square", degree=None):
     return with_solution(spaces, Exact(ritz, cell_means(case, spaces.partition)))
 
 
+def exact_errors(discrete, solution):
+    """The true errors of a solution of a problem whose exact one is known on its spaces."""
+    return discrete.exact.errors(discrete.spaces, solution.result.lambda_H)
+
+
 def interior_point(operator, offset):
     """half lambda_H by clarabel, which is u_h - A^{-1} f on the boundary in the norm of A_3.
 

@@ -15,10 +15,10 @@ from typing import Any
 
 PUBLIC = dict.fromkeys(("BudgetError", "InputError", "SolutionWarning"), "errors")
 PUBLIC |= {"Polygon": "geometry.polygon", "Solution": "solution", "Stop": "solvers.stop"}
-PUBLIC |= dict.fromkeys(("Problem", "Solver", "case", "certify", "load", "mesh", "open", "solve"), "api")
+PUBLIC |= dict.fromkeys(("Problem", "Solver", "case", "certify", "load", "mesh", "solve"), "api")
 __all__ = [
     *("BudgetError", "InputError", "Polygon", "Problem", "Solution", "SolutionWarning", "Solver", "Stop"),
-    *("case", "certify", "load", "mesh", "open", "solve"),
+    *("case", "certify", "load", "mesh", "solve"),
 ]
 
 

@@ -4,7 +4,6 @@ from unilateral.api import case as case
 from unilateral.api import certify as certify
 from unilateral.api import load as load
 from unilateral.api import mesh as mesh
-from unilateral.api import open as open
 from unilateral.api import solve as solve
 from unilateral.errors import BudgetError as BudgetError
 from unilateral.errors import InputError as InputError

@@ -47,7 +47,7 @@ from unilateral.system.files import path_of
 if TYPE_CHECKING:
     from unilateral.problems.given import AnyProblem
 
-__all__ = ["KINDS", "Problem", "Solver", "case", "certify", "load", "mesh", "open", "solve"]
+__all__ = ["KINDS", "Problem", "Solver", "case", "certify", "load", "mesh", "solve"]
 
 
 def Problem(
@@ -157,31 +157,6 @@ def _polygon(given: object) -> Polygon | None:
         return polygon_of(str(path_of(given, "problem.yaml")))
     of_problem = getattr(given, "polygon", None)
     return of_problem if isinstance(of_problem, Polygon) else Polygon(vertices(given, "polygon"))
-
-
-def open(path: str | os.PathLike[str]) -> Solution:
-    """The solution in a file that `Solution.save` wrote with the ending .nc.
-
-    u, lambda_H and all else that the solver found are as they were saved, bit for bit. Bounds, true errors
-    and forces are computed again when they are asked for, from the problem and the numbers that the file
-    holds; so a bound does not rest on what the file says of it. For given sizes they are the same numbers,
-    after an accuracy they may differ by rounding. The norm of lambda, which the solver knew, is not kept:
-    `bounds.relative_multiplier` is NaN, and a relative accuracy of lambda is no longer `certified`. A file
-    holds no functions: without formulas there are no bounds, and the `problem` cannot be solved again. Raises
-    InputError for a file that holds no solution, and for one that is damaged.
-
-    >>> import pathlib, tempfile
-    >>> import unilateral as ul
-    >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     s.save(pathlib.Path(folder, "s.nc"))
-    ...     again = ul.open(pathlib.Path(folder, "s.nc"))
-    >>> bool((again.u == s.u).all()), again.bounds.u == s.bounds.u
-    (True, True)
-    """
-    from unilateral.solution.stored import read
-
-    return read(path_of(path, "solution.nc"))
 
 
 def solve(

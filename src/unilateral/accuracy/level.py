@@ -11,8 +11,8 @@ from typing import NamedTuple
 from unilateral.accuracy.goal import NORMS, Goal
 from unilateral.accuracy.halvings import evenness
 from unilateral.bounds.flux_residuals import SUMS, underflow
-from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.choice import SHARP, SPARSE, wants_multigrid
+from unilateral.discrete.solution import DiscreteSolution
 from unilateral.formulas.decimals import interval
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
@@ -65,11 +65,11 @@ class Level:
 
     @property
     def partition(self) -> Partition:
-        return self.solved.discrete.partition
+        return self.solved.partition
 
     @property
     def unknowns(self) -> int:
-        return self.solved.discrete.mesh.n_nodes
+        return self.solved.mesh.n_nodes
 
     @property
     def total(self) -> float:
@@ -78,9 +78,9 @@ class Level:
 
     @property
     def summary(self) -> Summary:
-        discrete, result = self.solved.discrete, self.solved.result
-        sizes = discrete.mesh.h, self.partition.H, self.unknowns, len(discrete.cells)
-        return Summary(*sizes, result.iterations, self.total)
+        solved = self.solved
+        sizes = solved.mesh.h, self.partition.H, self.unknowns, len(solved.cells)
+        return Summary(*sizes, solved.result.iterations, self.total)
 
     @property
     def missed(self) -> float:
@@ -106,8 +106,8 @@ class Level:
     @property
     def nothing(self) -> float:
         """The error that counts as none where every number of the discrete solution is 0."""
-        of = self.solved.discrete
-        return max(NOTHING, 2 * of.mesh.growth * underflow(of.mesh, of.form))
+        mesh = self.solved.mesh
+        return max(NOTHING, 2 * mesh.growth * underflow(mesh, self.solved.form))
 
     @property
     def certified(self) -> bool:
@@ -152,7 +152,7 @@ def refinement_pays(last: Level) -> bool:
 
     They do so at once where short sides leave a mesh with fewer unknowns than a uniform one has at least.
     """
-    shares, mesh = last.solved.shares, last.solved.discrete.mesh
+    shares, mesh = last.solved.shares, last.solved.mesh
     if last.unknowns < least_unknowns(mesh.polygon, mesh.h):
         return True
     return last.unknowns >= ENOUGH and WORTH * evenness(shares) < 1
@@ -169,14 +169,14 @@ def contradict(a: Level, b: Level) -> bool:
     |int v| <= |Omega|^{1/2} ||v||_0, and |<mu, 1>| <= |Omega|^{1/2} ||mu||_{-1/2}. Beside clamped sides only
     ||u||_1 tells: u - u_h need not vanish there, as Friedrichs' inequality asks, and 1 does not.
     """
-    root = math.inf if a.solved.discrete.form.clamped else math.sqrt(a.partition.polygon.area)
+    root = math.inf if a.solved.form.clamped else math.sqrt(a.partition.polygon.area)
     of_u, of_lambda = (sum(each.solved.total(norm, each.goal.sharp) for each in (a, b)) for norm in NORMS)
     apart = (
         (a.solved.u_norm, b.solved.u_norm, of_u),
         (a.solved.u_integral, b.solved.u_integral, root * of_u),
         (a.solved.force, b.solved.force, root * of_lambda),
     )
-    rounding = (1 + SUMS) * math.prod(each.solved.discrete.mesh.growth for each in (a, b)) - 1
+    rounding = (1 + SUMS) * math.prod(each.solved.mesh.growth for each in (a, b)) - 1
     return any(abs(x - y) > (1 + SUMS) * bound + rounding * max(abs(x), abs(y)) for x, y, bound in apart)
 
 
@@ -218,7 +218,7 @@ class Prospect:
     def adapted(self) -> bool:
         """Whether meshes may be adapted, and already are or should be, because it pays."""
         last = self.done[-1]
-        return self.free and (last.solved.discrete.mesh.adapted or refinement_pays(last))
+        return self.free and (last.solved.mesh.adapted or refinement_pays(last))
 
     @property
     def cost(self) -> Cost:

@@ -27,9 +27,10 @@ from unilateral.accuracy.level import (
 )
 from unilateral.accuracy.watch import ENCLOSING, Watch
 from unilateral.bounds.source import enclosed
-from unilateral.discrete.base import AIM, DiscreteProblem, DiscreteSolution
+from unilateral.discrete.base import AIM, DiscreteProblem
 from unilateral.discrete.choice import check_condensed, wants_multigrid
 from unilateral.discrete.condensed import discretise
+from unilateral.discrete.solution import DiscreteSolution
 from unilateral.errors import InputError
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -84,12 +85,13 @@ def levels(
     watch.begin_level()
     prospect = Prospect(done, stop, kind, watch.elapsed)
     of, predicted = _first(problem.polygon, goal, kind, prospect.free), math.inf
+    discrete: DiscreteProblem | None = None
     while True:
         prospect = Prospect(done, stop, kind, watch.elapsed)
         watch.expected = prospect.seconds(of.mesh.n_nodes) if done else 0.0
         watch.at("matrices", of.mesh.n_nodes)
         watch.at(ENCLOSING)
-        discrete = _on(problem, of, stop, done[-1].solved if done else None)
+        discrete = _on(problem, of, stop, discrete, done[-1].solved if done else None)
         done.append(_solved(discrete, goal, stop, done, predicted, watch))
         yield done[-1]
         following = division(Prospect(done, stop, kind, watch.elapsed))
@@ -116,12 +118,15 @@ def _first(polygon: Polygon, goal: Goal, kind: str, free: bool) -> AdaptedMesh:
     return adapted(mesh)
 
 
-def _on(problem: Data, of: AdaptedMesh, stop: Stop, last: DiscreteSolution | None) -> DiscreteProblem:
-    """The discrete problem on a mesh, from the solution on the one before, if there is one."""
+def _on(
+    problem: Data, of: AdaptedMesh, stop: Stop, before: DiscreteProblem | None, last: DiscreteSolution | None
+) -> DiscreteProblem:
+    """The discrete problem on a mesh, from the problem `before` and its solution, if there is one."""
     if wants_multigrid(stop, math.inf):
-        from unilateral.discrete.multilevel import after  # and with it PyAMG
+        from unilateral.discrete.multilevel import MultilevelProblem, discretise_nested  # and with it PyAMG
 
-        return after(last, problem, of)
+        assert isinstance(before, MultilevelProblem | None)
+        return discretise_nested(problem, of, before, last)
     check_condensed(of.mesh, of.partition)
     found = discretise(problem, of.mesh, of.partition)
     return found if found.source else replace(found, source=enclosed(of.mesh, problem))
@@ -161,7 +166,7 @@ def _solved(
     solved = discrete.iterated(tolerance, stop, start, total)
     watch.at("bound")
     if done and (wanted_bound := SHARE * max(target(solved, goal), predicted) * in_norm) > 0:
-        solved = solved.improved(wanted_bound, stop)
+        solved = discrete.improved(solved, wanted_bound, stop)
     solved.bound(goal.sharp)  # its time counts, too
     seconds = watch.end_level()
     return Level(solved, goal, sum(seconds.values()), peak_mb(), seconds[ENCLOSING], predicted)

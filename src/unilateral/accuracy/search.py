@@ -16,7 +16,7 @@ from unilateral.accuracy.level import Level, Prospect, Summary, standing, unknow
 from unilateral.accuracy.levels import levels, limits, wanted
 from unilateral.accuracy.plan import Plan, enough, hopeless, plan, reach
 from unilateral.accuracy.watch import OutOfBudget, Watch
-from unilateral.discrete.base import DiscreteSolution
+from unilateral.discrete.solution import DiscreteSolution
 from unilateral.errors import BudgetError, InputError
 from unilateral.problems.data import Data
 from unilateral.solvers.stop import Stop

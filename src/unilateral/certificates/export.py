@@ -22,7 +22,7 @@ from unilateral.arrays import Array, Index
 from unilateral.bounds.equilibrated_flux import equilibrated, flows
 from unilateral.bounds.local_bounds import LocalBound
 from unilateral.certificates.statement import has_formulas, state_problem
-from unilateral.discrete.base import DiscreteSolution
+from unilateral.discrete.solution import DiscreteSolution
 from unilateral.errors import InputError
 from unilateral.fem.form import Form, decoupled
 from unilateral.fem.linear_systems import dissected
@@ -75,7 +75,7 @@ def judge_solution(solved: DiscreteSolution, mesh: Mesh, units: Units) -> Judged
         raise InputError(
             "there is no bound to certify, because f, g, q or u is a function; give a formula in its place"
         )
-    scaled, form = solved.discrete.mesh, solved.discrete.form
+    scaled, form = solved.mesh, solved.form
     if not form.reaction:
         means = source.moments().sum(axis=1) / scaled.areas
         flux = flux + flux_of_source(scaled, form.clamped, means + divergence(scaled, flux))

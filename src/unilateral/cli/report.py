@@ -149,10 +149,10 @@ def level_head(name: str, first: Level, units: Units) -> str:
 
 def level_line(level: Level, length: float) -> str:
     """The row of a level. Sizes are in the user's units: 1 in the level's is a `length` in these."""
-    solved, mesh = level.solved, level.solved.discrete.mesh
+    solved, mesh = level.solved, level.solved.mesh
     sizes = mesh.h, float(np.diff(mesh.s).min()), level.partition.H
     shown = [f"{length * size:.4g}" for size in sizes]
-    shown += [f"{level.unknowns}", f"{len(solved.discrete.cells)}", f"{solved.result.iterations:.4g}"]
+    shown += [f"{level.unknowns}", f"{len(solved.cells)}", f"{solved.result.iterations:.4g}"]
     wanted = down(level.target, ".4g") if level.target else f"{level.nothing:.4g}"
     shown += [up(level.algebraic, ".4g"), up(level.total, ".4g"), wanted]
     return "".join(f"{each:>12}" for each in shown)

@@ -310,7 +310,7 @@ def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float | str | N
     n_sides, cells = found.mesh.polygon.n_sides, found.partition
     if n_sides > SIDES:
         return None
-    held = np.unique(cells.side[found.solved.discrete.cells])
+    held = np.unique(cells.side[found.solved.cells])
     forces = found.forces(sharp)
     sides = {f"side_{i}": fields(*forces.sides[i]) for i in held}
     rows = {"_".join(["reaction", *map(str, row)]): fields(*of) for row, of in forces.reactions.items()}

@@ -10,8 +10,9 @@ import numpy as np
 from scipy.linalg.blas import dnrm2
 
 from unilateral.arrays import Array
-from unilateral.discrete.base import NOTHING, DiscreteProblem, DiscreteSolution
+from unilateral.discrete.base import NOTHING, DiscreteProblem
 from unilateral.discrete.loads import Load, flux_load, form_of, held_values, load_of, obstacle_means
+from unilateral.discrete.solution import DiscreteSolution
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import h1_norm
@@ -20,7 +21,7 @@ from unilateral.fem.spaces import FORMS, MixedSpaces, mixed_spaces
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.norms.exact_errors import Exact, ExactErrors, exact
+from unilateral.norms.exact_errors import Exact, exact
 from unilateral.problems.data import Data
 from unilateral.problems.sampled import Sampled
 from unilateral.solvers.algebraic_bound import certified
@@ -62,9 +63,6 @@ class CondensedProblem(DiscreteProblem):
     def beta(self) -> float:
         return self.spaces.beta
 
-    def errors(self, lambda_H: Array) -> ExactErrors | None:
-        return self.exact.errors(self.spaces, lambda_H) if self.exact else None
-
     def lambda_norm(self, lambda_H: Array) -> float:
         """Lower bound on the discrete dual norm of lambda_H, up to the rounding of A_3."""
         return (1 - FORMS) * float(dnrm2(self.spaces.operator.half @ lambda_H))
@@ -76,7 +74,7 @@ class CondensedProblem(DiscreteProblem):
         rho = 1.9 / operator.lambda_max if len(zero) else math.nan
         bound = residual_bound(operator, self.offset, zero, rho) if len(zero) else 0.0
         result = DualResult(zero, 0, 0, bound, False, rho, "none")
-        return self.solution(result, 0.0).result if bound < math.inf else result
+        return self.certify(result, self.response(zero)) if bound < math.inf else result
 
     @cached_property
     def least_bound(self) -> float:
@@ -107,28 +105,32 @@ class CondensedProblem(DiscreteProblem):
         wanted = self.crude(FIRST) if tolerance is None else tolerance
         least = self.least_bound if wanted < self.least_bound else 0.0
         result = iterate(operator, self.offset, max(wanted, least), stop, start)
-        solution = self.solution(result, wanted)
-        less = wanted - ROOM * solution.result.rounding
-        if result.converged and solution.result.bound > wanted and less > least:
+        u_h = self.response(result.lambda_H)
+        certified = self.certify(result, u_h, wanted)
+        less = wanted - ROOM * certified.rounding
+        if result.converged and certified.bound > wanted and less > least:
             more = iterate(operator, self.offset, less, stop, result.lambda_H)
-            solution = self.solution(more.after(result), wanted)
+            u_h = self.response(more.lambda_H)
+            certified = self.certify(more.after(result), u_h, wanted)
         if result.converged:
-            warn_unless_converged(solution.result, wanted)
-        return solution
+            warn_unless_converged(certified, wanted)
+        return self.solution(certified, wanted, u_h)
 
     def continued(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
         more = self.iterated(tolerance, stop, solution.result.lambda_H)
         return replace(more, result=more.result.after(solution.result))
 
-    def solution(self, result: DualResult, tolerance: float) -> DiscreteSolution:
-        """The solution for the lambda_H that was found; its bound now includes the rounding on the way."""
-        u_h = self.held + self.spaces.response(self.of_rest[0], result.lambda_H)
-        bound = self._certified(result, u_h)
-        rounding = max(bound - result.bound, 0.0)
-        result = replace(result, bound=bound, converged=bound <= tolerance, rounding=rounding)
-        return DiscreteSolution(self, result, tolerance, self.spaces.extended(result.lambda_H), u_h)
+    def response(self, lambda_H: Array) -> Array:
+        """(n,) u_h for the multipliers lambda_H (m,)."""
+        return self.held + self.spaces.response(self.of_rest[0], lambda_H)
 
-    def _certified(self, result: DualResult, u_h: Array) -> float:
+    def certify(self, result: DualResult, u_h: Array, tolerance: float = 0.0) -> DualResult:
+        """The result with a bound for u_h (n,) as it was computed, which includes the rounding on the way."""
+        bound = self._rounded_bound(result, u_h)
+        rounding = max(bound - result.bound, 0.0)
+        return replace(result, bound=bound, converged=bound <= tolerance, rounding=rounding)
+
+    def _rounded_bound(self, result: DualResult, u_h: Array) -> float:
         """The bound for u_h (n,) as it was computed."""
         spaces, on, boundary = self.spaces, self.spaces.condensed, self.mesh.boundary
         (of_f, g_means), mu, v = self.of_rest, result.lambda_H, u_h - self.held
@@ -211,7 +213,7 @@ def solve(discrete: CondensedProblem, stop: Stop = Stop(), beta: float | None = 
     if discrete.exact is None and not bounded:
         return discrete.iterated(discrete.crude(stop.fraction * UNKNOWN), stop)
     if discrete.exact is None:
-        return discrete.iterated(discrete.crude(FIRST), stop).within(stop)
+        return discrete.within(discrete.iterated(discrete.crude(FIRST), stop), stop)
     return _to_exact(discrete, discrete.exact, stop, discrete.spaces.beta if beta is None else beta)
 
 
@@ -226,4 +228,4 @@ def _to_exact(discrete: CondensedProblem, exact: Exact, stop: Stop, beta: float)
         return solved
     error = exact.ritz.discrete_dual(exact.boundary_load(spaces, solved.result.lambda_H))
     going_on = replace(stop, algorithm="nesterov") if solved.result.algorithm == "nesterov" else stop
-    return solved.improved(stop.fraction * error * beta, going_on, aim=1.0)
+    return discrete.improved(solved, stop.fraction * error * beta, going_on, aim=1.0)

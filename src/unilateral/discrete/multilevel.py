@@ -16,8 +16,9 @@ from scipy.linalg.blas import dnrm2
 
 from unilateral.arrays import Array, Index
 from unilateral.bounds.source import enclosed
-from unilateral.discrete.base import AIM, DiscreteProblem, DiscreteSolution
+from unilateral.discrete.base import AIM, DiscreteProblem
 from unilateral.discrete.loads import Load, flux_load, form_of, held_values, obstacle_means
+from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.form import H1, Form
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
 from unilateral.fem.nested_cells import Cells, nested_cells
@@ -38,6 +39,16 @@ MOST_COARSE = 50_000
 """The coarsest mesh, whose matrix is factorised, has at most this many unknowns."""
 
 
+@dataclass(frozen=True, eq=False)
+class NestedSpaces:
+    """The spaces on the `levels` of a mesh, with the cells of the last levels; see `nested_cells`."""
+
+    mesh: Mesh
+    partition: Partition
+    levels: Hierarchy
+    nested: list[Cells]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class MultilevelProblem(DiscreteProblem):
     """(P_h*) on nested spaces. f and g are enclosed where the `data` are formulas.
@@ -47,6 +58,7 @@ class MultilevelProblem(DiscreteProblem):
     algebraic bounds are then in ||.||_{-1/2,h}.
     """
 
+    spaces: NestedSpaces
     guess: Array | None = None
 
     @property
@@ -59,19 +71,10 @@ class MultilevelProblem(DiscreteProblem):
 
     @cached_property
     def grids(self) -> Multigrid:
-        """The levels, which are made again if they are asked for after they were forgotten."""
-        spaces = nested_spaces(self.mesh, self.partition, hierarchy(self.mesh, form=self.form))
-        assert spaces is not None
-        return self.on_grids(spaces)
-
-    def on_grids(self, spaces: NestedSpaces) -> Multigrid:
         """The problem on all levels of its spaces."""
         load, g_means = self.of_rest
-        return multigrid(spaces.levels, spaces.nested, load, (self.partition.lengths * g_means)[self.cells])
-
-    def forget(self) -> None:
-        """Frees the levels, which take half of the memory and are needed for no bound on the total error."""
-        vars(self).pop("grids", None)
+        integrals = (self.partition.lengths * g_means)[self.cells]
+        return multigrid(self.spaces.levels, self.spaces.nested, load, integrals)
 
     def solved(self, stop: Stop) -> DiscreteSolution:
         """(u_h, lambda_H), with an algebraic bound of at most `stop.tolerance`.
@@ -82,7 +85,7 @@ class MultilevelProblem(DiscreteProblem):
         solution = self.iterated(stop.tolerance, stop)
         if stop.tolerance is not None or len(self.grids.grids) > 1:
             return solution
-        return solution.within(stop)
+        return self.within(solution, stop)
 
     def iterated(
         self, tolerance: float | None, stop: Stop, start: Array | None = None, total: float = math.inf
@@ -104,14 +107,12 @@ class MultilevelProblem(DiscreteProblem):
         return dual_norm_below(self.grids.grids, lambda_H)
 
     def _solution(self, of: MultigridResult) -> DiscreteSolution:
-        lambda_H = np.zeros(self.partition.n_cells)
-        lambda_H[self.cells] = of.lambda_H
         finest = of.counts[-1][0]
         steps = sum(count for level, count in of.counts if level == finest)
         u_h = self.held + of.u
         bound = of.bound + self._rounding(u_h)
         result = DualResult(of.lambda_H, steps, steps, bound, of.converged, math.nan, "multigrid")
-        return DiscreteSolution(self, result, of.tolerance, lambda_H, u_h)
+        return self.solution(result, of.tolerance, u_h)
 
     def _rounding(self, u_h: Array) -> float:
         """A bound on the norm of what rounding has done to the sum `held` + of.u."""
@@ -119,16 +120,6 @@ class MultilevelProblem(DiscreteProblem):
             return 0.0
         A = self.grids.finest.of.A
         return EPS * terms(A) ** 0.5 * float(dnrm2(np.sqrt(A.diagonal()) * u_h))
-
-
-@dataclass(frozen=True, eq=False)
-class NestedSpaces:
-    """The spaces on the `levels` of a mesh, with the cells of the last levels; see `nested_cells`."""
-
-    mesh: Mesh
-    partition: Partition
-    levels: Hierarchy
-    nested: list[Cells]
 
 
 def nested_spaces(
@@ -155,12 +146,19 @@ def on_levels(
     cells = np.flatnonzero(form.held(partition.side))
     means, values = obstacle_means(problem, partition), load.values + flux_load(problem, mesh)
     data = None if isinstance(problem, Sampled) else problem
-    discrete = MultilevelProblem(
-        mesh, partition, cells, values, means, guess, data=data, source=load.source,
-        form=form, held=_held(problem, mesh, form),
-    )  # fmt: skip
-    vars(discrete)["grids"] = discrete.on_grids(spaces)
-    return discrete
+    return MultilevelProblem(
+        mesh=mesh,
+        partition=partition,
+        cells=cells,
+        load=values,
+        g_means=means,
+        data=data,
+        source=load.source,
+        form=form,
+        held=_held(problem, mesh, form),
+        spaces=spaces,
+        guess=guess,
+    )
 
 
 def _held(problem: Data | Sampled, mesh: Mesh, form: Form) -> Array:
@@ -177,20 +175,24 @@ def _held(problem: Data | Sampled, mesh: Mesh, form: Form) -> Array:
     return held
 
 
-def after(last: DiscreteSolution | None, problem: Data, of: AdaptedMesh) -> MultilevelProblem:
-    """The problem on a mesh and its cells, from the solution on a mesh from which this one was refined.
+def discretise_nested(
+    problem: Data,
+    of: AdaptedMesh,
+    before: MultilevelProblem | None = None,
+    last: DiscreteSolution | None = None,
+) -> MultilevelProblem:
+    """The problem on a mesh and its cells.
 
-    f is enclosed on new triangles only. The iteration begins at that solution, which forgets its levels.
+    If this mesh was refined from that of the problem `before`, whose solution is the `last` one, f is
+    enclosed on new triangles only, and the iteration begins at that solution.
     """
-    mesh, before = of.mesh, last.discrete if last else None
-    known = before.grids.finest.of if isinstance(before, MultilevelProblem) else None
+    mesh = of.mesh
     source = enclosed(mesh, problem, before.source if before else None)
     form = before.form if before else form_of(problem, mesh)
-    levels, guess = hierarchy(mesh, known, form), np.zeros(mesh.n_nodes)
-    if before:
-        before.forget()
-    if last:
-        guess[: len(last.u_h)] = last.u_h - last.discrete.held
+    levels = hierarchy(mesh, before.spaces.levels if before else None, form)
+    guess = np.zeros(mesh.n_nodes)
+    if before and last:
+        guess[: len(last.u_h)] = last.u_h - before.held
         for level in levels.levels:
             if level.n > len(last.u_h):
                 level.prolong(guess)
@@ -208,9 +210,12 @@ def refinements(
     starts from that solution. Algebraic bounds are at most `stop.fraction` of those on ||u - u_h||_1. Raises
     InputError as `chosen` does.
     """
-    of, last = adapted_mesh(mesh), None
+    of = adapted_mesh(mesh)
+    discrete: MultilevelProblem | None = None
+    last: DiscreteSolution | None = None
     while of.mesh.n_nodes <= most:
-        last = _solved(last, after(last, problem, of), stop)
+        discrete = discretise_nested(problem, of, discrete, last)
+        last = _solved(last, discrete, stop)
         yield last
         of = refined(of, chosen(last))
 
@@ -218,7 +223,8 @@ def refinements(
 def _solved(last: DiscreteSolution | None, discrete: MultilevelProblem, stop: Stop) -> DiscreteSolution:
     """The solution of a problem, from that on the mesh before, if there is one."""
     if last is None:
-        return discrete.iterated(None, stop).within(stop)
-    start = last.discrete.partition.means(last.lambda_H, discrete.partition.points)[discrete.cells]
+        return discrete.within(discrete.iterated(None, stop), stop)
+    start = last.partition.means(last.lambda_H, discrete.partition.points)[discrete.cells]
     total = last.total("h1")
-    return discrete.iterated(AIM * stop.fraction * total, stop, start, total).within(stop)
+    solution = discrete.iterated(AIM * stop.fraction * total, stop, start, total)
+    return discrete.within(solution, stop)

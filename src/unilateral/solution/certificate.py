@@ -8,8 +8,8 @@ from dataclasses import asdict
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.choice import bound_mb
+from unilateral.discrete.solution import DiscreteSolution
 from unilateral.formulas.decimals import guaranteed, interval, percent
 from unilateral.formulas.exact_numbers import rounded
 from unilateral.formulas.expression import ONE
@@ -98,15 +98,15 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
     `bounds` are the `sharp` ones or the cheap ones. Sizes and the contact are in the user's units.
     """
     solved, search, units = solution.solved, solution.search, solution.problem.units
-    discrete, result, goal = solved.discrete, solved.result, search.best.goal if search else None
-    mesh, cells, contact = discrete.mesh, discrete.partition, solution.contact
+    result, goal = solved.result, search.best.goal if search else None
+    mesh, cells, contact = solved.mesh, solved.partition, solution.contact
     levels = search.summaries if search else ()
     length, norm = units.length, goal.norm if goal else "h1"
     known = bounds or Bounds(*(math.nan,) * 3)
     beta = solution.beta if mesh.n_nodes <= QUICK else math.nan
     algebraic = math.nan if solved.foreign else result.bound
     return {
-        "problem": discrete.data.name if discrete.data else None,
+        "problem": solved.data.name if solved.data else None,
         "goal": {name: asdict(goal)[name] for name in ("accuracy", "norm", "absolute")} if goal else None,
         "norm": norm,
         "certified": solution.certified,
@@ -118,10 +118,10 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
         "h": length * mesh.h,
         "diameter": length * mesh.diameter,
         "H": length * cells.H,
-        "adapted": discrete.mesh.adapted,
+        "adapted": mesh.adapted,
         "triangles": len(mesh.triangles),
         "unknowns": mesh.n_nodes,
-        "multipliers": len(discrete.cells),
+        "multipliers": len(solved.cells),
         "algorithm": result.algorithm,
         "iterations": solution.iterations,
         "foreign": solved.foreign,
@@ -160,9 +160,9 @@ def relative(bound: float, size: float) -> float:
 
 def too_large(solved: DiscreteSolution, sharp: bool) -> str:
     """Says that bounds that are not yet computed take more memory than is free; else empty."""
-    if solved.discrete.data is None or solved.known(sharp):
+    if solved.data is None or solved.known(sharp):
         return ""
-    needed, free = bound_mb(solved.discrete.mesh, sharp), available_mb()
+    needed, free = bound_mb(solved.mesh, sharp), available_mb()
     if needed <= free:
         return ""
     return f"no guaranteed bound: it takes about {needed:.0f} MB, and {free:.0f} MB are free"

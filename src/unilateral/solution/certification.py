@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from unilateral.arrays import LARGEST_VALUE, Array, Mask, floats, nodal_values
-from unilateral.discrete.base import NO_LOAD, DiscreteSolution, Facts, KeptProblem
 from unilateral.discrete.choice import cheapest, condensed_spaces, discretised
 from unilateral.discrete.condensed import on_spaces
 from unilateral.discrete.loads import form_of
+from unilateral.discrete.solution import DiscreteSolution
 from unilateral.errors import InputError, IterationWarning
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
@@ -49,9 +49,7 @@ def certify(problem: AnyProblem, mesh: Mesh, u: ArrayLike, multiplier: ArrayLike
     else:
         without = np.isin(mesh.side, (*problem.free_sides, *problem.clamped_sides))
         own = _solve_linear(data, scaled_mesh, _edge_values(multiplier, without) / problem.units.flux)
-    solved = replace(own, u_h=values / problem.units.value, potential=own.u_h)
-    solved.forget()
-    return Solution(solved, problem)
+    return Solution(replace(own, u_h=values / problem.units.value, potential=own.u_h), problem)
 
 
 def edge_pairs(mesh: Mesh) -> Partition:
@@ -73,12 +71,10 @@ def _solve_linear(data: Data, mesh: Mesh, lambda_H: Array) -> DiscreteSolution:
     cells = Partition(mesh.polygon, mesh.s)
     discrete = on_spaces(data, condensed_spaces(mesh, cells, form_of(data, mesh)))
     mu = lambda_H[discrete.cells]
-    facts = Facts(unique=True, beta=math.nan, lambda_norm=discrete.lambda_norm(mu))
-    spaces = mesh, cells, discrete.cells, NO_LOAD, discrete.g_means
-    kept = KeptProblem(*spaces, facts, data=data, source=discrete.source, form=discrete.form)
     result = DualResult(mu, math.nan, 0, bound=math.nan, converged=True, rho=math.nan, algorithm="given")
     potential = discrete.held + discrete.spaces.response(discrete.of_rest[0], mu)
-    return DiscreteSolution(kept, result, math.nan, lambda_H, potential)
+    # The multiplier is given, so it is the only one
+    return replace(discrete.solution(result, math.nan, potential), unique=True)
 
 
 def _edge_values(multiplier: ArrayLike, without: Mask) -> Array:

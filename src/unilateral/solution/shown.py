@@ -109,7 +109,7 @@ def numbered(of: Shown) -> list[int]:
 def shown(solution: Solution) -> Shown:
     """What is drawn of a solution; the guaranteed bound is computed if the memory allows it."""
     units = solution.problem.units
-    gap, g_means = solution.gap, units.value * solution.solved.discrete.g_means
+    gap, g_means = solution.gap, units.value * solution.solved.g_means
     free = np.isnan(gap)
     return Shown(
         title=solution.problem.title or solution.problem.name,

@@ -21,7 +21,7 @@ from unilateral.bounds.clamped_ends import Clamps, none
 from unilateral.bounds.forces import Force, forces
 from unilateral.bounds.local_bounds import LocalBound
 from unilateral.certificates import export
-from unilateral.discrete.base import DiscreteSolution
+from unilateral.discrete.solution import DiscreteSolution
 from unilateral.errors import InputError, SolutionWarning
 from unilateral.formulas.decimals import guaranteed, interval, is_bounded, up
 from unilateral.geometry import mesh as meshes
@@ -38,7 +38,7 @@ from unilateral.solution.certificate import Bounds, BoundsWithoutReaction, recor
 from unilateral.solution.contact import Contact
 from unilateral.solution.evaluation import flux, gradient, located, value
 from unilateral.system import as_json
-from unilateral.system.files import check_target, replacing
+from unilateral.system.files import check_target, replacing, write_netcdf
 from unilateral.system.optional import require
 
 if TYPE_CHECKING:
@@ -151,7 +151,7 @@ def not_unique(mesh: Mesh, own: bool) -> str:
 
 def flat_triangles(solved: DiscreteSolution) -> str:
     """Says that flat triangles make up most of the cheap bound; else empty."""
-    bound, mesh = solved.bound(False), solved.discrete.mesh
+    bound, mesh = solved.bound(False), solved.mesh
     if not isinstance(bound, LocalBound):
         return ""
     flatness = mesh.longest_edges**2 / (2 * mesh.areas)  # the longest edge over the height on it
@@ -193,8 +193,7 @@ class Solution:
     """(u_h, lambda_H) of the `problem`; `search` holds the levels where an accuracy was asked for.
 
     What was `solved` is the problem on its scaled domain; all that is shown here is in the user's units, on
-    the user's polygon. Solutions can be copied and pickled, and files of `save` opened again by
-    `unilateral.open`.
+    the user's polygon. Solutions can be copied and pickled.
 
     >>> import unilateral as ul
     >>> ul.solve("natural", h=1 / 16, H=1 / 8)
@@ -212,11 +211,6 @@ class Solution:
     """What was solved."""
     search: Search | None = None
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Copies and pickles keep what a file keeps, see `save`, and the bounds that are computed."""
-        solved = self.solved.kept(self._believed)
-        return type(self), (solved, self.problem, self.search.kept(solved) if self.search else None)
-
     def __repr__(self) -> str:
         """A few lines; what takes long is left out, see `summary`."""
         return summary.text(self)
@@ -233,12 +227,12 @@ class Solution:
     @cached_property
     def mesh(self) -> Mesh:
         """`points` (n, 2) and `triangles` (k, 3)."""
-        return meshes.similar(self.solved.discrete.mesh, self.polygon)
+        return meshes.similar(self.solved.mesh, self.polygon)
 
     @cached_property
     def partition(self) -> Partition:
         """T_H: cell i runs from the arc length `points`[i] to `points`[i + 1]."""
-        return partitions.similar(self.solved.discrete.partition, self.polygon)
+        return partitions.similar(self.solved.partition, self.polygon)
 
     @property
     def u(self) -> Array:
@@ -305,7 +299,7 @@ class Solution:
         >>> float(s.flux_at((0.3, 0))[1]) == -float(s.lambda_at(0, 0.3))
         True
         """
-        q, of_v = self.solved.flux, self.solved.discrete.mesh
+        q, of_v = self.solved.flux, self.solved.mesh
         if q is None:
             raise InputError(
                 "there is no equilibrated flux, for f, g, q or u is a function; take k * s.grad_at(points)"
@@ -357,7 +351,7 @@ class Solution:
 
         After a search it is, because a search takes two edges or more in every cell.
         """
-        return bool(self.search) or self.solved.discrete.unique
+        return bool(self.search) or self.solved.unique
 
     @cached_property
     def beta(self) -> float:
@@ -371,7 +365,7 @@ class Solution:
         >>> 0.4 < ul.solve("natural", h=1 / 16, H=1 / 8).beta < 0.74
         True
         """
-        of = self.solved.discrete
+        of = self.solved
         return beta_below(of.mesh, of.partition, of.form) if len(of.cells) else math.nan
 
     @property
@@ -395,7 +389,7 @@ class Solution:
         Without `dual` the one in H^{-1/2} is NaN, because on large meshes it costs more than a solve.
         """
         arguments.check_flags(dual=dual)
-        of, exact = self.solved.discrete, self.problem.exact
+        of, exact = self.solved, self.problem.exact
         if exact is None:
             return None
         judged = of.unique and len(of.cells) > 0
@@ -450,7 +444,7 @@ class Solution:
         of_u, of_lambda = (self.solved.size(norm, sharp) for norm in ("h1", "hm12"))
         parts = relative(bound.u, of_u), relative(bound.lambda_, of_lambda)
         kind = Bounds if self.problem.units.reaction else BoundsWithoutReaction
-        of_multiplier = bound.lambda_ if len(self.solved.discrete.cells) else math.nan
+        of_multiplier = bound.lambda_ if len(self.solved.cells) else math.nan
         return kind(bound.u, of_multiplier, bound.unknown, *parts)
 
     def forces(self, sharp: bool = False) -> Forces:
@@ -489,15 +483,15 @@ class Solution:
 
     def _forces(self, sharp: bool, parts: list[list[int]]) -> list[Force]:
         arguments.check_flags(sharp=sharp)
-        bounds, of, discrete = self._bounds(sharp), self.solved, self.solved.discrete
-        form, n, error = discrete.form, self.polygon.n_sides, bounds.multiplier if bounds else math.inf
+        bounds, of = self._bounds(sharp), self.solved
+        form, n, error = of.form, self.polygon.n_sides, bounds.multiplier if bounds else math.inf
         unknown = np.where(np.isin(np.arange(n), form.clamped), math.nan, np.zeros((2, n)))
         clamps = Clamps(form, unknown, none(n), math.inf)
         if form.clamped and bounds:
             known, local = of.bound(sharp), of.bound(False)
             if known and isinstance(local, LocalBound):
                 clamps = Clamps(form, known.outflows, local.ends, known.of_fluxes, of.force_balance)
-        found = forces(discrete.mesh, discrete.partition, of.lambda_H, error, parts, clamps)
+        found = forces(of.mesh, of.partition, of.lambda_H, error, parts, clamps)
         return [in_units(force, self.problem.units.force) for force in found]
 
     def cells(self) -> pd.DataFrame:
@@ -551,9 +545,7 @@ class Solution:
             if temporary.suffix == ".csv":
                 tables.write_csv(self._columns(), temporary)
             elif temporary.suffix == ".nc":
-                from unilateral.solution.stored import write
-
-                write(self, temporary)
+                write_netcdf(self.dataset(), temporary)
             elif temporary.suffix == ".html":
                 from unilateral.solution.interactive import page
 

@@ -116,9 +116,7 @@ class Solver:
         """The same without warnings."""
         problem, discrete = self._discrete(f, g, q)
         with warnings.catch_warnings(action="ignore", category=IterationWarning):  # `tell_faults` tells it
-            solved = discrete.solved(self.stop)
-        solved.forget()
-        return Solution(solved, problem)
+            return Solution(discrete.solved(self.stop), problem)
 
     def matrices(self, f: Given = None, g: OnSides = None, q: OnSides = None) -> Matrices:
         """The discrete problem's matrices, load and means of g, in the units of the problem."""

@@ -42,7 +42,7 @@ def html(of: Solution) -> str:
 def rows(of: Solution) -> dict[str, str]:
     """What is known of the solution, by names."""
     sharp = of.search is not None and of.search.best.goal.sharp
-    cells, solved = of.solved.discrete.cells, of.solved
+    cells, solved = of.solved.cells, of.solved
     found = {"polygon": f"{of.polygon.n_sides} sides"}
     found["unknowns"] = f"{of.mesh.n_nodes}, and {len(cells)} multipliers"
     if solved.foreign:
@@ -74,7 +74,7 @@ def _bounded(of: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, str]
         }
     names = sizes(of.problem.units)
     parts = {"error of u": (bounds.u, bounds.relative_u, names.h1)}
-    if len(of.solved.discrete.cells):
+    if len(of.solved.cells):
         parts["error of lambda"] = bounds.multiplier, bounds.relative_multiplier, names.hm12
     rows = {}
     for name, (bound, part, norm) in parts.items():

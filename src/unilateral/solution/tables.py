@@ -35,20 +35,6 @@ LONG_NAMES = {
 }
 
 
-FURTHER = {
-    "first_triangles": "nodes of the triangles of the first mesh, from 0",
-    "first_boundary": "nodes along the boundary of the first mesh, anticlockwise",
-    "first_s": "arc lengths of these nodes, and the perimeter, on the scaled domain",
-    "s": "arc lengths of the nodes along the boundary, and the perimeter, on the scaled domain",
-    "halved": "ends of the edges that were halved; the other nodes are their middles, in this order",
-    "halved_in_step": "how many edges were halved in each step",
-    "f_at_nodes": "f at the nodes, where it was given so",
-    "potential": "the function whose flux serves for the bounds on a u of another program, scaled",
-    "g_means": "means of g on the cells, scaled; 0 on free sides",
-}
-"""The variables that make the solution again, beside those of LONG_NAMES on the scaled domain."""
-
-
 def of_cells(partition: Partition, **values: Array) -> Columns:
     """Columns (m,) of the cells: side, the arc lengths and places of both ends, and the `values` on them."""
     s, (start, end) = partition.points, partition.ends
@@ -71,22 +57,6 @@ def write_csv(columns: Columns, path: Path) -> None:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
         writer.writerows([["" if each != each else each for each in row] for row in rows])
-
-
-def group(arrays: dict[str, np.ndarray], attributes: dict[str, str]) -> xr.Dataset:
-    """The arrays that `stored` needs beside those of `dataset`."""
-    import xarray as xr
-
-    found = xr.Dataset({name: (_dimensions(name, of), of) for name, of in arrays.items()}, attrs=attributes)
-    for name, variable in found.variables.items():
-        meaning = FURTHER.get(str(name)) or f"{LONG_NAMES[str(name)]}, scaled"
-        variable.attrs = {"long_name": meaning, "units": "1"}
-        variable.encoding["_FillValue"] = None
-    return found
-
-
-def _dimensions(name: str, of: np.ndarray) -> list[str]:
-    return [f"{name}_{kind}" for kind in ("row", "column")[: of.ndim]]
 
 
 def dataset(mesh: Mesh, u_h: Array, cells: Columns, attributes: dict[str, float]) -> xr.Dataset:

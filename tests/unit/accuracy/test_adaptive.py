@@ -5,6 +5,7 @@ import pytest
 from conftest import load
 from hand_made import Manufactured
 from known_solutions import Feature
+from nested import multilevel
 from searched import FILES, problem
 
 from unilateral.accuracy.goal import Goal
@@ -30,25 +31,25 @@ RE_ENTRANT = [[0, 0], [2, 0], [2, 2], [1.2, 0.8], [0, 1.5]]
 
 
 def on_adapted(done):
-    return [level for level in done if level.solved.discrete.mesh.adapted]
+    return [level for level in done if level.solved.mesh.adapted]
 
 
 def error_of(level):
     solved = level.solved
-    return h1_distance(solved.discrete.data, solved.discrete.mesh, solved.u_h)
+    return h1_distance(solved.data, solved.mesh, solved.u_h)
 
 
 def steps(of, mesh, times):
     """The solutions on a mesh and on others adapted from it."""
-    found = refinements(of, mesh, Stop(), lambda last: marked(last.discrete.mesh, last.shares), np.inf)
+    found = refinements(of, mesh, Stop(), lambda last: marked(last.mesh, last.shares), np.inf)
     return [next(found) for _ in range(times)]
 
 
 def interpolated(coarse, fine):
     """u_h of a solution on the mesh of another one, refined from its own."""
-    u, mesh = np.zeros(len(fine.u_h)), fine.discrete.mesh
+    u, mesh = np.zeros(len(fine.u_h)), fine.mesh
     u[: len(coarse.u_h)] = coarse.u_h
-    for step in mesh.steps[len(coarse.discrete.mesh.steps) :]:
+    for step in mesh.steps[len(coarse.mesh.steps) :]:
         u[step.n : step.n + len(step.ends)] = u[step.ends].mean(axis=1)
     return u
 
@@ -79,7 +80,7 @@ def test_of_a_flux_that_is_not_square_integrable():
     """`rough`, whose f cannot be resolved on coarse meshes, which ends the search: 12 meshes without it."""
     case, errors = load("rough"), []
     for solved in steps(case, structured(square(), 1 / 8), 12):
-        errors.append(h1_distance(case, solved.discrete.mesh, solved.u_h))
+        errors.append(h1_distance(case, solved.mesh, solved.u_h))
         assert errors[-1] <= solved.total("h1")
     assert errors[-1] < 0.75 * errors[0]
 
@@ -90,7 +91,7 @@ def test_the_bound_is_never_violated_on_problems_of_ones_own(file):
     of = problem(file.name)
     H = of.polygon.lengths.max() / 2
     coarse, *_, fine = steps(of, two_edges_per_cell(of.polygon, H, "unstructured"), 10)
-    apart = h1_norm(fine.discrete.mesh, fine.u_h - interpolated(coarse, fine))
+    apart = h1_norm(fine.mesh, fine.u_h - interpolated(coarse, fine))
     assert apart - fine.total("h1") > 0.5 * apart
     assert coarse.total("h1") >= apart - fine.total("h1")
 
@@ -185,20 +186,21 @@ def test_triangles_are_halved_at_least_as_often_as_asked():
 def test_few_systems_are_solved_on_a_mesh():
     """The sets and u of the mesh before are a start: fewer iterations than from nothing."""
     *_, last = levels(problem("singular"), Goal(1e-2, max_unknowns=5000))
-    assert last.solved.discrete.mesh.adapted
-    cold = last.solved.discrete.iterated(last.algebraic, Stop())
+    assert last.solved.mesh.adapted
+    anew = multilevel(problem("singular"), last.solved.mesh, last.partition)
+    cold = anew.iterated(last.algebraic, Stop())
     assert last.solved.result.iterations < cold.result.iterations
 
 
 def test_an_interrupt_keeps_the_best():
     def interrupting(level):
-        if level.solved.discrete.mesh.adapted:
+        if level.solved.mesh.adapted:
             raise KeyboardInterrupt
 
     found = search(problem(LSHAPE), Goal(1e-4, max_unknowns=10**6), tell=interrupting)
     assert found.ended == "interrupted"
     assert found.best is found.done[-1]
-    assert found.best.solved.discrete.mesh.adapted
+    assert found.best.solved.mesh.adapted
 
 
 def test_a_solution_known_on_a_polygon_that_is_not_convex(problem_of):
@@ -213,7 +215,7 @@ def test_a_solution_known_on_a_polygon_that_is_not_convex(problem_of):
     assert done[-1].certified
     assert on_adapted(done)
     for level in done:
-        assert exact.error(level.solved.discrete.mesh, level.solved.u_h, [Feature(0 * X, 0.1)]) <= level.total
+        assert exact.error(level.solved.mesh, level.solved.u_h, [Feature(0 * X, 0.1)]) <= level.total
 
 
 def test_multipliers_stay_away_from_free_sides(problem_of):

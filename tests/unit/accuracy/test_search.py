@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from conftest import load
+from nested import multilevel
 from searched import FILES, problem
 
 import unilateral as ul
@@ -19,7 +20,6 @@ from unilateral.accuracy.levels import levels, two_edges_per_cell
 from unilateral.accuracy.search import search
 from unilateral.discrete.choice import levels_for
 from unilateral.discrete.condensed import discretise, solve
-from unilateral.discrete.multilevel import MultilevelProblem
 from unilateral.errors import InputError
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -95,10 +95,11 @@ def test_a_spoilt_solution_has_a_larger_bound():
     """Control: the bound is of the given u_h and lambda_H, not of the discrete solution."""
     discrete = on_level(problem("triangle.yaml"), 8)
     solved = solve(discrete)
-    spoilt = discrete.solution(replace(solved.result, lambda_H=solved.lambda_H + 1), 0.0)
+    moved = replace(solved.result, lambda_H=solved.lambda_H + 1)
+    spoilt = discrete.solution(moved, 0.0, discrete.response(moved.lambda_H))
     difference = spoilt.u_h - solved.u_h
-    moved = math.sqrt(difference @ (discrete.spaces.condensed.A @ difference))
-    assert spoilt.bound().u >= moved - solved.bound().u > 2 * solved.bound().u
+    far = math.sqrt(difference @ (discrete.spaces.condensed.A @ difference))
+    assert spoilt.bound().u >= far - solved.bound().u > 2 * solved.bound().u
 
 
 @pytest.mark.parametrize("norm", ["h1", "hm12"])
@@ -112,10 +113,10 @@ def test_an_accuracy_is_reached_and_certified(norm):
     assert last.algebraic(norm) <= SHARE * goal.accuracy * last.size(norm)
     assert last.total(norm) <= goal.accuracy * last.size(norm)
     if norm == "h1":
-        error = h1_distance(case, last.discrete.mesh, last.u_h)
-        size = h1_distance(case, last.discrete.mesh, 0 * last.u_h)
+        error = h1_distance(case, last.mesh, last.u_h)
+        size = h1_distance(case, last.mesh, 0 * last.u_h)
     else:
-        of_error = dual_norm(last.discrete.partition, [case]).of_error
+        of_error = dual_norm(last.partition, [case]).of_error
         error, size = (of_error(case, each[None]).lower[0] for each in (last.lambda_H, 0 * last.lambda_H))
     assert error <= last.total(norm)
     assert error <= goal.accuracy * size
@@ -139,7 +140,7 @@ def test_an_absolute_accuracy_is_that_of_the_error_itself():
     case, goal = load("natural"), Goal(0.3, absolute=True)
     done = list(levels(case, goal))
     assert done[-1].certified
-    assert h1_distance(case, done[-1].solved.discrete.mesh, done[-1].solved.u_h) <= 0.3
+    assert h1_distance(case, done[-1].solved.mesh, done[-1].solved.u_h) <= 0.3
     assert all(level.total > 0.3 for level in done[:-1])
     assert [level.certified for level in levels(case, replace(goal, accuracy=1.5))] == [False, True]
     assert len(list(levels(case, Goal(0.3)))) < len(done)
@@ -164,7 +165,7 @@ def test_levels_are_not_wasted():
     assert done[-1].solved.total("h1") > 0.5 * done[-1].target
     assert all(level.predicted == pytest.approx(level.total, rel=0.1) for level in done[3:])
     last = done[-1].solved
-    alone = last.discrete.iterated(last.result.bound, Stop())
+    alone = multilevel(load("natural"), last.mesh, last.partition).iterated(last.result.bound, Stop())
     assert last.result.iterations < alone.result.iterations
 
 
@@ -202,7 +203,7 @@ def test_many_short_sides_do_not_fill_the_polygon_with_small_triangles():
     done = search(regular(500), Goal(0.02)).done
     assert done[-1].certified
     assert len(done) > 1
-    assert all(level.solved.discrete.mesh.adapted for level in done[1:])
+    assert all(level.solved.mesh.adapted for level in done[1:])
     assert done[-1].unknowns < 1e4
 
 
@@ -221,7 +222,7 @@ def test_a_budget_ends_the_search_with_the_best_so_far(of, limit, least):
     found = search(problem(of), Goal(1e-4, max_unknowns=limit, max_seconds=1000))
     assert (found.certified, found.ended) == (False, f"out of budget (max_unknowns={limit})")
     assert least <= found.done[-1].unknowns <= limit
-    assert found.done[-1].solved.discrete.mesh.adapted
+    assert found.done[-1].solved.mesh.adapted
     totals = [level.total for level in found.done]
     assert totals == sorted(totals, reverse=True)
     assert found.best is found.done[-1]
@@ -323,7 +324,7 @@ def test_what_is_too_much_is_said_before_meshing(problem_of, monkeypatch):
 def test_structured_cells_consist_of_whole_edges():
     """On the L-shape, whose sides have lengths 1 and 2, for any H."""
     for level in levels(load("violates_j", "lshape").problem, Goal(0.1, "hm12", 3_000)):
-        mesh = level.solved.discrete.mesh
+        mesh = level.solved.mesh
         assert set(level.partition.points) <= set(mesh.s)
         assert 2 * level.partition.n_cells == len(mesh.boundary)
 
@@ -350,7 +351,7 @@ def falsified(level, factor):
     """The level with bounds that many times too small."""
     own, spoilt = level.solved.bound(), replace(level.solved)
     bound = replace(own, u=own.u * factor, lambda_=own.lambda_ * factor)
-    vars(spoilt)["_local_bound"] = bound  # in place of what it would find
+    vars(spoilt)["local_bound"] = bound  # in place of what it would find
     return replace(level, solved=spoilt)
 
 
@@ -368,7 +369,7 @@ def test_the_time_of_a_level_includes_that_of_its_bound(monkeypatch):
     made = of_levels.Level
 
     def recorded(solved, *others):
-        known.append("_local_bound" in vars(solved))
+        known.append("local_bound" in vars(solved))
         return made(solved, *others)
 
     monkeypatch.setattr(of_levels, "Level", recorded)
@@ -387,14 +388,14 @@ def test_lambda_is_certified_on_adapted_meshes(problem_of):
     found = [list(levels(of, goal, kind=kind))[-1] for kind in ("", "structured")]
     assert [level.certified for level in found] == [True, False]
     assert found[0].unknowns < found[1].unknowns
-    assert found[0].solved.discrete.mesh.adapted
+    assert found[0].solved.mesh.adapted
 
 
 def test_lambda_is_certified_by_multigrid():
     """No beta is known then. The bound is above the true error, the iteration at a tenth of the target."""
     of = load("natural")
     last = list(levels(of, Goal(0.002, "hm12", sharp=True), kind="structured"))[-1]
-    assert isinstance(last.solved.discrete, MultilevelProblem)
+    assert last.solved.result.algorithm == "multigrid"
     assert last.certified
     error = dual_norm(last.partition, [of]).of_error(of, last.solved.lambda_H[None])
     assert error.lower[0] <= last.total <= last.target

@@ -11,7 +11,6 @@ import sympy
 from skfem.quadrature import get_quadrature_tri
 
 from unilateral.bounds.boundary_flux import given as given_flux
-from unilateral.bounds.source import enclosed
 from unilateral.fem.condense import condense
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import coupling
@@ -176,9 +175,8 @@ class Tried:
 
 def trials(of, solved, pairs):
     """The error of lambda_H is at least its norm over V_h, and its integral over |Omega|^{1/2}."""
-    discrete, problem = solved.discrete, of.problem
-    mesh, cells = discrete.mesh, discrete.partition
-    source, tau = discrete.source or enclosed(mesh, problem), given_flux(problem.enclosed_flux, mesh)
+    mesh, cells, problem = solved.mesh, solved.partition, of.problem
+    source, tau = solved.source, given_flux(problem.enclosed_flux, mesh)
     moments, on_mesh, to_mesh = of.flux_moments(mesh), condense(mesh), coupling(mesh, cells).T
     errors = of.errors(mesh, [u_h for u_h, _ in pairs]) / (1 + QUADRATURE)
     for pair, error in zip(pairs, errors, strict=True):
@@ -195,7 +193,7 @@ def pressed(of, solved):
     The moments of lambda with the hats of a side's nodes, with its ends and without, have its force between
     them.
     """
-    mesh, moments = solved.discrete.mesh, of.flux_moments(solved.discrete.mesh)
+    mesh, moments = solved.mesh, of.flux_moments(solved.mesh)
     parts = [[*range(mesh.polygon.n_sides)], *([side] for side in range(mesh.polygon.n_sides))]
     off = OF_MOMENTS * np.abs(moments).sum() + 1e-12 * solved.u_norm  # of the quadrature, and of rounding
     exact = []
@@ -204,4 +202,4 @@ def pressed(of, solved):
         inner, touching = on & np.roll(on, 1), on | np.roll(on, 1)
         exact.append((moments[inner].sum() - off, moments[touching].sum() + off))
     bound, free = solved.bound().lambda_, of.problem.free_sides
-    return Pressed(mesh, solved.discrete.partition, solved.lambda_H, bound, parts, exact, free)
+    return Pressed(mesh, solved.partition, solved.lambda_H, bound, parts, exact, free)

@@ -17,7 +17,7 @@ from random_polygons import columns, distances, over_a_base, star, wedge
 
 from unilateral.accuracy.levels import two_edges_per_cell
 from unilateral.discrete.condensed import discretise
-from unilateral.discrete.multilevel import after
+from unilateral.discrete.multilevel import discretise_nested
 from unilateral.fem.p1 import h1_norm
 from unilateral.formulas.expression import ZERO
 from unilateral.formulas.symbolic import plain, pos
@@ -61,10 +61,11 @@ def solutions(problem, rng):
     found = discretise(problem, mesh, cells).solved(stop)
     yield found
     yield discretise(problem, mesh, partitions.shifted(polygon, 1.3 * H, rng.random())).solved(stop)
-    of = adapted(mesh)
+    of, discrete = adapted(mesh), None
     for _ in range(ADAPTED):
         of = refined(of, marked(of.mesh, found.shares))
-        found = after(found, problem, of).solved(stop)
+        discrete = discretise_nested(problem, of, discrete, found)
+        found = discrete.solved(stop)
         yield found
 
 
@@ -78,7 +79,7 @@ def uniform(polygon, H, choice):
 
 def pairs(solved, rng):
     """(u_h, lambda_H), and others that do not solve the discrete problem."""
-    u, lambda_H, mesh = solved.u_h, solved.lambda_H, solved.discrete.mesh
+    u, lambda_H, mesh = solved.u_h, solved.lambda_H, solved.mesh
     noise = rng.standard_normal(len(u))
     noise *= 10.0 ** rng.uniform(-4, 1) * h1_norm(mesh, u) / h1_norm(mesh, noise)
     inside = u.copy()

@@ -23,7 +23,7 @@ from unilateral.bounds.clamped_ends import unclamped
 from unilateral.bounds.forces import forces
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
-from unilateral.discrete import base
+from unilateral.discrete import solution
 from unilateral.fem.form import Form
 from unilateral.fem.p2 import layer
 
@@ -171,7 +171,7 @@ def judged_search(of, accuracy, most):
     """A search, and whether what it certifies is as accurate: by the norm of u itself, not known to it."""
     found = search(of.problem, Goal(accuracy, max_unknowns=most))
     solved = found.best.solved
-    error, norm = of.errors(solved.discrete.mesh, [solved.u_h, np.zeros_like(solved.u_h)])
+    error, norm = of.errors(solved.mesh, [solved.u_h, np.zeros_like(solved.u_h)])
     assert found.best.size <= norm * (1 + QUADRATURE)
     assert found.certified == (found.ended == "")
     return found.certified, error <= accuracy * norm * (1 + QUADRATURE)
@@ -201,7 +201,7 @@ def test_a_certificate_that_is_wrong_is_noticed(monkeypatch):
         right = local_bound(*given)
         return replace(right, u=0.1 * right.u)
 
-    monkeypatch.setattr(base, "local_bound", too_small)
+    monkeypatch.setattr(solution, "local_bound", too_small)
     assert judged_search(known(8), 0.1, 1000) == (True, False)
 
 
@@ -209,7 +209,7 @@ def test_a_certificate_that_is_wrong_is_noticed(monkeypatch):
 def test_the_quadrature_of_the_true_error(one):
     """Pieces of half the size, which have a quarter of its error at most, change it by less."""
     of, (solved, _) = one.of, one.solutions[0]
-    mesh, functions = solved.discrete.mesh, [solved.u_h, np.zeros_like(solved.u_h)]
+    mesh, functions = solved.mesh, [solved.u_h, np.zeros_like(solved.u_h)]
     (coarse, norm), (fine, _) = (of.errors(mesh, functions, size) for size in (SIZE, SIZE / 2))
     assert coarse == pytest.approx(fine, rel=0.75 * QUADRATURE, abs=1e-12 * norm)
 

@@ -59,7 +59,7 @@ def bounds(found: ul.Solution) -> list[float]:
 
 def is_bounded(found: ul.Solution, name: str, size: float) -> bool:
     of = found.solved
-    error = relative_error(of.discrete.mesh, of.u_h, name, size)
+    error = relative_error(of.mesh, of.u_h, name, size)
     return 0 < error <= min(bounds(found)[::2]) / size < math.inf
 
 

@@ -14,7 +14,7 @@ from typed import KEYS, PROBLEM, solve_json
 
 import unilateral as ul
 from unilateral.accuracy.watch import Watch
-from unilateral.discrete import base
+from unilateral.discrete import solution
 from unilateral.formulas.decimals import up
 from unilateral.solution import Solution
 
@@ -101,13 +101,13 @@ def test_what_cannot_be_enclosed_is_not_guaranteed(run, problem_file_of):
 )
 def test_bounds_that_contradict_each_other_are_withdrawn(run, monkeypatch, of_u, of_lambda, options, said):
     """Factors of bounds, by unknowns. The second level is the answer where the first and third disagree."""
-    own = base.local_bound
+    own = solution.local_bound
 
     def spoilt(*arguments):
         found, (u, of_l) = own(*arguments), (of.get(len(arguments[3]), 1.0) for of in (of_u, of_lambda))
         return replace(found, u=u * found.u, lambda_=of_l * found.lambda_)
 
-    monkeypatch.setattr(base, "local_bound", spoilt)
+    monkeypatch.setattr(solution, "local_bound", spoilt)
     code, out, err = run("solve", "natural", "--accuracy", *options)
     assert code == 3
     withdrawn = r"unilateral: \d bounds withdrawn, because they contradict each other; please report it\n"

@@ -183,10 +183,10 @@ def test_levels_beside_clamped_sides_are_compared_by_norms_alone(clamped, told) 
     """Integrals that are apart say nothing of u - u_h that does not vanish there. Norms do: the control."""
 
     def level(u_norm: float, u_integral: float) -> SimpleNamespace:
-        discrete = SimpleNamespace(form=Form(clamped=clamped), mesh=SimpleNamespace(growth=1.0))
         known = {"u_norm": u_norm, "u_integral": u_integral, "force": 0.0, "total": lambda *_: 0.1}
         partition = SimpleNamespace(polygon=SimpleNamespace(area=1.0))
-        solved = SimpleNamespace(discrete=discrete, **known)
+        mesh = SimpleNamespace(growth=1.0)
+        solved = SimpleNamespace(form=Form(clamped=clamped), mesh=mesh, **known)
         return SimpleNamespace(solved=solved, partition=partition, goal=SimpleNamespace(sharp=False))
 
     assert contradict(level(1.0, 0.0), level(1.0, 1.0)) == told
@@ -267,14 +267,12 @@ def test_divergence_counts_by_friedrichs_constant(c, square, share, monkeypatch)
     """
     problem = ul.Problem(POLYGONS["square"], 1, -1, [0, 1, 2], c=c, u={3: 0})
     found = ul.solve(problem, h=1 / 4, H=1 / 2).solved
-    form = found.discrete.form
+    form = found.form
     weaker = form._replace(friedrichs=share * form.friedrichs)
-    source, *rest, _ = found._given
     monkeypatch.setattr(
         local_bounds, "equilibrated", lambda mesh, *_: np.zeros((2, len(mesh.triangulation.ends)))
     )
-    rest[2] = np.zeros_like(rest[2])
-    bound = local_bounds.local_bound(source, *rest, weaker).u
+    bound = replace(found, form=weaker, u_h=np.zeros_like(found.u_h)).local_bound.u
     assert (bound >= math.sqrt(square)) == (share == 1.0)
 
 

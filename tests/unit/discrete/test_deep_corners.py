@@ -7,7 +7,7 @@ import pytest
 from nested import ritz
 
 import unilateral as ul
-from unilateral.discrete.multilevel import after
+from unilateral.discrete.multilevel import discretise_nested
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
@@ -36,7 +36,7 @@ def halved(times):
 
 def steps_and_value(of):
     """The steps on the last level, and the least Ritz value."""
-    found = after(None, PROBLEM, of).grids.solve(1e-6)
+    found = discretise_nested(PROBLEM, of).grids.solve(1e-6)
     return found.counts[-1][1], ritz(found)[0]
 
 
@@ -53,7 +53,7 @@ def test_the_contraction_is_that_of_uniform_meshes(times):
 @pytest.mark.parametrize("times", [10, 20, 30])
 def test_so_is_the_bound(times):
     """It has no more to do than with a few halvings, from where on the corner does not count."""
-    few, many = (after(None, PROBLEM, halved(k)).solved(Stop()).total("h1") for k in (8, times))
+    few, many = (discretise_nested(PROBLEM, halved(k)).solved(Stop()).total("h1") for k in (8, times))
     assert many == pytest.approx(few, rel=0.01)
 
 
@@ -68,6 +68,6 @@ def test_so_is_beta(times):
 def test_the_limit_of_rounding_is_told():
     """Places are rounded by 1e-16: at 2^-42 by 1e-3 of an edge, of which the bound does not know enough."""
     with pytest.raises(InputError, match="no bound is guaranteed on so fine a mesh, because rounding"):
-        after(None, PROBLEM, halved(40)).solved(Stop(tolerance=1e-6)).total("h1")
+        discretise_nested(PROBLEM, halved(40)).solved(Stop(tolerance=1e-6)).total("h1")
     with pytest.raises(InputError, match="as short as rounding allows"):
         halved(60)

@@ -12,9 +12,10 @@ from nested import alone, multilevel
 
 import unilateral as ul
 from unilateral.bounds.source import enclosed
-from unilateral.discrete import base, choice
+from unilateral.discrete import choice
+from unilateral.discrete import solution as solutions
 from unilateral.discrete.condensed import CondensedProblem, discretise
-from unilateral.discrete.multilevel import MultilevelProblem, after, refinements
+from unilateral.discrete.multilevel import MultilevelProblem, discretise_nested, refinements
 from unilateral.fem.p1 import h1_norm, load_vector
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.adapted import adapted, refined
@@ -76,7 +77,7 @@ def mesh_for(problem, times=3, seed=None):
 
 
 def on_adapted(problem, times=3, seed=None):
-    return after(None, problem, mesh_for(problem, times, seed))
+    return discretise_nested(problem, mesh_for(problem, times, seed))
 
 
 ON_MESHES = [
@@ -112,7 +113,7 @@ def test_both_ways_lead_to_the_same_solution(name, made, arguments):
         assert np.linalg.norm(half @ solved.result.lambda_H - of_other) < 1e-7
     np.testing.assert_allclose(solved.gap, expected.gap, rtol=0, atol=1e-9 * size)
     assert solved.force == pytest.approx(expected.force, rel=1e-8)
-    assert solved.balance < 1e-9 * size
+    assert found.balance(solved) < 1e-9 * size
     free = np.isin(found.partition.side, problem.free_sides)
     assert np.all(np.isnan(solved.gap) == free)
     assert np.all(solved.lambda_H[free] == 0)
@@ -143,7 +144,7 @@ def test_f_is_enclosed_once(monkeypatch, made):
     solved, source = found.solved(EXACTLY), found.source
     np.testing.assert_array_equal(load_vector(found.mesh, source.moments()), found.load)
     np.testing.assert_array_equal(source.moments(), enclosed(found.mesh, problem).moments())
-    monkeypatch.setattr(base, "source_of", None)
+    monkeypatch.setattr(solutions, "source_of", None)
     assert solved.bound().residual <= 1e-9
     assert solved.bound().u >= solved.bound().flux > 0.01
 
@@ -225,7 +226,7 @@ def test_it_stops_where_it_is_told_and_goes_on(made):
     found = made(FORMULAS["one's own"]())
     crude = found.iterated(None, Stop(fraction=1))
     assert 0 < crude.result.bound <= crude.tolerance
-    fine = crude.improved(1e-8, Stop())
+    fine = found.improved(crude, 1e-8, Stop())
     assert fine.result.bound <= 1e-8 < crude.result.bound
     assert fine.result.iterations > crude.result.iterations
     assert fine.result.operator_applications > crude.result.operator_applications
@@ -317,7 +318,7 @@ def test_most_of_the_total_bound_is_not_algebraic():
     solved, best = found.solved(Stop()), found.solved(EXACTLY).total("h1")
     assert solved.result.bound <= 0.01 * solved.total("h1") <= 0.01 * (1.01 * best)
     at_zero = algebraic_bound(found.grids.finest, np.zeros(found.mesh.n_nodes), np.zeros(len(found.cells)))
-    crude = found._solution(found.grids.solve(at_zero, in_L2=1e9)).within(Stop())
+    crude = found.within(found._solution(found.grids.solve(at_zero, in_L2=1e9)), Stop())
     assert crude.result.bound <= 0.01 * crude.total("h1")
     assert crude.total("h1") > 100 * best
 
@@ -332,7 +333,7 @@ def test_refinements_are_the_solutions_on_ever_finer_meshes():
 
     first = meshes.following(uniform(problem.polygon, 0.8), 2)[0]
     found = list(refinements(problem, first, Stop(), two, first.n_nodes + 60))
-    unknowns = [each.discrete.mesh.n_nodes for each in found]
+    unknowns = [each.mesh.n_nodes for each in found]
     assert unknowns[0] == first.n_nodes
     assert np.all(np.diff(unknowns) > 0)
     assert len(unknowns) > 3
@@ -341,32 +342,33 @@ def test_refinements_are_the_solutions_on_ever_finer_meshes():
     for each in found:
         assert each.result.bound <= 0.01 * each.total("h1")
     last = found[-1]
-    anew = multilevel(problem, last.discrete.mesh, last.discrete.partition).solved(EXACTLY)
+    discrete = multilevel(problem, last.mesh, last.partition)
+    anew = discrete.solved(EXACTLY)
     moved = anew.u_h - last.u_h
-    assert np.sqrt(moved @ (last.discrete.grids.finest.of.A @ moved)) <= last.result.bound + 1e-9
-    np.testing.assert_allclose(last.discrete.source.moments(), anew.discrete.source.moments(), rtol=1e-12)
+    assert np.sqrt(moved @ (discrete.grids.finest.of.A @ moved)) <= last.result.bound + 1e-9
+    np.testing.assert_allclose(last.source.moments(), anew.source.moments(), rtol=1e-12)
 
 
 @pytest.mark.parametrize("steps", [1, 2])
 def test_what_is_known_of_a_coarser_mesh_is_taken_over(steps):
     """Its levels, f, and u_h, whose values at new nodes are those of the piecewise linear function."""
     problem, of = FORMULAS["one's own"](), mesh_for(FORMULAS["one's own"](), 2)
-    last = after(None, problem, of).solved(EXACTLY)
+    before = discretise_nested(problem, of)
+    last = before.solved(EXACTLY)
     for k in range(steps):
         of = refined(of, np.arange(k, len(of.mesh.triangles), 7))
-    known = last.discrete.grids.finest.of
-    found = after(last, problem, of)
-    levels = found.grids.finest.of
-    assert "grids" not in vars(last.discrete)
+    known = before.spaces.levels
+    found = discretise_nested(problem, of, before, last)
+    levels = found.spaces.levels
     assert levels.coarsest is known.coarsest
     assert all(level is old for level, old in zip(levels.levels, known.levels[:-1], strict=False))
-    places = located(last.discrete.mesh, of.mesh.points)
+    places = located(last.mesh, of.mesh.points)
     np.testing.assert_allclose(
-        found.guess, places.values(partial(value, last.discrete.mesh, last.u_h)), rtol=0, atol=1e-12
+        found.guess, places.values(partial(value, last.mesh, last.u_h)), rtol=0, atol=1e-12
     )
-    start = last.discrete.partition.means(last.lambda_H, found.partition.points)[found.cells]
+    start = last.partition.means(last.lambda_H, found.partition.points)[found.cells]
     solved = found.iterated(1e-10, Stop(), start)
-    anew = after(None, problem, of).solved(EXACTLY)
+    anew = discretise_nested(problem, of).solved(EXACTLY)
     assert np.abs(solved.u_h - anew.u_h).max() < 1e-9
     assert h1_norm(of.mesh, found.guess - anew.u_h) < h1_norm(of.mesh, anew.u_h)
 

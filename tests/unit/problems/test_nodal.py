@@ -83,7 +83,7 @@ def test_the_bounds_hold_for_the_functions_that_arrays_stand_for(given, seed, wa
         ul.solve(ul.Problem(on, prolonged(mesh, f, on), of, q=prolonged(mesh, q, on), **given), H=H)
         for on, of, H in zip((mesh, finer), of_g, (1 / 4, 1 / 32), strict=True)
     )
-    of = fine.solved.discrete.mesh
+    of = fine.solved.mesh
     distance = h1_norm(of, fine.solved.u_h - prolonged(mesh, coarse.solved.u_h, finer))
     assert fine.sharp_bounds.u < 0.3 * coarse.sharp_bounds.u
     for bound in (coarse.bounds, coarse.sharp_bounds):

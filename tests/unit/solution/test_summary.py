@@ -10,7 +10,7 @@ import pytest
 from conftest import ROOT
 
 import unilateral as ul
-from unilateral.discrete.base import DiscreteSolution
+from unilateral.discrete.solution import DiscreteSolution
 from unilateral.problems.fields import as_html
 from unilateral.solution import summary
 
@@ -62,7 +62,7 @@ def test_all_that_users_meet_prints_little(cog, functions):
         cog.problem.units,
         ul.Solver("natural", h=1 / 4, H=1 / 2).matrices(),
     ]
-    parts += [cog.solved, cog.solved.discrete, cog.search.best, cog.forces(), cog.forces().whole]
+    parts += [cog.solved, cog.search.best, cog.forces(), cog.forces().whole]
     parts += cog.contact.intervals[:1]
     for each in [*given, *parts, ul.solve("natural", **SIZES).errors]:
         assert 15 < len(repr(each)) < 400

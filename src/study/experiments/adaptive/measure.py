@@ -17,8 +17,8 @@ import xarray as xr
 from study import scenes, tables
 from study.stability_constants import constants
 from unilateral.arrays import Array, Index
-from unilateral.discrete.base import DiscreteProblem, DiscreteSolution
 from unilateral.discrete.multilevel import refinements
+from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.formulas.formula import real
@@ -68,12 +68,12 @@ def measure_adaptive(
 
 def every(solution: DiscreteSolution) -> Index:
     """All triangles."""
-    return np.arange(len(solution.discrete.mesh.triangles))
+    return np.arange(len(solution.mesh.triangles))
 
 
 def where_needed(solution: DiscreteSolution) -> Index:
     """The triangles that half of the squared bound comes from."""
-    return marked(solution.discrete.mesh, solution.shares)
+    return marked(solution.mesh, solution.shares)
 
 
 KINDS: dict[str, Callable[[DiscreteSolution], Index]] = {"uniform": every, "adapted": where_needed}
@@ -118,17 +118,17 @@ def _rows(
     for solution in refinements(problem, first, stop, KINDS[kind], limits.unknowns):
         solution.bound()
         spent += process_time() - begin
-        measured = kind == "adapted" and solution.discrete.mesh.n_nodes <= limits.of_beta
-        constants = stability(solution.discrete) if measured else {}
+        measured = kind == "adapted" and solution.mesh.n_nodes <= limits.of_beta
+        constants = stability(solution) if measured else {}
         yield _errors(problem, solution), constants, {"spent_seconds": spent}
         begin = process_time()
 
 
 def _errors(problem: Problem, solution: DiscreteSolution) -> Row:
-    mesh = solution.discrete.mesh
+    mesh = solution.mesh
     return {
         "unknowns": mesh.n_nodes,
-        "multipliers": len(solution.discrete.cells),
+        "multipliers": len(solution.cells),
         "diameter": mesh.longest_edges.max(),
         "shortest_edge": np.diff(mesh.s).min(),
         "h1_error": h1_distance(problem.exact, mesh, solution.u_h) if problem.exact else np.nan,
@@ -138,16 +138,16 @@ def _errors(problem: Problem, solution: DiscreteSolution) -> Row:
     }
 
 
-def stability(discrete: DiscreteProblem) -> Row:
+def stability(solution: DiscreteSolution) -> Row:
     """The `constants` of its mesh and cells, also on free sides, and beta with an edge in each cell.
 
     P0 of the cells lies in that of the edges, and so one Gram matrix serves both.
     """
-    mesh, form = discrete.mesh, discrete.form._replace(free=())
+    mesh, form = solution.mesh, solution.form._replace(free=())
     edges, condensed = from_points(mesh.polygon, mesh.s), condense(mesh, form)
     gram = dual_norm(edges, form=form).gram()
     of_cells, of_edges = (
-        constants(mixed_spaces(condensed, of), gram.on(of).p0) for of in (discrete.partition, edges)
+        constants(mixed_spaces(condensed, of), gram.on(of).p0) for of in (solution.partition, edges)
     )
     return of_cells | {"beta_of_edges": of_edges["beta_upper"]}
 

@@ -11,8 +11,8 @@ import xarray as xr
 from study import scenes
 from study.experiments.graded.levels import Row, along_levels
 from unilateral.arrays import Index
-from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.multilevel import refinements
+from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry.adapted import marked
@@ -37,7 +37,7 @@ def measure_adapted(study: Mapping[str, Any], stop: Mapping[str, Any]) -> xr.Dat
 
 def where_needed(solution: DiscreteSolution) -> Index:
     """The triangles that half of the squared bound comes from."""
-    return marked(solution.discrete.mesh, solution.shares)
+    return marked(solution.mesh, solution.shares)
 
 
 def on_adapted(scene: Mapping[str, Any], case: ExactSolution, unknowns: int, stop: Stop) -> Iterator[Row]:
@@ -50,8 +50,8 @@ def on_adapted(scene: Mapping[str, Any], case: ExactSolution, unknowns: int, sto
 
 def errors_of(case: ExactSolution, solution: DiscreteSolution) -> Row:
     """||u - u_h||_1 and D of a solution, by the case's exact one."""
-    mesh = solution.discrete.mesh
-    spaces = mixed_spaces(condense(mesh), solution.discrete.partition)
+    mesh = solution.mesh
+    spaces = mixed_spaces(condense(mesh), solution.partition)
     errors = exact(case, spaces).errors(spaces, solution.lambda_H)
     return {
         "unknowns": float(mesh.n_nodes),

@@ -13,8 +13,8 @@ from matplotlib.tri import Triangulation
 
 from study import style
 from unilateral.arrays import Array
-from unilateral.discrete.base import DiscreteSolution
 from unilateral.discrete.condensed import discretise, solve
+from unilateral.discrete.solution import DiscreteSolution
 from unilateral.formulas.formula import real
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, uniform

@@ -1,0 +1,199 @@
+"""The solution of the discrete problem (P_h*) as plain data, with what is known of its errors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from unilateral.arrays import Array, Index
+from unilateral.bounds.boundary_flux import Given, edge_flux, given
+from unilateral.bounds.flux_residuals import SUMS
+from unilateral.bounds.forces import balance
+from unilateral.bounds.local_bounds import LocalBound, flux_of, local_bound
+from unilateral.bounds.sharp_bounds import SharpBound, sharp_bound
+from unilateral.bounds.source import Source, source_of
+from unilateral.fem.form import Form
+from unilateral.fem.p1 import coupling, h1_norm
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
+from unilateral.problems.data import Data
+from unilateral.solvers.uzawa import DualResult
+
+
+@dataclass(frozen=True, eq=False)
+class DiscreteSolution:
+    """(u_h, lambda_H) on a mesh and a partition, without what solved it: it can be copied and pickled.
+
+    Bounds, and what else follows from these numbers, are computed when they are asked for.
+
+    Parameters
+    ----------
+    data
+        f, g and q, by which errors are bounded; None where they are no formulas.
+    mesh, partition, form
+        The spaces, and the bilinear form with its clamped and free sides.
+    cells : (m,)
+        The cells of the partition that have a multiplier.
+    g_means : (all cells,)
+        The means of g.
+    u_h : (n,)
+        Values at the nodes.
+    lambda_H : (all cells,)
+        Multipliers, 0 on cells without one.
+    result
+        What the iteration found, with its algebraic bound.
+    tolerance
+        What the algebraic bound was to be.
+    beta
+        The number that serves as beta of (3.4).
+    unique
+        Whether lambda_H is known to be the only one.
+    lambda_norm
+        A lower bound on ||lambda_H||_{-1/2,h}, which is at most ||lambda_H||_{-1/2}.
+    known_source
+        The enclosure of f, if the load was made of it; else it is made when it is needed.
+    potential : (n,), optional
+        If u_h is of another program: the function that solves the discrete equation with lambda_H. The bounds
+        on the errors of u_h make their flux from it.
+    """
+
+    data: Data | None
+    mesh: Mesh
+    partition: Partition
+    form: Form
+    cells: Index
+    g_means: Array
+    u_h: Array
+    lambda_H: Array
+    result: DualResult
+    tolerance: float
+    beta: float
+    unique: bool
+    lambda_norm: float
+    known_source: Source | None = None
+    potential: Array | None = None
+
+    def __repr__(self) -> str:
+        return f"DiscreteSolution: {self.mesh.n_nodes} unknowns, {len(self.cells)} multipliers"
+
+    @property
+    def foreign(self) -> bool:
+        """Whether u_h is of another program."""
+        return self.potential is not None
+
+    @cached_property
+    def gap(self) -> Array:
+        """(all cells,) the means of u_h - g, NaN on cells without a multiplier."""
+        means = coupling(self.mesh, self.partition) @ self.u_h[self.mesh.boundary] / self.partition.lengths
+        gap = np.full(self.partition.n_cells, math.nan)
+        gap[self.cells] = (means - self.g_means)[self.cells]
+        return gap
+
+    @cached_property
+    def u_norm(self) -> float:
+        """||u_h||."""
+        return h1_norm(self.mesh, self.u_h, self.form.reaction)
+
+    @cached_property
+    def u_integral(self) -> float:
+        """The integral of u_h."""
+        return float(self.mesh.areas @ self.u_h[self.mesh.triangles].mean(axis=1))
+
+    @cached_property
+    def force(self) -> float:
+        """The integral of lambda_H."""
+        return float(self.partition.lengths @ self.lambda_H)
+
+    @cached_property
+    def source(self) -> Source | None:
+        """The enclosure of f; None where f, g and q are no formulas."""
+        if self.data is None:
+            return None
+        return self.known_source or source_of(self.mesh, self.data)
+
+    def bound(self, sharp: bool = False) -> LocalBound | SharpBound | None:
+        """The guaranteed bounds on the errors, where f, g and q are formulas; sharp ones take more time."""
+        return self.sharp_bound if sharp else self.local_bound
+
+    def known(self, sharp: bool = False) -> bool:
+        """Whether the bounds are already computed."""
+        return ("sharp_bound" if sharp else "local_bound") in vars(self)
+
+    @cached_property
+    def local_bound(self) -> LocalBound | None:
+        """The cheap bounds, where f, g and q are formulas."""
+        return self._bounded_by(local_bound)
+
+    @cached_property
+    def sharp_bound(self) -> SharpBound | None:
+        """The sharp bounds, where f, g and q are formulas."""
+        return self._bounded_by(sharp_bound)
+
+    def _bounded_by(self, estimate: Callable[..., Any]) -> Any:
+        if self.data is None:
+            return None
+        return estimate(
+            self.source,
+            self.data.enclosed_obstacle,
+            self.partition,
+            self.u_h,
+            self.lambda_H,
+            self._flux_data(self.data),
+            self.form,
+            self.potential,
+        )
+
+    @cached_property
+    def flux(self) -> Array | None:
+        """(2, E) the flux of the cheap bound, as `equilibrated` gives it, where f, g and q are formulas."""
+        if self.data is None or self.source is None:
+            return None
+        potential = self.u_h if self.potential is None else self.potential
+        sigma = edge_flux(self.mesh, self.partition, self.lambda_H).ends
+        return flux_of(self.source, potential, sigma + self._flux_data(self.data).ends, self.form)
+
+    def _flux_data(self, data: Data) -> Given:
+        """The flux that is given on free sides, as linear functions on edges."""
+        return given(data.enclosed_flux, self.mesh, self.form)
+
+    @property
+    def shares(self) -> Array:
+        """(triangles,) parts of the square of the cheap bound on ||u - u_h||_1; 0 if it is unknown."""
+        return self.local_bound.shares if self.local_bound else np.zeros(len(self.mesh.triangles))
+
+    @cached_property
+    def force_balance(self) -> tuple[float, float] | None:
+        """Two numbers between which the sum of all forces and reactions lies.
+
+        None if c > 0, or where f and q are no formulas.
+        """
+        if self.data is None or self.source is None or self.form.reaction:
+            return None
+        return balance(self.source, self.data.enclosed_flux)
+
+    def total(self, norm: str, sharp: bool = False) -> float:
+        """The bound on ||u - u_h||_1 ("h1") or ||lambda - lambda_H||_{-1/2} ("hm12"), infinite if unknown."""
+        bound = self.bound(sharp)
+        if bound is None:
+            return math.inf
+        return bound.u if norm == "h1" else bound.lambda_
+
+    def algebraic(self, norm: str) -> float:
+        """The bound on the iteration's part of that error; for lambda it is divided by beta.
+
+        It says when to stop. `total` includes the error of the iteration, and does not rest on this bound.
+        """
+        if norm == "hm12" and len(self.cells) == 0:
+            return 0.0
+        beta = 1.0 if norm == "h1" else self.beta
+        return self.result.bound / beta if beta > 0 else math.inf
+
+    def size(self, norm: str, sharp: bool = False) -> float:
+        """A lower bound on the norm of the exact solution, from that of the discrete one."""
+        discrete_norm = self.u_norm if norm == "h1" else self.lambda_norm
+        return max((1 - SUMS) * discrete_norm / self.mesh.growth - self.total(norm, sharp), 0.0)
