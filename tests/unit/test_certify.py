@@ -375,13 +375,20 @@ def test_without_contact_the_problem_is_linear():
         assert 0.1 <= ul.certify(problem, mesh, np.full(mesh.n_nodes, 1.1), given).bounds.u < 0.1 + 1e-9
 
 
-def test_a_mesh_of_another_polygon_and_functions_are_refused(natural):
+def test_functions_are_certified_by_their_values_at_the_nodes(natural):
+    """Bit for bit as the arrays of these values."""
+    mesh = mesh_of(natural, 4)
+    x, y = mesh.points.T
+    functions, arrays = ul.Problem(SQUARE, np.hypot, 0), ul.Problem(mesh, np.hypot(x, y), 0)
+    found, expected = (ul.certify(problem, mesh, x / 9) for problem in (functions, arrays))
+    assert found.bounds == expected.bounds
+    assert "f                linear between the nodes of the mesh" in repr(found)
+
+
+def test_a_mesh_of_another_polygon_is_refused(natural):
     triangle = ul.mesh([(0, 0), (1, 0), (0, 1)], [(0, 1, 2)])
     with sentences.raises(ul.InputError):
         ul.certify(natural, triangle, np.zeros(3))
-    functions = ul.Problem(SQUARE, lambda x, y: x, 0, name="sampled")
-    with sentences.raises(ul.InputError):
-        ul.certify(functions, mesh_of(functions, 4), np.zeros(25))
     with sentences.raises(ul.InputError):
         ul.certify(7, triangle, np.zeros(3))
     for parts in ((), (triangle.points,), (triangle.points, triangle.triangles, 0)):

@@ -34,7 +34,7 @@ from unilateral.problems.units import Units
 from unilateral.system.files import replacing
 
 if TYPE_CHECKING:
-    from unilateral.problems.given import AnyProblem
+    from unilateral.problems.problem import Problem
 
 FORMAT = "unilateral certificate 1"
 CERTIFICATE_ENDINGS: dict[str, list[str]] = {".json": [], ".gz": []}
@@ -86,7 +86,7 @@ def judge_solution(solved: DiscreteSolution, mesh: Mesh, units: Units) -> Judged
     return JudgedFunction(numbered, units.value * solved.u_h, units.force * flux, trace)
 
 
-def make_certificate(problem: AnyProblem, judged: JudgedFunction) -> dict[str, Any]:
+def make_certificate(problem: Problem, judged: JudgedFunction) -> dict[str, Any]:
     """The certificate as a record of the fields of docs/certificate.md.
 
     Raises InputError as `state_problem`.
@@ -215,7 +215,7 @@ def write_certificate(record: dict[str, Any], path: str | os.PathLike[str]) -> N
         temporary.write_bytes(gzip.compress(text, 6, mtime=0) if temporary.suffix == ".gz" else text)
 
 
-def checker_of(problem: AnyProblem) -> Path:
+def checker_of(problem: Problem) -> Path:
     """The program that checks certificates of a problem: it is installed, or in the project's folder."""
     name = "check_formulas.py" if has_formulas(state_problem(problem)) else "check.py"
     package = Path(unilateral.__file__).parent

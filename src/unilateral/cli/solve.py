@@ -259,11 +259,11 @@ def _allowed(phase: str, compute: Callable[[], Any], found: Solution, watch: Wat
 def _problem(options: SimpleNamespace) -> Problem:
     """What is to be solved, with its free sides."""
     name = options.problem
-    if problem_file.is_declared_in(name):
+    problem = problem_file.problem_in(name)
+    if problem is not None:
         for option in ("polygon", "side", "free_sides"):
             if getattr(options, option) is not None:
                 raise InputError(f"--{option.replace('_', '-')} is for cases; {name} declares a problem")
-        problem = problem_file.load(name)
         return problem.without_idle_sides() if options.leave_out_idle_sides else problem
     if options.leave_out_idle_sides:
         raise InputError("--leave-out-idle-sides is for problem files; for a case use --free-sides")

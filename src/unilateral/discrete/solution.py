@@ -21,7 +21,7 @@ from unilateral.fem.form import Form
 from unilateral.fem.p1 import coupling, h1_norm
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.problems.data import Data
+from unilateral.problems.scaled import Data
 from unilateral.solvers.uzawa import DualResult
 
 

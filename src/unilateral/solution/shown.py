@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -12,10 +11,8 @@ import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.discrete.choice import bound_mb
-from unilateral.errors import InputError
 from unilateral.formulas.decimals import guaranteed, interval, up
 from unilateral.geometry.mesh import Mesh
-from unilateral.problems.sampled import Sampled
 from unilateral.solution.certificate import relative
 from unilateral.solution.coarser import clustered
 from unilateral.solution.contact import Contact
@@ -126,15 +123,10 @@ def shown(solution: Solution) -> Shown:
 
 
 def _flux(solution: Solution) -> Array:
-    """(m,) q in the middle of the cells; 0 where it is a function that a file does not hold."""
-    problem, cells = solution.problem, solution.partition
+    """(m,) q in the middle of the cells."""
+    cells, q = solution.partition, solution.problem.enclosed_flux
     s = 0.5 * (cells.points[1:] + cells.points[:-1])
-    if not isinstance(problem, Sampled):
-        q = problem.enclosed_flux
-        return q.at(q.on(s), s)[0]
-    with suppress(InputError):
-        return problem.flux(cells.side, s - cells.polygon.starts[cells.side])
-    return np.zeros(cells.n_cells)
+    return q.at(q.on(s), s)[0]
 
 
 def accuracy(solution: Solution) -> str:

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from unilateral.problems.given import AnyProblem
+    from unilateral.problems.problem import Problem
 
 ROUNDING = 4 * float(np.finfo(float).eps)
 """Rounding a number twice changes it by less than this, relative to the number."""
@@ -207,7 +207,7 @@ class Solution:
     """
 
     solved: DiscreteSolution
-    problem: AnyProblem
+    problem: Problem
     """What was solved."""
     search: Search | None = None
 

@@ -248,8 +248,8 @@ def test_what_no_checker_reads_is_refused_by_name(name):
         state_problem(REFUSED[name]())
 
 
-def test_a_solution_without_bounds_has_no_certificate(tmp_path):
-    """A solution of functions, and nothing is written."""
+def test_a_solution_of_functions_has_no_certificate(tmp_path):
+    """No checker reads values at nodes, and nothing is written."""
     s = ul.solve(ul.Problem(SQUARE, f=lambda x, y: x - 1, g=0), h=1 / 4, H=1 / 2)
     with sentences.raises(ul.InputError):
         s.save_certificate(tmp_path / "c.json")
