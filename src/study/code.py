@@ -11,7 +11,8 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
-SOURCES = Path("src")
+ROOTS = (Path("src"), Path())
+"""The folders with this project's packages: `unilateral` and `study`, and `benchmarks`."""
 DATA = (".yaml", ".html", ".txt")
 """The endings of data files, which are used by the modules beside them that name them."""
 
@@ -58,7 +59,7 @@ def _modules(name: str) -> list[Path]:
     The last part of the name may be that of a class or a function in a module, too.
     """
     parts = name.split(".")
-    paths = [SOURCES.joinpath(*parts[:k]) for k in range(1, len(parts) + 1)]
+    paths = [root.joinpath(*parts[:k]) for root in ROOTS for k in range(1, len(parts) + 1)]
     files = [file for path in paths for file in (path / "__init__.py", path.with_suffix(".py"))]
     return [file for file in files if file.is_file()]
 

@@ -14,10 +14,10 @@ from typing import Any
 
 import pandas as pd
 
+from benchmarks import numbers as benchmarks
 from study import tables
 from study.documents import verdicts
 from study.experiments.adaptive import numbers as adaptive
-from study.experiments.benchmarks import numbers as benchmarks
 from study.experiments.cells import numbers as cells
 from study.experiments.certify import numbers as certify
 from study.experiments.cost import numbers as cost

@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 
 from study import operations, scenes, tables
-from study.experiments.cost.run import Posed, count_operations, method_and_step, reach
+from study.experiments.cost.run import Posed, Variant, count_operations, method_and_step, reach
 from unilateral.discrete.condensed import with_solution
 from unilateral.fem.condense import by_sparse, matrix
 from unilateral.fem.linear_systems import dissected
@@ -36,17 +36,6 @@ DISCRETE = ("h1_discrete", "hm12_discrete_lower", "hm12_discrete_upper", "l2_dis
 """The errors of (u_h, lambda_H), to which the iteration tends."""
 NORMS = ("u_norm", "hm12_norm_lower", "hm12_norm_upper", "l2_norm")
 ERRORS = ("h1_error", "hm12_error_lower", "hm12_error_upper", "l2_error")
-
-
-class Variant(NamedTuple):
-    """One configuration. `algebra` is the matrix that a step solves with (A, A_3) or multiplies by (S)."""
-
-    scene: str
-    case: str
-    H_over_h: float
-    algorithm: str
-    algebra: str
-    precision: str
 
 
 class Variation(NamedTuple):
@@ -141,9 +130,8 @@ def measure(
 
 def _row(posed: Posed, variant: Variant, stops: Sequence[float], max_steps: int) -> Row:
     """What is known of one run; NaN at levels that are not reached."""
-    how = variant.algorithm, variant.algebra, variant.precision
-    reached = reach(posed, *how, stops, max_steps)
-    setup, step, totals = count_operations(posed, *how, reached)
+    reached = reach(posed, variant, stops, max_steps)
+    setup, step, totals = count_operations(posed, variant, reached)
     method, rho = method_and_step(variant.algorithm, posed.spaces)
     errors = np.reshape([posed.errors(each.lambda_H) for each in reached], (len(reached), len(ERRORS))).T
     at_levels: dict[str, Sequence[float]] = dict(zip(ERRORS, errors.tolist(), strict=True))

@@ -30,6 +30,17 @@ MAX_NEWTON_STEPS = 100
 Errors = tuple[float, float, float, float]
 
 
+class Variant(NamedTuple):
+    """One configuration. `algebra` is the matrix that a step solves with (A, A_3) or multiplies by (S)."""
+
+    scene: str
+    case: str
+    H_over_h: float
+    algorithm: str
+    algebra: str
+    precision: str
+
+
 @dataclass(frozen=True, eq=False)
 class Posed:
     """A case on a mesh and a partition, with the dual norm's forms there, in which it has the number `c`.
@@ -155,14 +166,12 @@ def method_and_step(algorithm: str, spaces: MixedSpaces) -> tuple[str, float]:
     return algorithm, STEPS[algorithm].share / operator.lambda_max
 
 
-def reach(
-    posed: Posed, algorithm: str, algebra: str, precision: str, stops: Sequence[float], max_steps: int
-) -> list[Reached]:
+def reach(posed: Posed, variant: Variant, stops: Sequence[float], max_steps: int) -> list[Reached]:
     """What is reached at each of the falling levels, as long as they are met."""
     operator, offset = posed.spaces.operator, posed.discrete.offset
-    method, rho = method_and_step(algorithm, posed.spaces)
+    method, rho = method_and_step(variant.algorithm, posed.spaces)
     tolerances = [stop * posed.discrete_errors[0] for stop in stops]
-    apply = product(algebra, precision, posed.spaces, posed.factors)
+    apply = product(variant.algebra, variant.precision, posed.spaces, posed.factors)
     history = History(operator, offset, method, rho, tolerances)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # of runs that do not converge
@@ -180,7 +189,7 @@ def reach(
 
 
 def count_operations(
-    posed: Posed, algorithm: str, algebra: str, precision: str, reached: Sequence[Reached]
+    posed: Posed, variant: Variant, reached: Sequence[Reached]
 ) -> tuple[float, float, list[float]]:
     """Operations of the set-up, of a step, and of the runs that stop at what is reached.
 
@@ -190,9 +199,9 @@ def count_operations(
     m = posed.spaces.partition.n_cells
     nb = len(posed.spaces.mesh.boundary)
     nnz = posed.spaces.B.nnz
-    counts = posed.counts[algebra]
+    counts = posed.counts[variant.algebra]
     setup: float = counts.factorise + 2 * counts.solve
-    match algebra:
+    match variant.algebra:
         case "A":
             application: float = operations.apply_A(m, nb, nnz, counts)
         case "A_3":
@@ -203,9 +212,9 @@ def count_operations(
             application = operations.apply_S(m)
     # A residual: S y, plus 4 m for F, rho F, R and its norm; one product in REFRESH is made twice.
     residual = application + 4 * m
-    if precision == "refined":
+    if variant.precision == "refined":
         residual += application / REFRESH + 2 * m
-    advance = operations.PER_CELL[method_and_step(algorithm, posed.spaces)[0]] * m
+    advance = operations.PER_CELL[method_and_step(variant.algorithm, posed.spaces)[0]] * m
     # A check of the bound: S R, and two products of vectors.
     check = application + 2 * m
     totals = [

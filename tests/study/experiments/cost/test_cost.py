@@ -16,8 +16,8 @@ from scipy.sparse.linalg import splu
 from study import operations
 from study.experiments.cost import numbers as cost_numbers
 from study.experiments.cost import products, trade
-from study.experiments.cost.measure import Variant, along, measure, plan
-from study.experiments.cost.run import History
+from study.experiments.cost.measure import along, measure, plan
+from study.experiments.cost.run import History, Variant
 from unilateral.discrete.condensed import solve
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square

@@ -7,8 +7,8 @@ from typing import Any
 
 import pandas as pd
 
-from study.experiments.benchmarks import side_by_side
-from study.experiments.benchmarks.side_by_side import NAMES, two_digits
+from benchmarks import side_by_side
+from benchmarks.side_by_side import NAMES, two_digits
 from study.formats import shown
 from unilateral.formulas.formula import real
 
