@@ -24,7 +24,6 @@ from unilateral.problems.nodal import Nodal, NodalTrace, NodalTraces
 from unilateral.problems.problem import Problem, contact_sides
 from unilateral.problems.sampled import Function, Sampled, check_arguments
 from unilateral.problems.side_fields import ends_of, on_sides, plain, trace
-from unilateral.system.copies import Rebuilt
 from unilateral.system.files import path_of
 from unilateral.system.optional import require
 
@@ -38,7 +37,7 @@ Read = Expression | Function | NodalTrace
 
 
 @dataclass(frozen=True)
-class FormulaFunction(Rebuilt):
+class FormulaFunction:
     """A formula as a function of arrays, in a problem that has functions, too."""
 
     formula: Expression

@@ -26,7 +26,6 @@ from unilateral.problems.formula_range import range_in
 from unilateral.problems.nodal import Nodal, NodalTraces, cuts
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_flux, enclose_obstacle
 from unilateral.problems.units import Units
-from unilateral.system.copies import Rebuilt
 
 if TYPE_CHECKING:
     from unilateral.problems.case import ExactSolution
@@ -39,7 +38,7 @@ WANTED = "must be linear, or c - (x - a)**2 - (y - b)**2 up to a factor"
 
 
 @dataclass(frozen=True, eq=False)
-class Problem(Rebuilt):
+class Problem:
     """-k lap u + c u = f with contact, but k du/dn = q on `free_sides`; `units` come from k and c.
 
     `f` is a formula in x, y. `g` has one per side, which is not used on free sides; on `clamped_sides` it is

@@ -14,14 +14,13 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.problems.fields import as_html, as_text, fields_of, headed
 from unilateral.problems.nodal import Nodal, NodalTraces
 from unilateral.problems.units import Units
-from unilateral.system.copies import Rebuilt
 
 Function = Callable[[Array, Array], Array]
 EACH = "it has to return a real number for each point"
 
 
 @dataclass(frozen=True, eq=False)
-class Sampled(Rebuilt):
+class Sampled:
     """-k lap u + c u = f with contact, but k du/dn = q on `free_sides`; `units` come from k and c.
 
     `f` takes arrays x, y of one shape and returns that shape; so do the functions of `g` and `q`, one per

@@ -21,11 +21,10 @@ from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_flux, 
 from unilateral.problems.problem import Problem
 from unilateral.problems.sampled import Function, Sampled, values
 from unilateral.problems.units import Units
-from unilateral.system.copies import Rebuilt
 
 
 @dataclass(frozen=True, eq=False)
-class Scaled(Rebuilt):
+class Scaled:
     """The problem for v as `Data`, made from the problem `of` u. Vertices are rounded once more."""
 
     of: Problem
