@@ -20,7 +20,6 @@ import numpy as np
 import unilateral
 from unilateral.arrays import Array, Index
 from unilateral.bounds.equilibrated_flux import equilibrated, flows
-from unilateral.bounds.local_bounds import LocalBound
 from unilateral.certificates.statement import has_formulas, state_problem
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.errors import InputError
@@ -70,8 +69,8 @@ def judge_solution(solved: DiscreteSolution, mesh: Mesh, units: Units) -> Judged
 
     Raises InputError if there is no bound.
     """
-    bound, flux, source = solved.bound(), solved.flux, solved.source
-    if not isinstance(bound, LocalBound) or flux is None or source is None:
+    bound, flux, source = solved.local_bound, solved.flux, solved.source
+    if bound is None or flux is None or source is None:
         raise InputError(
             "there is no bound to certify, because f, g, q or u is a function; give a formula in its place"
         )

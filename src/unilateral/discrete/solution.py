@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -14,8 +13,8 @@ from unilateral.arrays import Array, Index
 from unilateral.bounds.boundary_flux import Given, edge_flux, given
 from unilateral.bounds.flux_residuals import SUMS
 from unilateral.bounds.forces import balance
-from unilateral.bounds.local_bounds import LocalBound, flux_of, local_bound
-from unilateral.bounds.sharp_bounds import SharpBound, sharp_bound
+from unilateral.bounds.local_bounds import Bound, flux_of, local_bound
+from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.bounds.source import Source, source_of
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import coupling, h1_norm
@@ -116,7 +115,7 @@ class DiscreteSolution:
             return None
         return self.known_source or source_of(self.mesh, self.data)
 
-    def bound(self, sharp: bool = False) -> LocalBound | SharpBound | None:
+    def bound(self, sharp: bool = False) -> Bound | None:
         """The guaranteed bounds on the errors, where f, g and q are formulas; sharp ones take more time."""
         return self.sharp_bound if sharp else self.local_bound
 
@@ -125,16 +124,16 @@ class DiscreteSolution:
         return ("sharp_bound" if sharp else "local_bound") in vars(self)
 
     @cached_property
-    def local_bound(self) -> LocalBound | None:
+    def local_bound(self) -> Bound | None:
         """The cheap bounds, where f, g and q are formulas."""
         return self._bounded_by(local_bound)
 
     @cached_property
-    def sharp_bound(self) -> SharpBound | None:
+    def sharp_bound(self) -> Bound | None:
         """The sharp bounds, where f, g and q are formulas."""
         return self._bounded_by(sharp_bound)
 
-    def _bounded_by(self, estimate: Callable[..., Any]) -> Any:
+    def _bounded_by(self, estimate: Callable[..., Bound]) -> Bound | None:
         if self.data is None:
             return None
         return estimate(

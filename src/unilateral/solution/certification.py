@@ -26,7 +26,7 @@ from unilateral.geometry.partition import Partition
 from unilateral.problems.data import Data
 from unilateral.problems.sampled import Sampled
 from unilateral.problems.scaled import scaled
-from unilateral.solution.solution import Solution
+from unilateral.solution.solution import Solution, make_solution
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 
@@ -49,7 +49,7 @@ def certify(problem: AnyProblem, mesh: Mesh, u: ArrayLike, multiplier: ArrayLike
     else:
         without = np.isin(mesh.side, (*problem.free_sides, *problem.clamped_sides))
         own = _solve_linear(data, scaled_mesh, _edge_values(multiplier, without) / problem.units.flux)
-    return Solution(replace(own, u_h=values / problem.units.value, potential=own.u_h), problem)
+    return make_solution(replace(own, u_h=values / problem.units.value, potential=own.u_h), problem)
 
 
 def edge_pairs(mesh: Mesh) -> Partition:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -12,11 +11,10 @@ import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.discrete.choice import bound_mb
-from unilateral.errors import InputError
 from unilateral.formulas.decimals import guaranteed, interval, up
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.sampled import Sampled
-from unilateral.solution.certificate import relative
+from unilateral.solution.bounds import is_believed, relative, wants_sharp
 from unilateral.solution.coarser import clustered
 from unilateral.solution.contact import Contact
 from unilateral.system.memory import available_mb
@@ -126,15 +124,13 @@ def shown(solution: Solution) -> Shown:
 
 
 def _flux(solution: Solution) -> Array:
-    """(m,) q in the middle of the cells; 0 where it is a function that a file does not hold."""
+    """(m,) q in the middle of the cells."""
     problem, cells = solution.problem, solution.partition
     s = 0.5 * (cells.points[1:] + cells.points[:-1])
     if not isinstance(problem, Sampled):
         q = problem.enclosed_flux
         return q.at(q.on(s), s)[0]
-    with suppress(InputError):
-        return problem.flux(cells.side, s - cells.polygon.starts[cells.side])
-    return np.zeros(cells.n_cells)
+    return problem.flux(cells.side, s - cells.polygon.starts[cells.side])
 
 
 def accuracy(solution: Solution) -> str:
@@ -148,7 +144,7 @@ def accuracy(solution: Solution) -> str:
     if search is None and bound_mb(solution.mesh, sharp) > available_mb():
         return ""
     total = solved.total(norm, sharp)
-    if not math.isfinite(total) or (search and not search.believed):
+    if not math.isfinite(total) or not is_believed(solution):
         return NO_BOUND
     units = solution.problem.units
     trivial = units.trivial and units.reaction and not solution.problem.clamped_sides
@@ -165,8 +161,7 @@ def force(solution: Solution, of: Shown) -> str:
     """The force over the boundary in words, between guaranteed numbers where there is a bound."""
     if of.accuracy in ("", NO_BOUND) or of.free.all():
         return ""
-    goal = solution.search.best.goal if solution.search else None
-    whole = solution.force(goal is not None and goal.sharp)
+    whole = solution.force(wants_sharp(solution))
     text = interval(whole.lower, whole.upper, whole.value, ".4g")
     return guaranteed(f"force over the boundary, ∫λ: {text}", whole.lower, whole.upper)
 

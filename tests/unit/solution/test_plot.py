@@ -172,24 +172,12 @@ def test_free_sides_are_marked_and_their_flux_is_drawn():
     np.testing.assert_allclose(drawn.get_data().values, means, rtol=1e-12)
 
 
-def test_a_flux_that_is_a_function_is_drawn_until_a_file_has_lost_it(tmp_path):
-    """By hand: q = y in the middle of the cells of side 1; a file of a solution holds no functions."""
+def test_a_flux_that_is_a_function_is_drawn():
+    """By hand: q = y in the middle of the cells of side 1."""
     data = {"g": [0, None, 0, 0], "free_sides": [1], "q": [None, lambda x, y: y, None, None]}
     s = ul.solve(ul.Problem(SQUARE, f=-1, **data), **SIZES)
     given = next(patch for patch in s.plot().axes[1].patches if patch.get_label() == "given flux q")
     np.testing.assert_allclose(given.get_data().values[8:16], np.arange(1 / 16, 1, 1 / 8), rtol=1e-12)
-    s.save(tmp_path / "s.nc")
-    without = ul.open(tmp_path / "s.nc").plot().axes[1]
-    assert all(patch.get_label() != "given flux q" for patch in without.patches)
-
-
-@pytest.mark.parametrize("ending", ["svg", "html"])
-def test_a_solution_that_is_opened_is_drawn_as_before(tmp_path, adapted, ending):
-    """The title, the bound, the mesh and all values come back from the file."""
-    adapted.save(tmp_path / "s.nc")
-    adapted.save(tmp_path / f"before.{ending}")
-    ul.open(tmp_path / "s.nc").save(tmp_path / f"after.{ending}")
-    assert (tmp_path / f"after.{ending}").read_bytes() == (tmp_path / f"before.{ending}").read_bytes()
 
 
 @pytest.mark.parametrize("width", [1 / 20, 20])
