@@ -45,7 +45,7 @@ from unilateral.norms.ritz import flux_load, h1_distance
 from unilateral.problems import case as cases
 from unilateral.problems import problem_file
 from unilateral.problems.case import ExactSolution
-from unilateral.problems.problem import Problem
+from unilateral.problems.problem import Problem, as_formula
 from unilateral.solvers.multigrid import Multigrid, multigrid
 from unilateral.system.files import replacing
 
@@ -128,7 +128,8 @@ def _unknown(problem: Problem, order: Order) -> dict[str, Any]:
     w = grid(mesh, hierarchy(mesh), load, means[CELLS], CELLS).solve(CONVERGED)
     pair = cells[CELLS], w.u, w.lambda_H
     bound = local_bound(source, problem.enclosed_obstacle, *pair, nothing(mesh), H1)
-    on_sides = np.stack(compile_numpy(problem.g, "xy")(*mesh.points[mesh.boundary].T))
+    obstacles = [as_formula(g) for g in problem.g]
+    on_sides = np.stack(compile_numpy(obstacles, "xy")(*mesh.points[mesh.boundary].T))
     g = on_sides[mesh.side, np.arange(len(mesh.boundary))]
     known = {"load": load, "obstacle": g, "w": w.u, "error": bound.u}
     return {**_arrays(mesh), **known, **{f"means_{k}": means[k] for k in OTHER}}

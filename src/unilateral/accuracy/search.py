@@ -18,7 +18,7 @@ from unilateral.accuracy.plan import Plan, enough, hopeless, plan, reach
 from unilateral.accuracy.watch import OutOfBudget, Watch
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.errors import BudgetError, InputError
-from unilateral.problems.data import Data
+from unilateral.problems.scaled import Data
 from unilateral.solvers.stop import Stop
 
 INTERRUPTED = "interrupted"

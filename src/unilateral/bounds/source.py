@@ -37,7 +37,7 @@ from unilateral.fem.p2 import linear_squares
 from unilateral.fem.splitting import quarter
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
-from unilateral.problems.data import Data
+from unilateral.problems.scaled import Data
 
 J = 3.8317
 """The first zero of the Bessel function J_1, 3.83170597.., rounded down."""

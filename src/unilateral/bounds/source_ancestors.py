@@ -28,7 +28,7 @@ from unilateral.formulas.taylor import EPS, basis
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.plane import signed_areas
 from unilateral.geometry.refinement import Step
-from unilateral.problems.data import Data
+from unilateral.problems.scaled import Data
 
 MOST_HALVINGS = 6
 """p is used on triangles that are at most this many halvings finer than its own; 8 would use up ROUNDING."""

@@ -24,7 +24,7 @@ from unilateral.formulas.taylor_enclosures import Steps
 from unilateral.geometry.curves import Kink, area_in_disc
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.plane import cross
-from unilateral.problems.data import Data
+from unilateral.problems.scaled import Data
 
 ORDER = 4
 ROUNDING = 4 * EPS

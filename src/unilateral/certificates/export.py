@@ -22,7 +22,6 @@ from unilateral.arrays import Array, Index
 from unilateral.bounds.equilibrated_flux import equilibrated, flows
 from unilateral.certificates.statement import has_formulas, state_problem
 from unilateral.discrete.solution import DiscreteSolution
-from unilateral.errors import InputError
 from unilateral.fem.form import Form, decoupled
 from unilateral.fem.linear_systems import dissected
 from unilateral.fem.p1 import load_vector, stiffness_and_mass
@@ -33,7 +32,7 @@ from unilateral.problems.units import Units
 from unilateral.system.files import replacing
 
 if TYPE_CHECKING:
-    from unilateral.problems.given import AnyProblem
+    from unilateral.problems.problem import Problem
 
 FORMAT = "unilateral certificate 1"
 CERTIFICATE_ENDINGS: dict[str, list[str]] = {".json": [], ".gz": []}
@@ -66,14 +65,11 @@ def judge_solution(solved: DiscreteSolution, mesh: Mesh, units: Units) -> Judged
 
     If c = 0, the flux is balanced: a checker multiplies the mean of f + div p on triangles by a constant that
     is less sharp than the program's. It is what the iteration left of the discrete equations.
-
-    Raises InputError if there is no bound.
     """
     bound, flux, source = solved.local_bound, solved.flux, solved.source
-    if bound is None or flux is None or source is None:
-        raise InputError(
-            "there is no bound to certify, because f, g, q or u is a function; give a formula in its place"
-        )
+    assert bound is not None  # the data of a user's problem are known
+    assert flux is not None
+    assert source is not None
     scaled, form = solved.mesh, solved.form
     if not form.reaction:
         means = source.moments().sum(axis=1) / scaled.areas
@@ -85,13 +81,12 @@ def judge_solution(solved: DiscreteSolution, mesh: Mesh, units: Units) -> Judged
     return JudgedFunction(numbered, units.value * solved.u_h, units.force * flux, trace)
 
 
-def make_certificate(problem: AnyProblem, judged: JudgedFunction) -> dict[str, Any]:
+def make_certificate(problem: Problem, judged: JudgedFunction) -> dict[str, Any]:
     """The certificate as a record of the fields of docs/certificate.md.
 
     Raises InputError as `state_problem`.
     """
     statement = state_problem(problem)
-    assert isinstance(problem, Problem)  # all others are refused
     mesh = judged.mesh
     polygon = mesh.polygon
     inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
@@ -214,7 +209,7 @@ def write_certificate(record: dict[str, Any], path: str | os.PathLike[str]) -> N
         temporary.write_bytes(gzip.compress(text, 6, mtime=0) if temporary.suffix == ".gz" else text)
 
 
-def checker_of(problem: AnyProblem) -> Path:
+def checker_of(problem: Problem) -> Path:
     """The program that checks certificates of a problem: it is installed, or in the project's folder."""
     name = "check_formulas.py" if has_formulas(state_problem(problem)) else "check.py"
     package = Path(unilateral.__file__).parent

@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 from unilateral.errors import InputError
 from unilateral.formulas.expression import ZERO, Expression, atoms_in
 from unilateral.formulas.formula import coefficients
-from unilateral.problems.sampled import Function
 
 if TYPE_CHECKING:
-    from unilateral.problems.given import AnyProblem
+    from unilateral.problems.problem import Problem
 
 MAX_DENOMINATOR = 10**6
 """A double is taken for the simplest fraction that rounds to it, if that has at most this denominator."""
@@ -26,10 +25,10 @@ Terms = list[tuple[int, int, Fraction]]
 """(i, j, c) for each term c x^i y^j of a polynomial."""
 
 
-def state_problem(problem: AnyProblem) -> dict[str, Any]:
+def state_problem(problem: Problem) -> dict[str, Any]:
     """The field `problem` of a certificate, see docs/certificate.md.
 
-    Raises InputError for what no checker reads: cases, functions, arrays at nodes, pos, irrational k and c,
+    Raises InputError for what no checker reads: cases, values at nodes, pos, irrational k and c,
     and u that is not quadratic along its side.
     """
     name, sides = problem.name, list[dict[str, Any]]()
@@ -40,18 +39,17 @@ def state_problem(problem: AnyProblem) -> dict[str, Any]:
         kind = "clamped" if side in problem.clamped_sides else "contact"
         kind = "free" if side in problem.free_sides else kind
         place = f"{name}, field {FIELDS[kind]}[{side}]"
-        data, arrays = (problem.q, problem.nodal.q) if kind == "free" else (problem.g, problem.nodal.g)
+        data = problem.q if kind == "free" else problem.g
         is_exact = partial(_is_quadratic, start, vertices[(side + 1) % len(vertices)])
-        function = _state_function(data[side] if data else ZERO, side in arrays, place, is_exact)
+        function = _state_function(data[side] if data else ZERO, place, is_exact)
         if kind == "clamped" and isinstance(function, str):
             raise _unread_error(f"{place}:", "it is no quadratic polynomial with fractions")
         sides.append({kind: function})
-    is_array = problem.nodal.f is not None
     return {
         "k": _state_number(problem.units.k, f"{name}, field k"),
         "c": _state_number(problem.units.c, f"{name}, field c"),
         "polygon": [[str(x), str(y)] for x, y in vertices],
-        "f": _state_function(problem.f, is_array, f"{name}, field f", lambda terms: _degree(terms) <= 2),
+        "f": _state_function(problem.f, f"{name}, field f", lambda terms: _degree(terms) <= 2),
         "sides": sides,
     }
 
@@ -79,13 +77,10 @@ def _state_number(number: Expression, place: str) -> str:
     return str(number.rational)
 
 
-def _state_function(
-    data: Expression | Function, is_array: bool, place: str, is_exact: Callable[[Terms], bool]
-) -> list[list[Any]] | str:
+def _state_function(formula: object, place: str, is_exact: Callable[[Terms], bool]) -> list[list[Any]] | str:
     """The terms of a polynomial with fractions, if `is_exact` says that it is read as one; else a formula."""
-    formula = getattr(data, "formula", data)
-    if is_array or not isinstance(formula, Expression):
-        raise _unread_error(f"{place}:", f"it is {'an array' if is_array else 'a function'}")
+    if not isinstance(formula, Expression):
+        raise _unread_error(f"{place}:", "it is linear between the nodes of the mesh")
     if atoms_in(formula, "pos"):
         raise _unread_error(f"{place}:", "it has pos")
     try:

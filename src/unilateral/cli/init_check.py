@@ -17,7 +17,7 @@ from unilateral.formulas.exact_numbers import rounded
 from unilateral.formulas.expression import ZERO, Expression
 from unilateral.formulas.formula import compile_numpy
 from unilateral.problems import problem_file
-from unilateral.problems.problem import Problem
+from unilateral.problems.problem import Problem, as_formula
 from unilateral.solution.summary import LINEAR
 from unilateral.system.files import check_target, replacing
 
@@ -54,9 +54,9 @@ def check(name: str, picture: str | None) -> str:
     """
     if picture is not None:
         check_target(picture, PICTURES)
-    if not problem_file.is_declared_in(name):
+    problem = problem_file.problem_in(name)
+    if problem is None:
         raise InputError(f"{name} declares a case, not a problem; to see it type: unilateral cases {name}")
-    problem = problem_file.load(name)
     if picture is not None:
         from unilateral.solution.plot import draw  # and with it the method
 
@@ -71,7 +71,7 @@ def described(problem: Problem) -> Iterator[str]:
     of_c, with_c = (" + c u", f" and c = {units.c}") if units.reaction else ("", "")
     yield f"{problem.name}: -k lap u{of_c} = f with k = {units.k}{with_c}"
     yield f"  polygon     {polygon.n_sides} sides, area {polygon.area:.6g}, perimeter {polygon.perimeter:.6g}"
-    yield f"  f           {_formula(problem.f, _bounds(problem))}"
+    yield f"  f           {_formula(as_formula(problem.f), _bounds(problem))}"
     for side in range(polygon.n_sides):
         start, end = (_point(polygon.vertices[i % polygon.n_sides]) for i in (side, side + 1))
         where = f"{start} to {end}, length {polygon.lengths[side]:.6g}"
@@ -104,8 +104,8 @@ def _held(problem: Problem, side: int) -> str:
 def _given(problem: Problem, side: int) -> Expression:
     """g, on a clamped side u, or on a free side q."""
     if side not in problem.free_sides:
-        return problem.g[side]
-    return problem.q[side] if problem.q else ZERO
+        return as_formula(problem.g[side])
+    return as_formula(problem.q[side]) if problem.q else ZERO
 
 
 def _along(problem: Problem, formula: Expression, side: int) -> Array:
@@ -161,7 +161,7 @@ def _draw_polygon(axes: Axes, problem: Problem) -> None:
     grid = np.meshgrid(*np.linspace(v.min(axis=0), v.max(axis=0), POINTS).T)
     inside = polygon.contains(np.stack(grid, axis=-1))
     with np.errstate(all="ignore"):  # f need not be defined outside
-        f = np.where(inside, compile_numpy([problem.f], "xy")(*grid)[0], np.nan)
+        f = np.where(inside, compile_numpy([as_formula(problem.f)], "xy")(*grid)[0], np.nan)
     least, largest = float(np.nanmin(f)), float(np.nanmax(f))
     # A constant has the colour in the middle and one tick; matplotlib would show a range of 8 % about it
     room = 0.0 if least < largest else abs(least) or 1.0

@@ -16,7 +16,7 @@ from unilateral.fem.form import H1, Form
 from unilateral.fem.p1 import coupling, of_rest
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.problems.data import Data
+from unilateral.problems.scaled import Data
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 

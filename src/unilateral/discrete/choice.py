@@ -15,8 +15,7 @@ from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.data import Data
-from unilateral.problems.sampled import Sampled
+from unilateral.problems.scaled import Data
 from unilateral.solvers.stop import Stop
 from unilateral.system.memory import available_mb
 
@@ -45,7 +44,7 @@ DENSE = 64
 """Bytes per entry of A_3 or S: about eight matrices of that size are held."""
 
 
-def cheapest(problem: Data | Sampled, mesh: Mesh, partition: Partition, stop: Stop) -> Spaces:
+def cheapest(problem: Data, mesh: Mesh, partition: Partition, stop: Stop) -> Spaces:
     """The spaces of a problem, on nested levels where these pay and can follow the partition.
 
     Else they are condensed ones. An algorithm or a rho that is asked for decides. Raises InputError where
@@ -66,7 +65,7 @@ def cheapest(problem: Data | Sampled, mesh: Mesh, partition: Partition, stop: St
     return condensed_spaces(mesh, partition, form)
 
 
-def discretised(problem: Data | Sampled, spaces: Spaces, load: Load | None = None) -> DiscreteProblem:
+def discretised(problem: Data, spaces: Spaces, load: Load | None = None) -> DiscreteProblem:
     """The problem on its spaces, with the `load` of its f if that is known."""
     if isinstance(spaces, MixedSpaces):
         return on_spaces(problem, spaces, load)

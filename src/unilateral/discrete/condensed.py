@@ -22,8 +22,7 @@ from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import Exact, exact
-from unilateral.problems.data import Data
-from unilateral.problems.sampled import Sampled
+from unilateral.problems.scaled import Data
 from unilateral.solvers.algebraic_bound import certified
 from unilateral.solvers.dispatch import iterate
 from unilateral.solvers.stop import Stop
@@ -170,12 +169,12 @@ def with_solution(spaces: MixedSpaces, exact: Exact) -> CondensedProblem:
     return replace(discrete, exact=exact, data=of.case.problem)
 
 
-def discretise(problem: Data | Sampled, mesh: Mesh, partition: Partition) -> CondensedProblem:
+def discretise(problem: Data, mesh: Mesh, partition: Partition) -> CondensedProblem:
     """The problem on one mesh and one partition, factorised, without multipliers on its free sides."""
     return on_spaces(problem, mixed_spaces(condense(mesh, form_of(problem, mesh)), partition))
 
 
-def on_spaces(problem: Data | Sampled, spaces: MixedSpaces, load: Load | None = None) -> CondensedProblem:
+def on_spaces(problem: Data, spaces: MixedSpaces, load: Load | None = None) -> CondensedProblem:
     """The problem on its spaces, with the `load` of its f if that is known.
 
     Raises InputError where S is 0.
@@ -192,10 +191,9 @@ def on_spaces(problem: Data | Sampled, spaces: MixedSpaces, load: Load | None = 
     total = of_f.values + flux_load(problem, mesh)
     means = obstacle_means(problem, spaces.partition)
     discrete = with_load(spaces, total, None, means, held_values(problem, mesh))
-    data = None if isinstance(problem, Sampled) else problem
-    if data is not None and np.max(np.abs(discrete.offset), initial=0.0) < LEAST:
+    if np.max(np.abs(discrete.offset), initial=0.0) < LEAST:
         discrete.offset[:] = 0.0  # of data that this mesh does not see
-    return replace(discrete, data=data, source=of_f.source)
+    return replace(discrete, data=problem, source=of_f.source)
 
 
 def solve(discrete: CondensedProblem, stop: Stop = Stop(), beta: float | None = None) -> DiscreteSolution:  # noqa: B008

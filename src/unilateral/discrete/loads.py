@@ -12,17 +12,15 @@ from unilateral.arrays import Array
 from unilateral.bounds.boundary_flux import given
 from unilateral.bounds.source import Source, source_of
 from unilateral.fem.form import Form
-from unilateral.fem.p1 import by_parts, case_moments, edge_load, sampled_edge_load, sampled_moments
+from unilateral.fem.p1 import by_parts, case_moments, edge_load
 from unilateral.fem.poincare import friedrichs
-from unilateral.fem.quadrature import boundary_rule
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import cell_means
-from unilateral.problems.data import Data
-from unilateral.problems.sampled import Sampled
+from unilateral.problems.scaled import Data
 
 
-def form_of(problem: Data | Sampled, mesh: Mesh) -> Form:
+def form_of(problem: Data, mesh: Mesh) -> Form:
     """The form of a problem. The mesh serves for the constant that it needs where a side is clamped."""
     clamped, reaction = problem.clamped_sides, problem.reaction
     known = 1.0 if reaction else math.inf
@@ -30,17 +28,12 @@ def form_of(problem: Data | Sampled, mesh: Mesh) -> Form:
     return Form(reaction, clamped, C, problem.free_sides)
 
 
-def held_values(problem: Data | Sampled, mesh: Mesh) -> Array:
+def held_values(problem: Data, mesh: Mesh) -> Array:
     """(n,) what u_h is held at: the values of u that are given on clamped sides, at nodes there, and 0."""
     values, nodes = np.zeros(mesh.n_nodes), np.append(mesh.boundary, mesh.boundary[0])
     edge = np.flatnonzero(np.isin(mesh.side, problem.clamped_sides))
     for end in (1, 0) if edge.size else ():
-        if isinstance(problem, Sampled):
-            side = mesh.side[edge]
-            of_edges = problem.obstacle(side, mesh.s[edge + end] - mesh.polygon.starts[side])
-        else:
-            of_edges = problem.enclosed_obstacle.on_edges(mesh.s)[edge, end]
-        values[nodes[edge + end]] = of_edges
+        values[nodes[edge + end]] = problem.enclosed_obstacle.on_edges(mesh.s)[edge, end]
     return values
 
 
@@ -51,34 +44,21 @@ class Load(NamedTuple):
     source: Source | None
 
 
-def load_of(problem: Data | Sampled, mesh: Mesh) -> Load:
-    """The load of f: that of its enclosure's polynomials, or by quadrature.
-
-    Where f is known at points only nobody knows the error of the quadrature.
-    """
+def load_of(problem: Data, mesh: Mesh) -> Load:
+    """The load of f: of a case by quadrature, else that of its enclosure's polynomials."""
     if problem.exact:
         return Load(by_parts(mesh, partial(case_moments, problem.exact)), None)
-    if isinstance(problem, Sampled):
-        return Load(by_parts(mesh, partial(sampled_moments, problem)), None)
     source = source_of(mesh, problem)
     return Load(source.load, source)
 
 
-def flux_load(problem: Data | Sampled, mesh: Mesh) -> Array:
-    """(n,) the load of the given flux: exact for the polynomials of its enclosure, or by Gauss rules."""
-    if isinstance(problem, Sampled):
-        return sampled_edge_load(problem, mesh)
+def flux_load(problem: Data, mesh: Mesh) -> Array:
+    """(n,) the load of the given flux, exact for the polynomials of its enclosure."""
     return edge_load(mesh, given(problem.enclosed_flux, mesh).ends)
 
 
-def obstacle_means(problem: Data | Sampled, cells: Partition) -> Array:
-    """(cells,) the means of g: of a case exact up to rounding, else of the enclosure, or by Gauss rules."""
+def obstacle_means(problem: Data, cells: Partition) -> Array:
+    """(cells,) the means of g: of a case exact up to rounding, else of the enclosure."""
     if problem.exact:
         return cell_means(problem.exact, cells).g_means
-    if not isinstance(problem, Sampled):
-        return problem.enclosed_obstacle.means(cells.points)
-    cuts = np.union1d(cells.points, problem.kinks)
-    rule = boundary_rule(problem.polygon, cuts)
-    integrals = rule.integrate(problem.obstacle(rule.side, rule.s), len(cuts) - 1)
-    cell = np.searchsorted(cells.points, cuts[:-1], side="right") - 1
-    return np.bincount(cell, integrals, cells.n_cells) / cells.lengths
+    return problem.enclosed_obstacle.means(cells.points)

@@ -28,8 +28,7 @@ from unilateral.geometry.adapted import AdaptedMesh, refined
 from unilateral.geometry.adapted import adapted as adapted_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.problems.data import Data
-from unilateral.problems.sampled import Sampled
+from unilateral.problems.scaled import Data
 from unilateral.solvers.multigrid import IN_L2, Multigrid, MultigridResult, multigrid
 from unilateral.solvers.multigrid_bounds import dual_norm_below
 from unilateral.solvers.stop import Stop
@@ -139,20 +138,19 @@ def nested_spaces(
 
 
 def on_levels(
-    problem: Data | Sampled, spaces: NestedSpaces, load: Load, guess: Array | None = None
+    problem: Data, spaces: NestedSpaces, load: Load, guess: Array | None = None
 ) -> MultilevelProblem:
     """The problem on its spaces, with the `load` of its f; the iteration begins at the `guess` (n,)."""
     mesh, partition, form = spaces.mesh, spaces.partition, spaces.levels.form
     cells = np.flatnonzero(form.held(partition.side))
     means, values = obstacle_means(problem, partition), load.values + flux_load(problem, mesh)
-    data = None if isinstance(problem, Sampled) else problem
     return MultilevelProblem(
         mesh=mesh,
         partition=partition,
         cells=cells,
         load=values,
         g_means=means,
-        data=data,
+        data=problem,
         source=load.source,
         form=form,
         held=_held(problem, mesh, form),
@@ -161,7 +159,7 @@ def on_levels(
     )
 
 
-def _held(problem: Data | Sampled, mesh: Mesh, form: Form) -> Array:
+def _held(problem: Data, mesh: Mesh, form: Form) -> Array:
     """(n,) a function with the given values on clamped sides that falls to 0 on triangles of the first mesh.
 
     In nested iteration u_h less this function is as smooth as u_h, but for what the values are not linear.

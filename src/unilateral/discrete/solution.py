@@ -20,7 +20,7 @@ from unilateral.fem.form import Form
 from unilateral.fem.p1 import coupling, h1_norm
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.problems.data import Data
+from unilateral.problems.scaled import Data
 from unilateral.solvers.uzawa import DualResult
 
 
@@ -33,7 +33,7 @@ class DiscreteSolution:
     Parameters
     ----------
     data
-        f, g and q, by which errors are bounded; None where they are no formulas.
+        f, g and q, by which errors are bounded; None if only a load of them is known.
     mesh, partition, form
         The spaces, and the bilinear form with its clamped and free sides.
     cells : (m,)
@@ -110,13 +110,13 @@ class DiscreteSolution:
 
     @cached_property
     def source(self) -> Source | None:
-        """The enclosure of f; None where f, g and q are no formulas."""
+        """The enclosure of f; None without data."""
         if self.data is None:
             return None
         return self.known_source or source_of(self.mesh, self.data)
 
     def bound(self, sharp: bool = False) -> Bound | None:
-        """The guaranteed bounds on the errors, where f, g and q are formulas; sharp ones take more time."""
+        """The guaranteed bounds on the errors, if there are data; sharp ones take more time."""
         return self.sharp_bound if sharp else self.local_bound
 
     def known(self, sharp: bool = False) -> bool:
@@ -125,12 +125,12 @@ class DiscreteSolution:
 
     @cached_property
     def local_bound(self) -> Bound | None:
-        """The cheap bounds, where f, g and q are formulas."""
+        """The cheap bounds; None without data."""
         return self._bounded_by(local_bound)
 
     @cached_property
     def sharp_bound(self) -> Bound | None:
-        """The sharp bounds, where f, g and q are formulas."""
+        """The sharp bounds; None without data."""
         return self._bounded_by(sharp_bound)
 
     def _bounded_by(self, estimate: Callable[..., Bound]) -> Bound | None:
@@ -149,7 +149,7 @@ class DiscreteSolution:
 
     @cached_property
     def flux(self) -> Array | None:
-        """(2, E) the flux of the cheap bound, as `equilibrated` gives it, where f, g and q are formulas."""
+        """(2, E) the flux of the cheap bound, as `equilibrated` gives it; None without data."""
         if self.data is None or self.source is None:
             return None
         potential = self.u_h if self.potential is None else self.potential
@@ -169,7 +169,7 @@ class DiscreteSolution:
     def force_balance(self) -> tuple[float, float] | None:
         """Two numbers between which the sum of all forces and reactions lies.
 
-        None if c > 0, or where f and q are no formulas.
+        None if c > 0, or without data.
         """
         if self.data is None or self.source is None or self.form.reaction:
             return None

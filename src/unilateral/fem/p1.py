@@ -12,13 +12,12 @@ import scipy.sparse as sp
 from unilateral.arrays import Array, Index, Mask, blocks
 from unilateral.errors import InputError
 from unilateral.fem.form import Form
-from unilateral.fem.quadrature import boundary_rule, symmetric, triangle_rules
+from unilateral.fem.quadrature import triangle_rules
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, overlay
 
 if TYPE_CHECKING:
     from unilateral.problems.case import ExactSolution
-    from unilateral.problems.sampled import Sampled
 
 SAMPLED = 8
 """The degree of the rule on triangles for an f that is known in points only."""
@@ -79,15 +78,6 @@ def case_moments(case: ExactSolution, mesh: Mesh) -> Array:
     return moments
 
 
-def sampled_moments(problem: Sampled, mesh: Mesh) -> Array:
-    """(m, 3) the moments of a sampled f, by a rule whose error nobody knows; exact for one at nodes."""
-    if problem.nodal.f is not None:
-        return linear_moments(mesh.areas, problem.nodal.f[mesh.triangles])
-    hats, weights = symmetric(SAMPLED)
-    f = problem.source(np.einsum("qb,tbd->tqd", hats, mesh.points[mesh.triangles]))
-    return mesh.areas[:, None] * ((f * weights) @ hats)
-
-
 def linear_moments(areas: Array, f: Array) -> Array:
     """(m, 3) the moments of a function that is linear on triangles, with the values f (m, 3) at vertices."""
     return areas[:, None] / 12 * (f + f.sum(axis=1, keepdims=True))
@@ -117,14 +107,6 @@ def linear_parts(mesh: Mesh, edge: Index, x: Array, weight: Array, values: Array
     )
     ends = np.column_stack([2 * first - second, 2 * second - first])
     return np.asarray(2 * ends / np.diff(mesh.s)[:, None])
-
-
-def sampled_edge_load(problem: Sampled, mesh: Mesh) -> Array:
-    """(n,) the load of the given flux, by a Gauss rule on every edge."""
-    rule = boundary_rule(problem.polygon, mesh.s)
-    x = (problem.polygon.starts[rule.side] + rule.s - mesh.s[rule.interval]) / np.diff(mesh.s)[rule.interval]
-    points = (each[:, None] for each in (x, rule.weight, problem.flux(rule.side, rule.s)))
-    return edge_load(mesh, linear_parts(mesh, rule.interval, *points))
 
 
 def h1_load(mesh: Mesh, slopes: Array, moments: Array, gradient_integrals: Array) -> Array:

@@ -33,8 +33,8 @@ from unilateral.problems.atoms import Along, Smooth, T
 from unilateral.problems.cantor_atom import Cantor
 from unilateral.problems.case_builder import Atom, Builder, constants_of
 from unilateral.problems.catalogue import folder, names
-from unilateral.problems.data import on_sides, places
 from unilateral.problems.problem import Problem
+from unilateral.problems.side_models import on_sides, places
 from unilateral.problems.units import Units
 from unilateral.system import declarations
 

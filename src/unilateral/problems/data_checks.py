@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
+from fractions import Fraction
 from functools import partial
 
 import numpy as np
 
-from unilateral.errors import InputError
-from unilateral.formulas.expression import Expression
-from unilateral.problems.formula_range import POINTS, may_be_0, some_points
-from unilateral.problems.nodal import NodalTraces
-from unilateral.problems.piecewise import PLACES
-from unilateral.problems.problem import Problem
-from unilateral.problems.sampled import Sampled
+from unilateral.errors import InputError, shown
+from unilateral.formulas.expression import Expression, product, roots_in
+from unilateral.problems.formula_range import POINTS, may_be_0, range_in, range_on_side, some_points
+from unilateral.problems.nodal import NodalTrace
+from unilateral.problems.problem import Problem, as_formula
+from unilateral.problems.reading import plain, read_source
 
 SMALLEST, LARGEST = 1e-140, 1e140
 """The limits of |f|, |g| and |q|, so that squares of data are normal numbers.
@@ -23,13 +24,6 @@ For the squares of errors see `flux_residuals.underflow`.
 """
 POWER = 2
 """Data are multiplied by this power of the root of the area in units of (k/c)^{1/2}, if that is above 1."""
-KEPT = 2.0**-26
-"""Functions keep half of the digits: at a vertex they may differ by this part of the larger number there."""
-STEP, STEPS = 1e-8, 8
-"""Noise of a function near a vertex is seen at so many steps of this part of a side, beside rounded numbers.
-
-It is no power of 2, for at steps that are multiples of what a function is rounded to no noise is seen.
-"""
 
 
 def check(problem: Problem, name: str) -> None:
@@ -38,6 +32,7 @@ def check(problem: Problem, name: str) -> None:
     A g that jumps at a vertex is the trace of no u in H^1. The sizes of f, g and q are looked at in the units
     in which the problem is solved.
     """
+    check_roots(problem, name)
     units, obstacle = problem.units, problem.enclosed_obstacle
     of_f, unit = max(map(abs, problem.range_of_f)), math.sqrt(problem.polygon.area) / units.length
     _check_size(of_f, units.load, unit, f"{name}, field f", "in the polygon", lambda: _no_load(problem))
@@ -46,58 +41,67 @@ def check(problem: Problem, name: str) -> None:
     largest = max(sizes.values(), default=0.0)
     for side, size in sizes.items():
         where, place = _field(problem, name, side), f"on side {side}"
-        is_0 = partial(_may_be_0_on, problem, side, problem.g, problem.nodal.g)
+        is_0 = partial(_may_be_0_on, problem, side, problem.g[side])
         _check_size(size, units.value, unit, where, place, is_0 if size == largest else _always)
     for side in problem.flux_sides:
         of_q = max(map(abs, problem.enclosed_flux.range(side)))
-        is_0 = partial(_may_be_0_on, problem, side, problem.q, problem.nodal.q)
+        is_0 = partial(_may_be_0_on, problem, side, problem.q[side])
         _check_size(of_q, units.flux, unit, f"{name}, field q", f"on side {side}", is_0)
-    for vertex in _between(problem):
+    for vertex in vertices_between(problem):
         allowed = obstacle.rounded_jumps[vertex] + obstacle.end_doubts[:, vertex].sum()
         end, start = obstacle.ends[:, vertex].tolist()
         _check_vertex(problem, name, vertex, end, start, allowed)
 
 
-def check_vertices(of: Sampled) -> None:
-    """Raises InputError where g or u jumps at a vertex, or u < g: then no u in H^1 has that trace."""
-    n = of.polygon.n_sides
-    for vertex in _between(of):
-        start, doubt_of_start = _end(of, vertex, 0.0)
-        end, doubt_of_end = _end(of, (vertex - 1) % n, 1.0)
-        allowed = KEPT * max(abs(end), abs(start)) + doubt_of_end + doubt_of_start
-        _check_vertex(of, of.name, vertex, end, start, allowed)
+def check_roots(problem: Problem, name: str) -> None:
+    """Raises InputError unless every root in f, g, u and q is taken of what is above 0 in its place.
 
-
-def _end(of: Sampled, side: int, end: float) -> tuple[float, float]:
-    """g or u at the end t = 0 or 1 of a side, and how well it is known there.
-
-    Second differences next to the vertex show the noise of the function, because all else in them is as small
-    as the square of a step. To the noise comes the slope there, times the rounding of places.
+    Guaranteed ranges of the roots decide that.
     """
-    polygon, steps = of.polygon, STEP * np.arange(STEPS + 1)
-    length = polygon.lengths[side]
-    s = length * np.abs(end - steps)
-    s[0] = end * length
-    near = of.obstacle(np.full(len(s), side), s)
-    slope = np.abs(np.diff(near)).max() / (STEP * length)
-    doubt = np.abs(np.diff(near, 2)).max() + slope * PLACES * np.spacing(polygon.perimeter)
-    return float(near[0]), float(doubt)
+    for root in _roots(problem.f):
+        if not np.isfinite(range_in(problem.polygon, root)).all():
+            raise InputError(
+                f"{name}, field f: {_needs(root, 'in the polygon', partial(read_source, mesh=None))}"
+            )
+    for side in range(problem.polygon.n_sides):
+        free = side in problem.free_sides
+        field = "q" if free else "u" if side in problem.clamped_sides else "g"
+        data = problem.q if free else problem.g
+        for root in _roots(data[side]) if data else ():
+            if not np.isfinite(range_on_side(problem.polygon, root, side)).all():
+                read = partial(plain, field=field) if free else None
+                raise InputError(f"{name}, field {field}: {_needs(root, f'on side {side}', read)}")
 
 
-def _between(of: Problem | Sampled) -> list[int]:
+def _roots(data: object) -> list[Expression]:
+    """The powers in a formula whose exponents are no whole numbers."""
+    return [product(1, [power]) for power in roots_in(data)] if isinstance(data, Expression) else []
+
+
+def _needs(root: Expression, place: str, read: Callable[..., object] | None) -> str:
+    """What a root needs, and the positive part that can be written in its place if it can be `read`."""
+    ((base, k),) = root.factors[1]
+    radicand = product(1, [(base, Fraction(1))])
+    needs, instead = f"{shown(root)} needs {shown(radicand)} > 0 {place}", f"pos({radicand}, {k})"
+    with suppress(InputError):
+        if read:
+            read(instead, where="")
+            return f"{needs}; write {instead}, which is 0 elsewhere"
+    return needs if read else f"{needs}; a root is not Lipschitz where it is 0"
+
+
+def vertices_between(problem: Problem) -> list[int]:
     """The vertices between two sides that are not free."""
-    n, free = of.polygon.n_sides, {*of.free_sides}
+    n, free = problem.polygon.n_sides, {*problem.free_sides}
     return [vertex for vertex in range(n) if not {vertex, (vertex - 1) % n} & free]
 
 
-def _field(of: Problem | Sampled, name: str, side: int) -> str:
+def _field(of: Problem, name: str, side: int) -> str:
     """The field that says what g or u is on a side."""
     return f"{name}, field {'u' if side in of.clamped_sides else 'g'}"
 
 
-def _check_vertex(
-    of: Problem | Sampled, name: str, vertex: int, end: float, start: float, allowed: float
-) -> None:
+def _check_vertex(of: Problem, name: str, vertex: int, end: float, start: float, allowed: float) -> None:
     """Raises InputError unless what is given on the two sides at a vertex fits together there.
 
     It is `end` on the side before the vertex and `start` on the next one. Both are g or both u, and alike; or
@@ -135,17 +139,17 @@ def _always() -> bool:
 
 def _no_load(problem: Problem) -> bool:
     """Whether f may be 0, for all that is known of it."""
-    if problem.nodal.f is not None:
-        return not problem.nodal.f.any()
-    return may_be_0(problem.f, some_points(problem.polygon))
+    if problem.f_at_nodes is not None:
+        return not problem.f_at_nodes.any()
+    return may_be_0(as_formula(problem.f), some_points(problem.polygon))
 
 
-def _may_be_0_on(problem: Problem, side: int, formulas: tuple[Expression, ...], traces: NodalTraces) -> bool:
-    """Whether g or q may be 0 on a side, for all that is known of it."""
-    if side in traces:
-        return not traces[side].values.any()
+def _may_be_0_on(problem: Problem, side: int, data: object) -> bool:
+    """Whether the g or q that is given on a side may be 0 there, for all that is known of it."""
+    if isinstance(data, NodalTrace):
+        return not data.values.any()
     s = np.linspace(0, problem.polygon.lengths[side], POINTS)
-    return may_be_0(formulas[side], problem.polygon.at(np.full(POINTS, side), s))
+    return may_be_0(as_formula(data), problem.polygon.at(np.full(POINTS, side), s))
 
 
 def _check_size(

@@ -14,8 +14,8 @@ from unilateral.formulas.taylor import EPS, Model, affine, basis
 from unilateral.formulas.taylor_enclosures import evaluate
 from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.data import places
 from unilateral.problems.piecewise import in_pieces
+from unilateral.problems.side_models import places
 
 ORDER = 3
 SHARP = 1e-3

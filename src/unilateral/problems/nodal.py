@@ -1,9 +1,9 @@
-"""f, g and q as arrays at the nodes of a mesh: linear on its triangles and on its boundary edges."""
+"""f, g, u and q as values at the nodes of a mesh: linear on its triangles and on its boundary edges."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import TypeGuard
 
 import numpy as np
@@ -24,10 +24,6 @@ class NodalTrace:
 
     t: Array
     values: Array
-
-    def at(self, t: Array) -> Array:
-        """(n,) values at the places t (n,)."""
-        return np.interp(t, self.t, self.values)
 
     def model(self, t: Model) -> Model:
         """The function on intervals of the side, each of which lies on one edge but for rounding."""
@@ -56,34 +52,10 @@ class NodalTrace:
         return self.t[1:-1]
 
 
-NodalTraces = Mapping[int, NodalTrace]
-"""Those of some sides."""
-
-
-@dataclass(frozen=True, eq=False)
-class Nodal:
-    """What is given at the nodes of the `mesh`: f (n,), and g and q on sides.
-
-    It takes the place of formulas and functions.
-    """
-
-    mesh: Mesh | None = None
-    f: Array | None = None
-    g: NodalTraces = field(default_factory=dict)
-    q: NodalTraces = field(default_factory=dict)
-
-    def scaled(self, load: float, value: float, flux: float) -> Nodal:
-        """The same in other units of f, g and q; places t stay."""
-        g, q = (
-            {side: replace(of, values=of.values / unit) for side, of in traces.items()}
-            for traces, unit in ((self.g, value), (self.q, flux))
-        )
-        return replace(self, f=None if self.f is None else self.f / load, g=g, q=q)
-
-
-def cuts(of: NodalTraces) -> Iterable[Singular]:
-    """The nodes inside the sides of traces."""
-    return [Singular(side, t, 1) for side, each in of.items() for t in each.cuts.tolist()]
+def cuts(sides: Iterable[object]) -> list[Singular]:
+    """The nodes inside the sides on which there is a trace, of what is given on the sides in their order."""
+    traces = [(side, trace) for side, trace in enumerate(sides) if isinstance(trace, NodalTrace)]
+    return [Singular(side, t, 1) for side, trace in traces for t in trace.cuts.tolist()]
 
 
 def is_array(given: object) -> TypeGuard[Array]:
@@ -123,8 +95,14 @@ def trace(mesh: Mesh | None, given: Array, side: int, where: str) -> NodalTrace:
     if mesh is None:
         at_nodes(None, given, where)
     assert mesh is not None
+    nodes, t = side_nodes(mesh, side)
+    return NodalTrace(t, at_nodes(mesh, given, where, nodes)[nodes])
+
+
+def side_nodes(mesh: Mesh, side: int) -> tuple[Index, Array]:
+    """(k,) the nodes on a side in their order, and (k,) their places, from 0 to 1 in side lengths."""
     edges = np.flatnonzero(mesh.side == side)
     nodes = np.append(mesh.boundary[edges], mesh.boundary[(edges[-1] + 1) % len(mesh.boundary)])
     polygon = mesh.polygon
     t = np.append((mesh.s[edges] - polygon.starts[side]) / polygon.lengths[side], 1.0)
-    return NodalTrace(t, at_nodes(mesh, given, where, nodes)[nodes])
+    return nodes, t

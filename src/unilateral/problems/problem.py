@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
@@ -19,12 +19,14 @@ from unilateral.formulas.formula import coefficients
 from unilateral.formulas.taylor import EPS, Model, joined
 from unilateral.formulas.taylor_enclosures import Steps, evaluate
 from unilateral.geometry.curves import Kink
+from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.data import on_sides, places, slopes_on_sides
 from unilateral.problems.fields import as_html, as_text, fields_of, headed
 from unilateral.problems.formula_range import range_in
-from unilateral.problems.nodal import Nodal, NodalTraces, cuts
+from unilateral.problems.functions import Function
+from unilateral.problems.nodal import NodalTrace, cuts
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_flux, enclose_obstacle
+from unilateral.problems.side_models import SideData, on_sides, places, slopes_on_sides
 from unilateral.problems.units import Units
 
 if TYPE_CHECKING:
@@ -41,20 +43,22 @@ WANTED = "must be linear, or c - (x - a)**2 - (y - b)**2 up to a factor"
 class Problem:
     """-k lap u + c u = f with contact, but k du/dn = q on `free_sides`; `units` come from k and c.
 
-    `f` is a formula in x, y. `g` has one per side, which is not used on free sides; on `clamped_sides` it is
-    what u is there. `q` has one per side, which is 0 on those that are not free; if `q` is empty, the flux is
-    0. Arrays that are `nodal` take their place. The `title` is one line that says what problem it is. A case
-    has an `exact` solution: f, and g on sides with contact, come from it. What is enclosed is told by `Data`.
+    `g` has an obstacle for each side, which is not used on free sides; on `clamped_sides` it is what u is
+    there. `q` has a flux for each side, which is 0 on those that are not free; if `q` is empty, the flux is
+    0. f is a formula in x and y, or its values at the nodes of the `mesh`; then it is linear on triangles. g
+    and q are formulas, or values at nodes, between which they are linear. Functions of Python wait for a
+    mesh, see `build.put_on_mesh`. A case has an `exact` solution, from which f, and g on sides with contact,
+    come in place of the fields f and g. The `title` is one line that says what problem it is.
     """
 
     name: str
     polygon: Polygon
-    f: Expression
-    g: tuple[Expression, ...]
+    f: Expression | Array | Function
+    g: tuple[SideData | Function, ...]
     free_sides: tuple[int, ...]
     units: Units = field(default_factory=Units)
-    q: tuple[Expression, ...] = ()
-    nodal: Nodal = field(default_factory=Nodal)
+    q: tuple[SideData | Function, ...] = ()
+    mesh: Mesh | None = None
     title: str = ""
     clamped_sides: tuple[int, ...] = ()
     exact: ExactSolution | None = None
@@ -72,11 +76,18 @@ class Problem:
         return as_html(headed(self), fields_of(self))
 
     @property
+    def has_functions(self) -> bool:
+        """Whether a function waits for a mesh, at whose nodes it is evaluated."""
+        return any(map(callable, (self.f, *self.g, *self.q)))
+
+    @property
     def f_at_nodes(self) -> Array | None:
-        return self.nodal.f
+        """(n,) f at the nodes of the mesh, if it is given by them."""
+        return self.f if isinstance(self.f, np.ndarray) else None
 
     @property
     def reaction(self) -> float:
+        """What u is multiplied by in (1.1): 1, or 0 if c = 0."""
         return self.units.reaction
 
     @property
@@ -86,25 +97,29 @@ class Problem:
 
     @cached_property
     def jumps(self) -> dict[Atom, Kink]:
+        """The steps pos(a, 0) in f, and the line or circle at which each changes between 0 and 1."""
+        if not isinstance(self.f, Expression):
+            return {}
         steps = (power for power in atoms_in(self.f, "pos") if power.args[1].rational == 0)
         return {step: kink for step in steps for kink in curve(step.args[0])}
 
     def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
+        """f on the boxes of x and y, on which the steps have the values `steps`, NaN for both 0 and 1."""
         if self.exact:
             return self.exact.source_model(x, y)
-        assert self.nodal.f is None  # in whose place the formula is 0
-        return evaluate(self.f, {"x": x, "y": y}, steps)
+        return evaluate(as_formula(self.f), {"x": x, "y": y}, steps)
 
     def obstacle_model(self, side: Index, t: Model) -> Model:
+        """g, or the given u, on intervals of the sides (k,), t the arc length in side lengths."""
         if self.exact is None:
-            return self._on_sides(self.g, self.nodal.g, side, t)
+            return self._on_sides(self.g, side, t)
         clamped = np.isin(side, self.clamped_sides)
         contact, held = np.flatnonzero(~clamped), np.flatnonzero(clamped)
         parts = []
         if contact.size:
             parts.append((self.exact.obstacle_model(side[contact], t.on(contact)), contact))
         if held.size:
-            parts.append((self._on_sides(self.g, {}, side[held], t.on(held)), held))
+            parts.append((self._on_sides(self.g, side[held], t.on(held)), held))
         return joined(parts)
 
     @cached_property
@@ -114,43 +129,46 @@ class Problem:
         If none are clamped, it is less precise below a = inf f / c: as u >= a, see `idle_sides`, u is also
         the solution for any other obstacle that is at most a where g is.
         """
-        least = -math.inf if self.clamped_sides else self._least_of_f
-        singular = self.exact.singular() if self.exact else cuts(self.nodal.g)
-        on = self.free_sides, least, singular, self.clamped_sides, self.slope_model
-        return enclose_obstacle(self.polygon, self.obstacle_model, *on)
+        return enclose_obstacle(
+            self.polygon,
+            self.obstacle_model,
+            free=self.free_sides,
+            least=-math.inf if self.clamped_sides else self._least_of_f,
+            cuts=self.exact.singular() if self.exact else cuts(self.g),
+            clamped=self.clamped_sides,
+            slope=self.slope_model,
+        )
 
     def slope_model(self, side: Index, t: Model) -> Model:
         """The derivative by t of u on clamped sides, as `obstacle_model` has u."""
-        return slopes_on_sides(dict(enumerate(self.g)), self.polygon, side, t, self.nodal.g)
+        return slopes_on_sides(without_functions(self.g), self.polygon, side, t)
 
     def flux_model(self, side: Index, t: Model) -> Model:
         """q as `obstacle_model` has g."""
-        return self._on_sides(self.q, self.nodal.q, side, t)
+        return self._on_sides(self.q, side, t)
 
-    def _on_sides(
-        self, formulas: tuple[Expression, ...], traces: NodalTraces, side: Index, t: Model
-    ) -> Model:
+    def _on_sides(self, data: Sequence[SideData | Function], side: Index, t: Model) -> Model:
         x, y = places(self.polygon, side, t)
-        return on_sides(formulas, side, {"x": x, "y": y, "t": t}, traces)
+        return on_sides(without_functions(data), side, {"x": x, "y": y, "t": t})
 
     @property
     def flux_sides(self) -> tuple[int, ...]:
         """The sides on which q is not 0."""
-        formulas = (side for side, formula in enumerate(self.q) if formula.rational != 0)
-        return tuple(sorted({*formulas, *self.nodal.q}))
+        return tuple(side for side, flux in enumerate(self.q) if not is_zero(flux))
 
     @cached_property
     def enclosed_flux(self) -> Flux:
-        return enclose_flux(self.polygon, self.flux_model, self.flux_sides, cuts(self.nodal.q))
+        """q on free sides, enclosed."""
+        return enclose_flux(self.polygon, self.flux_model, self.flux_sides, cuts(self.q))
 
     @cached_property
     def range_of_f(self) -> tuple[float, float]:
         """Guaranteed bounds on f in Omega, infinite where none are found, as for cases."""
         if self.exact:
             return -math.inf, math.inf
-        if self.nodal.f is not None:
-            return float(self.nodal.f.min()), float(self.nodal.f.max())
-        return range_in(self.polygon, self.f)
+        if isinstance(self.f, np.ndarray):
+            return float(self.f.min()), float(self.f.max())
+        return range_in(self.polygon, as_formula(self.f))
 
     @cached_property
     def least(self) -> float:
@@ -158,7 +176,7 @@ class Problem:
 
         It is -inf where q may be below 0.
         """
-        zero = {i for i in self.clamped_sides if self.g[i].rational == 0 and i not in self.nodal.g}
+        zero = {i for i in self.clamped_sides if is_zero(self.g[i])}
         clamped = (0.0 if i in zero else self.enclosed_obstacle.range(i)[0] for i in self.clamped_sides)
         return min(self._least_of_f, *clamped, math.inf)
 
@@ -190,13 +208,31 @@ class Problem:
         leave these sides out changes Lambda_H, and the discrete solution with it. Both bounds are guaranteed,
         by interval arithmetic; a side that they do not decide is not idle.
         """
-        of = self.enclosed_obstacle
-        return tuple(side for side in self.contact_sides if of.range(side)[1] < self.least)
+        obstacle = self.enclosed_obstacle
+        return tuple(side for side in self.contact_sides if obstacle.range(side)[1] < self.least)
 
 
 def contact_sides(polygon: Polygon, *others: Collection[int]) -> tuple[int, ...]:
     """The sides that are none of the others."""
     return tuple(side for side in range(polygon.n_sides) if not any(side in each for each in others))
+
+
+def is_zero(data: SideData | Function) -> bool:
+    """Whether the formula 0 is given on a side."""
+    return isinstance(data, Expression) and data.rational == 0
+
+
+def as_formula(data: object) -> Expression:
+    """The formula that was given, in places that others do not reach."""
+    assert isinstance(data, Expression)
+    return data
+
+
+def without_functions(data: Sequence[SideData | Function]) -> list[SideData]:
+    """The data on sides, none of which may wait for a mesh."""
+    known = [each for each in data if isinstance(each, Expression | NodalTrace)]
+    assert len(known) == len(data)  # `build.put_on_mesh` evaluates functions first
+    return known
 
 
 def curve(a: Expression) -> list[Kink]:

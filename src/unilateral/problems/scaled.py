@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import overload
 
 import numpy as np
 
@@ -15,20 +14,18 @@ from unilateral.formulas.taylor import EPS, Model
 from unilateral.formulas.taylor_enclosures import Steps
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.data import Data
 from unilateral.problems.nodal import cuts
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_flux, enclose_obstacle
 from unilateral.problems.problem import Problem
-from unilateral.problems.sampled import Function, Sampled, values
-from unilateral.problems.units import Units
 
 
 @dataclass(frozen=True, eq=False)
 class Scaled:
-    """The problem for v as `Data`, made from the problem `of` u. Vertices are rounded once more."""
+    """The problem for v, made from the problem `of` u. Vertices are rounded once more."""
 
     of: Problem
-    exact: None = field(default=None, init=False)
+
+    exact = None  # cases have k = 1, and are not scaled
 
     @property
     def name(self) -> str:
@@ -90,7 +87,7 @@ class Scaled:
         """See `Problem`."""
         least = -math.inf if self.clamped_sides else self.of.least / self.of.units.value
         least -= 4 * EPS * abs(least) if math.isfinite(least) else 0.0
-        on = self.free_sides, least, cuts(self.of.nodal.g), self.clamped_sides, self.slope_model
+        on = self.free_sides, least, cuts(self.of.g), self.clamped_sides, self.slope_model
         return enclose_obstacle(self.polygon, self.obstacle_model, *on)
 
     def flux_model(self, side: Index, t: Model) -> Model:
@@ -99,10 +96,14 @@ class Scaled:
 
     @cached_property
     def enclosed_flux(self) -> Flux:
-        return enclose_flux(self.polygon, self.flux_model, self.of.flux_sides, cuts(self.of.nodal.q))
+        return enclose_flux(self.polygon, self.flux_model, self.of.flux_sides, cuts(self.of.q))
 
 
-def scaled_polygon(of: Problem | Sampled) -> Polygon:
+Data = Problem | Scaled
+"""A problem in units in which it is (1.1)-(1.2), as all solvers and bounds take it."""
+
+
+def scaled_polygon(of: Problem) -> Polygon:
     """The scaled polygon. Raises InputError if it is too large or too small.
 
     Its vertices, and the coordinates of meshes on either polygon, are rounded three times: by less than 2 EPS
@@ -113,33 +114,6 @@ def scaled_polygon(of: Problem | Sampled) -> Polygon:
     return Polygon(vertices, of.polygon.name, doubt=4 * EPS * float(np.abs(vertices).max() + perimeter))
 
 
-@overload
-def scaled(problem: Problem) -> Data: ...
-@overload
-def scaled(problem: Sampled) -> Sampled: ...
-def scaled(problem: Problem | Sampled) -> Data | Sampled:
+def scaled(problem: Problem) -> Data:
     """The problem for v; the problem itself if k = c = 1, as for cases."""
-    if isinstance(problem, Problem) and not problem.units.trivial:
-        return Scaled(problem)
-    if isinstance(problem, Sampled) and not problem.units.trivial:
-        return _scaled_functions(problem)
-    return problem
-
-
-def _scaled_functions(of: Sampled) -> Sampled:
-    """The problem for v with functions; messages on what they refuse name the user's points."""
-    f = _moved(of, of.f, f"{of.name}, field f", of.units.load)
-    g, q = (
-        tuple(_moved(of, each, of.place(name, i), unit) for i, each in enumerate(functions))
-        for name, functions, unit in (("g", of.g, of.units.value), ("q", of.q, of.units.flux))
-    )
-    nodal = of.nodal.scaled(of.units.load, of.units.value, of.units.flux)
-    units = Units(c=of.units.c) if not of.reaction else Units()
-    return replace(of, polygon=scaled_polygon(of), f=f, g=g, q=q, nodal=nodal, units=units)
-
-
-def _moved(of: Sampled, function: Function, where: str, unit: float) -> Function:
-    def at(x: Array, y: Array) -> Array:
-        return values(function, np.stack([x, y], axis=-1) * of.units.length, where) / unit
-
-    return at
+    return problem if problem.units.trivial else Scaled(problem)

@@ -23,24 +23,20 @@ from unilateral.errors import InputError, IterationWarning
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.problems.data import Data
-from unilateral.problems.sampled import Sampled
-from unilateral.problems.scaled import scaled
+from unilateral.problems.build import put_on_mesh
+from unilateral.problems.scaled import Data, scaled
 from unilateral.solution.solution import Solution, make_solution
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 
 if TYPE_CHECKING:
-    from unilateral.problems.given import AnyProblem
+    from unilateral.problems.problem import Problem
 
 
-def certify(problem: AnyProblem, mesh: Mesh, u: ArrayLike, multiplier: ArrayLike | None) -> Solution:
+def certify(problem: Problem, mesh: Mesh, u: ArrayLike, multiplier: ArrayLike | None) -> Solution:
     """Solution with the values `u` (n,) at nodes, `multiplier` (nb,) on boundary edges; as `api.certify`."""
+    problem = put_on_mesh(problem, mesh)
     data = scaled(problem)
-    if isinstance(data, Sampled):
-        raise InputError(
-            f"'{problem.name}': f, g, q and u must be formulas or arrays, or there are no bounds"
-        )
     scaled_mesh = meshes.similar(mesh, data.polygon)
     values = nodal_values(u, "u")
     _check(values, mesh.n_nodes, "u", "node (of a second-order function: each corner of a triangle)")

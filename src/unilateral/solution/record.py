@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 from unilateral.formulas.exact_numbers import rounded
 from unilateral.norms.dual import Errors
+from unilateral.problems.fields import linear_fields
 from unilateral.solution.bounds import Bounds, energy
 
 if TYPE_CHECKING:
-    from unilateral.problems.given import AnyProblem
+    from unilateral.problems.problem import Problem
     from unilateral.solution.solution import Solution
 
 L2 = "||mu||_0 = (integral of mu^2 over the boundary)^(1/2)"
@@ -21,7 +22,7 @@ QUICK = 20_000
 """Up to this many nodes the bound on beta takes less than half a second, and the record has it."""
 
 
-def norms(problem: AnyProblem) -> dict[str, str]:
+def norms(problem: Problem) -> dict[str, str]:
     """The norms of errors, bounds and accuracies, by the names that fields have."""
     of_v = energy(problem.units, "v")
     whole = "(k ||grad v||_0^2 + c ||v||_0^2)^(1/2)" if problem.units.reaction else "k^(1/2) ||grad v||_0"
@@ -52,6 +53,7 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
         "k": rounded(units.k),
         "c": rounded(units.c),
         "norms": norms(solution.problem),
+        "linear_between_nodes": linear_fields(solution.problem),
         "h": length * mesh.h,
         "diameter": length * mesh.diameter,
         "H": length * cells.H,

@@ -13,7 +13,6 @@ from unilateral.arrays import Array, Index, Mask
 from unilateral.discrete.choice import bound_mb
 from unilateral.formulas.decimals import guaranteed, interval, up
 from unilateral.geometry.mesh import Mesh
-from unilateral.problems.sampled import Sampled
 from unilateral.solution.bounds import is_believed, relative, wants_sharp
 from unilateral.solution.coarser import clustered
 from unilateral.solution.contact import Contact
@@ -125,12 +124,9 @@ def shown(solution: Solution) -> Shown:
 
 def _flux(solution: Solution) -> Array:
     """(m,) q in the middle of the cells."""
-    problem, cells = solution.problem, solution.partition
+    cells, q = solution.partition, solution.problem.enclosed_flux
     s = 0.5 * (cells.points[1:] + cells.points[:-1])
-    if not isinstance(problem, Sampled):
-        q = problem.enclosed_flux
-        return q.at(q.on(s), s)[0]
-    return problem.flux(cells.side, s - cells.polygon.starts[cells.side])
+    return q.at(q.on(s), s)[0]
 
 
 def accuracy(solution: Solution) -> str:

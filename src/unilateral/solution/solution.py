@@ -16,7 +16,6 @@ from unilateral.accuracy.search import Search
 from unilateral.arrays import Array
 from unilateral.bounds.forces import Force
 from unilateral.discrete.solution import DiscreteSolution
-from unilateral.errors import InputError
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
@@ -38,7 +37,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from unilateral.problems.given import AnyProblem
+    from unilateral.problems.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +75,7 @@ class Solution:
       contact          length 3.5 of 4
     """
 
-    problem: AnyProblem
+    problem: Problem
     solved: DiscreteSolution
     search: Search | None
     mesh: Mesh
@@ -139,7 +138,7 @@ class Solution:
         c u_h - f. It is the flux that the `bounds` rest on: k^(-1/2) times the L2 norm of its error is at
         most `bounds.multiplier`. On each triangle it is linear. On edges it is taken as `grad_at`.
 
-        Raises InputError for another shape, and where f, g, q or u is a function.
+        Raises InputError for another shape.
 
         >>> import unilateral as ul
         >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
@@ -147,10 +146,7 @@ class Solution:
         True
         """
         solved = self.solved
-        if solved.flux is None:
-            raise InputError(
-                "there is no equilibrated flux, for f, g, q or u is a function; take k * s.grad_at(points)"
-            )
+        assert solved.flux is not None  # the data of a user's problem are known
         scaled_flux = partial(evaluation.flux, solved.mesh, solved.u_h, solved.flux)
         return self.problem.units.flux * evaluation.at_points(self.mesh, points, scaled_flux)
 
@@ -228,10 +224,10 @@ class Solution:
 
     @property
     def bounds(self) -> Bounds | None:
-        """The guaranteed bounds on the errors, where f, g and q are formulas, else None.
+        """The guaranteed bounds on the errors.
 
-        None, too, with a SolutionWarning, where they take more memory than is free, and where the bounds of
-        all levels contradict each other, which would be a fault of this program.
+        None, with a SolutionWarning, where they take more memory than is free, and where the bounds of all
+        levels contradict each other, which would be a fault of this program.
 
         >>> import unilateral as ul
         >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
@@ -348,7 +344,7 @@ class Solution:
         return figure(shown(self)) if ax is None else on_axes(ax, shown(self))
 
 
-def make_solution(solved: DiscreteSolution, problem: AnyProblem, search: Search | None = None) -> Solution:
+def make_solution(solved: DiscreteSolution, problem: Problem, search: Search | None = None) -> Solution:
     """What was solved on the scaled domain, in the units of the problem."""
     units = problem.units
     clamped = np.isin(solved.partition.side, problem.clamped_sides)

@@ -20,11 +20,11 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.data import Data
-from unilateral.problems.given import Coefficient, Given, bare, mesh_of, problem_of, to_be_given, with_data
+from unilateral.problems.build import OnSides, problem_of_arguments, put_on_mesh, with_data
+from unilateral.problems.named import find_problem
 from unilateral.problems.problem import Problem
-from unilateral.problems.sampled import Sampled
-from unilateral.problems.scaled import scaled
+from unilateral.problems.reading import Given
+from unilateral.problems.scaled import Data, scaled
 from unilateral.solution.faults import tell_faults
 from unilateral.solution.matrices import Matrices, matrices
 from unilateral.solution.sizes import Size, check_kind, number, sized
@@ -32,10 +32,7 @@ from unilateral.solution.solution import Solution, make_solution
 from unilateral.solvers.stop import Stop
 
 if TYPE_CHECKING:
-    from unilateral.problems.given import AnyProblem
-
-OnSides = Given | Sequence[Given]
-"""What is given for all sides, or for each."""
+    from unilateral.problems.problem import Problem
 
 
 class Solver:
@@ -59,40 +56,40 @@ class Solver:
 
     def __init__(
         self,
-        problem: AnyProblem | str | os.PathLike[str] | Polygon | Mesh | ArrayLike,
+        problem: Problem | str | os.PathLike[str] | Polygon | Mesh | ArrayLike,
         h: Size | None = None,
         H: Size | None = None,
         *,
         mesh: Mesh | str = "",
         stop: Stop | None = None,
         free_sides: Sequence[int] = (),
-        k: Coefficient = 1,
-        c: Coefficient = 1,
+        k: str | float = 1,
+        c: str | float = 1,
         q: OnSides = None,
         u: Mapping[int, Given] | None = None,
     ) -> None:
         check_kind(mesh)
         check_stop(stop)
         self.stop = stop or Stop()
-        known = problem_of(problem)
+        known = find_problem(problem)
         if known is None:
-            of = bare(problem, free_sides, k, c, "problem", u)  # type: ignore[arg-type]
-            self.problem: AnyProblem = with_data(of, q=q, u=u)
+            made = problem_of_arguments(problem, 0, 0, free_sides=free_sides, k=k, c=c, q=q, u=u)  # type: ignore[arg-type]
         elif any(
             hasattr(given, "__array__") or given not in (default, None, [], {})
             for given, default in ((free_sides, ()), (k, 1), (c, 1), (q, None), (u, None))
         ):
             raise InputError("free_sides, k, c, q and u belong to a polygon; a problem has its own")
         else:
-            self.problem = known
+            made = known
         self.has_data = known is not None
-        own = mesh_of(self.problem)
+        own = made.mesh
         if own is not None and mesh not in ("", own):
-            raise InputError(f"'{self.problem.name}' was made of a mesh and is solved on it; leave mesh out")
+            raise InputError(f"'{made.name}' was made of a mesh and is solved on it; leave mesh out")
         given = mesh if own is None else own
         self.own_mesh = isinstance(given, Mesh)
         sizes = number("h", h), number("H", H)
-        self.mesh, self.partition = sized(self.problem.polygon, *sizes, given, self.stop)
+        self.mesh, self.partition = sized(made.polygon, *sizes, given, self.stop)
+        self.problem = put_on_mesh(made, self.mesh)
         self._data = scaled(self.problem)
         self._last: tuple[Expression, Load] | None = None
         on = self._data.polygon
@@ -126,7 +123,7 @@ class Solver:
             f"h = {self.mesh.h:.4g}, H = {self.partition.H:.4g}"
         )
 
-    def _discrete(self, f: Given, g: OnSides, q: OnSides) -> tuple[AnyProblem, DiscreteProblem]:
+    def _discrete(self, f: Given, g: OnSides, q: OnSides) -> tuple[Problem, DiscreteProblem]:
         """The problem with that f, g and q, and the discrete one."""
         problem = self._with(f, g, q)
         data = self._data if problem is self.problem else scaled(problem)
@@ -135,16 +132,16 @@ class Solver:
         load = self._load if f is None else self._load_of(problem, data)
         return problem, discretised(data, self._spaces, load)
 
-    def _load_of(self, problem: AnyProblem, data: Data | Sampled) -> Load:
+    def _load_of(self, problem: Problem, data: Data) -> Load:
         """The load of an f that is given. That of a formula is kept for calls with the same one."""
-        formula = problem.f if isinstance(problem, Problem) and problem.nodal.f is None else None
-        if formula is None:
+        formula = problem.f
+        if not isinstance(formula, Expression):
             return load_of(data, self._spaces.mesh)
         if self._last is None or self._last[0] != formula:
             self._last = formula, load_of(data, self._spaces.mesh)
         return self._last[1]
 
-    def _with(self, f: Given, g: OnSides, q: OnSides) -> AnyProblem:
+    def _with(self, f: Given, g: OnSides, q: OnSides) -> Problem:
         of = self.problem
         missing = [name for name, given in (("f", f), ("g", g)) if given is None]
         if missing and not self.has_data:
@@ -158,7 +155,7 @@ class Solver:
             raise InputError(
                 f"'{of.name}' is a case, whose f and g belong to its solution; give both f and g"
             )
-        return with_data(to_be_given(of), f, g, q, self.mesh)
+        return with_data(of, self.mesh, f, g, q)
 
     @cached_property
     def _load(self) -> Load:

@@ -13,7 +13,7 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 from unilateral.formulas.decimals import guaranteed, interval, percent
-from unilateral.problems.sampled import Sampled
+from unilateral.problems.fields import LINEAR_BETWEEN_NODES, linear_fields
 from unilateral.solution.bounds import sizes, too_large, wants_sharp
 
 if TYPE_CHECKING:
@@ -44,6 +44,8 @@ def rows(of: Solution) -> dict[str, str]:
     sharp = wants_sharp(of)
     cells, solved = of.solved.cells, of.solved
     found = {"polygon": f"{of.polygon.n_sides} sides"}
+    if linear := linear_fields(of.problem):
+        found[", ".join(linear)] = LINEAR_BETWEEN_NODES
     found["unknowns"] = f"{of.mesh.n_nodes}, and {len(cells)} multipliers"
     if solved.foreign:
         found["u"] = "of another program"
@@ -67,9 +69,8 @@ def rows(of: Solution) -> dict[str, str]:
 def _bounded(of: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, str]:
     """The rows of guaranteed errors and of the force."""
     if bounds is None:
-        why = "f, g, q or u is a function" if isinstance(of.problem, Sampled) else "there is no bound"
         return {
-            "error of u": f"unknown, for {why}",
+            "error of u": "unknown, for there is no bound",
             "force": f"{of.solved.force * of.problem.units.force:.4g}",
         }
     names = sizes(of.problem.units)

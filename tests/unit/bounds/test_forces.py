@@ -188,7 +188,8 @@ def test_of_a_solution_from_python():
     assert len(local.sides) == 4
     assert local.whole.value == pytest.approx(sum(side.value for side in local.sides))
     sampled = ul.Problem(square(), f=lambda x, y: -np.ones_like(x), g="-1")
-    assert ul.solve(sampled, h=1 / 8, H=1 / 4).forces().whole.upper == math.inf
+    whole = ul.solve(sampled, h=1 / 8, H=1 / 4).forces().whole
+    assert whole.lower <= 1 <= whole.upper < 1 + 1e-6  # u = -1, and the force is the area
 
 
 @pytest.mark.parametrize("kind", ["structured", "unstructured"])
@@ -304,11 +305,12 @@ def test_without_a_reaction_the_sum_of_all_forces_is_known(data, exact, clamped)
     assert "sum of forces and reactions: " in repr(found)
 
 
-def test_with_a_reaction_or_functions_the_sum_is_not_known():
+def test_with_a_reaction_the_sum_is_not_known():
+    """Control: without one it is, of a function, too."""
     for f, c in ((-1, 1), (lambda x, y: 0 * x - 1, 0)):
         problem = ul.Problem(square(), f, [None, -1, None, None], [0, 2], u={3: 0}, c=c)
-        s = ul.solve(problem, h=1 / 4, H=1 / 2)
-        assert s.forces().total is None or s.forces().total.upper == math.inf
+        total = ul.solve(problem, h=1 / 4, H=1 / 2).forces().total
+        assert total is None if c else total.lower <= 1 <= total.upper < 1 + 1e-6
 
 
 def test_all_that_is_not_known_of_f_and_q_is_in_the_balance():

@@ -23,6 +23,7 @@ from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.problems import problem_file
+from unilateral.problems.build import put_on_mesh
 from unilateral.solution.evaluation import located, value
 from unilateral.solvers import multigrid_bounds
 from unilateral.solvers.multigrid_bounds import algebraic_bound
@@ -60,7 +61,8 @@ PROBLEMS = {
 def on_uniform(problem, edges=2):
     """On a refined mesh, and cells of that many edges."""
     cells = uniform(problem.polygon, problem.polygon.lengths.max() / 2)
-    return multilevel(problem, *meshes.following(cells, edges, 3))
+    mesh, cells = meshes.following(cells, edges, 3)
+    return multilevel(put_on_mesh(problem, mesh), mesh, cells)
 
 
 def mesh_for(problem, times=3, seed=None):
@@ -90,7 +92,7 @@ on_both_meshes = pytest.mark.parametrize("made", [on_uniform, on_adapted])
 
 def by_active_set(problem, found):
     """The same discrete problem, condensed, and its solution by Lawson's and Hanson's active sets."""
-    other = discretise(problem, found.mesh, found.partition)
+    other = discretise(put_on_mesh(problem, found.mesh), found.mesh, found.partition)
     return other, other.solved(Stop(tolerance=1e-11, algorithm="active_set"))
 
 

@@ -1,4 +1,4 @@
-"""f, g and q as arrays at nodes: alone and mixed with formulas and functions, their bounds, and refusals."""
+"""f, g and q as values at nodes, of arrays or functions, alone and beside formulas: bounds and refusals."""
 
 import re
 from fractions import Fraction
@@ -11,7 +11,7 @@ import unilateral as ul
 from unilateral.bounds.source import linear
 from unilateral.fem.p1 import h1_norm
 from unilateral.formulas.taylor import affine, basis
-from unilateral.problems.nodal import Nodal, NodalTrace
+from unilateral.problems.nodal import NodalTrace
 from unilateral.problems.scaled import scaled
 
 KITE = [(0, 0), (1.1, -0.3), (1.4, 1.2), (0.2, 0.8)]
@@ -43,11 +43,62 @@ def test_arrays_give_the_solution_of_their_formulas(given):
     for f, g, q in ways:
         s = solved(f, g, q=q, **free)
         np.testing.assert_allclose(s.u, expected.u, rtol=0, atol=1e-11)
-        functions = any(callable(each) for each in (f, q, *(g if isinstance(g, list) else [g])))
-        assert (s.bounds is None) == functions
-        if not functions:
-            np.testing.assert_allclose(s.bounds[:2], expected.bounds[:2], rtol=1e-8)
-            assert s.bounds.unknown < 1e-10
+        np.testing.assert_allclose(s.bounds[:2], expected.bounds[:2], rtol=1e-8)
+        assert s.bounds.unknown < 1e-10
+
+
+def wave(x, y):
+    return 6 * np.sin(7 * x) - 4 * np.exp(y) * (x > 0.5)
+
+
+def bowl(x, y):
+    return 0.1 * (x - 0.7) ** 2 - 0.3 * np.cos(5 * y) / 7
+
+
+@pytest.mark.parametrize("units", COEFFICIENTS)
+@pytest.mark.parametrize("way", ["made of the mesh", "solved on the mesh", "of a solver", "on sizes"])
+def test_functions_are_the_arrays_of_their_values(units, way):
+    """Bit for bit, with their bounds, which are those of the functions that are linear between the nodes.
+
+    Control: the formula of the same f has another solution and other bounds.
+    """
+    fields = {"free_sides": [2], "u": {3: bowl}, **units}
+    arrays = {"free_sides": [2], "u": {3: bowl(X, Y)}, **units}
+    mesh = MESH
+    if way == "on sizes":
+        mesh = ul.solve(ul.Problem(KITE, -1, 0), h=0.2, H=0.3).mesh
+        arrays["u"] = {3: bowl(*mesh.points.T)}
+    x, y = mesh.points.T
+    expected = ul.solve(ul.Problem(mesh, wave(x, y), bowl(x, y), q=wave(x, y), **arrays), H=0.3)
+    domain = mesh if way == "made of the mesh" else KITE
+    if way == "of a solver":
+        s = ul.Solver(mesh, H=0.3, **fields)(wave, bowl, wave)
+    elif way == "on sizes":
+        s = ul.solve(ul.Problem(domain, wave, bowl, q=wave, **fields), h=0.2, H=0.3)
+    else:
+        s = ul.solve(
+            ul.Problem(domain, wave, bowl, q=wave, **fields), H=0.3, mesh="" if domain is mesh else mesh
+        )
+    assert np.array_equal(s.u, expected.u)
+    assert np.array_equal(s.multiplier, expected.multiplier)
+    assert s.bounds == expected.bounds
+    assert s.sharp_bounds == expected.sharp_bounds
+    assert "linear between the nodes of the mesh" in repr(s.problem)
+    assert s.problem.mesh is s.mesh
+    linear = ul.solve(ul.Problem(mesh, "3*x - 2", bowl(x, y), q=wave(x, y), **arrays), H=0.3)
+    assert not np.array_equal(s.u, linear.u)
+    assert s.bounds != linear.bounds
+
+
+def test_the_bound_of_a_function_is_not_that_of_its_values_between_the_nodes():
+    """f is 0 at all nodes: the bound is for f = 0, and the output says so. Control: the formula."""
+    square = [(0, 0), (1, 0), (1, 1), (0, 1)]
+    s = ul.solve(ul.Problem(square, lambda x, y: 1000 * np.sin(40 * np.pi * x) ** 2, -9), h=1 / 4, H=1 / 2)
+    exact = ul.solve(ul.Problem(square, "1000*sin(40*pi*x)**2", -9), h=1 / 4, H=1 / 2)
+    assert s.bounds.u < 1e-9 < 100 < exact.bounds.u
+    assert "f                linear between the nodes of the mesh" in str(s)
+    assert s.certificate()["linear_between_nodes"] == ["f"]
+    assert exact.certificate()["linear_between_nodes"] == []
 
 
 def kinked(seed, n=MESH.n_nodes):
@@ -157,16 +208,6 @@ def test_a_slope_is_not_known_better_than_its_values():
         affine(basis(1, 3), np.array([5e-7]), np.array([[5e-7]]), (t[:1], t[1:2]))
     )
     assert model.rad[0] >= 4 * 2.0**-53 / 1e-6
-
-
-def test_a_trace_in_other_units_has_its_places():
-    """g in units of 4, q in units of 8, f in units of 2."""
-    one = NodalTrace(np.array([0.0, 0.5, 1.0]), np.array([8.0, 16.0, 24.0]))
-    found = Nodal(MESH, 2.0 * X, {0: one}, {1: one}).scaled(load=2.0, value=4.0, flux=8.0)
-    assert np.array_equal(found.f, X)
-    assert (found.g[0].values.tolist(), found.q[1].values.tolist()) == ([2, 4, 6], [1, 2, 3])
-    assert found.g[0].t.tolist() == one.t.tolist()
-    assert one.cuts.tolist() == [0.5]
 
 
 def test_the_rounding_of_f_in_other_units_is_in_its_bound():

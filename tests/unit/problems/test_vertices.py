@@ -21,11 +21,10 @@ from unilateral.formulas.taylor import EPS
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import structured
-from unilateral.problems import data_checks, obstacle_and_flux
-from unilateral.problems.data_checks import check, check_vertices
-from unilateral.problems.nodal import Nodal, NodalTrace
+from unilateral.problems import build, obstacle_and_flux
+from unilateral.problems.data_checks import check
+from unilateral.problems.nodal import NodalTrace
 from unilateral.problems.problem import Problem
-from unilateral.problems.sampled import Sampled
 from unilateral.problems.scaled import scaled
 from unilateral.problems.units import Units
 
@@ -108,14 +107,11 @@ def checked(of, given):
     """The problem, checked as those of users are."""
     sides = {i: given(i, *of.ends[i]) for i in range(4) if of.kinds[i] != FREE}
     free, clamped = (tuple(i for i in range(4) if of.kinds[i] == kind) for kind in (FREE, CLAMPED))
-    nodal = Nodal(g=sides) if given is trace else Nodal()
-    g = [ZERO if given is trace else sides.get(i, ZERO) for i in range(4)]
+    g = [sides.get(i, ZERO) for i in range(4)]
     units = Units(*(parse(repr(float(each)), (), "drawn") for each in of.kc))
+    found = Problem("drawn", UNIT, ZERO, tuple(g), free, units, clamped_sides=clamped)
     if given is function:
-        found = Sampled("drawn", UNIT, lambda x, y: 0 * x, tuple(g), free, units, clamped_sides=clamped)
-        check_vertices(found)
-        return found
-    found = Problem("drawn", UNIT, ZERO, tuple(g), free, units, nodal=nodal, clamped_sides=clamped)
+        return build.put_on_mesh(found, MESH)
     check(found, "drawn")
     return found
 
@@ -155,14 +151,16 @@ def test_what_is_no_trace_is_refused_and_what_fits_is_lifted(given, draws):
 
 
 def test_functions_are_compared_by_the_digits_that_they_keep():
-    """As above, and nothing is guaranteed of them."""
+    """As above: functions that fit have one value at a vertex, and are lifted."""
     for seed in range(DRAWS // 2):
-        of = drawn(seed, data_checks.KEPT)
+        of = drawn(seed, build.FUNCTION_ACCURACY)
         if of.wrong is not None:
             with pytest.raises(ul.InputError, match=REFUSED):
                 checked(of, function)
-        else:
-            checked(of, function)
+            continue
+        g = of_mesh(checked(of, function))
+        assert not np.any(g.clamped & g.jumps), seed
+        assert math.isfinite(missing_of(g).norm), seed
 
 
 NEAR_0 = [
@@ -183,9 +181,9 @@ def test_numbers_that_cancel_at_a_vertex_are_rounded_like_their_terms(left, righ
         with pytest.raises(ul.InputError, match="jumps at vertex 1"):
             ul.Problem(square(), g=[left, f"{right} + 1e-6", None, None], **given)
     if f_left:
-        ul.Problem(square(), g=[f_left, f_right, None, None], **given)
+        ul.Problem(MESH, g=[f_left, f_right, None, None], **given)
         with pytest.raises(ul.InputError, match="jumps at vertex 1"):
-            ul.Problem(square(), g=[f_left, f_right + 1e-6, None, None], **given)
+            ul.Problem(MESH, g=[f_left, f_right + 1e-6, None, None], **given)
 
 
 @pytest.mark.parametrize("n", [4, 300])
@@ -315,7 +313,7 @@ def test_no_obstacle_is_dropped():
             problem = ul.Problem(MESH, -1, g, **options)
             assert [*problem.free_sides] == sides[FREE]
             for side in sides[CONTACT]:
-                assert value_of_g(problem, side, *UNIT.vertices[side]) == -1
+                assert value_of_g(problem, side) == -1
         else:
             refused += 1
             with pytest.raises(ul.InputError, match=rf"g\[{wrong}\]: .*side {wrong} is "):
@@ -323,10 +321,7 @@ def test_no_obstacle_is_dropped():
     assert 100 < refused < 200
 
 
-def value_of_g(problem, side, x, y):
+def value_of_g(problem, side):
     """g at the start of a side, whichever way it was given."""
-    if side in problem.nodal.g:
-        return problem.nodal.g[side].values[0]
-    if isinstance(problem, Sampled):
-        return float(problem.g[side](np.array([x]), np.array([y]))[0])
-    return float(problem.g[side].rational)
+    given = problem.g[side]
+    return given.values[0] if isinstance(given, NodalTrace) else float(given.rational)

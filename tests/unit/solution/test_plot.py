@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+import sentences
 from conftest import DATA
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -115,7 +116,7 @@ def test_the_title_is_that_of_the_problem_and_tells_the_relative_bound(adapted):
         ({}, {"accuracy": 0.5, "norm": "hm12"}, r"error of λ in H\^\(−1/2\): at most [\d.]+ %, guaranteed"),
         ({}, {"accuracy": 1e-3, "max_unknowns": 99}, r"error of u .* %, guaranteed; 0.1 % was asked for"),
         ({}, {"accuracy": 1e-9, "max_unknowns": 99, "absolute": True}, r"error .*; 1e-09 was asked for"),
-        ({"f": lambda x, y: x - 2}, SIZES, "no guaranteed bound on the error"),
+        ({"f": lambda x, y: x - 2}, SIZES, r"error of u in H¹: at most [\d.]+ %, guaranteed"),
         ({"f": 0}, SIZES, r"error of u in H¹: at most [\d.e-]+, guaranteed"),
     ],
 )
@@ -229,13 +230,13 @@ def test_on_axes_of_a_figure_of_ones_own_nothing_reaches_the_next_axes(adapted, 
 
 @pytest.mark.parametrize("make", [lambda: 3, Figure, lambda: Figure().subplots(2)])
 def test_what_are_no_axes_is_refused(adapted, make):
-    with pytest.raises(ul.InputError, match=r"^ax is .*; it has to be plane axes of matplotlib, such as "):
+    with sentences.raises(ul.InputError):
         adapted.plot(ax=make())
 
 
 @pytest.mark.parametrize("projection", ["polar", "3d"])
 def test_axes_that_are_not_plane_are_refused(adapted, projection):
-    with pytest.raises(ul.InputError, match=r"^ax is <.*Axes.*>; it has to be plane"):
+    with sentences.raises(ul.InputError):
         adapted.plot(ax=Figure().add_subplot(projection=projection))
 
 

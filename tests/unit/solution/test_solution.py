@@ -260,12 +260,6 @@ def test_the_flux_is_balanced(k):
     np.testing.assert_allclose(flow / mesh.areas, expected, rtol=0, atol=2e-5)
 
 
-def test_functions_have_no_equilibrated_flux():
-    s = ul.solve(ul.Problem(SQUARE, f=lambda x, y: -1, g=0), **SIZES)
-    with pytest.raises(ul.InputError, match=r"for f, g, q or u is a function; take k \* s\.grad_at"):
-        s.flux_at((0.5, 0.5))
-
-
 def rows_of_needles(n):
     """n rectangles above each other in the unit square, each cut in two."""
     y = np.repeat(np.linspace(0, 1, n + 1), 2)

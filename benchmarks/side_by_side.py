@@ -1,0 +1,151 @@
+"""The benchmarks as documents show them: ratios first."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+import xarray as xr
+
+from benchmarks import ratios as judge
+from study.formats import shown
+from unilateral.discrete.choice import PAYS
+
+SHOWN = (256, 512, 1024)
+NAMES = {
+    "multigrid": "**this project**, multigrid",
+    "further": "the same, each further case or H",
+    "recursive newton": "**this project**, recursive elimination, active set",
+    "sparse newton": "**this project**, sparse elimination, active set",
+    "recursive nesterov": "**this project**, recursive elimination, accelerated Uzawa",
+    "recursive uzawa": "**this project**, recursive elimination, plain Uzawa",
+    "fenicsx": "FEniCSx, PETSc's SNESVI and hypre, nodal, not nested",
+    "skfem": "scikit-fem and PyAMG, active set, nodal, not nested",
+    "ngsolve": "NGSolve, sparse Cholesky, active set, nodal, not nested",
+    "getfem": "GetFEM, this P1/P0 method, H = 4h, not nested",
+}
+"""Other solvers were started from contact everywhere on the finest mesh. This project has nested iteration
+for itself, so ratios of their seconds to its own would be no fair comparison: there are none.
+"""
+PHASES = {"start": "start, not counted", "mesh": "mesh", "assembly": "matrices", "solve": "solve"}
+COUNTS = {"iterations": "iterations", "sets": "sets or steps"}
+PROBLEMS = {
+    "natural": "`natural`, contact from 1/2",
+    "natural_0437": "`natural`, contact from 0.437",
+    "three_zones": "3 contact zones",
+    "zones_37": "37 contact zones",
+    "thirds": "`thirds`",
+    "lshape": "`thirds`, L-shape",
+    "slivers": "`natural`, slivers of 3°",
+}
+
+
+def solvers(table: xr.Dataset) -> pd.DataFrame:
+    """The seconds from nothing for `natural`, and the largest memory with its size.
+
+    Those of this project are ratios to multigrid's. A solver that was not there has no row.
+    """
+    runs = table.to_dataframe()
+    return pd.DataFrame([_solver(runs, way) for way in NAMES if len(judge.along(runs, way))])
+
+
+def _solver(runs: pd.DataFrame, way: str) -> dict[str, str]:
+    of, ratio = judge.along(runs, way), judge.ratios(runs, way)
+    row = {"`natural`, H = 2h": NAMES[way]}
+    for n in SHOWN:
+        cell = "–"
+        if n in of.index:
+            seconds = f"{two_digits(of['cpu_seconds'][n])} s"
+            alone = way in (judge.MULTIGRID, *judge.OTHERS)
+            cell = seconds if alone else f"× {two_digits(ratio[n])} ({seconds})"
+        row[f"{shown((n + 1) ** 2, 'space')} unknowns"] = cell
+    last = of.index[of.index <= SHOWN[-1]].max()
+    at = "" if last == SHOWN[-1] else f" (at {shown((last + 1) ** 2, 'space')})"
+    row["peak memory"] = f"{shown(float(of['peak_mb'][last]), '.0f')} MB{at}"
+    return row
+
+
+def two_digits(value: float) -> str:
+    """At least two digits, and no exponent."""
+    return f"{value:.2g}" if value < 10 else f"{value:.0f}"
+
+
+def phases(table: xr.Dataset) -> pd.DataFrame:
+    """Seconds of each phase in the middle of the sizes, their spread, iterations; growth over all sizes."""
+    runs, n = table.to_dataframe(), SHOWN[1]
+    rows = []
+    for way, name in NAMES.items():
+        of = judge.along(runs, way)
+        if n in of.index:
+            at = of.loc[n]
+            row = {f"seconds at n = {n}": name} | {
+                title: two_digits(at[f"{phase}_cpu"]) for phase, title in PHASES.items()
+            }
+            row["least to most"] = " to ".join(two_digits(at[f"cpu_{end}"]) for end in ("least", "most"))
+            row |= {title: _count(at[column]) for column, title in COUNTS.items()}
+            row["p"] = f"{judge.growth(of['cpu_seconds'].loc[SHOWN[0] :]):.1f}"
+            rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _count(value: float) -> str:
+    return "–" if pd.isna(value) else shown(value, "space")
+
+
+def problems(table: xr.Dataset) -> pd.DataFrame:
+    """Multigrid's iterations for each problem, and its seconds on the finest mesh shown."""
+    runs = table.to_dataframe()
+    rows = []
+    for problem, name in PROBLEMS.items():
+        of = judge.along(runs, judge.MULTIGRID, problem).loc[: SHOWN[-1]]
+        further = judge.along(runs, judge.FURTHER, problem)["cpu_seconds"]
+        n = of.index[-1]
+        row = {"problem": name, "iterations": _span(of["iterations"]), "sets": _span(of["sets"]), "n": str(n)}
+        row |= {"seconds": two_digits(of["cpu_seconds"][n]), "each further": two_digits(further[n])}
+        rows.append(row)
+    return pd.DataFrame(rows)
+
+
+def _span(counts: pd.Series) -> str:
+    least, most = int(counts.min()), int(counts.max())
+    return str(least) if least == most else f"{least} to {most}"
+
+
+def numbers(table: xr.Dataset) -> dict[str, Any]:
+    """The machine, times and ratios by way and n, growth, iterations and what of the machine is used."""
+    runs, n = table.to_dataframe(), SHOWN[-1]
+    multigrid = judge.along(runs, judge.MULTIGRID)
+    counts, largest = judge.iterations(runs, PROBLEMS), multigrid.index[-1]
+    return {
+        **{name: table[name].item() for name in ("date", "processor", "cores")},
+        "growth": judge.growth(multigrid["cpu_seconds"].loc[SHOWN[1] :]),
+        "grows_from": SHOWN[1],
+        "largest": {"n": int(largest), "unknowns": int(largest + 1) ** 2}
+        | {name: float(multigrid[name][largest]) for name in ("cpu_seconds", "peak_mb")},
+        "pays": PAYS,
+        "worst": float(runs.loc[comparable(runs), "over_discrete"].max() - 1),
+        "zones": float((counts["zones_37"] / counts["natural"]).max()),
+        "slivers": int(counts["slivers"].max()),
+        "over_linear": float(multigrid["solve_cpu"][n] / judge.along(runs, judge.LINEAR)["solve_cpu"][n]),
+        "reads": judge.reads(runs, table, n),
+        "bandwidth": float(table["bandwidth"]) / 1e9,
+        "flop_rate": float(table["flop_rate"]) / 1e9,
+        "share_of_peak": judge.share_of_peak(runs, table, n),
+        "eliminated": _by_n(judge.ratios(runs, "recursive newton"), 256, 1024),
+        "sparse": _by_n(judge.ratios(runs, "sparse newton"), 256, 512),
+        "further_load": _by_n(judge.ratios(runs, "recursive further newton", judge.FURTHER), 256, 1024),
+    }
+
+
+def comparable(runs: pd.DataFrame) -> pd.Series:
+    """Which runs are to have the errors of the discrete solution on cells of two edges.
+
+    Runs on cells of four edges are left out, and so are those below the first n shown.
+    """
+    return (runs["H_over_h"] != max(judge.H_OVER_H.values())) & (runs["n"] >= SHOWN[0])
+
+
+def _by_n(values: pd.Series, *sizes: int) -> Mapping[str, float]:
+    """The values at those of the sizes n at which there are some."""
+    return {str(n): float(values[n]) for n in sizes if n in values}

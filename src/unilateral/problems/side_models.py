@@ -1,0 +1,61 @@
+"""What is given on the sides of a polygon, formulas or values at nodes, as Taylor models."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import reduce
+from operator import add
+
+import numpy as np
+
+from unilateral.arrays import Index
+from unilateral.formulas.derivative import derivative
+from unilateral.formulas.expression import Expression
+from unilateral.formulas.taylor import Model, joined, number
+from unilateral.formulas.taylor_enclosures import evaluate
+from unilateral.geometry.polygon import Polygon
+from unilateral.problems.nodal import NodalTrace
+
+SideData = Expression | NodalTrace
+"""What is given on a side: a formula, or values at nodes."""
+
+
+def places(polygon: Polygon, side: Index, t: Model) -> tuple[Model, Model]:
+    """x and y on intervals of the sides (k,), t the arc length in side lengths."""
+    start, edge = polygon.vertices[side].T, polygon.edges[side].T
+    x, y = (number(t, a) + number(t, along) * t for a, along in zip(start, edge, strict=True))
+    return x, y
+
+
+def on_sides(data: Sequence[SideData], side: Index, variables: Mapping[str, Model]) -> Model:
+    """The data, one per side, on intervals of the sides (k,); equal formulas are evaluated together.
+
+    Formulas are in the `variables`; values at nodes are over t, the arc length in side lengths.
+    """
+    same: dict[SideData, list[int]] = {}
+    for i in np.unique(side).tolist():
+        same.setdefault(data[i], []).append(i)
+    parts = []
+    for function, sides in same.items():
+        here = np.flatnonzero(np.isin(side, sides))
+        models = {name: model.on(here) for name, model in variables.items()}
+        if isinstance(function, NodalTrace):
+            parts.append((function.model(models["t"]), here))
+        else:
+            parts.append((evaluate(function, models), here))
+    return joined(parts)
+
+
+def slopes_on_sides(data: Sequence[SideData], polygon: Polygon, side: Index, t: Model) -> Model:
+    """The derivatives by t of the data, formulas in x and y, on intervals of the sides (k,)."""
+    parts = []
+    for i in np.unique(side).tolist():
+        function, here = data[i], np.flatnonzero(side == i)
+        if isinstance(function, NodalTrace):
+            parts.append((function.slope_model(t.on(here)), here))
+            continue
+        variables = dict(zip("xy", places(polygon, side[here], t.on(here)), strict=True))
+        along = zip("xy", polygon.edges[i], strict=True)
+        slopes = (evaluate(derivative(function, z), variables).scaled(e) for z, e in along)
+        parts.append((reduce(add, slopes), here))
+    return joined(parts)
