@@ -105,7 +105,6 @@ def python(has):
         ({"files"}, s.cells),
         ({"files"}, s.dataset),
         ({"files"}, lambda: ul.mesh("corner.vtu")),
-        ({"files"}, lambda: ul.open("corner.nc")),
         ({"plot"}, s.plot),
         ({"cases"}, lambda: ul.case("natural")),
     ):
