@@ -50,7 +50,7 @@ def test_json_has_the_library_s_numbers(run):
     lower, upper = dual_norm(alone.spaces.partition, [of]).of_error(of, solution.lambda_H[None])
     mesh = alone.exact.ritz.condensed.mesh
     given = alone.spaces.partition, solution.u_h, solution.lambda_H, nothing(mesh), H1
-    bound = local_bound(enclosed(mesh, of), of.enclosed_obstacle, *given)
+    bound = local_bound(enclosed(mesh, of.problem), of.problem.enclosed_obstacle, *given)
     expected = {
         "problem": "natural",
         "h": 1 / 16,
