@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import yaml
+from sentences import recorder
 
 from study import tables
 from study.ledger import claims
@@ -49,6 +50,31 @@ OTHERS = ("conftest", "study", "unilateral")
 """What a file of tests imports, and did not build for itself."""
 
 
+def pytest_addoption(parser):
+    parser.addoption(
+        "--rewrite-sentences",
+        action="store_true",
+        help="write tests/sentences.yaml anew, for the tests that run",
+    )
+
+
+def pytest_configure(config):
+    recorder.rewriting = config.getoption("rewrite_sentences")
+    if recorder.rewriting and config.getoption("numprocesses", None):
+        raise pytest.UsageError("--rewrite-sentences needs one process: leave out -n")
+
+
+def pytest_sessionfinish():
+    if recorder.rewriting:
+        recorder.write()
+
+
+@pytest.fixture(autouse=True)
+def sentences_of_a_test(request, tmp_path_factory):
+    recorder.temporary = str(tmp_path_factory.getbasetemp())
+    recorder.begin(request.node.nodeid)
+
+
 def pytest_collection():
     """While tests are collected nothing becomes garbage, and looking for it takes a third of that time."""
     gc.disable()
@@ -59,8 +85,12 @@ def pytest_collection_finish():
     gc.freeze()
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Without the study's results a run that would judge them ends at once, and says what to run."""
+    """What opens pages in a browser is nightly. Without the results that it judges a run ends at once."""
+    for item in items:
+        if "browser" in item.fixturenames:
+            item.add_marker("nightly")
     if any(_needs_results(item.path.name) for item in items) and not any(RESULTS.glob("*/rates.nc")):
         pytest.exit("The tests judge the study's results, and there are none: run 'make' first.", 1)
 
@@ -251,12 +281,15 @@ def run(capsys):
 
 @pytest.fixture
 def refused(run):
-    """The one line on standard error with which `unilateral` refuses these arguments, with code 2."""
+    """What is on standard error when `unilateral` refuses these arguments, with code 2.
+
+    It is a usage error of click, or one line.
+    """
 
     def refusing(*arguments):
         code, out, err = run(*arguments)
-        assert (code, out, err.count("\n")) == (2, "", 1)
-        assert err.startswith("unilateral: ")
+        assert (code, out) == (2, "")
+        assert "Error: " in err or (err.startswith("unilateral: ") and err.count("\n") == 1)
         return err
 
     return refusing

@@ -77,19 +77,17 @@ def commands(has):
             assert set(refused[1].split(",")) <= needs - has, (line, err)
 
 
-def helps(has):
-    """All help is there, and the list of commands names what is missing; the study's command is not there."""
-    from unilateral.cli.application import COMMANDS
+def helps():
+    """All help is there, and the study's command, which is not there, says so."""
+    from unilateral.cli.application import application
 
     code, out, err = typed("claims 4.12")
     assert (code, out) == (2, ""), (code, out, err)
-    assert err.startswith("unilateral: claims belongs to the study"), err
-    code, out, err = typed("--help")
-    assert (code, err) == (0, "")
-    assert ("needs unilateral[" in " ".join(out.split())) == (not {"cases", "files", "mesh"} <= has), out
-    for name in COMMANDS.keys() - {"claims"}:
+    assert "claims belongs to the study" in err, err
+    for name in ["", *application.commands]:
         code, out, err = typed(f"{name} --help")
         assert (code, err) == (0, ""), (name, err)
+        assert out, name
 
 
 def python(has):
@@ -146,7 +144,7 @@ def main():
         with open(f"{problem}.yaml", "w", encoding="utf-8") as file:
             file.write(text)
     open("corner.vtu", "wb").close()  # which is asked for, too, where none can be written
-    helps(HAS[name])
+    helps()
     commands(HAS[name])
     python(HAS[name])
     certificate()

@@ -11,7 +11,7 @@ import pytest
 from conftest import copy_project
 from one_node import missing, one_node
 
-pytestmark = pytest.mark.skipif(bool(missing()), reason=missing())
+pytestmark = [pytest.mark.nightly, pytest.mark.skipif(bool(missing()), reason=missing())]
 PROFILE = ("--workflow-profile", "workflow/profiles/slurm", "--slurm-init-seconds-before-status-checks", "2")
 TARGET = "results/quick/dual_norm.nc"
 SCRIPT, CALL = "workflow/scripts/job.py", "            getattr("

@@ -39,33 +39,38 @@ def listing() -> Iterator[str]:
     """A heading, and two lines or more for each case; cases are certified one by one."""
     yield f"{'case':15} {'(j)':4} {'(jj)':5} {'(jjj)':6} {'lambda <=':10} {'u - g <=':9} {'contact':31} on"
     for name in case.names():
-        for found, certificate in certified(name, domains(name)):
+        for solution, certificate in certify_on(name, domains(name)):
             holds = ["yes" if value else "no" for value in certificate.hypotheses.values()]
             flux, gap = largest(certificate)
-            row = f"{flux:<10.3g} {gap:<9.3g} {contact(certificate.contact):31} {found.polygon.name}"
+            row = f"{flux:<10.3g} {gap:<9.3g} {contact(certificate.contact):31} {solution.polygon.name}"
             yield f"{name:15} {holds[0]:4} {holds[1]:5} {holds[2]:6} {row}"
         yield f"{'':15} {case.declared(name)[0]['title']}"
 
 
 def records() -> dict[str, Any]:
     """The catalogue for programs."""
-    return {"cases": [_listed(name) for name in case.names()]}
+    return {
+        "cases": [
+            {
+                "name": name,
+                "title": case.declared(name)[0]["title"],
+                "polygons": [polygon_record(*pair) for pair in certify_on(name, domains(name))],
+            }
+            for name in case.names()
+        ]
+    }
 
 
-def _listed(name: str) -> dict[str, Any]:
-    on = [polygon_record(*found) for found in certified(name, domains(name))]
-    return {"name": name, "title": case.declared(name)[0]["title"], "polygons": on}
-
-
-def polygon_record(found: ExactSolution, certificate: Certificate) -> dict[str, Any]:
+def polygon_record(solution: ExactSolution, certificate: Certificate) -> dict[str, Any]:
     """The certificate of a case on a polygon; contact by arc lengths from the start of each side."""
-    lengths, (flux, gap) = found.polygon.lengths.tolist(), largest(certificate)
+    lengths = solution.polygon.lengths.tolist()
+    flux, gap = largest(certificate)
     intervals = [
         {"side": side, "start": start * lengths[side], "end": end * lengths[side]}
         for side, start, end in certificate.contact
     ]
     return {
-        "polygon": found.polygon.name,
+        "polygon": solution.polygon.name,
         "hypotheses": certificate.hypotheses,
         "g_regular": certificate.g_regular,
         "contact": intervals,
@@ -80,11 +85,13 @@ def domains(name: str) -> list[Polygon]:
     return [polygon.named(each) for each in (polygon.names() if declared == "any" else declared)]
 
 
-def certified(name: str, on: Sequence[Polygon], side: int = 0) -> Iterator[tuple[ExactSolution, Certificate]]:
+def certify_on(
+    name: str, polygons: Sequence[Polygon], side: int = 0
+) -> Iterator[tuple[ExactSolution, Certificate]]:
     """The case on a side of each polygon, with its certificate."""
-    for domain in on:
-        found = case.load(name, domain, side)
-        yield found, certify(found)
+    for domain in polygons:
+        solution = case.load(name, domain, side)
+        yield solution, certify(solution)
 
 
 def largest(certificate: Certificate) -> tuple[float, float]:
@@ -104,79 +111,88 @@ def contact(intervals: Sequence[tuple[int, float, float]]) -> str:
     return "; ".join(parts) or "none"
 
 
-def shown(name: str, polygon: str | None, side: int, kind: str) -> str:
+def show(name: str, polygon: str | None, side: int, kind: str) -> str:
     """The case on that polygon, or on all that it is for, in the format of that kind.
 
     Raises InputError for an unknown case or polygon, and where there is no such format of it.
     """
-    on = domains(name) if polygon is None else [problem_file.polygon_of(polygon)]
+    polygons = domains(name) if polygon is None else [problem_file.polygon_of(polygon)]
     if kind in ("python", "ufl"):
-        ((found, _),) = certified(name, on[:1], side)
-        return module(found, kind).rstrip()
-    each = list(certified(name, on, side))
-    return as_text(record(each)) if kind == "json" else "\n".join(lines(each))
+        solution, _ = next(certify_on(name, polygons, side))
+        return module(solution, kind).rstrip()
+    pairs = list(certify_on(name, polygons, side))
+    return as_text(record(pairs)) if kind == "json" else "\n".join(lines(pairs))
 
 
-def record(on: list[tuple[ExactSolution, Certificate]]) -> dict[str, Any]:
+def record(pairs: list[tuple[ExactSolution, Certificate]]) -> dict[str, Any]:
     """What `lines` says, for programs."""
-    first = on[0][0]
+    first = pairs[0][0]
     return {
         "name": first.name,
         **{name: first.declaration.get(name) for name in ("title", "about", "asymptotic")},
         "regularity": regularity(first),
-        "proved_rates": proved(first),
+        "proved_rates": proved_rates(first),
         "definitions": DEFINITIONS,
         "polygons": [
-            polygon_record(of, certificate)
-            | {"vertices": of.polygon.vertices.tolist(), "powers": powers(of), **formulas(of)}
-            for of, certificate in on
+            polygon_record(solution, certificate)
+            | {"vertices": solution.polygon.vertices.tolist(), "powers": powers(solution)}
+            | formulas(solution)
+            for solution, certificate in pairs
         ],
     }
 
 
-def proved(of: ExactSolution) -> dict[str, float] | None:
+def proved_rates(solution: ExactSolution) -> dict[str, float] | None:
     """The rates of Theorem 4.1, None where it does not apply."""
-    return PROVED if all(of.declaration["hypotheses"].values()) else None
+    return PROVED if all(solution.declaration["hypotheses"].values()) else None
 
 
-def lines(on: list[tuple[ExactSolution, Certificate]]) -> Iterator[str]:
+def lines(pairs: list[tuple[ExactSolution, Certificate]]) -> Iterator[str]:
     """What is known of a case, in lines for readers."""
-    first, certificate = on[0]
+    first, certificate = pairs[0]
     declared = first.declaration
     yield f"{first.name}: {declared['title']}"
     yield textwrap.fill(declared.get("about", ""), WIDTH, initial_indent="  ", subsequent_indent="  ")
-    for each in on:
-        yield from _on_polygon(*each)
-    held = (
+    for pair in pairs:
+        yield from _on_polygon(*pair)
+    hypotheses = (
         f"({name}) {'holds' if holds else 'does not hold'}" for name, holds in certificate.hypotheses.items()
     )
-    yield f"hypotheses of Theorem 4.1: {', '.join(held)}"
+    yield f"hypotheses of Theorem 4.1: {', '.join(hypotheses)}"
     yield f"u - g in H^(3/2) on every side: {'yes' if certificate.g_regular else 'no'}"
     known = [what if regularity(first)[name] else f"not {what}" for name, what in REGULARITY.items()]
     yield f"regularity: {', '.join(known)}"
-    rates = proved(first)
-    said = ", ".join(f"{rates[norm]:g} {what}" for norm, what in RATES.items()) if rates else "none"
-    yield f"proved rates: {said}"
+    rates = proved_rates(first)
+    texts = [f"{rates[norm]:g} {what}" for norm, what in RATES.items()] if rates else ["none"]
+    yield f"proved rates: {', '.join(texts)}"
     begins = ", ".join(f"{norm} from h = {declared['asymptotic'][norm]['from']}" for norm in RATES)
     yield f"asymptotic: {begins}"
     yield LEGEND
 
 
-def _on_polygon(of: ExactSolution, certificate: Certificate) -> Iterator[str]:
-    found, polygon, intervals = formulas(of), of.polygon, polygon_record(of, certificate)["contact"]
-    closed = found["u"] is not None
+def _on_polygon(solution: ExactSolution, certificate: Certificate) -> Iterator[str]:
+    """The formulas on a polygon, and contact side by side."""
+    polygon = solution.polygon
+    texts = formulas(solution)
+    has_formulas = texts["u"] is not None
     yield f"on {polygon.name}:"
-    yield from (f"  {name} = {found[name]}" for name in "uf") if closed else (f"  {NO_FORMULAS}",)
-    yield from ("  u is like r^({exponent}) at ({x:.6g}, {y:.6g})".format(**each) for each in powers(of))
-    for side, (gap, flux) in enumerate(zip(found["gap"], found["lambda"], strict=True)):
+    if has_formulas:
+        yield f"  u = {texts['u']}"
+        yield f"  f = {texts['f']}"
+    else:
+        yield f"  {NO_FORMULAS}"
+    for power in powers(solution):
+        yield "  u is like r^({exponent}) at ({x:.6g}, {y:.6g})".format(**power)
+    contact_set = polygon_record(solution, certificate)["contact"]
+    for side, (gap, flux) in enumerate(zip(texts["gap"], texts["lambda"], strict=True)):
         (a, b), (c, d) = polygon.point(side, 0), polygon.point(side, 1)
-        at = [each for each in intervals if each["side"] == side]
-        clamped = side in of.clamped_sides
-        said = "clamped: u is given there" if clamped else _contact(at)
-        yield f"  side {side}, ({a:.6g}, {b:.6g}) to ({c:.6g}, {d:.6g}), {said}"
-        if closed and not clamped:
+        intervals = [interval for interval in contact_set if interval["side"] == side]
+        is_clamped = side in solution.clamped_sides
+        kind = "clamped: u is given there" if is_clamped else _contact(intervals)
+        yield f"  side {side}, ({a:.6g}, {b:.6g}) to ({c:.6g}, {d:.6g}), {kind}"
+        if has_formulas and not is_clamped:
             yield f"    g = {'u' if gap == '0' else f'u - ({gap})'}"
-            yield f"    lambda = {flux if at else 0}"
+            yield f"    lambda = {flux if intervals else 0}"
 
 
 def _contact(intervals: list[dict[str, float]]) -> str:
@@ -185,14 +201,15 @@ def _contact(intervals: list[dict[str, float]]) -> str:
     return "contact " + (", ".join("{start:.6g} to {end:.6g}".format(**each) for each in intervals) or "none")
 
 
-def regularity(of: ExactSolution) -> dict[str, bool]:
+def regularity(solution: ExactSolution) -> dict[str, bool]:
     """The regularity of u and lambda: what all atoms have."""
-    return {name: all(getattr(atom.regularity, name) for atom in of.atoms) for name in REGULARITY}
+    return {name: all(getattr(atom.regularity, name) for atom in solution.atoms) for name in REGULARITY}
 
 
-def powers(of: ExactSolution) -> list[dict[str, Any]]:
+def powers(solution: ExactSolution) -> list[dict[str, Any]]:
     """The points (x, y) about which u is like a fractional power of the distance."""
-    atoms = [atom for atom in of.atoms if isinstance(atom, Polar)]
     return [
-        {"x": float(x), "y": float(y), "exponent": str(atom.beta)} for atom in atoms for x, y in [atom.centre]
+        {"x": float(atom.centre[0]), "y": float(atom.centre[1]), "exponent": str(atom.beta)}
+        for atom in solution.atoms
+        if isinstance(atom, Polar)
     ]

@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from unilateral import api
-from unilateral.cli.command import DOES_NOT_HOLD
-from unilateral.cli.own_mesh import own_mesh
-from unilateral.cli.streams import load, say, sized, tell
+from unilateral.cli.guard import DOES_NOT_HOLD, say, tell
+from unilateral.cli.own_mesh import mesh_of_size, own_mesh
 from unilateral.discrete.choice import check_size
 from unilateral.errors import InputError, counted
 from unilateral.exchange import export as exports
@@ -20,12 +19,10 @@ from unilateral.exchange import score as scores
 from unilateral.exchange.equation_residual import NAMES
 from unilateral.exchange.exported_folder import exported, foreign
 from unilateral.exchange.score import Rate, Scored
-from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import uniform
-from unilateral.geometry.structured import natural_kind
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
-from unilateral.system.files import check_target, replacing
+from unilateral.system.files import check_target, replacing, sized
 
 MOST_LEVELS = 12
 PAGES = {".html": ["matplotlib"], ".htm": ["matplotlib"]}
@@ -42,32 +39,25 @@ def export(
     side: int,
     free_sides: tuple[int, ...] | None,
     out: str,
-) -> int:
-    """Write a case as files; the exit code."""
+) -> None:
+    """Write a case as files."""
     if problem_file.is_declared_in(case):
         raise InputError(f"{case} declares a problem; only a case has a known solution to compare with")
-    if (h is None) == (mesh is None):
-        raise InputError("export needs either --h or --mesh")
     if levels > MOST_LEVELS:
         raise InputError(f"argument --levels: {levels} is more than {MOST_LEVELS}")
-    found = api.case(case, polygon, side, free_sides or ())
-    coarse = _coarsest(found, h, levels, mesh)
-    exports.export(found, coarse, H, levels, out)
-    if coarse.h / 2 ** (levels - 1) >= uniform(found.polygon, H).H:
+    problem = api.case(case, polygon, side, free_sides or ())
+    if mesh is not None:
+        coarse = own_mesh(mesh, problem.polygon)
+    elif h is not None:
+        check_size(problem.polygon, h)
+        coarse = mesh_of_size(problem.polygon, h * 2 ** (levels - 1))
+    exports.export(problem, coarse, H, levels, out)
+    if coarse.h / 2 ** (levels - 1) >= uniform(problem.polygon, H).H:
         tell("the multiplier may not be unique, because h >= H; take h < H, such as H = 2h")
-    say(f"{found.name}: {counted(levels, 'level')} in {out}")
+    say(f"{problem.name}: {counted(levels, 'level')} in {out}")
     for folder in (Path(out), *sorted(file for file in Path(out).iterdir() if file.is_dir())):
         files = sorted(file for file in folder.iterdir() if file.is_file())
         say(f"  {folder}: {', '.join(file.name for file in files)}; {sized(*files)}")
-    return 0
-
-
-def _coarsest(case: Problem, h: float | None, levels: int, file: str | None) -> Mesh:
-    """The mesh in the file, or the one that has the size h on the finest level."""
-    if h is None:
-        return own_mesh(str(file), case.polygon)
-    check_size(case.polygon, h)
-    return api.KINDS[natural_kind(case.polygon)](case.polygon, h * 2 ** (levels - 1))
 
 
 def score(
@@ -95,8 +85,9 @@ def score(
     verdict = scores.verdict(scored, rates)
     if html is not None:
         with replacing(html) as temporary:
-            page = load("unilateral.exchange.page").page(case, scored, rates)
-            temporary.write_text(page, encoding="utf-8", newline="\n")
+            from unilateral.exchange.page import page
+
+            temporary.write_text(page(case, scored, rates), encoding="utf-8", newline="\n")
     if json:
         found = {"case": case.name, "verdict": verdict, "rates": {n: _rate(r) for n, r in rates.items()}}
         say(dumps(found | {"solutions": [_solution(each) for each in scored]}))

@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from unilateral import api
 from unilateral.arrays import Array, Index
-from unilateral.cli.command import is_count
-from unilateral.cli.own_mesh import own_mesh
-from unilateral.cli.streams import say
-from unilateral.discrete.choice import check_condensed, check_size
+from unilateral.cli.arguments import is_count
+from unilateral.cli.guard import say
+from unilateral.cli.own_mesh import mesh_of_size, own_mesh
+from unilateral.discrete.choice import check_condensed
 from unilateral.discrete.loads import form_of
 from unilateral.errors import InputError, counted
 from unilateral.fem.condense import condense
@@ -25,7 +24,6 @@ from unilateral.geometry.files import read_partition
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
-from unilateral.geometry.structured import natural_kind
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.fortin import beta_below
 from unilateral.norms.infsup import InfSup, infsup
@@ -47,35 +45,29 @@ TRIANGLE = "    triangle {triangle} at ({x:.6g}, {y:.6g}): {angle:.4g} degrees"
 
 def run(
     mesh: str | None, h: float | None, polygon: str | None, cells: str | None, H: float | None, json: bool
-) -> int:
-    """Print what is found; the exit code."""
+) -> None:
+    """Print what is found."""
     domain = domain_of(polygon) if polygon else None
-    of = _mesh(mesh, h, domain.polygon if domain else None)
-    form = form_of(domain, of)._replace(free=()) if domain else H1
-    found = record(of, _cells(of.polygon, cells or "", H), form)
-    say(text(found) if json else "\n".join(lines(found)))
-    return 0
-
-
-def _mesh(file: str | None, h: float | None, polygon: Polygon | None) -> Mesh:
-    """The mesh in the file, or else the one of that size."""
-    if file is not None:
-        return own_mesh(file, polygon)
-    if polygon is None or h is None:
+    if mesh is not None:
+        triangulation = own_mesh(mesh, domain.polygon if domain else None)
+    elif domain is None or h is None:
         raise InputError("--h needs --polygon")
-    check_size(polygon, h)
-    return api.KINDS[natural_kind(polygon)](polygon, h)
+    else:
+        triangulation = mesh_of_size(domain.polygon, h)
+    form = form_of(domain, triangulation)._replace(free=()) if domain else H1
+    stability = record(triangulation, _partition(triangulation.polygon, cells or "", H), form)
+    say(text(stability) if json else "\n".join(lines(stability)))
 
 
-def _cells(polygon: Polygon, given: str, H: float | None) -> Partition:
-    """Equal cells of the size H, or so many on every side as are `given`, or those of a `given` file."""
+def _partition(polygon: Polygon, cells: str, H: float | None) -> Partition:
+    """Equal cells of the size H, or a number of `cells` on every side, or the cells in a file."""
     if H is not None:
         return partitions.uniform(polygon, H)
-    if not is_count(given):
-        return read_partition(given, polygon)
-    if not 1 <= int(given) <= MOST_CELLS:
-        raise InputError(f"argument --cells: {given} must lie between 1 and {MOST_CELLS}")
-    return Partition(polygon, polygon.divided(np.full(polygon.n_sides, int(given))))
+    if not is_count(cells):
+        return read_partition(cells, polygon)
+    if not 1 <= int(cells) <= MOST_CELLS:
+        raise InputError(f"argument --cells: {cells} must lie between 1 and {MOST_CELLS}")
+    return Partition(polygon, polygon.divided(np.full(polygon.n_sides, int(cells))))
 
 
 def record(mesh: Mesh, cells: Partition, form: Form = H1) -> dict[str, Any]:
@@ -83,14 +75,17 @@ def record(mesh: Mesh, cells: Partition, form: Form = H1) -> dict[str, Any]:
 
     There are no multipliers on the sides that the form clamps; the local rule is looked at on all sides.
     """
-    constants, reason = InfSup(math.nan, math.nan, math.nan), ""
     multipliers = int(np.count_nonzero(form.held(cells.side)))
     if not multipliers:
         raise InputError(f"all sides of '{mesh.polygon.name}' are clamped, so that there are no multipliers")
     try:
-        constants = _by_eigenvalues(mesh, cells, form)
-    except InputError as error:
-        reason = str(error)
+        check_condensed(mesh, cells)
+        operator = mixed_spaces(condense(mesh, form), cells).operator
+        constants, reason = infsup(operator, dual_norm(cells, form=form).gram().p0), ""
+    except InputError as error:  # more memory is needed than is free, or gmsh is not installed
+        constants, reason = InfSup(math.nan, math.nan, math.nan), str(error)
+    coarse = _coarse_cells(cells, of_cells(mesh, cells))
+    flat = _flat_triangles(mesh, *boundary_angles(mesh))
     return {
         "polygon": mesh.polygon.name,
         "vertices": mesh.polygon.vertices.tolist(),
@@ -104,34 +99,28 @@ def record(mesh: Mesh, cells: Partition, form: Form = H1) -> dict[str, Any]:
         "not_solved": reason,
         **resolution(mesh, cells)._asdict(),
         "theorem_5": bool(of_cells(mesh, cells).deltas.all()),
-        "rule": _rule(mesh, cells),
+        "rule": RULE._asdict() | {"kept": not (coarse or flat), "cells": coarse, "triangles": flat},
     }
 
 
-def _by_eigenvalues(mesh: Mesh, cells: Partition, form: Form) -> InfSup:
-    """Raises InputError where more memory is needed than is free, or where gmsh is not installed."""
-    check_condensed(mesh, cells)
-    return infsup(mixed_spaces(condense(mesh, form), cells).operator, dual_norm(cells, form=form).gram().p0)
-
-
-def _rule(mesh: Mesh, cells: Partition) -> dict[str, Any]:
-    """The local rule, whether it is kept, and which cells and triangles break it."""
-    coarse, flat = _coarse(cells, of_cells(mesh, cells)), _flat(mesh, *boundary_angles(mesh))
-    return {**RULE._asdict(), "kept": not (coarse or flat), "cells": coarse, "triangles": flat}
-
-
-def _coarse(cells: Partition, of: OfCells) -> list[dict[str, float]]:
+def _coarse_cells(cells: Partition, sizes: OfCells) -> list[dict[str, float]]:
     """The cells with edges that are too long, by their numbers and arc lengths.
 
     A cell without a node well inside, at least H_i/4 from both ends, is among them.
     """
-    wrong = np.flatnonzero(~fine(of.over_longest))
-    start, end = cells.points[wrong], cells.points[wrong + 1]
-    of_rule = {"edges": of.edges[wrong], "cell_over_edge": of.over_longest[wrong], "delta": of.deltas[wrong]}
-    return _rows(cell=wrong, side=cells.side[wrong], start=start, end=end, **of_rule)
+    wrong = np.flatnonzero(~fine(sizes.over_longest))
+    return _rows(
+        cell=wrong,
+        side=cells.side[wrong],
+        start=cells.points[wrong],
+        end=cells.points[wrong + 1],
+        edges=sizes.edges[wrong],
+        cell_over_edge=sizes.over_longest[wrong],
+        delta=sizes.deltas[wrong],
+    )
 
 
-def _flat(mesh: Mesh, triangles: Index, angles: Array) -> list[dict[str, float]]:
+def _flat_triangles(mesh: Mesh, triangles: Index, angles: Array) -> list[dict[str, float]]:
     """The triangles with small angles, by their numbers and centroids."""
     wrong = np.flatnonzero(~steep(angles))
     x, y = mesh.points[mesh.triangles[triangles[wrong]]].mean(axis=1).T
@@ -144,47 +133,48 @@ def _rows(**columns: Array | Index) -> list[dict[str, float]]:
     return [dict(zip(columns, row, strict=True)) for row in rows]
 
 
-def _beta(found: dict[str, Any]) -> str:
+def _beta(stability: dict[str, Any]) -> str:
     """What eigenvalues say of beta."""
-    if found["not_solved"]:
-        return f"not computed: {found['not_solved']}"
-    if found["beta_upper"] == 0:
+    if stability["not_solved"]:
+        return f"not computed: {stability['not_solved']}"
+    if stability["beta_upper"] == 0:
         return "0 up to rounding: lambda_H may not be unique; take larger cells or shorter edges"
-    return f"{interval(found['beta_lower'], found['beta_upper'], spec='.4f')}, up to rounding"
+    return f"{interval(stability['beta_lower'], stability['beta_upper'], spec='.4f')}, up to rounding"
 
 
-def _theorem_5(found: dict[str, Any]) -> str:
+def _theorem_5(stability: dict[str, Any]) -> str:
     """Whether it applies, and the bound that its proof gives here."""
-    if found["beta_fortin"] > 0:
-        return f"proves beta >= {down(found['beta_fortin'], '.4f')} here, guaranteed"
+    if stability["beta_fortin"] > 0:
+        return f"proves beta >= {down(stability['beta_fortin'], '.4f')} here, guaranteed"
     no_bound = "applies, but no bound is computed: a node is too near an end, or a triangle too thin"
-    return no_bound if found["theorem_5"] else "does NOT apply"
+    return no_bound if stability["theorem_5"] else "does NOT apply"
 
 
-def lines(found: dict[str, Any]) -> Iterator[str]:
-    """What is found, in lines for readers."""
-    rule, h, H, angle = found["rule"], found["h"], found["H"], found["smallest_angle"]
-    beta, beta_0 = _beta(found), f"{found['beta_0']:.4f}"
-    constants = f"delta = {found['delta']:.4g}, alpha_1 = {found['alpha_1']:.4g}"
-    many = counted(len(rule["cells"]), "cell"), counted(len(rule["triangles"]), "triangle")
-    broken = f"BROKEN by {' and '.join(many)}"
-    rows = {
-        "unknowns": f"{found['unknowns']} and {counted(found['multipliers'], 'multiplier')}",
-        "beta in H^(-1/2)": beta,
-        "beta_0 in L2": "not computed" if found["not_solved"] else beta_0,
-        "edges per cell": f"at least {found['edges_per_cell']:.4g}",
-        "cell over edge": f"at least {found['cell_over_edge']:.4g} (rule: at least {rule['cell_over_edge']})",
-        "boundary angles": f"at least {angle:.4g} degrees (rule: at least {rule['smallest_angle']})",
-        "local rule": "kept" if rule["kept"] else broken,
-        "Theorem 5": f"{_theorem_5(found)}: {constants}",
+def lines(stability: dict[str, Any]) -> Iterator[str]:
+    """A record, in lines for readers."""
+    rule, clamped = stability["rule"], stability["clamped_sides"]
+    h, H = stability["h"], stability["H"]
+    sides = len(stability["vertices"])
+    cells, triangles = counted(len(rule["cells"]), "cell"), counted(len(rule["triangles"]), "triangle")
+    rows = {}
+    if clamped:
+        rows["clamped"] = f"side{'s' * (len(clamped) > 1)} {listed(clamped)}, without multipliers"
+    rows |= {
+        "unknowns": f"{stability['unknowns']} and {counted(stability['multipliers'], 'multiplier')}",
+        "beta in H^(-1/2)": _beta(stability),
+        "beta_0 in L2": "not computed" if stability["not_solved"] else f"{stability['beta_0']:.4f}",
+        "edges per cell": f"at least {stability['edges_per_cell']:.4g}",
+        "cell over edge": f"at least {stability['cell_over_edge']:.4g} "
+        f"(rule: at least {rule['cell_over_edge']})",
+        "boundary angles": f"at least {stability['smallest_angle']:.4g} degrees "
+        f"(rule: at least {rule['smallest_angle']})",
+        "local rule": "kept" if rule["kept"] else f"BROKEN by {cells} and {triangles}",
+        "Theorem 5": f"{_theorem_5(stability)}: delta = {stability['delta']:.4g}, "
+        f"alpha_1 = {stability['alpha_1']:.4g}",
     }
-    if found["clamped_sides"]:
-        clamped = found["clamped_sides"]
-        rows = {"clamped": f"side{'s' * (len(clamped) > 1)} {listed(clamped)}, without multipliers"} | rows
-    sides = len(found["vertices"])
-    yield f"{found['polygon']}, {sides} sides: h = {h:.6g}, H = {H:.6g}, h/H = {h / H:.4g}"
+    yield f"{stability['polygon']}, {sides} sides: h = {h:.6g}, H = {H:.6g}, h/H = {h / H:.4g}"
     yield from (f"  {name:17} {value}" for name, value in rows.items())
-    for what, wrong in ((CELL, rule["cells"]), (TRIANGLE, rule["triangles"])):
-        yield from (what.format(**each) for each in wrong[:LISTED])
+    for line, wrong in ((CELL, rule["cells"]), (TRIANGLE, rule["triangles"])):
+        yield from (line.format(**each) for each in wrong[:LISTED])
         if len(wrong) > LISTED:
             yield f"    and {len(wrong) - LISTED} more; --json lists all"

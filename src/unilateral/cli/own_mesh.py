@@ -1,14 +1,17 @@
-"""The mesh in a file that --mesh names."""
+"""Meshes of commands: those in files that --mesh names, and those of a size that --h gives."""
 
 from __future__ import annotations
 
 import warnings
 from pathlib import Path
 
+from unilateral import api
+from unilateral.discrete.choice import check_size
 from unilateral.errors import InputError, SolutionWarning
 from unilateral.geometry.files import read_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.structured import natural_kind
 
 
 def own_mesh(file: str, polygon: Polygon | None, option: str = "--mesh", corners: bool = False) -> Mesh:
@@ -18,3 +21,9 @@ def own_mesh(file: str, polygon: Polygon | None, option: str = "--mesh", corners
     with warnings.catch_warnings():
         warnings.simplefilter("always", SolutionWarning)
         return read_mesh(file, polygon, corners)
+
+
+def mesh_of_size(polygon: Polygon, h: float) -> Mesh:
+    """A mesh of the polygon, structured where its sides allow that. Raises InputError for too small an h."""
+    check_size(polygon, h)
+    return api.KINDS[natural_kind(polygon)](polygon, h)

@@ -14,12 +14,13 @@ import numpy as np
 from unilateral.accuracy.level import Level, refinement_pays
 from unilateral.accuracy.plan import Plan
 from unilateral.accuracy.search import NOT_ENCLOSED, Search
-from unilateral.cli.streams import as_options, sized
+from unilateral.cli.guard import as_options
 from unilateral.errors import counted
 from unilateral.formulas.decimals import down, guaranteed, interval, up
 from unilateral.problems.units import Units
 from unilateral.solution.certificate import Bounds, Named, energy, relative, sizes
 from unilateral.solution.summary import LINEAR
+from unilateral.system.files import sized
 
 DIGITS = ".4e"
 """The format of errors, bounds and forces."""

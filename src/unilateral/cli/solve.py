@@ -19,7 +19,7 @@ from unilateral.accuracy.search import WITHDRAWN, Search
 from unilateral.accuracy.watch import OutOfBudget, Watch
 from unilateral.certificates.export import CERTIFICATE_ENDINGS, checker_of
 from unilateral.certificates.statement import state_problem
-from unilateral.cli.command import NOT_CONVERGED
+from unilateral.cli.guard import NOT_CONVERGED, say, tell
 from unilateral.cli.own_mesh import own_mesh
 from unilateral.cli.report import (
     NORMS_WITH_COEFFICIENTS,
@@ -33,7 +33,6 @@ from unilateral.cli.report import (
     table,
     written,
 )
-from unilateral.cli.streams import load, say, tell
 from unilateral.cli.watching import bar_during, clear, watching
 from unilateral.errors import BudgetError, InputError, counted
 from unilateral.formulas.decimals import fields, interval
@@ -111,8 +110,9 @@ def certify(options: SimpleNamespace) -> int:
     option = "--mesh" if options.mesh else "--solution"
     options.mesh = options.mesh or options.solution
     mesh = own_mesh(options.mesh, problem.polygon, option, corners=True)
-    files = load("unilateral.exchange.exported_folder")
-    u = files.nodal_values_on(mesh, options.mesh, options.solution, options.field)
+    from unilateral.exchange.exported_folder import nodal_values_on
+
+    u = nodal_values_on(mesh, options.mesh, options.solution, options.field)
     solution = api.certify(problem, mesh, u)
     printed = _reported(solution, options, watch, drawn=False)
     _keep(solution, options, printed)

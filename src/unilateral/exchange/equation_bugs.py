@@ -125,7 +125,7 @@ def _of_load(of: Residual) -> Iterator[Undone]:
     scaled = Residual(of.discrete, of.u, factor * of.load)
     load = _factor("the load (f, v)", factor, of.load, scaled)
     yield Undone(load, scaled)
-    if load.what.endswith("missing"):
+    if _is_missing(factor, of.load, scaled):
         return
     if factor > 0:
         yield Undone(wrong(f"the matrix of {of.names[0]}", 1 / factor), scaled, lambda mu: mu.times(factor))
@@ -135,11 +135,16 @@ def _of_load(of: Residual) -> Iterator[Undone]:
 
 
 def _factor(name: str, factor: float, term: Array, of: Residual) -> Fault:
-    """The fault that a term (n,) has a wrong factor, or is missing if that is 0 as far as one can see."""
-    size = of.size(term)
-    if abs(factor) * size <= of.inside + EXACT * size:
+    """The fault that a term (n,) has a wrong factor, or is missing."""
+    if _is_missing(factor, term, of):
         return Fault(f"{name} is missing", "the equation holds inside without it")
     return wrong(name, factor)
+
+
+def _is_missing(factor: float, term: Array, of: Residual) -> bool:
+    """Whether the factor of a term (n,) is 0 as far as one can see."""
+    size = of.size(term)
+    return abs(factor) * size <= of.inside + EXACT * size
 
 
 def _exchanged(plain: Residual, most: float) -> Iterator[Undone]:

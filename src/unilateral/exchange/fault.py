@@ -8,15 +8,14 @@ UNEXPLAINED = "no known bug explains it"
 
 
 class Fault(NamedTuple):
-    """`what` is wrong, the same on every level, and what was `measured` on this one."""
+    """`what` is wrong, the same on every level, and what was `measured` on this one.
+
+    It is `explained` if it is a bug that is known.
+    """
 
     what: str
     measured: str
-
-    @property
-    def explained(self) -> bool:
-        """Whether it is a bug that is known."""
-        return UNEXPLAINED not in self.what
+    explained: bool = True
 
     def __str__(self) -> str:
         return f"{self.what}: {self.measured}"
@@ -30,10 +29,11 @@ def wrong(name: str, factor: float, right: str = "the right one") -> Fault:
 def unexplained(what: str, perhaps: str, measured: str) -> Fault:
     """The fault that something is wrong, and what may be the reason; "" if there is no guess."""
     guess = f" (perhaps {perhaps})" if perhaps else ""
-    return Fault(f"{what}, and {UNEXPLAINED}{guess}", measured)
+    return Fault(f"{what}, and {UNEXPLAINED}{guess}", measured, explained=False)
 
 
 def either(faults: list[Fault]) -> Fault:
     """One of several faults, where nothing tells which."""
-    what, measured = ("; or ".join(dict.fromkeys(each)) for each in zip(*faults, strict=True))
-    return Fault(what, measured)
+    what = "; or ".join(dict.fromkeys(fault.what for fault in faults))
+    measured = "; or ".join(dict.fromkeys(fault.measured for fault in faults))
+    return Fault(what, measured, all(fault.explained for fault in faults))

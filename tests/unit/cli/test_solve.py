@@ -11,12 +11,12 @@ from typed import FINER, KEYS, OWN_CASE, PROBLEM, SIZES, solve_json
 from unilateral.bounds.boundary_flux import nothing
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.source import enclosed
-from unilateral.cli.streams import sized
 from unilateral.discrete import condensed
 from unilateral.fem.form import H1
 from unilateral.formulas.decimals import down, interval, up
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.fortin import beta_below
+from unilateral.system.files import sized
 
 NOT_UNIQUE = (
     "unilateral: lambda_H may not be unique, because beta is 0 up to rounding; take h < H, such as H = 2h\n"

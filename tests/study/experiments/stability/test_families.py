@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import sentences
 import xarray as xr
 import yaml
 from conftest import ROOT
@@ -187,34 +188,34 @@ def test_structured_meshes():
 
 
 @pytest.mark.parametrize(
-    ("spec", "message"),
+    "spec",
     [
-        ({"H": "a quarter"}, "partition: H: 'a quarter' is not a formula"),
-        ({"H": 0}, "cannot be divided into pieces of size 0"),
-        ({"H": "1/4", "shift": 1}, r"shift 1 is not in \[0, 1\)"),
-        ({"H": "1/4", "shift": -0.1}, r"shift -0.1 is not in \[0, 1\)"),
-        ({"points": [0, 1, 2, 4]}, "vertex 3 of polygon 'square'.* is missing"),
-        ({"points": [0, 2, 1, 3, 4]}, "point 2 .* is out of order"),
+        {"H": "a quarter"},
+        {"H": 0},
+        {"H": "1/4", "shift": 1},
+        {"H": "1/4", "shift": -0.1},
+        {"points": [0, 1, 2, 4]},
+        {"points": [0, 2, 1, 3, 4]},
     ],
 )
-def test_partitions_refused(spec, message):
-    with pytest.raises(InputError, match=message):
+def test_partitions_refused(spec):
+    with sentences.raises(InputError):
         partition_of(square(), spec)
 
 
 @pytest.mark.parametrize(
-    ("spec", "K", "message"),
+    ("spec", "K"),
     [
-        ({"kind": "equal"}, "two", "edges_per_cell: 'two' is unknown"),
-        ({"kind": "inner"}, "half", "deltas: 'half' is unknown"),
-        ({"nodes": [0, 1, 2]}, 1, "vertex 3 .* is missing"),
-        ({"nodes": [0, 1, 2, 3, 4]}, 1, r"point 5 \(4\) is out of order"),
-        ({"nodes": [0, 1, 2, 3, 2.5]}, 1, r"point 4 \(2.5\) is out of order"),
-        ({"nodes": [-0.5, 0, 1, 2, 3]}, 1, r"point 0 \(-0.5\) is out of order"),
+        ({"kind": "equal"}, "two"),
+        ({"kind": "inner"}, "half"),
+        ({"nodes": [0, 1, 2]}, 1),
+        ({"nodes": [0, 1, 2, 3, 4]}, 1),
+        ({"nodes": [0, 1, 2, 3, 2.5]}, 1),
+        ({"nodes": [-0.5, 0, 1, 2, 3]}, 1),
     ],
 )
-def test_meshes_refused(spec, K, message):
-    with pytest.raises(InputError, match=message):
+def test_meshes_refused(spec, K):
+    with sentences.raises(InputError):
         mesh_of(partition_of(square(), {"H": 1}), spec, K)
 
 

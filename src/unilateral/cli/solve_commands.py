@@ -1,0 +1,193 @@
+"""The commands `solve` and `certify`: their options, and which of them go together."""
+
+from __future__ import annotations
+
+import time
+from types import SimpleNamespace
+from typing import Any
+
+import click
+from click.core import ParameterSource
+
+from unilateral.accuracy.goal import ACCURACY, MAX_SECONDS, NORMS
+from unilateral.cli import arguments
+from unilateral.cli.arguments import FILE, FOLDER, complete_polygon, count, positive, sides
+from unilateral.solvers.stop import ALGORITHMS, Stop
+from unilateral.system.optional import require
+
+OF_ACCURACY = {"absolute", "dry_run", "norm", "max_unknowns", "max_seconds", "max_memory"}
+"""The options that only an accuracy has."""
+KINDS = ("structured", "unstructured")
+"""The kinds of meshes that are made; any other --mesh is a file."""
+
+
+@click.command(
+    epilog=arguments.examples(
+        "unilateral init my_problem.yaml",
+        "unilateral solve my_problem.yaml --h 1/16 --H 1/8",
+        "unilateral solve my_problem.yaml --accuracy 0.1 --json",
+    )
+)
+@arguments.problem
+@arguments.as_json
+@arguments.output
+@click.option(
+    "--out", type=FOLDER, metavar="FOLDER", help="a folder for all useful files; for a single file take -o"
+)
+@arguments.certificate
+@arguments.sharp
+@click.option("--h", type=positive, metavar="EDGE", help="longest boundary edge of the mesh, such as 1/64")
+@click.option("--H", "H", type=positive, metavar="CELL", help="longest cell of the multiplier, such as 1/32")
+@click.option(
+    "--tolerance",
+    type=positive,
+    metavar="T",
+    help="with sizes: stop when the algebraic error is at most T (default: 1 % of the errors)",
+)
+@click.option(
+    "--accuracy",
+    type=positive,
+    metavar="A",
+    help="relative error to reach, such as 1e-2, in place of sizes: h, H and the stop are chosen; Ctrl-C "
+    f"keeps the best so far (default {ACCURACY:g}, where no sizes are given)",
+)
+@click.option("--absolute", is_flag=True, help="with --accuracy: absolute instead of relative error")
+@click.option(
+    "--dry-run",
+    is_flag=True,
+    help="with --accuracy: only estimate what it would take: unknowns, seconds, MB and the kind of meshes",
+)
+@click.option(
+    "--norm",
+    type=click.Choice(NORMS),
+    default=NORMS[0],
+    help="with --accuracy: the error of u in H1 (default), or that of lambda in H^(-1/2)",
+)
+@click.option(
+    "--max-unknowns",
+    type=count,
+    metavar="N",
+    help="with --accuracy: limit for the finest mesh (default: what the memory allows)",
+)
+@click.option(
+    "--max-seconds",
+    type=positive,
+    metavar="S",
+    help=f"with --accuracy: time limit; the best so far is kept, with its bound (default {MAX_SECONDS:g})",
+)
+@click.option(
+    "--max-memory",
+    type=positive,
+    metavar="MB",
+    help="with --accuracy: memory limit for this process; the best so far is kept (default: what is free)",
+)
+@click.option(
+    "--polygon",
+    metavar="NAME|FILE",
+    shell_complete=complete_polygon,
+    help="for a case: a named polygon, or that of a problem file (default: the case's first one)",
+)
+@click.option("--side", type=int, metavar="I", help="for a case: the side on which it is placed (default 0)")
+@click.option(
+    "--free-sides",
+    type=sides,
+    metavar="I,J,...",
+    help="for a case: sides without contact that become free (Neumann) sides",
+)
+@click.option(
+    "--leave-out-idle-sides",
+    is_flag=True,
+    help="for a problem: no multipliers on sides that provably have no contact",
+)
+@click.option(
+    "--mesh",
+    metavar="KIND|FILE",
+    shell_complete=lambda ctx, param, incomplete: arguments.complete(incomplete, [*KINDS]),
+    help="structured (sides along the axes), unstructured (needs gmsh), or a file with triangles; "
+    "default: structured on unit squares or without gmsh, and with --accuracy refined where it pays",
+)
+@click.option(
+    "--algorithm",
+    type=click.Choice(ALGORITHMS),
+    metavar="NAME",
+    default="auto",
+    help=f"{', '.join(ALGORITHMS)} (default auto: multigrid on large meshes, else uzawa)",
+)
+@click.option(
+    "--rho", type=positive, metavar="STEP", help="step of Uzawa's algorithm (default 1.9 / lambda_max(S))"
+)
+@click.option(
+    "--max-steps",
+    type=count,
+    metavar="N",
+    default=Stop.max_steps,
+    help=f"limit for uzawa and its faster variants (default {Stop.max_steps})",
+)
+@click.pass_context
+def solve(ctx: click.Context, **options: Any) -> int:
+    """Solve a problem, with guaranteed bounds on the errors.
+
+    It is solved either with given sizes --h and --H or to a guaranteed --accuracy.
+    """
+    begin = time.perf_counter()
+    given = {name for name in options if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE}
+    own_mesh = options["mesh"] not in (None, *KINDS)
+    options["by_default"] = not (own_mesh or given & {"h", "H", "tolerance", "accuracy", "absolute"})
+    if options["by_default"]:
+        options["accuracy"] = ACCURACY
+    _check_alternatives(ctx, options, given, own_mesh)
+    from unilateral.cli.solve import run
+
+    return run(SimpleNamespace(**options, begin=begin))
+
+
+def _check_alternatives(ctx: click.Context, options: dict[str, Any], given: set[str], own_mesh: bool) -> None:
+    """Raises UsageError unless the options are those of given sizes, or those of an accuracy."""
+    if own_mesh and options["accuracy"] is not None:
+        ctx.fail("--accuracy makes its own meshes; with a mesh in a file give --H instead")
+    if options["accuracy"] is None:
+        if own_mesh and "H" not in given:
+            ctx.fail("a mesh in a file needs --H, the longest cell of the multiplier")
+        missing = [name for name in ("h", "H") if name not in given and not own_mesh]
+        if missing:
+            ctx.fail(f"solve needs --h and --H, or --accuracy; --{missing[0]} is missing")
+        wrong, why = given & OF_ACCURACY, "is only for --accuracy"
+    else:
+        if options["accuracy"] >= 1 and not options["absolute"]:
+            ctx.fail("--accuracy is relative and must be below 1, such as 1e-2; or add --absolute")
+        wrong, why = {"h", "H", "tolerance"} & given, "is chosen by --accuracy; leave one of the two out"
+    for name in sorted(wrong):
+        ctx.fail(f"--{name.replace('_', '-')} {why}")
+
+
+@click.command(
+    epilog=arguments.examples(
+        "unilateral solve natural --h 1/16 --H 1/8 -o solution.vtu",
+        "unilateral certify natural --solution solution.vtu",
+    )
+)
+@arguments.problem
+@click.option(
+    "--solution", type=FILE, metavar="FILE", required=True, help="nodal values: .vtu, .csv with x, y, u"
+)
+@click.option(
+    "--mesh", type=FILE, metavar="FILE", help="the triangles (default: those of the solution's file)"
+)
+@click.option(
+    "--field", metavar="NAME", help="the nodal values that are meant (default: u, or the only ones)"
+)
+@arguments.as_json
+@arguments.output
+@arguments.certificate
+@arguments.sharp
+def certify(**options: Any) -> int:
+    """Bound the errors of another solver's solution of your problem.
+
+    The solution is on a mesh of its own. The bound is not below the error, even if that is the solution of
+    another problem.
+    """
+    begin = time.perf_counter()
+    require("'unilateral certify' needs", "meshio", "pandas")
+    from unilateral.cli.solve import certify as certify_solution
+
+    return certify_solution(SimpleNamespace(**options, begin=begin))
