@@ -5,7 +5,7 @@ odd := $(shell pwd -P | LC_ALL=C tr -d 'A-Za-z0-9_./+,@%=~\200-\377\n-')
 ifneq ($(odd),)
 $(error Snakemake runs no scripts below a folder with '$(odd)' in its path; move the project out of '$(CURDIR)')
 endif
-.PHONY: study quick paper report docs pictures bench score test installations fuzz mutants lock clean help git FORCE
+.PHONY: study quick paper report docs pictures bench score test test-all installations fuzz mutants lock clean help git FORCE
 
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export OMP_NUM_THREADS := 1
@@ -47,6 +47,9 @@ test: git study  ## the study, linters, types, tests; then: are the committed re
 	fi
 	@echo "figures, docs, README.md, paper.md and supplement.md are as committed."
 
+test-all: export PYTEST_ADDOPTS := -m ""
+test-all: test  ## the same with the tests that need Slurm or Chromium, which are skipped where these are missing
+
 bench: .venv/ready  ## side by side with other solvers; `make bench sizes="32 64"` tries it (see benchmarks/README.md)
 	python -m benchmarks $(sizes)
 	python -m benchmarks.commands $(sizes)
@@ -73,7 +76,7 @@ clean:  ## remove results/ and build/
 	rm -rf results build
 
 help:  ## this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' Makefile
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' Makefile
 
 git:
 	@command -v git >/dev/null || { echo "make test needs git, and there is no git in PATH." >&2; exit 1; }

@@ -28,8 +28,8 @@ install_packages() {
         stop "The packages of requirements.txt could not be installed (see above); 'make' tries again."
     .venv/bin/python -m pip install -qq --disable-pip-version-check --no-deps --no-build-isolation -e . ||
         stop "The package unilateral itself could not be installed (see above); 'make' tries again."
-    # The study beside it is no part of the package: the clone's folder of sources is on Python's path.
-    echo "$PWD/src" >"$(packages_folder)/study.pth"
+    # The study and the benchmarks are no part of the package: their folders in the clone are on Python's path.
+    printf '%s\n' "$PWD/src" "$PWD" >"$(packages_folder)/study.pth"
     compile_packages
     pwd -P >.venv/installed
 }

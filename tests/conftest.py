@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import yaml
+from sentences import recorder
 
 from study import tables
 from study.ledger import claims
@@ -49,6 +50,31 @@ OTHERS = ("conftest", "study", "unilateral")
 """What a file of tests imports, and did not build for itself."""
 
 
+def pytest_addoption(parser):
+    parser.addoption(
+        "--rewrite-sentences",
+        action="store_true",
+        help="write tests/sentences.yaml anew, for the tests that run",
+    )
+
+
+def pytest_configure(config):
+    recorder.rewriting = config.getoption("rewrite_sentences")
+    if recorder.rewriting and config.getoption("numprocesses", None):
+        raise pytest.UsageError("--rewrite-sentences needs one process: leave out -n")
+
+
+def pytest_sessionfinish():
+    if recorder.rewriting:
+        recorder.write()
+
+
+@pytest.fixture(autouse=True)
+def sentences_of_a_test(request, tmp_path_factory):
+    recorder.temporary = str(tmp_path_factory.getbasetemp())
+    recorder.begin(request.node.nodeid)
+
+
 def pytest_collection():
     """While tests are collected nothing becomes garbage, and looking for it takes a third of that time."""
     gc.disable()
@@ -59,8 +85,12 @@ def pytest_collection_finish():
     gc.freeze()
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Without the study's results a run that would judge them ends at once, and says what to run."""
+    """What opens pages in a browser is nightly. Without the results that it judges a run ends at once."""
+    for item in items:
+        if "browser" in item.fixturenames:
+            item.add_marker("nightly")
     if any(_needs_results(item.path.name) for item in items) and not any(RESULTS.glob("*/rates.nc")):
         pytest.exit("The tests judge the study's results, and there are none: run 'make' first.", 1)
 
@@ -269,19 +299,9 @@ def copy_project(folder):
     """The project without results, in a folder of that folder."""
     copied = folder / "project"
     copied.mkdir()
-    for name in ("workflow", "src", "manufactured", "examples", "docs"):
-        shutil.copytree(ROOT / name, copied / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("workflow", "src", "benchmarks", "manufactured", "examples", "docs"):
+        shutil.copytree(ROOT / name, copied / name, ignore=shutil.ignore_patterns("__pycache__", "runs"))
     for name in ("Snakefile", "README.md", "paper.md", "supplement.md", "paper.bib"):
         shutil.copy(ROOT / name, copied / name)
     (copied / "figures").mkdir()
-    (copied / "benchmarks").mkdir()
-    for name in (
-        "results.nc",
-        "commands.json",
-        "trust.json",
-        "scores.csv",
-        "installations.json",
-        "whole.json",
-    ):
-        shutil.copy(ROOT / "benchmarks" / name, copied / "benchmarks")
     return copied

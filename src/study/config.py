@@ -1,25 +1,48 @@
-"""The study's configuration: read from its files, checked against its schema and for names that do not fit.
+"""The study's configuration: read from its files, checked by a schema, and for what does not fit together.
 
-Messages name the file and the field; only the first fault is told.
+The schema of an experiment's own fields is the file `schema.yaml` in its folder. Messages name the file and
+the field; only the first fault is told.
 """
 
 from __future__ import annotations
 
 import itertools
+import operator
 from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-from study import config_schema, figure_entries, registry
 from unilateral.errors import InputError, shown
 from unilateral.formulas.formula import real
-from unilateral.geometry import polygon
+from unilateral.geometry.polygon import Polygon, named
 from unilateral.problems.case import load
 from unilateral.system import declarations
+from unilateral.system.declarations import MAX_DEPTH, MAX_DIGITS
 
 Fields = dict[str, Any]
 Place = tuple[str | int, ...]
+EXPERIMENTS = Path(__file__).parent / "experiments"
+COMMAND_LINE = "the option --config"
+"""The source of fields that no file has."""
+TAKEN = ("benchmarks", "logs", "paper", "report")
+"""Folders of results that belong to no scene, survey or experiment."""
+LIMITS = {
+    "grading": (operator.ge, 1, "at least 1"),
+    "spread": (operator.ge, 1, "at least 1"),
+    "shift": (operator.lt, 1, "below 1"),
+    "kappas": (operator.le, 1, "at most 1"),
+    "deltas": (operator.le, 0.5, "at most 1/2"),
+}
+"""Limits of numbers and of those in lists, by the names of fields. JSON Schema does not know fractions."""
+ORDERS = {
+    "H": (operator.gt, "smaller"),
+    "stops": (operator.gt, "smaller"),
+    "kappas": (operator.gt, "smaller"),
+    "points": (operator.lt, "larger"),
+    "nodes": (operator.lt, "larger"),
+}
+"""How numbers of a list are ordered, by the names of fields."""
 
 
 def read(files: Iterable[str]) -> tuple[Fields, dict[str, str]]:
@@ -30,62 +53,150 @@ def read(files: Iterable[str]) -> tuple[Fields, dict[str, str]]:
     study: Fields = {}
     sources: dict[str, str] = {}
     for file in files:
-        given = declarations.read(Path(file), file, floats=True)
-        if not isinstance(given, dict):
+        fields = declarations.read(Path(file), file, floats=True)
+        if not isinstance(fields, dict):
             raise InputError(f"{file} has no fields; it has to hold a mapping")
-        for name in given:
+        for name in fields:
             if name in study:
                 raise InputError(f"{file}, field {name}: {sources[name]} has it, too; leave one of them out")
-        study |= given
-        sources |= dict.fromkeys(given, file)
+        study |= fields
+        sources |= dict.fromkeys(fields, file)
     return study, sources
 
 
-def check(study: Fields, sources: Mapping[str, str], rules: str) -> None:
-    """Check the configuration, and fill in the defaults of the schema in the file `rules`.
+def check(study: Fields, sources: Mapping[str, str], schema: str) -> None:
+    """Check the configuration by the schema in a file, and those of the experiments.
 
-    Raises InputError for what the schema does not allow, for names that stand for nothing, and for a case
-    that cannot be put on its polygon or that has no expected rates.
+    Raises InputError for what a schema does not allow, for names that stand for nothing, for numbers that do
+    not fit together, and for a case that cannot be put on its polygon or that has no expected rates.
     """
+    _raise_first(_beyond_files(study), sources)
+    rules = declarations.own(Path(schema))
+    for file in sorted(EXPERIMENTS.glob("*/schema.yaml")):
+        rules["properties"] |= declarations.own(file)
+    for source in dict.fromkeys([*sources.values(), COMMAND_LINE]):
+        part = {name: value for name, value in study.items() if sources.get(name, COMMAND_LINE) == source}
+        declarations.validate(part, rules, source)
+    for name in rules["properties"]:
+        if name not in study:
+            raise InputError(f"{', '.join(dict.fromkeys(sources.values()))}: the field '{name}' is missing")
     # Cases first: other places may have only names that a scene has, and its misspelt ones would be offered.
-    checks = (_beside_their_polygon, _unknown, _misfits, figure_entries.faults, _unfit_surveys, _unjudged)
-    for place, said in itertools.chain(
-        config_schema.faults(study, rules), *(faults(study) for faults in checks)
-    ):
-        raise InputError(f"{_where(place, sources)}: {said}")
+    for faults in (_beside_polygons, _unknown_names, _numbers, _folders, _surveys, _unjudged):
+        _raise_first(faults(study), sources)
 
 
-def _where(place: Place, sources: Mapping[str, str]) -> str:
-    if not place:
-        return ", ".join(dict.fromkeys(sources.values()))
-    name, *inside = place
-    path = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in inside)
-    return f"{sources.get(str(name), 'the configuration')}, field {name}{path}"
+def _raise_first(faults: Iterator[tuple[Place, str]], sources: Mapping[str, str]) -> None:
+    """Raise InputError for the first of these faults: the place of each, and what would be right."""
+    for (name, *inside), said in faults:
+        path = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in inside)
+        raise InputError(f"{sources.get(str(name), COMMAND_LINE)}, field {shown(f'{name}{path}')}: {said}")
 
 
-def _unknown(study: Fields) -> Iterator[tuple[Place, str]]:
+def _places(study: Fields) -> Iterator[tuple[Place, Any]]:
+    """All values of nested fields and lists, each with its place."""
+    waiting: list[tuple[Place, Any]] = [((), study)]
+    while waiting:
+        place, value = waiting.pop()
+        yield place, value
+        if isinstance(value, dict) and len(place) <= MAX_DEPTH:
+            waiting += [((*place, name), part) for name, part in value.items()]
+        elif isinstance(value, list) and len(place) <= MAX_DEPTH:
+            waiting += [((*place, i), part) for i, part in enumerate(value)]
+
+
+def _beyond_files(study: Fields) -> Iterator[tuple[Place, str]]:
+    """Faults: what no file may hold, but --config gives."""
+    for place, value in _places(study):
+        if isinstance(value, int) and abs(value) >= 10**MAX_DIGITS:
+            yield place, f"it has more than {MAX_DIGITS} digits"
+        elif isinstance(value, dict | list) and len(place) >= MAX_DEPTH:
+            yield place, f"it is in more than {MAX_DEPTH} lists or fields"
+        elif isinstance(value, dict):
+            for name in value:
+                if not isinstance(name, str):
+                    yield (*place, str(name)), "the name of a field has to be a text"
+
+
+def _beside_polygons(study: Fields) -> Iterator[tuple[Place, str]]:
+    """Faults: polygons that are none, and cases that are none or not for the polygon and side beside them."""
+    for place, fields in _places(study):
+        if not isinstance(fields, dict) or "polygon" not in fields:
+            continue
+        polygon = fields["polygon"]
+        try:
+            named(polygon) if isinstance(polygon, str) else Polygon(polygon, str(place[1]))
+        except InputError as error:
+            yield (*place, "polygon"), str(error)
+        for i, name in enumerate(fields.get("cases", [])):
+            if fault := _case_fault(name, polygon, fields.get("side", 0)):
+                yield (*place, "cases", i), fault
+
+
+@cache
+def _case_fault(name: str, polygon: str, side: int) -> str:
+    """Why the case cannot be put on that side of that polygon; empty if it can."""
+    try:
+        load(name, named(polygon), side)
+    except InputError as error:
+        return str(error)
+    return ""
+
+
+def _unknown_names(study: Fields) -> Iterator[tuple[Place, str]]:
     """Faults: names that are not among those that the study has in another place."""
-    scenes, base, vary = study["scenes"], study["cost"]["base"], study["cost"]["vary"]
-    names: list[tuple[Place, str, Iterable[str]]] = [
-        (("totals", "scenes", scene, i), case, scenes[scene]["cases"])
-        for scene, cases in study["totals"]["scenes"].items()
-        for i, case in enumerate(cases)
-    ]
-    for scene in (base["scene"], *vary.get("scene", [])):
-        names.append((("cost", "base", "case"), base["case"], scenes[scene]["cases"]))
-    for i, case in enumerate(vary.get("case", [])):
-        names.append((("cost", "vary", "case", i), case, scenes[base["scene"]]["cases"]))
-    for i, fields in enumerate(study["cost"]["cross"]):
-        names += [(("cost", "cross", i, k), field, vary) for k, field in enumerate(fields)]
-    for name, axis in study["extremes"]["axes"].items():
-        names.append((("extremes", "axes", name, "kind"), axis["kind"], registry.axes()))
-    for place, name, known in names:
+    for place, name, known in _names(study):
         if name not in known:
-            yield place, f"it is {shown(repr(name))}; it has to be one of {', '.join(known)}"
+            yield place, f"{shown(repr(name))} is not one of {', '.join(known)}"
 
 
-def _misfits(study: Fields) -> Iterator[tuple[Place, str]]:
-    """Faults: numbers that do not fit together."""
+def _names(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]]:
+    """Names, each with its place and those that it may be; of scenes before those of their cases."""
+    scenes, cost, figures = study["scenes"], study["cost"], study["figures"]
+    for scene, cases in study["totals"]["scenes"].items():
+        yield ("totals", "scenes"), scene, scenes
+        for i, case in enumerate(cases):
+            yield ("totals", "scenes", scene, i), case, scenes[scene]["cases"]
+    for i, scene in enumerate(study["floors"]):
+        yield ("floors", i), scene, scenes
+    for scene in cost["h"]:
+        yield ("cost", "h"), scene, scenes
+    base = cost["base"]
+    yield ("cost", "base", "scene"), base["scene"], cost["h"]
+    yield ("cost", "base", "case"), base["case"], scenes[base["scene"]]["cases"]
+    for axis, others in cost["axes"].items():
+        for i, scene in enumerate(others.get("scene", [])):
+            yield ("cost", "axes", axis, "scene", i), scene, cost["h"]
+            yield ("cost", "base", "case"), base["case"], scenes[scene]["cases"]
+        for i, case in enumerate(others.get("case", [])):
+            yield ("cost", "axes", axis, "case", i), case, scenes[base["scene"]]["cases"]
+    for i, scene in enumerate(figures["rates"]["scenes"]):
+        yield ("figures", "rates", "scenes", i), scene, scenes
+    square = scenes["square"]["cases"]
+    irregular = scenes["irregular"]["cases"]
+    for i, case in enumerate(figures["grid_square"]["cases"]):
+        yield ("figures", "grid_square", "cases", i), case, square
+    yield ("figures", "consistency", "case"), figures["consistency"]["case"], [*square, *irregular]
+    for i, case in enumerate(figures["consistency"]["cases"]):
+        yield ("figures", "consistency", "cases", i), case, [*square, *irregular]
+
+
+def _numbers(study: Fields) -> Iterator[tuple[Place, str]]:
+    """Faults: numbers beyond their limits, not in their order, or that do not fit together."""
+    for place, value in _places(study):
+        field = str(place[-1]) if place else ""
+        if isinstance(value, dict) or field not in LIMITS | ORDERS:
+            continue
+        numbers = value if isinstance(value, list) else [value]
+        sizes = [real(number, field) if isinstance(number, str) else number for number in numbers]
+        if field in LIMITS:
+            keeps, limit, said = LIMITS[field]
+            for number, size in zip(numbers, sizes, strict=True):
+                if not keeps(size, limit):
+                    yield place, f"it is {shown(number)}; it has to be {said}"
+        if field in ORDERS:
+            precedes, said = ORDERS[field]
+            if not all(precedes(a, b) for a, b in itertools.pairwise(sizes)):
+                yield place, f"each number has to be {said} than the one before it"
     fewest = min(study["scenes"][name]["mesh"]["levels"] for name in study["totals"]["scenes"])
     if study["totals"]["levels"] > fewest:
         yield ("totals", "levels"), f"it has to be at most {fewest}, the levels of its scenes"
@@ -94,68 +205,33 @@ def _misfits(study: Fields) -> Iterator[tuple[Place, str]]:
         yield ("rates", "judged_ratio"), f"it has to be one of ratios, {', '.join(map(str, ratios))}"
 
 
-def _beside_their_polygon(given: Any, place: Place = ()) -> Iterator[tuple[Place, str]]:
-    """Faults: cases that are not declared, or not for the polygon and the side beside which they stand."""
-    if isinstance(given, dict) and "polygon" in given:
-        named = [((*place, "cases", i), name) for i, name in enumerate(given.get("cases", []))]
-        named += [((*place, "case"), given["case"])] if "case" in given else []
-        for at, name in named:
-            if fault := _case_fault(name, given["polygon"], given.get("side", 0)):
-                yield at, fault
-    parts = given.items() if isinstance(given, dict) else enumerate(given) if isinstance(given, list) else ()
-    for name, part in parts:
-        yield from _beside_their_polygon(part, (*place, name))
+def _folders(study: Fields) -> Iterator[tuple[Place, str]]:
+    """Faults: scenes and surveys whose folders of results would be those of others."""
+    for kind, others in (("scenes", study["surveys"]), ("surveys", study["scenes"])):
+        for name in study[kind]:
+            if name in (*TAKEN, *study, *others):
+                yield (kind, name), "another folder of results has that name; choose another one"
 
 
-def _unfit_surveys(study: Fields) -> Iterator[tuple[Place, str]]:
-    """Faults: polygons that are none, numbers of cells that are not one for each side, and missing finds."""
+def _surveys(study: Fields) -> Iterator[tuple[Place, str]]:
+    """Faults: numbers of cells that are not one for each side, and finds that are missing or in vain."""
     for name, survey in study["surveys"].items():
-        place, finds = ("surveys", name), study["finds"].get(name, [])
+        finds = study["finds"].get(name, [])
         if survey["kind"] == "worst" and not finds:
             yield ("finds",), f"it has no pairs for the survey '{name}', whose kind is worst"
         if survey["kind"] != "worst" and finds:
             yield ("finds", name), f"only surveys of kind worst have pairs here; this one is {survey['kind']}"
-        for i, find in enumerate(finds):
-            if fault := _polygon_fault(find["polygon"]):
-                yield ("finds", name, i, "polygon"), fault
-        if "polygon" not in survey:
-            continue
-        given = survey["polygon"]
-        if fault := _polygon_fault(given, name):
-            yield (*place, "polygon"), fault
-            continue
-        sides = polygon.named(given).n_sides if isinstance(given, str) else len(given)
         for i, cells in enumerate(survey.get("partitions", [])):
+            polygon = survey["polygon"]
+            sides = named(polygon).n_sides if isinstance(polygon, str) else len(polygon)
             if len(cells.get("counts", range(sides))) != sides:
-                yield (
-                    (*place, "partitions", i, "counts"),
-                    f"it has to have {sides} numbers, one for each side",
-                )
-
-
-def _polygon_fault(given: Any, name: str = "polygon") -> str:
-    """Why these vertices are no polygon; empty if they are one, or a name."""
-    try:
-        if not isinstance(given, str):
-            polygon.Polygon(given, name)
-    except InputError as error:
-        return str(error)
-    return ""
-
-
-@cache
-def _case_fault(name: str, domain: str, side: int) -> str:
-    """Why the case cannot be put on that side of that polygon; empty if it can."""
-    try:
-        load(name, polygon.named(domain), side)
-    except InputError as error:
-        return str(error)
-    return ""
+                place = ("surveys", name, "partitions", i, "counts")
+                yield place, f"it has to have {sides} numbers, one for each side"
 
 
 def _unjudged(study: Fields) -> Iterator[tuple[Place, str]]:
     """Faults: cases that no expected rates are given for, though a scene has them."""
     for name, scene in study["scenes"].items():
-        for wanted in scene["cases"]:
-            if wanted not in study["rates"]["cases"]:
-                yield ("rates", "cases"), f"there is no '{wanted}'; add it, for scene '{name}' has that case"
+        for case in scene["cases"]:
+            if case not in study["rates"]["cases"]:
+                yield ("rates", "cases"), f"there is no '{case}'; add it, for scene '{name}' has that case"

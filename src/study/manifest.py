@@ -20,9 +20,9 @@ from unilateral.system.files import replacing
 
 def write_manifest(
     study: Mapping[str, Any],
+    made: Mapping[str, Iterable[str]],
     manifest: str | os.PathLike[str],
     sums: str | os.PathLike[str],
-    **made: Iterable[str],
 ) -> None:
     """Write the manifest (JSON) of the files that each rule made, and their sums for `sha256sum -c`.
 

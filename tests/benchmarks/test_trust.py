@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from conftest import ROOT
 
+from benchmarks import numbers as documented
 from benchmarks import trust
-from study.experiments.benchmarks import numbers as documented
 
 PARTS = ("solve", "bound", "certificate", "check", "check_formulas")
 

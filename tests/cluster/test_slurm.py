@@ -11,7 +11,7 @@ import pytest
 from conftest import copy_project
 from one_node import missing, one_node
 
-pytestmark = pytest.mark.skipif(bool(missing()), reason=missing())
+pytestmark = [pytest.mark.nightly, pytest.mark.skipif(bool(missing()), reason=missing())]
 PROFILE = ("--workflow-profile", "workflow/profiles/slurm", "--slurm-init-seconds-before-status-checks", "2")
 TARGET = "results/quick/dual_norm.nc"
 SCRIPT, CALL = "workflow/scripts/job.py", "            getattr("
@@ -67,7 +67,10 @@ def test_the_whole_study_can_be_planned_with_the_profiles_groups(node, tmp_path)
     code, said = snakemake(project, node, *PROFILE, "-n")
     assert code == 0, said
     assert set(re.findall(r"Group job (\w+)", said)) == {"judging", "figures", "telling"}
-    waiting = ("--groups", *(f"{rule}=telling" for rule in ("claims", "numbers", "documents", "typeset")))
+    waiting = (
+        "--groups",
+        *(f"{rule}=telling" for rule in ("claims", "document_numbers", "documents", "typeset")),
+    )
     code, said = snakemake(project, node, *PROFILE, *waiting, "-n")
     assert code == 1
     assert "Error in group telling" in said

@@ -38,12 +38,9 @@ COUNTED = """claims:
   control: { what: "a hundredth more", tables: [counts/counts], variable: unknowns, factor: 1.01 }
 """
 """The claims of the experiment that is added."""
-KIND = """
-
-def calm(values: Array, h: float, H: float, budget: Budget) -> Axis:
-    return nothing(values, h, H, budget)
-"""
-STABILITY, COUNTS = (f"src/study/experiments/{name}" for name in ("stability", "counts"))
+STABILITY, COUNTS, EXTREMES = (
+    f"src/study/experiments/{name}" for name in ("stability", "counts", "extremes")
+)
 PLACES = [
     ("src/unilateral/geometry/polygons.yaml", "", POLYGON),
     ("manufactured/my_case.yaml", "", CASE),
@@ -62,14 +59,15 @@ PLACES = [
     ("workflow/config/figures.yaml", "figures:\n", FIGURE),
     (f"{STABILITY}/claims.yaml", "", "\n" + CLAIM),
     ("src/study/ledger/sections.yaml", "stability: [", '"3.1d", '),
-    ("src/study/experiments/extremes/contact.py", "", KIND),
+    (f"{EXTREMES}/measure.py", "] = {\n", '    "calm": data_axes.nothing,\n'),
+    (f"{EXTREMES}/schema.yaml", "[ratio, ", "calm, "),
     ("workflow/config/extremes.yaml", "  axes:\n", AXIS),
 ]
 """What is added to a file, and behind which text or, without one, at its end."""
 
 USED = """
 from study.experiments.counts.measure import measure_counts
-from study.experiments.extremes.measure import KINDS
+from study.experiments.extremes.measure import AXES
 from study.figure_entries import make_figure
 from study.ledger.claims import find
 from study.tables import load
@@ -77,7 +75,7 @@ from study.tables import load
 measure_counts({"polygon": "square", "h": ["1/8", "1/16"]}, "counts/counts.nc")
 print(find("V.h").measure({"counts/counts": load("counts/counts.nc")}).observed)
 print(find("3.1d").reads)
-print(KINDS["calm"].__module__)
+print(AXES["calm"].__module__)
 files = "counts/counts.csv", "counts/counts.svg"
 make_figure("experiments.counts.counts_figure", {}, *files, counts="counts/counts.nc")
 print(*open(files[0]).read().split())
@@ -109,6 +107,6 @@ def test_what_is_added_is_planned_and_needs_no_other_change(tmp_path: Path) -> N
     jobs = dict.fromkeys(["dual_norm", "solve", "rates", "surveys", "counts", "figure"], 1) | {"total": 6}
     assert {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)} == jobs
     (project / "counts").mkdir()
-    said = ["0.0", "('square/infsup',)", "study.experiments.extremes.contact"]
+    said = ["0.0", "('square/infsup',)", "study.experiments.extremes.data_axes"]
     said += ["h,unknowns 0.125,81 0.0625,289", "1"]
     assert run(project, "-c", USED).splitlines() == said

@@ -7,6 +7,7 @@ from pathlib import Path
 import meshio
 import numpy as np
 import pytest
+import sentences
 
 from study import scenes
 from unilateral.errors import InputError, StorageError
@@ -37,7 +38,7 @@ def read_with(path: Path, content: bytes) -> Mesh | None:
 
 def test_cases_with_different_forms_are_no_scene() -> None:
     scene = {"polygon": "square", "side": 0, "cases": ["natural", "clamped"]}
-    with pytest.raises(InputError, match="'natural' and 'clamped' differ in their clamped sides or in c"):
+    with sentences.raises(InputError):
         scenes.cases(scene)
     assert [case.name for case in scenes.cases(scene | {"cases": ["clamped"]})] == ["clamped"]
 

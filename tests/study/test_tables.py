@@ -10,6 +10,7 @@ import netCDF4
 import numpy as np
 import pandas as pd
 import pytest
+import sentences
 import xarray as xr
 from conftest import ROOT
 
@@ -105,7 +106,7 @@ def test_two_files_of_one_table_are_byte_identical(tmp_path):
 
 
 def test_loading_what_is_not_there():
-    with pytest.raises(InputError, match=r"no table results/none\.nc; run 'make', or 'snakemake -j2 res"):
+    with sentences.raises(InputError):
         tables.load("results/none.nc")
 
 
@@ -113,16 +114,16 @@ def test_loading_what_is_not_there():
 def test_loading_what_is_no_table(tmp_path, content):
     path = tmp_path / "errors.nc"
     path.write_bytes(content)
-    with pytest.raises(StorageError, match=r"errors\.nc is damaged or no table of the study; 'snakemake"):
+    with sentences.raises(StorageError):
         tables.load(path)
-    with pytest.raises(StorageError, match="cannot be read: Is a directory"):
+    with sentences.raises(StorageError):
         tables.load(tmp_path)
 
 
 def test_a_table_of_another_hand_is_refused(tmp_path):
     """Control: what is wrong with it is the missing checksum alone."""
     level(0.5).to_netcdf(tmp_path / "errors.nc", engine="netcdf4")
-    with pytest.raises(StorageError, match="is damaged or no table of the study"):
+    with sentences.raises(StorageError):
         tables.load(tmp_path / "errors.nc")
 
 
@@ -202,9 +203,7 @@ def test_a_table_that_does_not_tell_its_place_is_refused(tmp_path, monkeypatch):
     """As the first versions of this project wrote it."""
     monkeypatch.setattr(tables.table_origin, "stamp", lambda *_: {"parameters": "{}"})
     tables.save(level(0.5), tmp_path / "errors.nc", "scene")
-    with pytest.raises(
-        StorageError, match=r"errors\.nc is of a version that did not tell its place, and '.*/errors'"
-    ):
+    with sentences.raises(StorageError):
         tables.load(tmp_path / "errors.nc")
 
 

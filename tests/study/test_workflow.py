@@ -138,7 +138,6 @@ PARAMS = {
     "adaptive": {"study": "adaptive", "stop": "stop"},
     "algorithm": {"study": "algorithm"},
     "extremes": {"study": "extremes"},
-    "cost_runs": {"of_job": "cost.jobs.{number}"},
 }
 """The fields of the configuration that rules are given."""
 
@@ -188,19 +187,14 @@ def test_a_job_depends_on_the_cases_of_its_scene(planned):
         assert sorted(found) == sorted(f"manufactured/{name}.yaml" for name in wanted)
 
 
-def test_jobs_of_the_study_of_cost_are_those_of_the_configuration(planned):
-    """Each with the norm of its scene, and all of them collected in their order."""
-    jobs = sorted(of_rules(planned, ["cost_runs"]), key=lambda job: int(job["params"]["number"]))
-    assert len(jobs) == len(STUDY["cost"]["jobs"])
-    for i, (job, declared) in enumerate(zip(jobs, STUDY["cost"]["jobs"], strict=True)):
-        assert job["named"] == {"norm": f"results/{declared['scene']}/dual_norm.nc"}
-        assert job["params"]["scene"] == STUDY["scenes"][declared["scene"]]
-        assert job["output"] == [f"results/cost/runs/{i}{kind}.nc" for kind in ("", "_timings")]
-    (collected,) = of_rules(planned, ["cost"])
-    assert collected["named"] == {
-        "runs": [job["output"][0] for job in jobs],
-        "timed": [job["output"][1] for job in jobs],
-    }
+def test_a_table_of_cost_is_made_for_each_axis_with_the_norms_of_its_scenes(planned):
+    """What only documents and figures read is no parameter, so that it runs nothing again."""
+    (job,) = of_rules(planned, ["cost"])
+    cost = STUDY["cost"]
+    assert job["output"] == [f"results/cost/{axis}.nc" for axis in cost["axes"]]
+    assert job["named"] == {"norms": [f"results/{scene}/dual_norm.nc" for scene in cost["h"]]}
+    assert job["params"]["scene"] == {scene: STUDY["scenes"][scene] for scene in cost["h"]}
+    assert cost.keys() - job["params"]["study"].keys() == {"fitted_from", "targets"}
 
 
 def test_documents_tell_the_numbers_of_the_files_that_experiments_name(planned):

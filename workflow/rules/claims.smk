@@ -3,8 +3,7 @@
 
 rule claims:
     input:
-        code("ledger.reports", *registry.checks().values()),
-        [f"src/study/experiments/{name}/claims.yaml" for name in files()],
+        sorted(map(str, Path().glob("src/study/experiments/*/claims.yaml"))),
         tables=[f"results/{name}.nc" for name in claimed()],
     output:
         claims="results/claims.json",
@@ -13,8 +12,8 @@ rule claims:
     resources:
         **TELLS,
     params:
-        job="ledger.reports.judge_claims",
+        code=code("claims"),
     message:
         "The ledger: every statement judged"
     script:
-        "../scripts/job.py"
+        "../scripts/claims.py"

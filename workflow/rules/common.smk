@@ -2,65 +2,27 @@ import re
 from functools import cache
 from pathlib import Path
 
-from study import registry
-from study.documents import numbers, marks
-from study.figure_entries import drawings
-from study.ledger.entries import entries, files
+from study.code import digest
+from study.documents import marks
+from study.ledger.entries import entries
 from study.scenes import normed
 
 SCENES = config["scenes"]
 JUDGED = [name for name, scene in SCENES.items() if scene["judged"]]
 SURVEYS = config["surveys"]
+TOTALS = config["totals"]["scenes"]
 
 
 wildcard_constraints:
     scene="|".join(SCENES),
 
 
-@cache
-def code(*modules):
-    """Modules of the study such as manifest, what they import, what that imports, and data files named there.
+def code(script):
+    """The digest of the code that a script runs, as a parameter of its rule.
 
-    The script that runs them is among them. A change of these files reruns the rule's jobs only.
+    So a change of that code reruns the rule's jobs, and an edit of docstrings or of other code does not.
     """
-    files, waiting = set(), [Path("workflow/scripts/job.py")]
-    for module in modules:
-        package, _, name = f"study.{module}".rpartition(".")
-        waiting += imports(f"from {package} import {name}")
-    while waiting:
-        file = waiting.pop()
-        if file not in files:
-            files.add(file)
-            waiting += leads_to(file)
-    return sorted(str(file) for file in files if is_there(file))
-
-
-@cache
-def leads_to(file):
-    """The data files that a source file names, and where the modules can be that it imports."""
-    if file.suffix != ".py" or not is_there(file):
-        return []
-    source = file.read_text(encoding="utf-8")
-    return [file.with_name(name) for name in re.findall(r'"([\w.]+\.yaml)"', source)] + imports(source)
-
-
-is_there = cache(Path.is_file)
-
-
-def imports(source):
-    """Where the modules can be that a source file imports, at its top or inside functions."""
-    found = []
-    for module, names in re.findall(
-        r"^\s*from ((?:unilateral|study)[\w.]*) import (\([^)]*\)|.+)$", source, re.MULTILINE
-    ):
-        parts = module.split(".")
-        folder = Path("src", *parts)
-        packages = [Path("src", *parts[:k]) for k in range(1, len(parts) + 1)]
-        inside = [folder / name for name in re.findall(r"\w+", names)]
-        found += [folder.with_suffix(".py")]
-        found += [each.with_suffix(".py") for each in inside]
-        found += [package / "__init__.py" for package in [*packages, *inside]]
-    return found
+    return lambda wildcards: digest(f"workflow/scripts/{script}.py")
 
 
 def asked(mem_mb, minutes):
@@ -83,19 +45,13 @@ def case_files(cases):
     return [f"manufactured/{case}.yaml" for case in cases]
 
 
-def cases_in(experiment):
-    """The files of the cases of an experiment, and of each scene that it has of its own."""
-    return [case_files(part.get("cases", [])) for part in (experiment, *experiment.get("scenes", []))]
-
-
-def examples_in(experiment):
-    """The files of its examples, as the argument of that name, where an experiment has any."""
-    files = [f"examples/{name}.yaml" for name in experiment.get("examples", [])]
-    return {"examples": files} if files else {}
-
-
 def cases_of(wildcards):
     return case_files(scene_of(wildcards)["cases"])
+
+
+def cases_on_polygons(scenes):
+    """The files of the cases of an experiment's own scenes."""
+    return [file for scene in scenes for file in case_files(scene["cases"])]
 
 
 @cache
@@ -111,11 +67,6 @@ def files_by_rule(scenes):
         "solve": expand(rules.solve.output, scene=scenes),
         "rates": expand(rules.rates.output, scene=scenes),
     }
-
-
-def job_of(wildcards):
-    """The scene and the meshes that a job of the study of cost measures."""
-    return config["cost"]["jobs"][int(wildcards.job)]
 
 
 def pictures(paper):

@@ -1,57 +1,27 @@
-# Accuracy against cost: the runs of a job's meshes -> tables -> the work-precision diagrams.
+# Accuracy against cost: runs along axes that leave a base -> a table for each axis.
 
 COST = config["cost"]
-JOBS = range(len(COST["jobs"]))
-RUNS = {name: COST[name] for name in ("base", "vary", "cross", "H", "stops", "max_steps", "costly_steps")}
-AXES = [*COST["cross"], *([name] for name in COST["vary"] if name not in sum(COST["cross"], []))]
-
-
-wildcard_constraints:
-    job="[0-9]+",
-
-
-rule cost_runs:
-    input:
-        code("experiments.cost.measure"),
-        lambda wildcards: case_files(SCENES[job_of(wildcards)["scene"]]["cases"]),
-        norm=lambda wildcards: f"results/{job_of(wildcards)['scene']}/dual_norm.nc",
-    output:
-        runs="results/cost/runs/{job}.nc",
-        timings="results/cost/runs/{job}_timings.nc",
-    log:
-        "results/logs/cost_runs/{job}.log",
-    resources:
-        **SOLVES,
-    params:
-        job="experiments.cost.measure.measure_cost",
-        scene=lambda wildcards: SCENES[job_of(wildcards)["scene"]],
-        number="{job}",
-        of_job=job_of,
-        study=RUNS,
-    message:
-        "cost: the runs of job {wildcards.job}"
-    script:
-        "../scripts/job.py"
+# What only claims, documents and figures read makes no table.
+MEASURED = {name: value for name, value in COST.items() if name not in ("fitted_from", "targets")}
 
 
 rule cost:
     input:
-        code("experiments.cost.variants"),
-        runs=expand("results/cost/runs/{job}.nc", job=JOBS),
-        timed=expand("results/cost/runs/{job}_timings.nc", job=JOBS),
+        [case_files(SCENES[scene]["cases"]) for scene in COST["h"]],
+        norms=expand("results/{scene}/dual_norm.nc", scene=COST["h"]),
     output:
-        cost="results/cost/cost.nc",
-        timings="results/cost/timings.nc",
-        factors=[f"results/cost/{fields[0]}.nc" for fields in AXES],
+        axes=expand("results/cost/{axis}.nc", axis=COST["axes"]),
     log:
         "results/logs/cost.log",
+    benchmark:
+        "results/benchmarks/cost.tsv"
     resources:
-        **TELLS,
+        **SOLVES,
     params:
-        job="experiments.cost.variants.collect_cost",
-        study=RUNS,
-        axes=AXES,
+        scene={scene: SCENES[scene] for scene in COST["h"]},
+        study=MEASURED,
+        code=code("cost"),
     message:
         "cost: all runs"
     script:
-        "../scripts/job.py"
+        "../scripts/cost.py"

@@ -3,29 +3,54 @@
 DOCUMENTS = config["documents"]
 
 
-rule numbers:
+rule document_numbers:
     input:
-        code("documents.numbers", *(f"{package}.numbers" for package in registry.having("numbers"))),
-        numbers.files(config),
+        files=[
+            "results/claims.json",
+            "benchmarks/installations.json",
+            "benchmarks/whole.json",
+            "results/adaptive/errors.nc",
+            "results/adaptive/infsup.nc",
+            "results/adaptive/rates.nc",
+            "benchmarks/results.nc",
+            "benchmarks/scores.csv",
+            "benchmarks/commands.json",
+            "benchmarks/trust.json",
+            "results/cells/errors.nc",
+            "results/cells/alternating.nc",
+            "results/certify/solutions.nc",
+            "results/cost/algorithm.nc",
+            "results/cost/case.nc",
+            "results/cost/scene.nc",
+            "results/cost/algebra.nc",
+            "results/cost/precision.nc",
+            "results/extremes/extremes.nc",
+            "results/graded/errors.nc",
+            "results/graded/adapted.nc",
+            *expand("results/{scene}/rates.nc", scene=JUDGED),
+            *expand("results/{scene}/totals.nc", scene=TOTALS),
+            "results/square/floors.nc",
+            "results/sharpness/rates.nc",
+            "figures/infsup.csv",
+        ],
     output:
         numbers="results/numbers.json",
         blocks="results/blocks.json",
     log:
-        "results/logs/numbers.log",
+        "results/logs/document_numbers.log",
     resources:
         **TELLS,
     params:
-        job="documents.numbers.write_numbers",
         study=config,
+        code=code("document_numbers"),
     message:
         "The numbers and tables of all documents"
     script:
-        "../scripts/job.py"
+        "../scripts/document_numbers.py"
 
 
 rule documents:
     input:
-        code("documents.marks"),
         numbers="results/numbers.json",
         blocks="results/blocks.json",
         claims="results/claims.json",
@@ -37,8 +62,8 @@ rule documents:
         **TELLS,
     params:
         [marks.written(document) for document in DOCUMENTS],  # by which Snakemake sees that one was edited
-        job="documents.marks.fill_documents",
+        code=code("documents"),
     message:
         "The documents' numbers and tables"
     script:
-        "../scripts/job.py"
+        "../scripts/documents.py"

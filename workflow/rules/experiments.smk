@@ -1,55 +1,163 @@
 # Experiments of their own: their fields of the configuration -> their tables.
 
-# What measures an experiment, its tables, and the fields of the configuration that it is given beside its own.
-EXPERIMENTS = {
-    "adaptive": ("measure.measure_adaptive", ["errors", "infsup", "timings", "rates"], ["stop"]),
-    "algorithm": (
-        "tables.try_algorithm",
-        ["steps", "certificates", "singular", "uniqueness", "unique", "elimination", "split", "formulation"],
-        [],
-    ),
-    "cells": ("measure.measure_cells", ["errors", "alternating"], ["stop"]),
-    "certify": ("measure.measure_certify", ["solutions"], []),
-    "extremes": ("measure.try_extremes", ["extremes"], []),
-    "graded": ("measure.measure_graded", ["errors", "adapted"], ["stop"]),
-    "sharpness": (
-        "measure.measure_sharpness",
-        ["errors", "rates", "fixed_errors", "fixed_rates"],
-        ["stop"],
-    ),
-}
+
+rule adaptive:
+    input:
+        cases_on_polygons(config["adaptive"]["scenes"]),
+        examples=expand("examples/{name}.yaml", name=config["adaptive"]["examples"]),
+    output:
+        errors="results/adaptive/errors.nc",
+        infsup="results/adaptive/infsup.nc",
+        timings="results/adaptive/timings.nc",
+        rates="results/adaptive/rates.nc",
+    log:
+        "results/logs/adaptive.log",
+    benchmark:
+        "results/benchmarks/adaptive.tsv"
+    resources:
+        **SOLVES,
+    params:
+        study=config["adaptive"],
+        stop=config["stop"],
+        code=code("adaptive"),
+    message:
+        "adaptive: uniform meshes beside adapted ones"
+    script:
+        "../scripts/adaptive.py"
 
 
-for name, (job, tables, others) in EXPERIMENTS.items():
+rule algorithm:
+    input:
+        case_files(config["algorithm"]["cases"]),
+    output:
+        steps="results/algorithm/steps.nc",
+        certificates="results/algorithm/certificates.nc",
+        singular="results/algorithm/singular.nc",
+        uniqueness="results/algorithm/uniqueness.nc",
+        unique="results/algorithm/unique.nc",
+        elimination="results/algorithm/elimination.nc",
+        split="results/algorithm/split.nc",
+        formulation="results/algorithm/formulation.nc",
+    log:
+        "results/logs/algorithm.log",
+    benchmark:
+        "results/benchmarks/algorithm.tsv"
+    resources:
+        **SOLVES,
+    params:
+        study=config["algorithm"],
+        code=code("algorithm"),
+    message:
+        "algorithm: Uzawa's algorithm, tried"
+    script:
+        "../scripts/algorithm.py"
 
-    rule:
-        name:
-            name
-        input:
-            code(f"experiments.{name}.{job.rpartition('.')[0]}"),
-            cases_in(config[name]),
-            **examples_in(config[name]),
-        output:
-            **{table: f"results/{name}/{table}.nc" for table in tables},
-        log:
-            f"results/logs/{name}.log",
-        benchmark:
-            f"results/benchmarks/{name}.tsv"
-        resources:
-            **SOLVES,
-        params:
-            **{other: config[other] for other in others},
-            job=f"experiments.{name}.{job}",
-            study=config[name],
-        message:
-            f"{name}: all of its tables"
-        script:
-            "../scripts/job.py"
+
+rule cells:
+    input:
+        case_files(config["cells"]["cases"]),
+    output:
+        errors="results/cells/errors.nc",
+        alternating="results/cells/alternating.nc",
+    log:
+        "results/logs/cells.log",
+    benchmark:
+        "results/benchmarks/cells.tsv"
+    resources:
+        **SOLVES,
+    params:
+        study=config["cells"],
+        stop=config["stop"],
+        code=code("cells"),
+    message:
+        "cells: what the size of the cells alone does"
+    script:
+        "../scripts/cells.py"
+
+
+rule certify:
+    input:
+        cases_on_polygons(config["certify"]["scenes"]),
+    output:
+        solutions="results/certify/solutions.nc",
+    log:
+        "results/logs/certify.log",
+    benchmark:
+        "results/benchmarks/certify.tsv"
+    resources:
+        **SOLVES,
+    params:
+        study=config["certify"],
+        code=code("certify"),
+    message:
+        "certify: bounds for solutions of other methods"
+    script:
+        "../scripts/certify.py"
+
+
+rule extremes:
+    output:
+        extremes="results/extremes/extremes.nc",
+    log:
+        "results/logs/extremes.log",
+    benchmark:
+        "results/benchmarks/extremes.tsv"
+    resources:
+        **SOLVES,
+    params:
+        study=config["extremes"],
+        code=code("extremes"),
+    message:
+        "extremes: where algorithms fail"
+    script:
+        "../scripts/extremes.py"
+
+
+rule graded:
+    input:
+        cases_on_polygons(config["graded"]["scenes"]),
+    output:
+        errors="results/graded/errors.nc",
+        adapted="results/graded/adapted.nc",
+    log:
+        "results/logs/graded.log",
+    benchmark:
+        "results/benchmarks/graded.tsv"
+    resources:
+        **SOLVES,
+    params:
+        study=config["graded"],
+        stop=config["stop"],
+        code=code("graded"),
+    message:
+        "graded: meshes graded to a vertex"
+    script:
+        "../scripts/graded.py"
+
+
+rule sharpness:
+    output:
+        errors="results/sharpness/errors.nc",
+        rates="results/sharpness/rates.nc",
+        fixed_errors="results/sharpness/fixed_errors.nc",
+        fixed_rates="results/sharpness/fixed_rates.nc",
+    log:
+        "results/logs/sharpness.log",
+    benchmark:
+        "results/benchmarks/sharpness.tsv"
+    resources:
+        **SOLVES,
+    params:
+        study=config["sharpness"],
+        stop=config["stop"],
+        code=code("sharpness"),
+    message:
+        "sharpness: rates at transitions of all exponents"
+    script:
+        "../scripts/sharpness.py"
 
 
 rule surveys:
-    input:
-        code("experiments.stability.measure"),
     output:
         tables=expand("results/{survey}/infsup.nc", survey=SURVEYS),
     log:
@@ -59,10 +167,10 @@ rule surveys:
     resources:
         **SOLVES,
     params:
-        job="experiments.stability.measure.survey_infsup",
         study=SURVEYS,
         finds=config["finds"],
+        code=code("surveys"),
     message:
         "surveys: beta"
     script:
-        "../scripts/job.py"
+        "../scripts/surveys.py"

@@ -1,38 +1,264 @@
-# A figure is a module with its table and its drawing, and an entry in workflow/config/figures.yaml.
+# The figures: each is drawn from a table of its own, figures/NAME.csv, which is made from results.
 
-DRAWN = drawings(config)
-FIGURES = [f"figures/{name}.{kind}" for name in DRAWN for kind in ("csv", "svg")]
+SHOWN = config["figures"]
+# The figures by name: those of `rates` are one of each of its scenes.
+FIGURE_NAMES = [
+    *(f"rates_{scene}" for scene in SHOWN["rates"]["scenes"]),
+    *(name for name in SHOWN if name != "rates"),
+]
+FIGURES = expand("figures/{name}.{kind}", name=FIGURE_NAMES, kind=["csv", "svg"])
 
 
-wildcard_constraints:
-    figure="|".join(DRAWN),
-
-
-rule figure:
-    input:
-        lambda wildcards: code("figure_entries", DRAWN[wildcards.figure].module),
-        lambda wildcards: case_files(DRAWN[wildcards.figure].cases),
-        unpack(lambda wildcards: DRAWN[wildcards.figure].reads),
-    output:
-        csv=update("figures/{figure}.csv"),
-        svg=report(
-            update("figures/{figure}.svg"),
+def figure(name, entry=None):
+    """The files of a figure, which are in git, and how the report shows it, by its entry in the configuration."""
+    return {
+        "csv": update(f"figures/{name}.csv"),
+        "svg": report(
+            update(f"figures/{name}.svg"),
             category="Figures",
             caption="../report/figure.rst",
-            labels=lambda wildcards: {
-                "figure": wildcards.figure,
-                "shows": DRAWN[wildcards.figure].shows,
-            },
+            labels={"figure": name, "shows": SHOWN[entry or name]["shows"]},
         ),
+    }
+
+
+rule draw_rates:
+    input:
+        errors="results/{scene}/errors.nc",
+        rates="results/{scene}/rates.nc",
+    output:
+        **figure("rates_{scene}", "rates"),
     log:
-        "results/logs/figure/{figure}.log",
+        "results/logs/draw_rates/{scene}.log",
     resources:
         **TELLS,
     params:
-        job="figure_entries.make_figure",
-        module=lambda wildcards: DRAWN[wildcards.figure].module,
-        arguments=lambda wildcards: DRAWN[wildcards.figure].arguments,
+        code=code("draw_rates"),
     message:
-        "The figure figures/{wildcards.figure}.svg and its table"
+        "The figure figures/rates_{wildcards.scene}.svg and its table"
     script:
-        "../scripts/job.py"
+        "../scripts/draw_rates.py"
+
+
+rule draw_grid_square:
+    input:
+        errors="results/square/errors.nc",
+    output:
+        **figure("grid_square"),
+    log:
+        "results/logs/draw_grid_square.log",
+    resources:
+        **TELLS,
+    params:
+        cases=SHOWN["grid_square"]["cases"],
+        code=code("draw_grid_square"),
+    message:
+        "The figure figures/grid_square.svg and its table"
+    script:
+        "../scripts/draw_grid_square.py"
+
+
+rule draw_dual_square:
+    input:
+        errors="results/square/errors.nc",
+        norm="results/square/dual_norm.nc",
+    output:
+        **figure("dual_square"),
+    log:
+        "results/logs/draw_dual_square.log",
+    resources:
+        **TELLS,
+    params:
+        scene=SCENES["square"],
+        h_over_H=config["rates"]["judged_ratio"],
+        code=code("draw_dual_square"),
+    message:
+        "The figure figures/dual_square.svg and its table"
+    script:
+        "../scripts/draw_dual_square.py"
+
+
+rule draw_solution:
+    output:
+        **figure("solution"),
+    log:
+        "results/logs/draw_solution.log",
+    resources:
+        **TELLS,
+    params:
+        polygon=SHOWN["solution"]["polygon"],
+        f=SHOWN["solution"]["f"],
+        h=SHOWN["solution"]["h"],
+        H=SHOWN["solution"]["H"],
+        reference=SHOWN["solution"]["reference"],
+        code=code("draw_solution"),
+    message:
+        "The figure figures/solution.svg and its table"
+    script:
+        "../scripts/draw_solution.py"
+
+
+rule draw_consistency:
+    input:
+        case_files([SHOWN["consistency"]["case"], *SHOWN["consistency"]["cases"]]),
+        errors=["results/square/errors.nc", "results/irregular/errors.nc"],
+    output:
+        **figure("consistency"),
+    log:
+        "results/logs/draw_consistency.log",
+    resources:
+        **TELLS,
+    params:
+        scenes=[SCENES["square"], SCENES["irregular"]],
+        case=SHOWN["consistency"]["case"],
+        H=SHOWN["consistency"]["H"],
+        cases=SHOWN["consistency"]["cases"],
+        code=code("draw_consistency"),
+    message:
+        "The figure figures/consistency.svg and its table"
+    script:
+        "../scripts/draw_consistency.py"
+
+
+rule draw_sharpness:
+    input:
+        rates="results/sharpness/rates.nc",
+        fixed="results/sharpness/fixed_rates.nc",
+    output:
+        **figure("sharpness"),
+    log:
+        "results/logs/draw_sharpness.log",
+    resources:
+        **TELLS,
+    params:
+        code=code("draw_sharpness"),
+    message:
+        "The figure figures/sharpness.svg and its table"
+    script:
+        "../scripts/draw_sharpness.py"
+
+
+rule draw_infsup:
+    input:
+        surveys=rules.surveys.output.tables,
+    output:
+        **figure("infsup"),
+    log:
+        "results/logs/draw_infsup.log",
+    resources:
+        **TELLS,
+    params:
+        families=SURVEYS,
+        code=code("draw_infsup"),
+    message:
+        "The figure figures/infsup.svg and its table"
+    script:
+        "../scripts/draw_infsup.py"
+
+
+rule draw_adaptive:
+    input:
+        errors="results/adaptive/errors.nc",
+        infsup="results/adaptive/infsup.nc",
+    output:
+        **figure("adaptive"),
+    log:
+        "results/logs/draw_adaptive.log",
+    resources:
+        **TELLS,
+    params:
+        code=code("draw_adaptive"),
+    message:
+        "The figure figures/adaptive.svg and its table"
+    script:
+        "../scripts/draw_adaptive.py"
+
+
+rule draw_multiplier:
+    input:
+        survey="results/betasquare/infsup.nc",
+    output:
+        **figure("multiplier"),
+    log:
+        "results/logs/draw_multiplier.log",
+    resources:
+        **TELLS,
+    params:
+        h_over_H=SHOWN["multiplier"]["h_over_H"],
+        code=code("draw_multiplier"),
+    message:
+        "The figure figures/multiplier.svg and its table"
+    script:
+        "../scripts/draw_multiplier.py"
+
+
+rule draw_extremes:
+    input:
+        extremes="results/extremes/extremes.nc",
+    output:
+        **figure("extremes"),
+    log:
+        "results/logs/draw_extremes.log",
+    resources:
+        **TELLS,
+    params:
+        code=code("draw_extremes"),
+    message:
+        "The figure figures/extremes.svg and its table"
+    script:
+        "../scripts/draw_extremes.py"
+
+
+rule draw_verdict:
+    input:
+        claims="results/claims.json",
+    output:
+        **figure("verdict"),
+    log:
+        "results/logs/draw_verdict.log",
+    resources:
+        **TELLS,
+    params:
+        code=code("draw_verdict"),
+    message:
+        "The figure figures/verdict.svg and its table"
+    script:
+        "../scripts/draw_verdict.py"
+
+
+rule draw_work_precision:
+    input:
+        crossed="results/cost/algorithm.nc",
+        cases="results/cost/case.nc",
+        algebra="results/cost/algebra.nc",
+    output:
+        **figure("work_precision"),
+    log:
+        "results/logs/draw_work_precision.log",
+    resources:
+        **TELLS,
+    params:
+        base=COST["base"],
+        coarsest=COST["fitted_from"],
+        code=code("draw_work_precision"),
+    message:
+        "The figure figures/work_precision.svg and its table"
+    script:
+        "../scripts/draw_work_precision.py"
+
+
+rule draw_benchmarks:
+    input:
+        results="benchmarks/results.nc",
+    output:
+        **figure("benchmarks"),
+    log:
+        "results/logs/draw_benchmarks.log",
+    resources:
+        **TELLS,
+    params:
+        code=code("draw_benchmarks"),
+    message:
+        "The figure figures/benchmarks.svg and its table"
+    script:
+        "../scripts/draw_benchmarks.py"

@@ -4,13 +4,19 @@
 MADE = {
     **files_by_rule(JUDGED),
     "floors": expand(rules.floors.output, scene=config["floors"]),
-    "totals": expand(rules.totals.output, scene=config["totals"]["scenes"]),
+    "totals": expand(rules.totals.output, scene=TOTALS),
     "surveys": rules.surveys.output,
-    "cost_runs": [*rules.cost.input.runs, *rules.cost.input.timed],
-    **{rule.name: rule.output for rule in workflow.rules if rule.name in registry.experiments()},
+    "cost": rules.cost.output,
+    "adaptive": rules.adaptive.output,
+    "algorithm": rules.algorithm.output,
+    "cells": rules.cells.output,
+    "certify": rules.certify.output,
+    "extremes": rules.extremes.output,
+    "graded": rules.graded.output,
+    "sharpness": rules.sharpness.output,
     "claims": rules.claims.output,
-    "numbers": rules.numbers.output,
-    "figure": FIGURES,
+    "document_numbers": rules.document_numbers.output,
+    "figures": FIGURES,
     "documents": DOCUMENTS,
     "typeset": expand(rules.typeset.output, paper=PAPERS),
 }
@@ -18,7 +24,6 @@ MADE = {
 
 rule manifest:
     input:
-        code("manifest"),
         **MADE,
     output:
         manifest="results/manifest.json",
@@ -28,9 +33,9 @@ rule manifest:
     resources:
         **TELLS,
     params:
-        job="manifest.write_manifest",
+        code=code("manifest"),
         study=config,
     message:
         "The manifest of all results"
     script:
-        "../scripts/job.py"
+        "../scripts/manifest.py"

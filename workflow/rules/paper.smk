@@ -9,7 +9,6 @@ wildcard_constraints:
 
 rule typeset:
     input:
-        code("documents.typesetting"),
         lambda wildcards: pictures(f"{wildcards.paper}.md"),
         "paper.bib",
         "workflow/paper/numeric.csl",
@@ -26,8 +25,8 @@ rule typeset:
     resources:
         **TELLS,
     params:
-        job="documents.typesetting.typeset",
+        code=code("typeset"),
     message:
         "The {wildcards.paper} as HTML and PDF"
     script:
-        "../scripts/job.py"
+        "../scripts/typeset.py"

@@ -13,7 +13,6 @@ PAGES = {
 
 rule pages:
     input:
-        code("documents.pages"),
         numbers="results/numbers.json",
         blocks="results/blocks.json",
         claims="results/claims.json",
@@ -32,20 +31,19 @@ rule pages:
     resources:
         **TELLS,
     params:
-        job="documents.pages.typeset_pages",
+        code=code("pages"),
     message:
         "The pages of the report"
     script:
-        "../scripts/job.py"
+        "../scripts/pages.py"
 
 
 rule curves:
     input:
-        code("documents.curves"),
         case_files(sorted({case for scene in JUDGED for case in SCENES[scene]["cases"]})),
         errors=expand("results/{scene}/errors.nc", scene=JUDGED),
         rates=expand("results/{scene}/rates.nc", scene=JUDGED),
-        totals=expand("results/{scene}/totals.nc", scene=config["totals"]["scenes"]),
+        totals=expand("results/{scene}/totals.nc", scene=TOTALS),
         template="workflow/report/curves.html",
     output:
         page=report(
@@ -58,8 +56,8 @@ rule curves:
     resources:
         **TELLS,
     params:
-        job="documents.curves.write",
+        code=code("curves"),
     message:
         "The page of the report on which a case, a norm and h/H are chosen"
     script:
-        "../scripts/job.py"
+        "../scripts/curves.py"

@@ -3,7 +3,6 @@
 
 rule dual_norm:
     input:
-        code("experiments.estimates.forms"),
         cases_of,
     output:
         dual_norm="results/{scene}/dual_norm.nc",
@@ -12,18 +11,16 @@ rule dual_norm:
     resources:
         **SOLVES,
     params:
-        job="experiments.estimates.forms.measure_dual_norm",
+        code=code("dual_norm"),
         scene=scene_of,
-        name="{scene}",
     message:
         "{wildcards.scene}: the dual norm"
     script:
-        "../scripts/job.py"
+        "../scripts/dual_norm.py"
 
 
 rule solve:
     input:
-        code("experiments.scenes.measure"),
         cases_of,
         norm=lambda wildcards: f"results/{wildcards.scene}/dual_norm.nc" if has_norm(wildcards.scene) else [],
     output:
@@ -39,19 +36,17 @@ rule solve:
     resources:
         **SOLVES,
     params:
-        job="experiments.scenes.measure.solve_scene",
+        code=code("solve"),
         scene=scene_of,
-        name="{scene}",
         stop=config["stop"],
     message:
         "{wildcards.scene}: all cases on all levels"
     script:
-        "../scripts/job.py"
+        "../scripts/solve.py"
 
 
 rule rates:
     input:
-        code("rates"),
         cases_of,
         errors="results/{scene}/errors.nc",
     output:
@@ -61,19 +56,17 @@ rule rates:
     resources:
         **TELLS,
     params:
-        job="rates.judge_rates",
-        name="{scene}",
+        code=code("rates"),
         study=config["rates"],
         judged=lambda wildcards: scene_of(wildcards)["judged"],
     message:
         "{wildcards.scene}: rates, judged"
     script:
-        "../scripts/job.py"
+        "../scripts/rates.py"
 
 
 rule totals:
     input:
-        code("experiments.scenes.totals"),
         cases_of,
         mesh="results/{scene}/mesh.vtu",
         solutions="results/{scene}/solutions.nc",
@@ -84,21 +77,19 @@ rule totals:
     resources:
         **SOLVES,
     params:
-        job="experiments.scenes.totals.bound_totals",
+        code=code("totals"),
         scene=scene_of,
-        name="{scene}",
         levels=config["totals"]["levels"],
         wanted=lambda wildcards: config["totals"]["scenes"][wildcards.scene],
         ratio=config["rates"]["judged_ratio"],
     message:
         "{wildcards.scene}: the guaranteed total errors"
     script:
-        "../scripts/job.py"
+        "../scripts/totals.py"
 
 
 rule floors:
     input:
-        code("experiments.scenes.floors"),
         cases_of,
         errors="results/{scene}/errors.nc",
     output:
@@ -108,10 +99,9 @@ rule floors:
     resources:
         **TELLS,
     params:
-        job="experiments.scenes.floors.fit_floors",
-        name="{scene}",
+        code=code("floors"),
         ratio=config["rates"]["judged_ratio"],
     message:
         "{wildcards.scene}: the floors that h and H leave in H1"
     script:
-        "../scripts/job.py"
+        "../scripts/floors.py"

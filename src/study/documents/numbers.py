@@ -1,108 +1,81 @@
 """What documents are filled with: named numbers, and tables in Markdown.
 
-Those of an experiment stand in its module `numbers`: `READS` names files, and the functions `numbers` and
-`blocks` are given what these files hold, by name, and the configuration. A path with {judged} or {bounded}
-stands for the files of all judged scenes, or of those with bounds on total errors, by scene.
+Those of an experiment stand in its module `numbers`, in the functions `numbers` and `blocks`. These are given
+what files hold, by the files' places, such as square/rates, and the configuration.
 """
 
 from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
-from importlib import import_module
-from itertools import chain
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from study import figure_entries, registry, tables
+from benchmarks import numbers as benchmarks
+from study import tables
 from study.documents import verdicts
+from study.experiments.adaptive import numbers as adaptive
+from study.experiments.cells import numbers as cells
+from study.experiments.certify import numbers as certify
+from study.experiments.cost import numbers as cost
+from study.experiments.extremes import numbers as extremes
+from study.experiments.graded import numbers as graded
+from study.experiments.scenes import numbers as scenes
+from study.experiments.sharpness import numbers as sharpness
+from study.experiments.stability import numbers as stability
 from study.formats import Value
 from study.ledger import records, texts
 from study.ledger.records import ORIGINS, origin
+from study.table_origin import place
 from unilateral.norms.resolution import RULE
 from unilateral.system.files import replacing
 
-READS = {
-    "claims": "results/claims.json",
-    "installations": "benchmarks/installations.json",
-    "whole": "benchmarks/whole.json",
-}
-"""The files that belong to no experiment, by name."""
+EXPERIMENTS = (adaptive, benchmarks, cells, certify, cost, extremes, graded, scenes, sharpness, stability)
+LOADERS: dict[str, Callable[[str], Any]] = {".nc": tables.load, ".csv": pd.read_csv, ".json": records.read}
+"""How files are read, by their endings."""
 LINE = 150
 """The columns of a table are aligned only if its lines have at most so many letters."""
 
 
-def write_numbers(study: Mapping[str, Any], numbers: str, blocks: str) -> None:
-    """Write all numbers and all blocks as JSON, one on each line."""
-    found = collect(study)
-    for values, path in zip(found, (numbers, blocks), strict=True):
+def write_numbers(files: Sequence[str], study: Mapping[str, Any], numbers: str, blocks: str) -> None:
+    """Write all numbers and all blocks as JSON, one on each line, from these files of results."""
+    collected = collect(files, study)
+    for values, path in zip(collected, (numbers, blocks), strict=True):
         with replacing(path) as temporary:
             temporary.write_text(json.dumps(values, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 
-def collect(study: Mapping[str, Any]) -> tuple[dict[str, Value], dict[str, str]]:
+def collect(files: Sequence[str], study: Mapping[str, Any]) -> tuple[dict[str, Value], dict[str, str]]:
     """All numbers by name, and all blocks by name."""
-    numbers, frames = _of_the_study(_read(READS, study), study)
-    for package in registry.having("numbers"):
-        module = import_module(f"study.{package}.numbers")
-        of = _read(module.READS, study)
-        numbers |= module.numbers(of, study)
-        frames |= module.blocks(of, study) if hasattr(module, "blocks") else {}
+    results = {place(file): LOADERS[Path(file).suffix](file) for file in files}
+    numbers, frames = _of_the_study(results, study)
+    for experiment in EXPERIMENTS:
+        numbers |= experiment.numbers(results, study)
+        if hasattr(experiment, "blocks"):
+            frames |= experiment.blocks(results, study)
     return flat(numbers), {name: markdown(frame) for name, frame in frames.items()}
 
 
-def files(study: Mapping[str, Any]) -> list[str]:
-    """All files that are read."""
-    reads = [READS, *(registry.constant(f"{each}.numbers", "READS") for each in registry.having("numbers"))]
-    found = [_paths(path, study).values() for of in reads for path in of.values()]
-    return list(dict.fromkeys(chain.from_iterable(found)))
-
-
-def _paths(path: str, study: Mapping[str, Any]) -> dict[str, str]:
-    """The files that a path stands for, by scene."""
-    scenes = study["scenes"]
-    known = {
-        "{judged}": [name for name, scene in scenes.items() if scene["judged"]],
-        "{bounded}": study["totals"]["scenes"],
-    }
-    for mark, names in known.items():
-        if mark in path:
-            return {name: path.replace(mark, name) for name in names}
-    return {"": path}
-
-
-def _read(files: Mapping[str, str], study: Mapping[str, Any]) -> dict[str, Any]:
-    """What the files hold, by name; by scene, too, where a path stands for several."""
-    found: dict[str, Any] = {}
-    for name, path in files.items():
-        of = {scene: _load(each) for scene, each in _paths(path, study).items()}
-        found[name] = of.get("", of)
-    return found
-
-
-def _load(path: str) -> Any:
-    loaders: dict[str, Any] = {".nc": tables.load, ".csv": pd.read_csv, ".json": records.read}
-    return loaders[Path(path).suffix](path)
-
-
 def _of_the_study(
-    of: Mapping[str, Any], study: Mapping[str, Any]
+    results: Mapping[str, Any], study: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
     """Parameters, claims and the costs of the whole study; the tables of claims and of figures."""
     told = {name: study[name] for name in ("adaptive", "cost", "extremes")}
     told |= {name: study["rates"][name] for name in ("judged_ratio", "norms")}
-    observed = {each["id"]: {"observed": each["observed"]} for each in of["claims"]}
-    measured = of["whole"] | of["installations"]
+    claims = results["results/claims"]
+    observed = {each["id"]: {"observed": each["observed"]} for each in claims}
+    make = results["benchmarks/whole"]
+    measured = make | results["benchmarks/installations"]
     whole = {name: taken(each) for name, each in measured.items() if isinstance(each, Mapping)}
     numbers = {
         "study": told | {"infsup": {"rule": RULE._asdict()}},
-        "claims": observed | ledger(of["claims"]),
-        "whole": whole | {name: of["whole"][name] for name in ("cores", "date")},
+        "claims": observed | ledger(claims),
+        "whole": whole | {name: make[name] for name in ("cores", "date")},
     }
-    return numbers, verdicts.claims_tables(of["claims"]) | {"figures": figures(figure_entries.shown(study))}
+    return numbers, verdicts.claims_tables(claims) | {"figures": figures(study["figures"])}
 
 
 def ledger(claims: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
@@ -131,12 +104,13 @@ def flat(groups: Mapping[str, Any], above: str = "") -> dict[str, Value]:
     return found
 
 
-def figures(listed: Iterable[tuple[Sequence[str], str]]) -> pd.DataFrame:
+def figures(shown: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
     """The table of the figures and what they show, for a page in a folder beside that of the figures."""
     rows = []
-    for names, what in listed:
+    for entry, figure in shown.items():
+        names = [f"{entry}_{scene}" for scene in figure["scenes"]] if "scenes" in figure else [entry]
         links = ", ".join(f"[{name}](../figures/{name}.svg)" for name in names)
-        rows.append([links, what, f"`snakemake -j2 figures/{names[0]}.svg`"])
+        rows.append([links, figure["shows"], f"`snakemake -j2 figures/{names[0]}.svg`"])
     return pd.DataFrame(rows, columns=["figure", "shows", "command"])
 
 

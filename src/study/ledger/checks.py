@@ -22,9 +22,9 @@ from typing import Any
 
 import xarray as xr
 
+from study import evidence
 from study import tables as stored
-from study.ledger import evidence
-from study.ledger.evidence import Evidence, Tables, dims_of, in_rows
+from study.evidence import Evidence, Tables, dims_of, in_rows
 from unilateral.errors import InputError
 
 

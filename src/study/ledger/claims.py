@@ -15,16 +15,40 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
-from importlib import import_module
 from typing import Any
 
-from study import registry
+from study.evidence import Evidence, Tables, Unjudged
+from study.experiments.adaptive import checks as adaptive
+from study.experiments.algorithm import checks as algorithm
+from study.experiments.cells import checks as cells
+from study.experiments.cost import checks as cost
+from study.experiments.estimates import checks as estimates
+from study.experiments.extremes import checks as extremes
+from study.experiments.graded import checks as graded
+from study.experiments.scenes import checks as scenes
+from study.experiments.sharpness import checks as sharpness
+from study.experiments.stability import checks as stability
+from study.ledger import checks
 from study.ledger.controls import smallest_share, spoilt, told
 from study.ledger.entries import entries
-from study.ledger.evidence import Evidence, Tables, Unjudged
 from study.ledger.records import FAILS, ORIGINS, UNJUDGED, UNMEASURED, counts_against
 from study.ledger.results import Results
 from unilateral.errors import InputError, meant, shown
+
+CHECKS = {
+    "ledger": checks,
+    "adaptive": adaptive,
+    "algorithm": algorithm,
+    "cells": cells,
+    "cost": cost,
+    "estimates": estimates,
+    "extremes": extremes,
+    "graded": graded,
+    "scenes": scenes,
+    "sharpness": sharpness,
+    "stability": stability,
+}
+"""Where checks are: those that serve several experiments, and those of each experiment."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +76,7 @@ class Claim:
     def measure(self, results: Tables) -> Evidence:
         """The check's evidence. Raises Unjudged, and InputError for a table that is missing."""
         experiment, function = self.check.split(".")
-        checks = import_module(f"study.{registry.checks()[experiment]}")
-        evidence: Evidence = getattr(checks, function)(results, **self.parameters)
+        evidence: Evidence = getattr(CHECKS[experiment], function)(results, **self.parameters)
         return evidence
 
 
@@ -153,15 +176,10 @@ def declared(entry: Mapping[str, Any]) -> Claim:
         raise InputError(
             f"ledger, claim '{claim.id}': its source has to begin with one of {known}, and a colon"
         )
-    if claim.check and not _is_there(*claim.check.split(".", 1)):
+    experiment, _, function = claim.check.partition(".")
+    if claim.check and not hasattr(CHECKS.get(experiment), function):
         raise InputError(f"ledger, claim '{claim.id}': there is no check '{claim.check}'")
     return claim
-
-
-def _is_there(experiment: str, function: str) -> bool:
-    """Whether the experiment has that check; as its source tells, for an import takes a second."""
-    module = registry.checks().get(experiment)
-    return module is not None and function in registry.functions(module)
 
 
 def _of_spoilt_scenes(claim: Claim) -> Claim:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
-from study import registry
 from unilateral.errors import InputError
 from unilateral.system.declarations import own
 
+SECTIONS = Path(__file__).with_name("sections.yaml")
 FILE = "claims.yaml"
 """The file in an experiment's folder that declares its claims."""
 
@@ -17,8 +18,8 @@ def entries() -> list[dict[str, Any]]:
 
     Raises InputError unless every claim is declared once and named once in sections.yaml.
     """
-    declared = [entry for file in files().values() for entry in own(file)["claims"]]
-    sections = own(registry.STUDY / "ledger" / "sections.yaml")
+    declared = [entry for file in files() for entry in own(file)["claims"]]
+    sections = own(SECTIONS)
     known, named = [entry["id"] for entry in declared], [each for ids in sections.values() for each in ids]
     for each in dict.fromkeys([*known, *named]):
         if known.count(each) != 1 or named.count(each) != 1:
@@ -30,7 +31,6 @@ def entries() -> list[dict[str, Any]]:
     return [by_id[each] | {"section": section} for section, ids in sections.items() for each in ids]
 
 
-def files() -> dict[str, Any]:
-    """The files of the experiments' claims, by the experiments' names."""
-    found = {name: registry.STUDY / "experiments" / name / FILE for name in registry.experiments()}
-    return {name: file for name, file in found.items() if file.is_file()}
+def files() -> list[Path]:
+    """The files of the experiments' claims, by the names of the experiments."""
+    return sorted(SECTIONS.parents[1].glob(f"experiments/*/{FILE}"))

@@ -6,8 +6,8 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+from study.evidence import Evidence
 from study.ledger.claims import Judgement, judge
-from study.ledger.evidence import Evidence
 from study.ledger.listing import table
 from study.ledger.results import Results
 from study.ledger.texts import letters, margin, plain

@@ -23,7 +23,6 @@ from unilateral.bounds.equilibrated_flux import equilibrated, flows
 from unilateral.bounds.local_bounds import LocalBound
 from unilateral.certificates.statement import has_formulas, state_problem
 from unilateral.discrete.solution import DiscreteSolution
-from unilateral.errors import InputError
 from unilateral.fem.form import Form, decoupled
 from unilateral.fem.linear_systems import dissected
 from unilateral.fem.p1 import load_vector, stiffness_and_mass
@@ -67,14 +66,11 @@ def judge_solution(solved: DiscreteSolution, mesh: Mesh, units: Units) -> Judged
 
     If c = 0, the flux is balanced: a checker multiplies the mean of f + div p on triangles by a constant that
     is less sharp than the program's. It is what the iteration left of the discrete equations.
-
-    Raises InputError if there is no bound.
     """
     bound, flux, source = solved.bound(), solved.flux, solved.source
-    if not isinstance(bound, LocalBound) or flux is None or source is None:
-        raise InputError(
-            "there is no bound to certify, because f, g, q or u is a function; give a formula in its place"
-        )
+    assert isinstance(bound, LocalBound)  # the data of a user's problem are known
+    assert flux is not None
+    assert source is not None
     scaled, form = solved.mesh, solved.form
     if not form.reaction:
         means = source.moments().sum(axis=1) / scaled.areas
@@ -92,7 +88,6 @@ def make_certificate(problem: Problem, judged: JudgedFunction) -> dict[str, Any]
     Raises InputError as `state_problem`.
     """
     statement = state_problem(problem)
-    assert isinstance(problem, Problem)  # all others are refused
     mesh = judged.mesh
     polygon = mesh.polygon
     inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Sized
 from dataclasses import replace
 from numbers import Number
 from typing import Any
@@ -67,23 +67,28 @@ def problem_of_arguments(
     if not isinstance(u, Mapping | None):
         raise InputError(f"{name}, field u: it is {shown(repr(u))}; it has to be a dict such as {{3: 0}}")
     mesh = polygon if isinstance(polygon, Mesh) else None
-    domain = (
-        make_polygon(arguments.vertices(polygon, f"{name}, field polygon"), name)
-        if mesh is None
-        else mesh.polygon
-    )
+    if mesh is None:
+        vertices = arguments.vertices(polygon, f"{name}, field polygon")
+        check_count(vertices, name)
+        domain = make_polygon(vertices, name, name)
+    else:
+        domain = mesh.polygon
     return build(
         name, domain, exact_corners(domain), f, g,
         free_sides=free_sides, k=k, c=c, q=q, u=(u or {}).items(), mesh=mesh, where=name,
     )  # fmt: skip
 
 
-def make_polygon(vertices: Array, where: str, name: str | None = None) -> Polygon:
-    """The polygon with these vertices (n, 2). Raises InputError, beginning with `where`."""
+def check_count(vertices: Sized, where: str) -> None:
+    """Raises InputError for a polygon with too many vertices, before they are read."""
     if len(vertices) > MAX_VERTICES:
         raise InputError(f"{where}, field polygon: {TOO_MANY.format(len(vertices))}")
+
+
+def make_polygon(vertices: Array, name: str, where: str) -> Polygon:
+    """The polygon with these vertices (n, 2). Raises InputError, beginning with `where`."""
     try:
-        return Polygon(vertices + 0.0, name or where)  # no -0.0
+        return Polygon(vertices + 0.0, name)  # no -0.0
     except InputError as error:
         raise InputError(f"{where}, field polygon: {error}") from None
 
@@ -109,15 +114,18 @@ def build(
     `corners` are the exact coordinates of the polygon's vertices. `u` has each clamped side with what u is
     there. Raises InputError, beginning with `where` and the field.
     """
-    n, ends, given_u = polygon.n_sides, ends_of_sides(corners), [*u]
-    k, c = _coefficient(k, f"{where}, field k"), _coefficient(c, f"{where}, field c", or_0=True)
-    free = tuple(sorted(arguments.sides(free_sides, n, f"{where}, field free_sides")))
-    clamped = arguments.sides([side for side, _ in given_u], n, f"{where}, field u")
+    ends = ends_of_sides(corners)
+    units = Units(
+        k=_coefficient(k, f"{where}, field k"),
+        c=_coefficient(c, f"{where}, field c", or_0=True),
+    )
+    free = tuple(sorted(arguments.sides(free_sides, polygon.n_sides, f"{where}, field free_sides")))
+    clamped_values = [*u]
+    clamped = arguments.sides([side for side, _ in clamped_values], polygon.n_sides, f"{where}, field u")
     for side in {*free} & {*clamped}:
         raise InputError(
             f"{where}, field free_sides: side {side} is clamped; remove it from free_sides or from u"
         )
-    units = Units(k, c)
     if not (clamped or units.reaction):
         raise InputError(
             f"{where}, field c: it is 0 and no side is clamped, so that u is not unique; clamp a side in the "
@@ -126,7 +134,7 @@ def build(
     source = read_source(f, mesh, f"{where}, field f")
     obstacles = read_sides("g", g, ends, free, clamped, mesh, f"{where}, field g")
     fluxes = read_sides("q", q, ends, free, clamped, mesh, f"{where}, field q")
-    for side, (_, value) in zip(clamped, given_u, strict=True):
+    for side, (_, value) in zip(clamped, clamped_values, strict=True):
         place = f"{where}, field u[{side}]"
         obstacles[side] = on_side("u", read_data("u", value, place), side, ends[side], mesh, place)
     problem = Problem(
@@ -153,18 +161,18 @@ def with_data(problem: Problem, mesh: Mesh, f: Given = None, g: OnSides = None, 
 
     A case becomes a problem whose solution is not known. Raises InputError as `build`.
     """
-    name, free, clamped = problem.name, problem.free_sides, problem.clamped_sides
-    ends = ends_of_sides(exact_corners(problem.polygon))
+    name = problem.name
+    sides = (ends_of_sides(exact_corners(problem.polygon)), problem.free_sides, problem.clamped_sides)
     changed: dict[str, Any] = {"exact": None, "title": ""} if problem.exact else {}
     if f is not None:
         changed["f"] = read_source(f, mesh, f"{name}, field f")
     if g is not None:
-        obstacles = read_sides("g", g, ends, free, clamped, mesh, f"{name}, field g")
-        for side in clamped:
+        obstacles = read_sides("g", g, *sides, mesh, f"{name}, field g")
+        for side in problem.clamped_sides:
             obstacles[side] = problem.g[side]
         changed["g"] = tuple(obstacles)
     if q is not None:
-        changed["q"] = tuple(read_sides("q", q, ends, free, clamped, mesh, f"{name}, field q"))
+        changed["q"] = tuple(read_sides("q", q, *sides, mesh, f"{name}, field q"))
     new = replace(problem, **changed)
     if linear_fields(new):
         new = replace(new, mesh=mesh)
@@ -193,20 +201,28 @@ def _checked(problem: Problem, mesh: Mesh | None, where: str) -> Problem:
 
 
 def _with_values_of_functions(problem: Problem, mesh: Mesh) -> Problem:
-    name, f = problem.name, problem.f
+    """The problem with the values of its functions at the nodes; g, and u, are joined at the vertices."""
+    f = problem.f
     if callable(f):
-        f = evaluate_function(f, mesh.points, f"{name}, field f")
-    g, q = [*problem.g], [*problem.q]
-    for field, sides in (("g", g), ("q", q)):
-        for side, data in enumerate(sides):
-            if callable(data):
-                letter = "u" if field == "g" and side in problem.clamped_sides else field
-                nodes, t = side_nodes(mesh, side)
-                values = evaluate_function(data, mesh.points[nodes], f"{name}, field {letter}[{side}]")
-                sides[side] = NodalTrace(t, values)
+        f = evaluate_function(f, mesh.points, f"{problem.name}, field f")
+    g = [*problem.g]
+    for side, obstacle in enumerate(g):
+        if callable(obstacle):
+            field = "u" if side in problem.clamped_sides else "g"
+            g[side] = _trace_of(obstacle, mesh, side, f"{problem.name}, field {field}[{side}]")
+    q = [*problem.q]
+    for side, flux in enumerate(q):
+        if callable(flux):
+            q[side] = _trace_of(flux, mesh, side, f"{problem.name}, field q[{side}]")
     for vertex in vertices_between(problem):
         _join_at_vertex(problem, g, vertex)
     return replace(problem, f=f, g=tuple(g), q=tuple(q), mesh=mesh)
+
+
+def _trace_of(function: Function, mesh: Mesh, side: int, where: str) -> NodalTrace:
+    """The values of a function at the nodes of a side."""
+    nodes, t = side_nodes(mesh, side)
+    return NodalTrace(t, evaluate_function(function, mesh.points[nodes], where))
 
 
 def _join_at_vertex(problem: Problem, g: Sequence[SideData | Function], vertex: int) -> None:

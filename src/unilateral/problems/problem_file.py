@@ -13,9 +13,9 @@ from unilateral.errors import InputError, shown
 from unilateral.formulas.exact_numbers import rounded
 from unilateral.formulas.expression import ZERO
 from unilateral.formulas.formula import number
-from unilateral.geometry.polygon import MAX_VERTICES, Polygon, named, names
+from unilateral.geometry.polygon import Polygon, named, names
 from unilateral.problems import catalogue
-from unilateral.problems.build import build, make_polygon
+from unilateral.problems.build import build, check_count, make_polygon
 from unilateral.problems.problem import Problem
 from unilateral.system import declarations
 
@@ -94,11 +94,12 @@ def made(declaration: Any, where: str, name: str | None = None) -> Problem:
     schema = resources.files("unilateral.problems") / "problem.schema.yaml"
     declaration = declarations.validate(declaration, schema, where)
     name = Path(where).stem if name is None else name
+    check_count(declaration["polygon"], where)
     corners = [
         [number(x, f"{where}, field polygon[{i}]") for x in vertex]
-        for i, vertex in enumerate(declaration["polygon"][: MAX_VERTICES + 1])
+        for i, vertex in enumerate(declaration["polygon"])
     ]
-    polygon = make_polygon(np.array([[rounded(x) for x in vertex] for vertex in corners]), where, name)
+    polygon = make_polygon(np.array([[rounded(x) for x in vertex] for vertex in corners]), name, where)
     return build(
         name,
         polygon,

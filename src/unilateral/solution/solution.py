@@ -292,7 +292,7 @@ class Solution:
         c u_h - f. It is the flux that the `bounds` rest on: k^(-1/2) times the L2 norm of its error is at
         most `bounds.multiplier`. On each triangle it is linear. On edges it is taken as `grad_at`.
 
-        Raises InputError for another shape, and where f, g, q or u is a function.
+        Raises InputError for another shape.
 
         >>> import unilateral as ul
         >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)
@@ -300,10 +300,7 @@ class Solution:
         True
         """
         q, of_v = self.solved.flux, self.solved.mesh
-        if q is None:
-            raise InputError(
-                "there is no equilibrated flux, for f, g, q or u is a function; take k * s.grad_at(points)"
-            )
+        assert q is not None  # the data of a user's problem are known
         return self.problem.units.flux * self._at(points, partial(flux, of_v, self.solved.u_h, q))
 
     def _at(self, points: ArrayLike, of: Callable[[Index, Array], Array]) -> Array:
@@ -398,10 +395,10 @@ class Solution:
 
     @property
     def bounds(self) -> Bounds | None:
-        """The guaranteed bounds on the errors, where f, g and q are formulas, else None.
+        """The guaranteed bounds on the errors.
 
-        None, too, with a SolutionWarning, where they take more memory than is free, and where the bounds of
-        all levels contradict each other, which would be a fault of this program.
+        None, with a SolutionWarning, where they take more memory than is free, and where the bounds of all
+        levels contradict each other, which would be a fault of this program.
 
         >>> import unilateral as ul
         >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)

@@ -6,6 +6,7 @@ is text, so that 0.1 stays exact and 010, 0x10, 1:30, yes or a date are not read
 
 from __future__ import annotations
 
+import math
 import re
 from functools import cache
 from importlib.resources.abc import Traversable
@@ -32,6 +33,8 @@ INTEGER = re.compile(rf"[-+]?(0|[1-9][0-9]{{0,{MAX_DIGITS - 1}}})\Z")
 """What is read as a whole number."""
 JOINED = re.compile(r"^\s*([A-Za-z_]\w*):([^\s:].*)$", re.MULTILINE)
 """The name of a field whose colon has no blank after it."""
+DESCRIBED = ("type", "anyOf", "oneOf", "pattern", "minItems", "maxItems")
+"""The keywords of a schema for which its description says what would be right."""
 WRITE = {"integer": "a whole number such as 3", "boolean": "true or false"}
 
 
@@ -90,11 +93,12 @@ def read(file: Path | Traversable, name: str, floats: bool = False) -> Any:
         ) from None
 
 
-def validate(declaration: Any, schema: Traversable, name: str) -> dict[str, Any]:
-    """The declaration if it is as the schema's file says; raises InputError with the field if not."""
+def validate(declaration: Any, schema: Traversable | dict[str, Any], name: str) -> dict[str, Any]:
+    """The declaration if it is as the schema, or its file, says; raises InputError with the field if not."""
     from jsonschema.exceptions import best_match
 
-    fault = best_match(_validator(schema).iter_errors(declaration))  # type: ignore[arg-type]
+    validator = _validator(schema) if isinstance(schema, dict) else _stored_validator(schema)  # type: ignore[arg-type]
+    fault = best_match(validator.iter_errors(declaration))
     if fault is not None:
         path = fault.json_path.removeprefix("$.").replace("['", "[").replace("']", "]")
         place = f", field {shown(path)}" if fault.path else ""
@@ -103,10 +107,25 @@ def validate(declaration: Any, schema: Traversable, name: str) -> dict[str, Any]
 
 
 @cache
-def _validator(schema: Traversable) -> Any:
-    from jsonschema import Draft202012Validator
+def _stored_validator(schema: Traversable) -> Any:
+    return _validator(own(schema))
 
-    return Draft202012Validator(own(schema))
+
+def _validator(schema: dict[str, Any]) -> Any:
+    """A validator of JSON Schema for which numbers are finite, and 4.0 is no whole number."""
+    from jsonschema import Draft202012Validator
+    from jsonschema.validators import extend
+
+    types = Draft202012Validator.TYPE_CHECKER.redefine_many({"number": _is_finite, "integer": _is_whole})
+    return extend(Draft202012Validator, type_checker=types)(schema)
+
+
+def _is_finite(_: object, value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _is_whole(_: object, value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
 
 
 def own(file: Path | Traversable) -> Any:
@@ -130,7 +149,9 @@ def _said(fault: Any) -> str:
         missing = next(name for name in fault.validator_value if name not in fault.instance)
         what = fault.schema.get("properties", {}).get(missing, {}).get("description")
         return f"the field {missing} is missing" + (f"; it holds {what}" if what else "")
-    if fault.validator in ("type", "anyOf", "minItems", "maxItems") and "description" in fault.schema:
+    if fault.validator is None:
+        return "it has no place here"
+    if fault.validator in DESCRIBED and "description" in fault.schema:
         given = "null" if fault.instance is None else shown(fault.instance)
         return f"it is {given}; it has to be {fault.schema['description']}"
     if fault.validator != "additionalProperties":

@@ -1,6 +1,7 @@
 """Marks in documents: what is filled in, what is kept, and what is refused in one sentence."""
 
 import pytest
+import sentences
 
 from study import formats
 from study.documents import marks
@@ -151,12 +152,10 @@ def test_what_does_not_fit_is_refused_and_the_file_is_kept(tmp_path, text, said)
 
 
 def test_a_document_that_is_not_there_or_no_text_is_refused(tmp_path):
-    with pytest.raises(
-        InputError, match=r"page\.md is listed as a document, and is no text in UTF-8 .*No such"
-    ):
+    with sentences.raises(InputError):
         marks.fill(tmp_path / "page.md", NUMBERS, BLOCKS, CLAIMS)
     (tmp_path / "page.md").write_bytes(b"\xff")
-    with pytest.raises(InputError, match=r"page\.md is listed as a document, and is no text in UTF-8"):
+    with sentences.raises(InputError):
         marks.fill(tmp_path / "page.md", NUMBERS, BLOCKS, CLAIMS)
 
 
@@ -164,7 +163,7 @@ def test_lines_are_counted_in_the_file_as_it_is(tmp_path):
     """A block above grows only when all is right."""
     file = tmp_path / "page.md"
     file.write_text(f"{BEGIN}\n{END}\nIt is <!--=no-->9<!--/-->.\n")
-    with pytest.raises(InputError, match=r"page\.md, line 3, mark '=no'"):
+    with sentences.raises(InputError):
         marks.fill(file, NUMBERS, {"rates": "a\nb\nc"}, CLAIMS)
 
 

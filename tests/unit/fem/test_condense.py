@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sp
 import scipy.sparse.linalg as spl
+import sentences
 from nested import assembled
 from scipy.sparse.csgraph import connected_components
 
@@ -187,9 +188,7 @@ def test_constants_are_solved_for_up_to_1e_8(off, refused):
     if not refused:
         return check_constants(mesh, found)
     shortest = np.min(np.hypot(*np.diff(mesh.points[np.append(mesh.boundary, mesh.boundary[0])], axis=0).T))
-    with pytest.raises(
-        InputError, match=f"'neck' of diameter 2.24 with boundary edges down to {shortest:.3g} is"
-    ):
+    with sentences.raises(InputError, "neck", f"{shortest:.3g}"):
         check_constants(mesh, found)
 
 
@@ -204,7 +203,7 @@ def test_a_domain_too_small_for_double_precision_is_refused(L):
         on = condense(mesh)
         np.testing.assert_allclose(on.solve(on.A @ np.ones(mesh.n_nodes)), 1, rtol=1e-8)
         return
-    with pytest.raises(InputError, match=r"'scaled' of diameter .* is too small for double precision"):
+    with sentences.raises(InputError):
         condense(mesh)
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import sentences
 
 from unilateral.errors import InputError
 from unilateral.fem.p1 import boundary_mass, coupling
@@ -89,7 +90,7 @@ def test_nearly_coinciding_points_change_the_coupling_by_their_distance():
 
 @pytest.mark.parametrize("other", [named("lshape"), Polygon(2 * square().vertices)])
 def test_another_polygon_is_refused(other):
-    with pytest.raises(InputError, match="another polygon"):
+    with sentences.raises(InputError):
         coupling(structured(square(), 1 / 2), partitions.uniform(other, 1 / 2))
 
 

@@ -6,6 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 import scipy.sparse as sp
+import sentences
 from scipy.sparse.linalg import eigsh
 
 from unilateral.errors import InputError
@@ -36,7 +37,7 @@ def test_it_is_a_little_above_the_best_one(polygon, clamped, exact, mesh):
 def test_a_larger_eigenvalue_is_refused(monkeypatch):
     """Control: no number above the least eigenvalue passes for a lower bound."""
     monkeypatch.setattr(poincare, "LESS", 1.001)
-    with pytest.raises(InputError, match=r"rounding hides the least .* sides \[0\], which c = 0 needs"):
+    with sentences.raises(InputError):
         friedrichs(structured(square(), 1 / 8), (0,))
 
 

@@ -1,6 +1,5 @@
 """Meshes of other programs and of arrays: read alike, and refused in one sentence each."""
 
-import re
 from types import SimpleNamespace
 
 import gmsh
@@ -8,6 +7,7 @@ import matplotlib.tri
 import meshio
 import numpy as np
 import pytest
+import sentences
 import skfem
 
 import unilateral as ul
@@ -71,7 +71,7 @@ def test_masked_triangles_are_left_out():
     mask = CENTRES[:, 0] > 0
     points, triangles = some(~mask)
     of = matplotlib.tri.Triangulation(*POINTS.T, TRIANGLES, mask=mask)
-    with pytest.raises(ul.InputError, match="belongs to no triangle; leave it out"):
+    with sentences.raises(ul.InputError):
         ul.mesh(of)
     assert ul.mesh(points, triangles).polygon.area == pytest.approx(0.5)
 
@@ -84,7 +84,7 @@ def test_masks_on_objects_of_other_programs_are_seen():
     assert ul.mesh(of_matplotlib).n_nodes == ul.mesh(of_meshio).n_nodes == len(POINTS)
     of_matplotlib.x, of_meshio.points = masked[:, 0], masked
     for given, field in ((of_matplotlib, "x"), (of_meshio, "points")):
-        with pytest.raises(ul.InputError, match=f"^mesh, {field}: .* numbers are masked"):
+        with sentences.raises(ul.InputError, field):
             ul.mesh(given)
 
 
@@ -99,14 +99,14 @@ def test_masks_on_objects_of_other_programs_are_seen():
 )
 def test_what_looks_like_a_mesh_of_another_program_is_none(given):
     """As older versions of these programs made them. Control: the arrays in a right place."""
-    with pytest.raises(ul.InputError, match="is no mesh; give a file, points and triangles"):
+    with sentences.raises(ul.InputError):
         ul.mesh(given)
     assert ul.mesh(SimpleNamespace(p=POINTS.T, t=TRIANGLES.T)).n_nodes == len(POINTS)
 
 
 @pytest.mark.parametrize("times", [True, False, 1.0, np.True_])
 def test_halvings_are_whole_numbers(times):
-    with pytest.raises(ul.InputError, match=r"^halvings is .*; it has to be a whole number from 0 to 12$"):
+    with sentences.raises(ul.InputError):
         ul.mesh(MESH, halvings=times)
 
 
@@ -121,52 +121,49 @@ def test_halving_keeps_the_polygon_and_the_numbers_of_nodes():
 
 BOTH = np.r_[TRIANGLES, TRIANGLES + len(POINTS)]
 REFUSED = {
-    "unused": ((np.r_[POINTS, [[2, 2]]], TRIANGLES), "node 81 (2, 2) belongs to no triangle; leave it out"),
-    "quads": ((POINTS, [[0, 1, 2, 3]]), "there are cells of 4 nodes; take plain triangles"),
-    "quads of scikit-fem": ((skfem.MeshQuad(),), "there are cells of 4 nodes; take plain triangles"),
-    "from 1": ((POINTS, TRIANGLES + 1), "but the nodes' numbers run from 0 to 80"),
-    "fractions": ((POINTS, TRIANGLES / 2), "mesh, triangles: they have to be whole numbers"),
-    "words": ((POINTS, "triangles"), "mesh, triangles: it is 'triangles'; they have to be whole numbers"),
-    "in space": ((np.c_[POINTS, POINTS[:, 0]], TRIANGLES), "node 1 has the third coordinate 1; the mesh has"),
-    "flat": ((POINTS[:, :1], TRIANGLES), "the points have the shape (81, 1) instead of (n, 2)"),
-    "ragged": (([(0, 0), (1,), (1, 1)], [[0, 1, 2]]), "(1, 1)]; they have to be numbers, an array of"),
-    "NaN": ((np.where(POINTS == 0.5, np.nan, POINTS), TRIANGLES), "has a coordinate that is not a finite"),
-    "twice": ((np.r_[POINTS, POINTS], BOTH), "repeats node"),
-    "a hole": (some(np.hypot(*CENTRES.T) > 0.2), "one closed line; it has 2 such lines, and there may be no"),
-    "two parts": (
-        (np.r_[POINTS, POINTS + 2], BOTH),
-        "one closed line; they are 2 separate parts, of which one may be given",
-    ),
-    "a chain": (some(CENTRES[:, 0] * CENTRES[:, 1] > 0), "is not simple"),
-    "no triangles": ((POINTS, TRIANGLES[:0]), "the triangles have the shape (0, 3)"),
-    "points alone": ((POINTS,), "is no mesh; give a file, points and triangles, or a mesh of meshio"),
-    "a number": ((3,), "3 is no mesh; give a file"),
+    "unused": (np.r_[POINTS, [[2, 2]]], TRIANGLES),
+    "quads": (POINTS, [[0, 1, 2, 3]]),
+    "quads of scikit-fem": (skfem.MeshQuad(),),
+    "from 1": (POINTS, TRIANGLES + 1),
+    "fractions": (POINTS, TRIANGLES / 2),
+    "words": (POINTS, "triangles"),
+    "in space": (np.c_[POINTS, POINTS[:, 0]], TRIANGLES),
+    "flat": (POINTS[:, :1], TRIANGLES),
+    "ragged": ([(0, 0), (1,), (1, 1)], [[0, 1, 2]]),
+    "NaN": (np.where(POINTS == 0.5, np.nan, POINTS), TRIANGLES),
+    "twice": (np.r_[POINTS, POINTS], BOTH),
+    "a hole": some(np.hypot(*CENTRES.T) > 0.2),
+    "two parts": (np.r_[POINTS, POINTS + 2], BOTH),
+    "a chain": some(CENTRES[:, 0] * CENTRES[:, 1] > 0),
+    "no triangles": (POINTS, TRIANGLES[:0]),
+    "points alone": (POINTS,),
+    "a number": (3,),
 }
 
 
-@pytest.mark.parametrize(("given", "message"), REFUSED.values(), ids=REFUSED)
-def test_what_is_no_mesh_is_refused_in_one_sentence(given, message):
-    with pytest.raises(ul.InputError, match=re.escape(message)) as refused:
-        ul.mesh(*given)
+@pytest.mark.parametrize("mesh", REFUSED.values(), ids=REFUSED)
+def test_what_is_no_mesh_is_refused_in_one_sentence(mesh):
+    with sentences.raises(ul.InputError) as refused:
+        ul.mesh(*mesh)
     assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize("halvings", [-1, 1.5, "1", 99])
 def test_halvings_that_are_no_number_of_times_are_refused(halvings):
-    with pytest.raises(ul.InputError, match="it has to be a whole number from 0 to 12"):
+    with sentences.raises(ul.InputError):
         ul.mesh(MESH, halvings=halvings)
 
 
 def test_a_mesh_that_gets_too_large_is_refused(monkeypatch):
     monkeypatch.setattr(foreign, "available_mb", lambda: 1.0)
-    with pytest.raises(ul.InputError, match=r"halvings = 3 makes a mesh of about 5\.2e\+03 nodes"):
+    with sentences.raises(ul.InputError):
         ul.mesh(MESH, halvings=3)
     assert ul.mesh(MESH, halvings=1).n_nodes == 289
 
 
 def test_a_boundary_with_too_many_corners_is_refused(monkeypatch, tmp_path):
     monkeypatch.setattr(outline, "MAX_VERTICES", 10)
-    with pytest.raises(ul.InputError, match="a polygon has at most 10 vertices; take a coarser mesh"):
+    with sentences.raises(ul.InputError):
         ul.mesh(disc(tmp_path, 0.5))
 
 
@@ -214,24 +211,24 @@ def test_a_polygon_is_that_of_a_yaml_file(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("given", "message"),
+    "given",
     [
-        (3, "polygon: it is 3; it has to be a list of pairs (x, y), anticlockwise"),
-        ("sqare", "polygon 'sqare' is unknown; the named ones are"),
-        ([(0, 0), (1, 0)], "polygon: it has 2 vertices; a polygon has at least three"),
-        ([(0, 0), (1, 0), ("a", 1)], "polygon: it is"),
-        (SQUARE[::-1], "polygon 'polygon' is listed clockwise"),
-        ([(0, 0), (2, 0), (2, 1), (0, 1)], "no node lies at vertex 1 of polygon 'polygon'"),
-        ({"polygon": 3}, "polygon: it is {'polygon': 3}; it has to be a list of pairs"),
+        3,
+        "sqare",
+        [(0, 0), (1, 0)],
+        [(0, 0), (1, 0), ("a", 1)],
+        SQUARE[::-1],
+        [(0, 0), (2, 0), (2, 1), (0, 1)],
+        {"polygon": 3},
     ],
 )
-def test_what_is_no_polygon_is_refused(given, message):
-    with pytest.raises(ul.InputError, match=re.escape(message)):
+def test_what_is_no_polygon_is_refused(given):
+    with sentences.raises(ul.InputError):
         ul.mesh(POINTS, TRIANGLES, polygon=given)
 
 
 def test_a_polygon_of_no_numbers_is_refused():
-    with pytest.raises(ul.InputError, match="it is 'square'; its vertices have to be pairs"):
+    with sentences.raises(ul.InputError):
         ul.Polygon("square")
 
 
@@ -240,7 +237,7 @@ def test_a_polygon_of_no_numbers_is_refused():
 )
 def test_meshes_of_second_order_are_refused_with_the_cure(given):
     """Their edges may be curved. Control: the linear part, as the message says, is read."""
-    with pytest.raises(ul.InputError, match="whose edges may be curved, unlike those of a polygon"):
+    with sentences.raises(ul.InputError):
         ul.mesh(given)
     of = skfem.MeshTri2().refined(1)
     assert ul.mesh(skfem.MeshTri(of.p[:, : of.nvertices], of.t)).n_nodes == 9

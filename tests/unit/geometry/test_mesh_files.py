@@ -6,6 +6,7 @@ import gmsh
 import meshio
 import numpy as np
 import pytest
+import sentences
 from nested import SLANTED
 from numpy.testing import assert_array_equal
 
@@ -81,20 +82,16 @@ CORNERS, LIFTED = ([[0, 0, z], [1, 0, 0], [1, 1, 0], [0, 1, 0]] for z in (0, 0.1
 
 
 @pytest.mark.parametrize(
-    ("points", "cells", "message"),
+    ("points", "cells"),
     [
-        (
-            LIFTED,
-            ("triangle", [[0, 1, 2], [0, 2, 3]]),
-            "node 0 has the third coordinate 0.1; the mesh has to lie in the plane",
-        ),
-        (CORNERS, ("quad", [[0, 1, 2, 3]]), "cells of type quad"),
-        (CORNERS, ("line", [[0, 1]]), "there are no triangles"),
+        (LIFTED, ("triangle", [[0, 1, 2], [0, 2, 3]])),
+        (CORNERS, ("quad", [[0, 1, 2, 3]])),
+        (CORNERS, ("line", [[0, 1]])),
     ],
 )
-def test_files_of_something_else_are_refused(points, cells, message, tmp_path):
+def test_files_of_something_else_are_refused(points, cells, tmp_path):
     meshio.Mesh(np.array(points, dtype=float), [cells]).write(tmp_path / "mesh.vtu")
-    with pytest.raises(InputError, match=f"mesh.vtu: .*{message}"):
+    with sentences.raises(InputError):
         read_mesh(tmp_path / "mesh.vtu", square())
 
 
@@ -102,25 +99,25 @@ NONE_2_2 = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n0\n$EndNodes\n"
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "message"),
+    ("name", "content"),
     [
-        ("missing.vtu", None, "cannot be read: No such file"),
-        *((name, "this is no mesh", "no mesh can be read") for name in ("g.vtu", "g.msh", "mesh.nothing")),
-        ("header.msh", "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n", "there are no nodes"),
-        ("empty.inp", "", "the file is empty"),
-        ("title.inp", "*HEADING\nsquare\n*NODE\n", "there are no nodes"),
-        ("nodes.inp", "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n", "there are no triangles"),
-        ("cut.inp", "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n*ELEMENT, TYPE=S3\n", "there are no triangles"),
-        ("none.msh", NONE_2_2, ""),
-        ("empty.msh", "", ""),
-        ("cut.vtk", "# vtk", ""),
+        ("missing.vtu", None),
+        *((name, "this is no mesh") for name in ("g.vtu", "g.msh", "mesh.nothing")),
+        ("header.msh", "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n"),
+        ("empty.inp", ""),
+        ("title.inp", "*HEADING\nsquare\n*NODE\n"),
+        ("nodes.inp", "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n"),
+        ("cut.inp", "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n*ELEMENT, TYPE=S3\n"),
+        ("none.msh", NONE_2_2),
+        ("empty.msh", ""),
+        ("cut.vtk", "# vtk"),
     ],
 )
-def test_files_without_a_mesh_are_refused(name, content, message, tmp_path, capfd):
+def test_files_without_a_mesh_are_refused(name, content, tmp_path, capfd):
     """In one sentence; what a library says of it stands in brackets behind our words."""
     if content is not None:
         (tmp_path / name).write_text(content)
-    with pytest.raises(InputError, match=f"{name}:? {message}") as refused:
+    with sentences.raises(InputError, name) as refused:
         read_mesh(tmp_path / name, square())
     own = re.sub(r"\(meshio .*\)", "", str(refused.value))
     assert not re.search("array|shape|index|identity|expected|block", own)
@@ -135,12 +132,12 @@ def test_cut_off_files_are_refused(ending, tmp_path):
     content = (tmp_path / f"whole.{ending}").read_bytes()
     for tenths in range(10):
         (tmp_path / f"cut.{ending}").write_bytes(content[: len(content) * tenths // 10])
-        with pytest.raises(InputError, match=f"cut.{ending}: "):
+        with sentences.raises(InputError, ending):
             read_mesh(tmp_path / f"cut.{ending}", square())
 
 
 def test_an_unknown_format_is_not_written(tmp_path):
-    with pytest.raises(InputError, match=r"mesh\.nothing.* cannot be written"):
+    with pytest.raises(InputError, match="nothing: the mesh cannot be written there"):
         write_mesh(structured(square(), 1), tmp_path / "mesh.nothing")
     assert not list(tmp_path.iterdir())
 
@@ -153,5 +150,5 @@ def test_a_file_s_own_outline_is_a_polygon(tmp_path):
     assert found.area == pytest.approx(3)
     ring = structured(square(), 1 / 3)
     kept = ~np.all(np.abs(ring.points[ring.triangles].mean(axis=1) - 0.5) < 1 / 6, axis=1)
-    with pytest.raises(InputError, match="must be one closed line"):
+    with sentences.raises(InputError):
         outline(ring.points, ring.triangles[kept], "ring")

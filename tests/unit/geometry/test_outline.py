@@ -10,6 +10,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
+import sentences
 
 import unilateral as ul
 from unilateral.geometry import outline, rounding
@@ -222,7 +223,7 @@ def test_a_parcel_at_coordinates_in_metres_has_four_sides(size, decimals):
 def test_what_is_not_clear_is_asked_for_and_read_with_the_polygon(decimals, turned):
     """On edges of 1/16 so few decimals may turn the boundary by 0.1 degrees."""
     points = np.round(turned.points, decimals)
-    with pytest.raises(ul.InputError, match=f"it is not clear whether there is a corner; {GIVE_IT}"):
+    with sentences.raises(ul.InputError, GIVE_IT):
         ul.mesh(points, turned.triangles)
     mesh = ul.mesh(points, turned.triangles, polygon=TURNED)
     np.testing.assert_array_equal(mesh.polygon.vertices, TURNED)
@@ -232,7 +233,7 @@ def test_what_is_not_clear_is_asked_for_and_read_with_the_polygon(decimals, turn
 def test_a_polygon_that_the_mesh_does_not_have_is_refused(turned):
     """Control: nodes are moved by what rounding explains, and no farther."""
     points = np.round(turned.points, 4)
-    with pytest.raises(ul.InputError, match=r"lies .* off side|no node lies at vertex"):
+    with sentences.raises(ul.InputError):
         ul.mesh(points, turned.triangles, polygon=TURNED * 1.001)
 
 
@@ -269,9 +270,7 @@ def test_turns_as_small_as_rounding_that_add_up_are_refused():
     x = np.linspace(1, 0, 21)
     top = np.column_stack([x, 1 + 4e-4 * x * (1 - x)])
     places = np.concatenate([[[0, 0], [1, 0]], top]) @ TURN
-    with pytest.raises(
-        ul.InputError, match=r"the boundary bends between node .* in turns that are each as small"
-    ):
+    with sentences.raises(ul.InputError):
         ul.mesh(*around(np.round(places, 5), np.array([0.5, 0.5]) @ TURN))
 
 

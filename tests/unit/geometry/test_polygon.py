@@ -4,6 +4,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
+import sentences
 from numpy.testing import assert_allclose, assert_array_equal
 
 from unilateral.errors import InputError
@@ -58,7 +59,7 @@ def test_the_number_of_vertices_is_limited_before_they_are_compared(monkeypatch)
     compared = []
     compare = plane._meets_later
     monkeypatch.setattr(plane, "_meets_later", lambda *given: compared.append(given) or compare(*given))
-    with pytest.raises(InputError, match=r"polygon 'polygon': it has 1001 vertices; at most 1000 are read"):
+    with sentences.raises(InputError):
         Polygon(regular(1001))
     assert compared == []
     assert_allclose(Polygon(regular(1000)).diameter, 2, rtol=ROUND_OFF)
@@ -90,7 +91,7 @@ def test_the_first_crossing_is_found_anywhere(i, j):
         return cross(a, b, c) * cross(a, b, d) < 0 and cross(c, d, a) * cross(c, d, b) < 0
 
     first = next((k, m) for k in range(8) for m in range(k + 1, 8) if meet(k, m))
-    with pytest.raises(InputError, match=f"its sides {first[0]} and {first[1]} meet"):
+    with sentences.raises(InputError, f"its sides {first[0]} and {first[1]} meet"):
         Polygon(vertices)
 
 
@@ -110,15 +111,9 @@ def test_counts_and_divisions_by_hand():
     assert_allclose(points, [0, 1.5, 3, 7, 8.25, 9.5, 10.75, 12], rtol=ROUND_OFF)
 
 
-@pytest.mark.parametrize(
-    ("size", "message"),
-    [
-        *((size, "positive") for size in (0.0, -1.0, np.nan, np.inf)),
-        *((size, f"{size:g}: these would be more than 1e.07; give a larger") for size in (1e-300, 1e-10)),
-    ],
-)
-def test_sizes_that_are_refused(size, message):
-    with pytest.raises(InputError, match=message):
+@pytest.mark.parametrize("size", [0.0, -1.0, np.nan, np.inf, 1e-300, 1e-10])
+def test_sizes_that_are_refused(size):
+    with sentences.raises(InputError):
         square().counts(size)
     assert square().counts(1e-6).tolist() == [10**6] * 4
 
@@ -129,43 +124,34 @@ def test_named():
     exact = [7 / 20, 9 / 10, 3 / 4, 7 / 20, 9 / 10, 3 / 4]
     assert_allclose(named("hexagon").angles / np.pi, exact, rtol=1e-15)
     assert_allclose(named("hexagon").lengths, [1 / 2, 1 / 2, 3 / 4] * 2, rtol=1e-15)
-    with pytest.raises(InputError, match=f"'disc' is unknown; the named ones are {', '.join(names())}"):
+    with sentences.raises(InputError, "disc", *names()):
         named("disc")
 
 
 @pytest.mark.parametrize(
-    ("vertices", "message"),
+    "vertices",
     [
-        ([[0, 0], [1, 0]], "at least three"),
-        ([0, 1, 2], "each a pair"),
-        ([[0, 0], [1, 0], [np.nan, 1]], "not finite"),
-        ([[0, 0], [0, 1], [1, 1], [1, 0]], "clockwise"),
-        ([[0, 0], [1, 0], [1, 0], [1, 1]], r"repeats its vertex 1 \(1.0, 0.0\)$"),
-        ([[0, 0], [1, 0], [1, 1], [0, 0]], r"repeats its vertex 3 .*: leave the last one out$"),
-        ([[0, 0], [1, 1], [1, 0], [0, 1]], "sides 0 and 2 meet"),
-        ([[0, 0], [2, 0], [2, 2], [1, 0], [0, 2]], "sides 0 and 2 meet"),
-        ([[0, 0], [2, 0], [1, 0], [1, 1]], "sides 0 and 1 meet"),
-        ([[0, 0], [1, 0], [2, 0]], "meet"),
-        *(
-            (size * square().vertices, "'far' is too large or too small: squares of areas leave")
-            for size in (1e-300, 1e-160, 1e-76, 1e76, 1e160, 1e300, 1.7e308)
-        ),
-        *(([[0, 0], [1, 0], [1, 1], [0, y]], "too large or too small") for y in (1e76, 1e300, 1.7e308)),
-        *(
-            (
-                [[0, 0], [x, 0], *square().vertices[1:]],
-                f"its side 0 is {x:.2g} long, which is lost in",
-            )
-            for x in (1e-300, 1e-20, 4e-16)
-        ),
+        [[0, 0], [1, 0]],
+        [0, 1, 2],
+        [[0, 0], [1, 0], [np.nan, 1]],
+        [[0, 0], [0, 1], [1, 1], [1, 0]],
+        [[0, 0], [1, 0], [1, 0], [1, 1]],
+        [[0, 0], [1, 0], [1, 1], [0, 0]],
+        [[0, 0], [1, 1], [1, 0], [0, 1]],
+        [[0, 0], [2, 0], [2, 2], [1, 0], [0, 2]],
+        [[0, 0], [2, 0], [1, 0], [1, 1]],
+        [[0, 0], [1, 0], [2, 0]],
+        *(size * square().vertices for size in (1e-300, 1e-160, 1e-76, 1e76, 1e160, 1e300, 1.7e308)),
+        *([[0, 0], [1, 0], [1, 1], [0, y]] for y in (1e76, 1e300, 1.7e308)),
+        *([[0, 0], [x, 0], *square().vertices[1:]] for x in (1e-300, 1e-20, 4e-16)),
     ],
 )
-def test_refusals(vertices, message):
+def test_refusals(vertices):
     """In one sentence: NumPy's warnings would be errors here.
 
     The ends of a side that is lost beside the perimeter have the same arc length, or its square is 0.
     """
-    with pytest.raises(InputError, match=message):
+    with sentences.raises(InputError):
         Polygon(vertices, "far")
 
 

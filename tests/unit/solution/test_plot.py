@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+import sentences
 from conftest import DATA
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -238,13 +239,13 @@ def test_on_axes_of_a_figure_of_ones_own_nothing_reaches_the_next_axes(adapted, 
 
 @pytest.mark.parametrize("make", [lambda: 3, Figure, lambda: Figure().subplots(2)])
 def test_what_are_no_axes_is_refused(adapted, make):
-    with pytest.raises(ul.InputError, match=r"^ax is .*; it has to be plane axes of matplotlib, such as "):
+    with sentences.raises(ul.InputError):
         adapted.plot(ax=make())
 
 
 @pytest.mark.parametrize("projection", ["polar", "3d"])
 def test_axes_that_are_not_plane_are_refused(adapted, projection):
-    with pytest.raises(ul.InputError, match=r"^ax is <.*Axes.*>; it has to be plane"):
+    with sentences.raises(ul.InputError):
         adapted.plot(ax=Figure().add_subplot(projection=projection))
 
 

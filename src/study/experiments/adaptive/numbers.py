@@ -14,12 +14,6 @@ from study.formats import shown
 from study.scenes import is_clamped
 from unilateral.norms.resolution import RULE
 
-READS = {
-    "errors": "results/adaptive/errors.nc",
-    "rates": "results/adaptive/rates.nc",
-    "infsup": "results/adaptive/infsup.nc",
-}
-"""The files behind the numbers and tables of this experiment in documents, by name."""
 NONE = "–"
 COLUMNS = {
     "unknowns": ("unknowns", "space"),
@@ -34,12 +28,12 @@ COLUMNS = {
 }
 
 
-def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
-    return {"adapted": beta(apart(of["infsup"])[0], RULE.smallest_angle)}
+def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+    return {"adapted": beta(apart(results["adaptive/infsup"])[0], RULE.smallest_angle)}
 
 
-def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
-    measured, clamped = apart(of["errors"].merge(of["rates"]))
+def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+    measured, clamped = apart(results["adaptive/errors"].merge(results["adaptive/rates"]))
     return {
         "adapted": finest(measured),
         "adapted-savings": savings(measured),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from study import tables as stored
-from study.ledger.evidence import Evidence, Tables, in_rows, worst
+from study.evidence import Evidence, Tables, in_rows, worst
 
 
 def step_growth(tables: Tables, scene: str, case: str, H_over_h: float, most: float) -> Evidence:

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
-from study.ledger.evidence import Evidence, Tables, in_rows, provided, worst
+from study.evidence import Evidence, Tables, in_rows, provided, worst
 
 SHARE = 0.01
 """The algebraic error may be at most this share of the discretisation error."""

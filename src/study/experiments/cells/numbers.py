@@ -7,20 +7,20 @@ from typing import Any
 
 from study.experiments.cells.checks import exponent, rates
 
-READS = {"errors": "results/cells/errors.nc", "alternating": "results/cells/alternating.nc"}
-"""The files behind the numbers and tables of this experiment in documents, by name."""
 
-
-def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
     """The least exponent of D where g is in H^(3/2); that where (jj) and (jjj) fail, and the proved one.
 
     `alternating` is the least rate where each cell has contact and a gap.
     """
-    over_H, rough = exponent(of["errors"], "discrete_error"), of["errors"].sel(case="violates_jj_jjj")
+    over_H, rough = (
+        exponent(results["cells/errors"], "discrete_error"),
+        results["cells/errors"].sel(case="violates_jj_jjj"),
+    )
     return {
         "cells": {
             "cantor": float(over_H.sel(case=["cantor_2", "cantor_1.5"]).min()),
-            "alternating": float(rates(of["alternating"].sel(gamma=0.5)).min()),
+            "alternating": float(rates(results["cells/alternating"].sel(gamma=0.5)).min()),
             "violates_jj_jjj": float(over_H.sel(case="violates_jj_jjj")),
             "proved": float(rough["flux_order"] + rough["gap_order"]) / 2,
         }

@@ -10,25 +10,22 @@ import xarray as xr
 
 from study.formats import shown
 
-READS = {"solutions": "results/certify/solutions.nc"}
-"""The files behind the numbers and tables of this experiment in documents, by name."""
 
-
-def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
     """The bound over the error at the first penalty, on the coarsest and the finest mesh; the sweeps.
 
     `half` is the error with half the load over that of the mixed method, for `clamped` on the coarsest mesh.
     """
-    index = indices(of["solutions"]).sel(case="natural")
+    index = indices(results["certify/solutions"]).sel(case="natural")
     of_penalty = index.sel(scheme=f"penalty {study['certify']['penalties'][0]}/h").values
-    errors = of["solutions"]["certified_error"].sel(case="clamped").isel(mesh=0)
+    errors = results["certify/solutions"]["certified_error"].sel(case="clamped").isel(mesh=0)
     half = float(errors.sel(scheme="half the load") / errors.sel(scheme="mixed method"))
     penalty = {"coarsest": float(of_penalty[0]), "finest": float(of_penalty[-1])}
     return {"certify": {"penalty": penalty, "half": half, "sweeps": study["certify"]["sweeps"]}}
 
 
-def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
-    return {"certify": solutions(of["solutions"])}
+def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+    return {"certify": solutions(results["certify/solutions"])}
 
 
 def indices(table: xr.Dataset) -> xr.DataArray:

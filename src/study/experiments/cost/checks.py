@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from study.evidence import Evidence, Tables, provided, worst
 from study.experiments.cost import trade
-from study.ledger.evidence import Evidence, Tables, provided, worst
 
 
 def slower(tables: Tables, algorithm: str, than: str, coarsest: float, most: float) -> Evidence:

@@ -1,77 +1,88 @@
-"""Accuracy against cost: a base configuration, one factor varied at a time, some pairs crossed.
+"""Accuracy against cost: runs along axes that leave a base, each measured at all stopping levels.
 
-Each configuration is iterated once, by `uzawa`'s own loop, and recorded. A stopping level s is met at the
-first step whose guaranteed algebraic bound is at most s ||u - u_h||_1; all levels are read off that record.
-What is measured is the error of (u(lambda^n), lambda^n) at that step, and what it took.
+Each run is iterated once, by `uzawa`'s own loop, and recorded. A stopping level s is met at the first step
+whose guaranteed algebraic bound is at most s ||u - u_h||_1; all levels are read off that record. What is
+measured is the error of (u(lambda^n), lambda^n) at that step, and the operations up to there.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 
-from study import scenes, tables
-from study.experiments.cost.history import Reached
-from study.experiments.cost.run import Measured, Shared, method_of
-from study.experiments.cost.variants import Variant, along_runs, plan
+from study import operations, scenes, tables
+from study.experiments.cost.run import Posed, Variant, count_operations, method_and_step, reach
+from unilateral.discrete.condensed import with_solution
+from unilateral.fem.condense import by_sparse, matrix
+from unilateral.fem.linear_systems import dissected
+from unilateral.fem.spaces import mixed_spaces
 from unilateral.formulas.formula import real
 from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import uniform
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import Gram
+from unilateral.norms.exact_errors import Exact, cell_means
+from unilateral.norms.ritz import ritz_projection
 from unilateral.problems.case import ExactSolution
-from unilateral.system.memory import forget_peak, peak_mb
 
-LONGER = 2
+SLOWER = 2
 """A run in another precision may take so many times the steps in double precision."""
-PER_STOP = (
-    "h1_error",
-    "hm12_error_lower",
-    "hm12_error_upper",
-    "l2_error",
-    "steps",
-    "operator_applications",
-    "factorisations",
-    "operations",
-    "algebraic_bound",
-)
 DISCRETE = ("h1_discrete", "hm12_discrete_lower", "hm12_discrete_upper", "l2_discrete")
 """The errors of (u_h, lambda_H), to which the iteration tends."""
-NORMS_OF = ("u_norm", "hm12_norm_lower", "hm12_norm_upper", "l2_norm")
+NORMS = ("u_norm", "hm12_norm_lower", "hm12_norm_upper", "l2_norm")
+ERRORS = ("h1_error", "hm12_error_lower", "hm12_error_upper", "l2_error")
 
 
-class StepLimits(NamedTuple):
-    """The stopping levels, falling; the most steps of a run, and of one with a solve in every step."""
+class Variation(NamedTuple):
+    """Fields of the base with the values that they take, and the variants with all combinations of these."""
 
-    stops: Sequence[float]
-    max_steps: int
-    costly_steps: int
+    values: dict[str, list[Any]]
+    variants: list[Variant]
+
+
+Row = dict[str, Any]
+"""What is known of a run, by the names of the tables' variables; lists are over the stopping levels."""
 
 
 def measure_cost(
-    norm: str,
-    scene: Mapping[str, Any],
-    number: str,
-    of_job: Mapping[str, Any],
-    study: Mapping[str, Any],
-    runs: str,
-    timings: str,
+    study: Mapping[str, Any], scene: Mapping[str, Any], norms: Sequence[str], axes: Sequence[str]
 ) -> None:
-    """Write counts and seconds of every run on the meshes of one job, which has that number in the study."""
-    name, gram = of_job["scene"], Gram.of_table(tables.load(norm))
-    planned = [variant for variant in plan(study) if variant.scene == name]
-    limits = StepLimits(study["stops"], study["max_steps"], study["costly_steps"])
-    cases, sizes = scenes.cases(scene), [real(H, "cost.H") for H in study["H"]]
-    meshes = [structured(scenes.domain(scene), real(h, "cost.jobs.h")) for h in of_job["h"]]
-    measured = [measure(mesh, cases, gram, planned, sizes, limits) for mesh in meshes]
-    given = {f"scenes.{name}": scene, f"cost.jobs.{number}": of_job}
+    """Write the table along each of the study's axes.
+
+    `scene` has the scenes in which runs are made, by name, and `norms` are the files of their dual norms.
+    """
+    sizes = [real(H, "cost.H") for H in study["H"]]
+    planned = plan(study)
+    variants = dict.fromkeys(variant for axis in planned for variant in axis.variants)
+    rows: dict[tuple[Variant, float], Row] = {}
+    for (name, declared), norm in zip(scene.items(), norms, strict=True):
+        gram = Gram.of_table(tables.load(norm))
+        here = [variant for variant in variants if variant.scene == name]
+        for h in study["h"][name]:
+            mesh = structured(scenes.domain(declared), real(h, "cost.h"))
+            rows |= measure(mesh, scenes.cases(declared), gram, here, sizes, study)
+    given = {f"scenes.{name}": declared for name, declared in scene.items()}
     given |= {f"cost.{field}": value for field, value in study.items()}
-    for parts, path in zip(zip(*measured, strict=True), (runs, timings), strict=True):
-        tables.save(along_runs(parts, planned), path, "cost", given)
+    for axis, path in zip(planned, axes, strict=True):
+        tables.save(along(axis, rows, sizes, study["stops"]), path, "cost", given)
+
+
+def plan(study: Mapping[str, Any]) -> list[Variation]:
+    """The study's axes. Each field that one changes has the base's value first, then the others."""
+    base = study["base"] | {"H_over_h": real(study["base"]["H_over_h"], "cost.base.H_over_h")}
+    axes = []
+    for others in study["axes"].values():
+        values = {field: [study["base"][field], *given] for field, given in others.items()}
+        if "H_over_h" in values:
+            values["H_over_h"] = [real(ratio, "cost.axes.H_over_h") for ratio in values["H_over_h"]]
+        changes = [dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())]
+        axes.append(Variation(values, [Variant(**base | changed) for changed in changes]))
+    return axes
 
 
 def measure(
@@ -80,90 +91,88 @@ def measure(
     gram: Gram,
     variants: Sequence[Variant],
     sizes: Sequence[float],
-    limits: StepLimits,
-) -> tuple[xr.Dataset, xr.Dataset]:
-    """The variants of these cases on one mesh, where H is one of `sizes`: a table of counts, one of seconds.
+    study: Mapping[str, Any],
+) -> dict[tuple[Variant, float], Row]:
+    """The rows of the variants of these cases on one mesh, by variant and H, where H is one of `sizes`.
 
-    `gram` holds the dual norm's forms for the cases, in their order. What is not reached is NaN.
+    `gram` holds the dual norm's forms for the cases, in their order. Of the study the limits of runs are
+    read. A variant in another precision has to follow its twin in double precision.
     """
-    variants = [each for each in variants if np.isclose(sizes, each.H_over_h * mesh.h, rtol=1e-9).any()]
-    shared = Shared(mesh, cases, gram, variants)
-    table, timed = [], []
-    longest: dict[Variant, float] = {}
-    for variant in variants:
-        forget_peak()
-        measured = shared.measured[variant.case, variant.H_over_h]
-        most = limits.max_steps if variant.algebra == "S" else limits.costly_steps
-        steps = longest.get(variant._replace(precision="float64"), math.inf)
-        reached, per_step = measured.run(variant, limits.stops, int(min(most, LONGER * steps)))
-        longest[variant] = reached[-1].steps if reached else math.inf
-        table.append(_row(variant, measured, reached, limits.stops))
-        timed.append(_times(shared, variant, reached, per_step, limits.stops))
-    return _dataset(table, limits.stops), _dataset(timed, limits.stops)
+    eliminated = dissected(matrix(mesh), mesh.boundary)
+    condensed = by_sparse(mesh, eliminated)
+    factors = dissected(matrix(mesh))
+    with_boundary_last = operations.factors(eliminated.lu)
+    counts = {"A": operations.factors(factors.lu), "A_3": with_boundary_last, "S": with_boundary_last}
+    named = {variant.case for variant in variants}
+    ritz = {case.name: ritz_projection(case, condensed) for case in cases if case.name in named}
+
+    rows: dict[tuple[Variant, float], Row] = {}
+    for ratio in dict.fromkeys(variant.H_over_h for variant in variants):
+        H = next((H for H in sizes if math.isclose(H, ratio * mesh.h, rel_tol=1e-9)), None)
+        if H is None:
+            continue
+        spaces = mixed_spaces(condensed, uniform(mesh.polygon, ratio * mesh.h))
+        form = gram.on(spaces.partition)
+        for c, case in enumerate(cases):
+            here = [each for each in variants if (each.case, each.H_over_h) == (case.name, ratio)]
+            if not here:
+                continue
+            exact = Exact(ritz[case.name], cell_means(case, spaces.partition))
+            posed = Posed(exact, with_solution(spaces, exact), form, c, factors, counts)
+            for variant in here:
+                max_steps = study["max_steps"] if variant.algebra == "S" else study["costly_steps"]
+                twin = rows.get((variant._replace(precision="float64"), H))
+                if twin and np.isfinite(twin["steps"]).any():
+                    max_steps = min(max_steps, SLOWER * int(np.nanmax(twin["steps"])))
+                rows[variant, H] = _row(posed, variant, study["stops"], max_steps)
+    return rows
 
 
-def _times(
-    shared: Shared, variant: Variant, reached: Sequence[Reached], per_step: float, stops: Sequence[float]
-) -> dict[str, Any]:
-    """A row of the table of seconds; they depend on the machine."""
-    spaces, coupling = shared.coupled[variant.H_over_h]
-    setup = shared.dissecting if variant.algebra == "A" else shared.condensing
-    setup += coupling if variant.algebra == "S" else 0.0
-    return variant._asdict() | {
-        "h": spaces.mesh.h,
-        "H": spaces.partition.H,
-        "setup_seconds": setup,
-        "seconds_per_step": per_step,
-        **_at_stops(("seconds",), [(setup + each.seconds,) for each in reached], stops),
-        "peak_mb": peak_mb(),
+def _row(posed: Posed, variant: Variant, stops: Sequence[float], max_steps: int) -> Row:
+    """What is known of one run; NaN at levels that are not reached."""
+    reached = reach(posed, variant, stops, max_steps)
+    setup, step, totals = count_operations(posed, variant, reached)
+    method, rho = method_and_step(variant.algorithm, posed.spaces)
+    errors = np.reshape([posed.errors(each.lambda_H) for each in reached], (len(reached), len(ERRORS))).T
+    at_levels: dict[str, Sequence[float]] = dict(zip(ERRORS, errors.tolist(), strict=True))
+    at_levels |= {
+        "steps": [each.steps for each in reached],
+        "operator_applications": [each.applications for each in reached],
+        "factorisations": [1 + (method == "newton") * each.steps for each in reached],
+        "operations": totals,
+        "algebraic_bound": [each.bound for each in reached],
     }
-
-
-def _row(
-    variant: Variant, measured: Measured, reached: Sequence[Reached], stops: Sequence[float]
-) -> dict[str, Any]:
-    """A row of the table of counts and errors."""
-    costs, spaces, operator = measured.costs(variant), measured.spaces, measured.spaces.operator
-    dense = method_of(variant) == "newton"
-    values = [
-        (
-            *measured.errors(each.lambda_H),
-            each.steps,
-            each.applications,
-            1 + dense * each.steps,
-            costs.total(each),
-            each.bound,
-        )
-        for each in reached
-    ]
-    of_run = {
+    missing = [math.nan] * (len(stops) - len(reached))
+    spaces, operator = posed.spaces, posed.spaces.operator
+    row: Row = {name: [*values, *missing] for name, values in at_levels.items()}
+    row |= {
         "h": spaces.mesh.h,
-        "H": spaces.partition.H,
         "unknowns": spaces.mesh.n_nodes,
         "boundary_unknowns": len(spaces.mesh.boundary),
         "multipliers": spaces.partition.n_cells,
         "lambda_min": operator.lambda_min,
         "lambda_max": operator.lambda_max,
         "sigma_1": spaces.condensed.sigma_1,
-        "rho": measured.rho(variant.algorithm),
-        "factor_nonzeros": measured.of_A[variant.algebra].nonzeros,
-        "setup_operations": costs.setup,
-        "step_operations": costs.residual + costs.advance,
+        "rho": rho,
+        "factor_nonzeros": posed.counts[variant.algebra].nonzeros,
+        "setup_operations": setup,
+        "step_operations": step,
     }
-    known = zip((*DISCRETE, *NORMS_OF), (*measured.discrete_errors, *measured.norms), strict=True)
-    return variant._asdict() | _at_stops(PER_STOP, values, stops) | of_run | dict(known)
+    row |= dict(zip(DISCRETE, posed.discrete_errors, strict=True))
+    return row | dict(zip(NORMS, posed.norms, strict=True))
 
 
-def _at_stops(
-    names: Sequence[str], values: Sequence[tuple[float, ...]], stops: Sequence[float]
-) -> dict[str, pd.Series]:
-    """The values at all levels by name, NaN at levels that were not reached."""
-    return dict(pd.DataFrame(values, columns=names, dtype=float).reindex(range(len(stops))).items())
-
-
-def _dataset(rows: Sequence[Mapping[str, Any]], stops: Sequence[float]) -> xr.Dataset:
-    """The rows as a table over `run` and, for what depends on the level, `stop`."""
-    columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    typed = {name: each.astype(object if each.dtype.kind == "U" else float) for name, each in columns.items()}
-    table = {name: (("run", "stop")[: column.ndim], column) for name, column in typed.items()}
-    return xr.Dataset(table, coords={"stop": list(stops)})
+def along(
+    axis: Variation, rows: Mapping[tuple[Variant, float], Row], sizes: Sequence[float], stops: Sequence[float]
+) -> xr.Dataset:
+    """The table over the fields that an axis changes, H and the stopping level, NaN where there is no run."""
+    runs = [rows.get((variant, H), {}) for variant in axis.variants for H in sizes]
+    coords = {**axis.values, "H": list(sizes), "stop": list(stops)}
+    shape = [len(coords[name]) for name in (*axis.values, "H")]
+    table = {}
+    for name, example in next(iter(rows.values())).items():
+        missing = np.full(np.shape(example), math.nan)
+        column = np.array([run.get(name, missing) for run in runs], dtype=float)
+        column = column.reshape(*shape, *column.shape[1:])
+        table[name] = [*coords][: column.ndim], column
+    return xr.Dataset(table, coords=coords)

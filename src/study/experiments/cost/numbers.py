@@ -1,54 +1,76 @@
-"""What the study of cost recommends, and what that is worth, as documents name it."""
+"""What the study of cost recommends and what that is worth, as documents name it and show it in tables."""
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
-from study.experiments.cost import tables, trade
-from study.experiments.cost.variants import REFRESH
+from study.experiments.cost import trade
+from study.experiments.cost.products import REFRESH
+from study.formats import TITLES, cells, shown, span
+from study.tables import NORMS
 from unilateral.formulas.formula import real
 
-READS = {
-    "algorithm": "results/cost/algorithm.nc",
-    "case": "results/cost/case.nc",
-    "scene": "results/cost/scene.nc",
-    "algebra": "results/cost/algebra.nc",
-    "precision": "results/cost/precision.nc",
-}
-"""The files behind the numbers and tables of this experiment in documents, by name."""
 LARGEST_RATIO = 4.0
 """The growth of steps is found for H/h up to this number, for which there are enough sizes."""
+LEVELS = (1e-1, 1e-3, 1e-6)
+"""The stopping levels at which the algorithms are compared."""
+NAMES = {
+    "newton": "active set (`newton`)",
+    "barzilai_borwein": "Barzilai–Borwein",
+    "nesterov": "Nesterov",
+    "uzawa": "Uzawa",
+}
+COUNTED = {"setup": "the set-up's", "uzawa": "all of Uzawa's"}
+PRICE = {
+    "stop at": ("stop", "10^"),
+    "h": ("h", "1/n"),
+    "relative error": ("error", ".2g%"),
+    "operations": ("operations", "x10^"),
+    "over set-up's": ("over_setup", ".2f"),
+    "half of it costs": ("halving", "times"),
+}
+TARGET = {"reached": ("error", ".2g%"), "H/h": ("H_over_h", "g")} | {
+    title: PRICE[title] for title in ("h", "stop at", "operations")
+}
+"""The columns by title: what of a run each shows, and in which format."""
+Spans = dict[float, tuple[float, float]]
+"""The least and the largest of a number over all cases, by H/h."""
 
 
-def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
     H_over_h, coarsest = _base(study)
+    crossed = results["cost/algorithm"]
     return {
-        "cost": recommended(of["case"], H_over_h, coarsest)
+        "cost": recommend(results["cost/case"], H_over_h, coarsest)
         | {
             "enough_times": trade.ENOUGH,
-            "newton_adds": newton_adds(of["algorithm"], H_over_h),
-            "plain": plain(of["algorithm"], H_over_h),
-            "growth": growth(of["algorithm"], coarsest),
-            "elimination": elimination(of["algorithm"], of["algebra"], H_over_h),
-            "precision": in_precision(of["precision"]),
+            "newton_adds": newton_adds(crossed, H_over_h),
+            "plain": {
+                name: compare_at(crossed, H_over_h, stop)["work"].sel(algorithm="uzawa").item()
+                for name, stop in (("first", LEVELS[0]), ("last", LEVELS[-1]))
+            },
+            "growth": growth(crossed, coarsest),
+            "elimination": weigh_elimination(crossed, results["cost/algebra"], H_over_h),
+            "precision": judge_precision(results["cost/precision"]),
         }
     }
 
 
-def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
     H_over_h, coarsest = _base(study)
     return {
-        "ratios": tables.ratios(of["case"], coarsest),
-        "prices": tables.price_table(of["case"], of["scene"], H_over_h, coarsest),
-        "expected": tables.expected(of["case"], H_over_h, coarsest),
-        "algorithms": tables.algorithms(of["algorithm"], H_over_h),
-        "targets": tables.targets(of["algorithm"], study["cost"]["targets"]),
+        "ratios": tabulate_ratios(results["cost/case"], coarsest),
+        "prices": tabulate_prices(results["cost/case"], results["cost/scene"], H_over_h, coarsest),
+        "expected": tabulate_expected(results["cost/case"], H_over_h, coarsest),
+        "algorithms": tabulate_algorithms(results["cost/algorithm"], H_over_h),
+        "targets": tabulate_targets(results["cost/algorithm"], study["cost"]["targets"]),
     }
 
 
@@ -58,23 +80,161 @@ def _base(study: Mapping[str, Any]) -> tuple[float, float]:
     return real(cost["base"]["H_over_h"], "cost.base.H_over_h"), real(cost["fitted_from"], "cost.fitted_from")
 
 
-def recommended(cases: xr.Dataset, H_over_h: float, coarsest: float) -> dict[str, Any]:
+# The loss against the best H/h, the stop that is enough, and the price of an error.
+
+
+def recommend(cases: xr.Dataset, H_over_h: float, coarsest: float) -> dict[str, Any]:
     """Over all cases: the loss against the best H/h, that H/h, the stop that `natural` needs, the work that
     Uzawa adds to the set-up, and the factor of work for half the error.
     """
-    lost, both = tables.losses(cases, coarsest), ("h1", "hm12")
-    of = tables.prices(tables.by_case(cases), H_over_h, coarsest)
-    added = [price.over_setup - 1 for price in of["h1"].values()]
+    lost, both = losses(cases, coarsest), ("h1", "hm12")
+    by_norm = prices(by_case(cases), H_over_h, coarsest)
+    added = [price.over_setup - 1 for price in by_norm["h1"].values()]
     return {
         "cases": cases.sizes["case"],
         "compared_at": trade.SHOWN,
         "lowest": float(cases["stop"].min()),
         "loss": {norm: {work: by[H_over_h][1] - 1 for work, by in lost[norm].items()} for norm in both},
-        "best_ratio": {n: {work: tables.best_ratio(by) for work, by in lost[n].items()} for n in lost},
-        "enough": {"hm12": {"natural": of["hm12"]["natural"].stop}},
+        "best_ratio": {norm: {work: best_ratio(by) for work, by in lost[norm].items()} for norm in lost},
+        "enough": {"hm12": {"natural": by_norm["hm12"]["natural"].stop}},
         "uzawa_adds": {"least": min(added), "most": max(added)},
-        "halving": {norm: max(price.halving for price in of[norm].values()) for norm in both},
+        "halving": {norm: max(price.halving for price in by_norm[norm].values()) for norm in both},
     }
+
+
+def by_case(cases: xr.Dataset) -> dict[str, xr.Dataset]:
+    """The runs of each case, by its name."""
+    return {str(name): cases.sel(case=name) for name in cases["case"].values}
+
+
+def prices(
+    runs: dict[str, xr.Dataset], H_over_h: float, coarsest: float
+) -> dict[str, dict[str, trade.Price]]:
+    """The prices by norm and name, at the largest level that is enough in that norm.
+
+    `runs` are Uzawa's, over (H_over_h, H, stop).
+    """
+    by_norm: dict[str, dict[str, trade.Price]] = {norm: {} for norm in NORMS}
+    for norm, (name, table) in itertools.product(NORMS, runs.items()):
+        stop = trade.enough(table, norm, coarsest)
+        by_norm[norm][name] = trade.price(table.sel(H_over_h=H_over_h), norm, stop, coarsest)
+    return by_norm
+
+
+def losses(cases: xr.Dataset, coarsest: float) -> dict[str, dict[str, Spans]]:
+    """The least and the largest of `trade.losses` for each H/h, by norm and by the work that is counted.
+
+    In "setup" the set-up alone is counted, and errors are those of the discrete solution; in "uzawa" it is
+    all work of Uzawa's algorithm to the level that is enough for the case.
+    """
+    spans: dict[str, dict[str, Spans]] = {}
+    for norm in NORMS:
+        of_setup, of_uzawa = [], []
+        for case in by_case(cases).values():
+            error, work = trade.relative(case, norm), case["operations"]
+            discrete = (error / trade.excess(case, norm)).isel(stop=-1)
+            of_setup.append(trade.losses(discrete, case["setup_operations"]))
+            stop = trade.enough(case, norm, coarsest)
+            of_uzawa.append(trade.losses(error.sel(stop=stop), work.sel(stop=stop)))
+        spans[norm] = {"setup": _spans(of_setup), "uzawa": _spans(of_uzawa)}
+    return spans
+
+
+def _spans(by_ratio: Sequence[dict[float, float]]) -> Spans:
+    """The least and the largest loss of the H/h that all cases have."""
+    common = sorted(set.intersection(*map(set, by_ratio)))
+    return {
+        ratio: (min(case[ratio] for case in by_ratio), max(case[ratio] for case in by_ratio))
+        for ratio in common
+    }
+
+
+def best_ratio(spans: Spans) -> float:
+    """The H/h whose largest loss is least."""
+    return min(spans, key=lambda ratio: spans[ratio][1])
+
+
+def tabulate_ratios(cases: xr.Dataset, coarsest: float) -> pd.DataFrame:
+    """Per norm and H/h the error at the same work over that of the best H/h."""
+    lost = losses(cases, coarsest)
+    ratios = sorted({ratio for by_work in lost.values() for spans in by_work.values() for ratio in spans})
+    rows = [
+        {"error of": TITLES[norm], "work": COUNTED[counted]}
+        | {f"{ratio:g}": span(spans[ratio], ".2f") if ratio in spans else "" for ratio in ratios}
+        for norm, by_work in lost.items()
+        for counted, spans in by_work.items()
+    ]
+    return pd.DataFrame(rows)
+
+
+def tabulate_prices(cases: xr.Dataset, scenes: xr.Dataset, H_over_h: float, coarsest: float) -> pd.DataFrame:
+    """Per norm and case the level that is enough, what is reached there, and the price."""
+    runs = {f"`{name}`": table for name, table in by_case(cases).items()}
+    base = cases["case"].values[0]
+    for name in scenes["scene"].values[1:]:
+        runs[f"`{base}`, {name}"] = scenes.sel(scene=name).expand_dims(H_over_h=[H_over_h])
+    rows = [
+        {"error of": TITLES[norm], "case": name} | cells(price._asdict(), PRICE)
+        for norm, by_name in prices(runs, H_over_h, coarsest).items()
+        for name, price in by_name.items()
+    ]
+    return pd.DataFrame(rows)
+
+
+def tabulate_expected(cases: xr.Dataset, H_over_h: float, coarsest: float) -> pd.DataFrame:
+    """The least and the largest of `prices` over all cases, per norm."""
+    rows = []
+    for norm, by_name in prices(by_case(cases), H_over_h, coarsest).items():
+        found = pd.DataFrame(by_name.values())
+        titles = {
+            "stop": "stop that was enough, of ‖u−u_h‖₁",
+            "operations": "operations",
+            "error": f"relative error at h = {shown(found['h'][0], '1/n')}",
+            "halving": "half of it costs",
+        }
+        rows.append(
+            {"for the error of": TITLES[norm]}
+            | {titles[name]: span(found[name], spec) for name, spec in PRICE.values() if name in titles}
+        )
+    return pd.DataFrame(rows)
+
+
+# Algorithms beside each other.
+
+
+def compare_at(crossed: xr.Dataset, H_over_h: float, stop: float) -> xr.Dataset:
+    """The steps of each algorithm to a level on the finest mesh, and its work over that of the cheapest."""
+    at = crossed.sel(H_over_h=H_over_h).dropna("H", how="all", subset=["steps"]).isel(H=-1)
+    here = at[["steps", "operations"]].sel(stop=stop, method="nearest")
+    return here.assign(work=here["operations"] / here["operations"].min("algorithm"))
+
+
+def tabulate_algorithms(crossed: xr.Dataset, H_over_h: float) -> pd.DataFrame:
+    """The steps of each algorithm to some levels, and its work over that of the cheapest."""
+    rows = [{"algorithm": title} for title in NAMES.values()]
+    for stop in LEVELS:
+        here, level = compare_at(crossed, H_over_h, stop), shown(stop, "10^")
+        for row, name in zip(rows, NAMES, strict=True):
+            run = here.sel(algorithm=name)
+            row[f"steps to {level}"] = shown(float(f"{run['steps'].item():.2g}"), "space")
+            row[f"work to {level}"] = f"{run['work'].item():.2f}"
+    return pd.DataFrame(rows)
+
+
+def tabulate_targets(crossed: xr.Dataset, wanted: Sequence[float]) -> pd.DataFrame:
+    """Per norm and relative error the cheapest run of Uzawa's that reaches it.
+
+    `wanted` falls; of several errors that one run reaches the least is shown.
+    """
+    rows = []
+    for norm in NORMS:
+        runs = [(target, trade.cheapest(crossed, norm, target)) for target in wanted]
+        strictest = {run["operations"]: (target, run) for target, run in runs if run}
+        rows += [
+            {"error of": TITLES[norm], "at most": shown(target, ".2g%")} | cells(run, TARGET)
+            for target, run in strictest.values()
+        ]
+    return pd.DataFrame(rows)
 
 
 def newton_adds(crossed: xr.Dataset, H_over_h: float) -> float:
@@ -82,12 +242,6 @@ def newton_adds(crossed: xr.Dataset, H_over_h: float) -> float:
     newton = crossed.sel(algorithm="newton", H_over_h=H_over_h).sel(stop=trade.SHOWN, method="nearest")
     at = newton.dropna("H").isel(H=-1)
     return float(at["operations"] / at["setup_operations"] - 1)
-
-
-def plain(crossed: xr.Dataset, H_over_h: float) -> dict[str, Any]:
-    """Uzawa's work over that of the cheapest algorithm, to the first and the last level shown."""
-    first, last = (tables.at_level(crossed, H_over_h, stop)["work"] for stop in tables.LEVELS[::2])
-    return {"first": first.sel(algorithm="uzawa").item(), "last": last.sel(algorithm="uzawa").item()}
 
 
 def growth(crossed: xr.Dataset, coarsest: float) -> dict[str, Any]:
@@ -100,26 +254,27 @@ def growth(crossed: xr.Dataset, coarsest: float) -> dict[str, Any]:
     return found | {"newton_more": int(crossed["steps"].sel(algorithm="newton").diff("H").max())}
 
 
-def elimination(crossed: xr.Dataset, algebra: xr.Dataset, H_over_h: float) -> dict[str, Any]:
+# Algebra and precision.
+
+
+def weigh_elimination(crossed: xr.Dataset, algebra: xr.Dataset, H_over_h: float) -> dict[str, Any]:
     """What the partial elimination saves in a step, what it costs, and when it has paid."""
     step, setup = algebra["step_operations"], algebra["setup_operations"].isel(H=-1)
     over_S, h = step / step.sel(algebra="S"), algebra["h"].sel(algebra="S")
     over_A = {
-        name: float(
-            trade.by_A_over_by_S(algebra, crossed, name, H_over_h).sel(stop=tables.LEVELS[0]).isel(H=-1)
-        )
+        name: float(trade.by_A_over_by_S(algebra, crossed, name, H_over_h).sel(stop=LEVELS[0]).isel(H=-1))
         for name in ("uzawa", "barzilai_borwein")
     }
     return over_A | {
         "coarse": {"h": float(h[0]), "A": float(over_S.sel(algebra="A")[0])},
         "fine": {"h": float(h[-1])} | {by: float(over_S.sel(algebra=by)[-1]) for by in ("A", "A_3")},
-        "level": tables.LEVELS[0],
+        "level": LEVELS[0],
         "setup": float(setup.sel(algebra="S") / setup.sel(algebra="A")),
         "pays_after": math.ceil(trade.breaks_even(algebra)[-1]),
     }
 
 
-def in_precision(precision: xr.Dataset) -> dict[str, Any]:
+def judge_precision(precision: xr.Dataset) -> dict[str, Any]:
     """The lowest level that is reached on the finest mesh, in single precision and refined."""
     steps, per_step = precision["steps"].isel(H=-1), precision["step_operations"].isel(H=-1)
     adds = float(per_step.sel(precision="refined") / per_step.sel(precision="float64") - 1)

@@ -1,62 +1,51 @@
-"""One run of the study of cost: its algorithm, way to S y and precision; what it reaches, for how much."""
+"""One run of Uzawa's loop from which every stopping level is read off, and the operations that it takes."""
 
 from __future__ import annotations
 
-import time
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
-from typing import NamedTuple, TypeVar
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg.blas import dnrm2
 
 from study import operations
-from study.experiments.cost.history import History, Reached, by_A, by_A_3, by_S, by_S32, refined
-from study.experiments.cost.variants import REFRESH, Variant
+from study.experiments.cost.products import REFRESH, product
 from unilateral.arrays import Array
-from unilateral.discrete.condensed import CondensedProblem, with_solution
-from unilateral.fem.condense import Condensed, by_sparse, matrix
-from unilateral.fem.linear_systems import Sparse, dissected
-from unilateral.fem.spaces import MixedSpaces, mixed_spaces
-from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.partition import uniform
+from unilateral.discrete.condensed import CondensedProblem
+from unilateral.fem.linear_systems import Sparse
+from unilateral.fem.spaces import DualOperator, MixedSpaces
 from unilateral.norms.dual import Gram
-from unilateral.norms.exact_errors import Exact, cell_means
-from unilateral.norms.ritz import ritz_projection
-from unilateral.problems.case import ExactSolution
-from unilateral.solvers.uzawa import Apply, uzawa
+from unilateral.norms.exact_errors import Exact
+from unilateral.solvers.uzawa import energy_norm, uzawa
 from unilateral.solvers.uzawa_steps import STEPS
 
+SAFE_SHARE = 1.9
+"""The safe step is this share of sigma_1."""
+EXACT = 1e-10
+"""The tolerance, as a share of ||u - z_h||_1, of the discrete solution that the levels refer to."""
+MAX_NEWTON_STEPS = 100
 Errors = tuple[float, float, float, float]
-Made = TypeVar("Made")
-SAFE = 1.9
-METHODS = {"safe": "uzawa", "optimal": "uzawa"}
-"""The methods of the algorithms that have a step rho of their own, and no other difference."""
-EXACT, MOST_NEWTON = 1e-10, 100
-"""The tolerance, as a share of ||u - z_h||_1, of the discrete solution that the levels refer to, and its most
-steps."""
 
 
-class Costs(NamedTuple):
-    """Operations of the set-up, a residual, the step from there, and a check of the guaranteed bound."""
+class Variant(NamedTuple):
+    """One configuration. `algebra` is the matrix that a step solves with (A, A_3) or multiplies by (S)."""
 
-    setup: float
-    residual: float
-    advance: float
-    check: float
-
-    def total(self, reached: Reached) -> float:
-        """The operations of a run that stops there."""
-        steps = (reached.steps + 1) * self.residual + reached.steps * self.advance
-        return self.setup + steps + reached.checks * self.check + reached.solving
+    scene: str
+    case: str
+    H_over_h: float
+    algorithm: str
+    algebra: str
+    precision: str
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class Posed:
     """A case on a mesh and a partition, with the dual norm's forms there, in which it has the number `c`.
 
-    `alone` are the factors of A for steps without elimination of the interior; `of_A` has the counts of A's
+    `factors` are those of A for steps without elimination of the interior; `counts` has the counts of A's
     factors, by the matrix of a step.
     """
 
@@ -64,8 +53,8 @@ class Measured:
     discrete: CondensedProblem
     form: Gram
     c: int
-    alone: Sparse
-    of_A: Mapping[str, operations.Factors]
+    factors: Sparse
+    counts: Mapping[str, operations.Factors]
 
     @property
     def spaces(self) -> MixedSpaces:
@@ -75,8 +64,14 @@ class Measured:
     def discrete_errors(self) -> Errors:
         """`errors` of the discrete solution (u_h, lambda_H)."""
         tolerance = EXACT * self.exact.ritz.ritz_error
-        solve = partial(uzawa, max_steps=MOST_NEWTON, method="newton")
-        return self.errors(solve(self.spaces.operator, self.discrete.offset, tolerance).lambda_H)
+        solution = uzawa(
+            self.spaces.operator,
+            self.discrete.offset,
+            tolerance,
+            max_steps=MAX_NEWTON_STEPS,
+            method="newton",
+        )
+        return self.errors(solution.lambda_H)
 
     @cached_property
     def norms(self) -> Errors:
@@ -89,105 +84,141 @@ class Measured:
         lower, upper = self.form.error(self.c, (self.exact.means.lambda_means - mu)[None])
         return errors.h1, max(float(lower[0]), errors.hm12_discrete), float(upper[0]), errors.l2
 
-    def rho(self, algorithm: str) -> float:
-        """The step: the safe 1.9 sigma_1, the best one if all is in contact, or the method's own."""
-        operator = self.spaces.operator
-        if algorithm == "safe":
-            return SAFE * self.spaces.condensed.sigma_1
-        if algorithm == "optimal":
-            return 2 / (operator.lambda_min + operator.lambda_max)
-        return STEPS[algorithm].share / operator.lambda_max
 
-    def apply(self, variant: Variant) -> Apply:
-        """The way in which the variant computes S y."""
-        spaces, operator = self.spaces, self.spaces.operator
-        ways = {
-            ("A", "float64"): lambda: by_A(self.alone, spaces),
-            ("A_3", "float64"): lambda: by_A_3(spaces),
-            ("S", "float64"): lambda: by_S(operator),
-            ("S", "float32"): lambda: by_S32(operator),
-            ("S", "refined"): lambda: refined(operator),
-        }
-        return ways[variant.algebra, variant.precision]()
+class Reached(NamedTuple):
+    """What a run that stops at a level has done.
 
-    def costs(self, variant: Variant) -> Costs:
-        """The costs by the formulas of `operations`. The set-up has two solves, with f and for u_h.
+    `lambda_H` (m,) is lambda^n of n = `steps`. `bound` is guaranteed, in double precision; `checks` are the
+    products S y that it took, and `solving` the operations of Newton's own solves.
+    """
 
-        Where S is not formed rho and lambda_min(S) are taken as given.
-        """
-        m, nb, nnz = self.spaces.partition.n_cells, len(self.spaces.mesh.boundary), self.spaces.B.nnz
-        of_A = self.of_A[variant.algebra]
-        once = of_A.factorise + 2 * of_A.solve
-        setup, application = {
-            "A": (once, operations.apply_A(m, nb, nnz, of_A)),
-            "A_3": (once + operations.scale_A_3(nb), operations.apply_A_3(m, nb, nnz)),
-            "S": (once + operations.form_S(m, nb) + operations.spectrum(m), operations.apply_S(m)),
-        }[variant.algebra]
-        refreshing = application / REFRESH + 2 * m if variant.precision == "refined" else 0
-        advance = operations.PER_CELL[method_of(variant)] * m
-        return Costs(setup, application + refreshing + 4 * m, advance, application + 2 * m)
+    lambda_H: Array
+    steps: int
+    checks: int
+    bound: float
+    solving: int
 
-    def run(self, variant: Variant, stops: Sequence[float], max_steps: int) -> tuple[list[Reached], float]:
-        """What is reached at each of the falling levels, as long as they are met, and seconds a step."""
-        operator, offset, rho = self.spaces.operator, self.discrete.offset, self.rho(variant.algorithm)
-        method, tolerances = method_of(variant), [stop * self.discrete_errors[0] for stop in stops]
-        apply = self.apply(variant)
-        history = History(operator, offset, rho, tolerances)
-        observe = history.with_solves if method == "newton" else history
-        steps = partial(uzawa, max_steps=max_steps, method=method, apply=apply, observe=observe)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)
-            _, seconds = timed(partial(steps, operator, offset, tolerances[-1], rho))
-        return history.reached, (seconds - history.aside) / (history.steps + 1)
+    @property
+    def applications(self) -> int:
+        """Products S y, those of the checks included."""
+        return self.steps + 1 + self.checks
 
 
-def method_of(variant: Variant) -> str:
-    """The variant's method, a name in `uzawa_steps.STEPS`."""
-    return METHODS.get(variant.algorithm, variant.algorithm)
+class History:
+    """Observes the loop: `reached` has an entry for each of the falling `tolerances` that was met.
 
-
-class Shared:
-    """What the variants on a mesh share, and the seconds that it took: to condense, to dissect, to couple.
-
-    `measured` is by case and H/h, `coupled`, the spaces and the seconds, by H/h.
+    A step is checked as the loop does: by its residual, and by the bound where that is small enough.
     """
 
     def __init__(
-        self, mesh: Mesh, cases: Sequence[ExactSolution], gram: Gram, variants: Sequence[Variant]
+        self, operator: DualOperator, offset: Array, method: str, rho: float, tolerances: Sequence[float]
     ) -> None:
-        (factors, condensed), self.condensing = timed(partial(_condensed, mesh))
-        alone, self.dissecting = timed(lambda: dissected(matrix(mesh)))
-        eliminated = operations.factors(factors.lu)
-        of_A = {"A": operations.factors(alone.lu), "A_3": eliminated, "S": eliminated}
-        ratios = {variant.H_over_h for variant in variants}
-        self.coupled = {ratio: timed(partial(_spaces, condensed, ratio)) for ratio in ratios}
-        self.measured: dict[tuple[str, float], Measured] = {}
-        for c, case in enumerate(cases):
-            own = {variant.H_over_h for variant in variants if variant.case == case.name}
-            if own:
-                problem = ritz_projection(case, condensed)
-            for ratio in own:
-                spaces = self.coupled[ratio][0]
-                exact = Exact(problem, cell_means(case, spaces.partition))
-                discrete, form = with_solution(spaces, exact), gram.on(spaces.partition)
-                self.measured[case.name, ratio] = Measured(exact, discrete, form, c, alone, of_A)
+        self.operator, self.offset, self.method = operator, offset, method
+        self.rho, self.tolerances = rho, tolerances
+        self.root = np.sqrt(operator.H_i)
+        self.per_residual = 1 / (rho * np.sqrt(operator.lambda_min))
+        self.reached: list[Reached] = []
+        self.steps = -1
+        self.solving = 0
+        self.checks = 0  # since the last level that was met
+
+    def __call__(self, y: Array, F: Array, R: Array) -> None:
+        """Record the levels that this step meets, and count its solve on the cells in contact, y > R."""
+        self.steps += 1
+        self._record(y, dnrm2(R) * self.per_residual)
+        if self.method == "newton":
+            self.solving += operations.newton_solve(int(np.count_nonzero(y > R)))
+
+    def _record(self, y: Array, residual: float) -> None:
+        """The levels that y meets, by its residual in the loop's own precision and then by its bound."""
+        waiting = self.tolerances[len(self.reached) :]
+        if not waiting or residual > waiting[0]:
+            return
+        bound = self._bound(y)
+        for tolerance in waiting:
+            if residual > tolerance:
+                return
+            self.checks += 1
+            if bound > tolerance:
+                return
+            self.reached.append(Reached(y / self.root, self.steps, self.checks, bound, self.solving))
+            self.checks = 0
+
+    def _bound(self, y: Array) -> float:
+        """The bound of `residual_bound`, in double precision whatever the loop's own is."""
+        S = self.operator.S
+        R = np.minimum(y, self.rho * (S @ y + self.root * self.offset))
+        size = dnrm2(R)
+        return energy_norm(S, R, size) + size * self.per_residual
 
 
-def _condensed(mesh: Mesh) -> tuple[Sparse, Condensed]:
-    """The mesh condensed by sparse elimination, whose operations are counted, with the factors."""
-    factors = dissected(matrix(mesh), mesh.boundary)
-    return factors, by_sparse(mesh, factors)
+def method_and_step(algorithm: str, spaces: MixedSpaces) -> tuple[str, float]:
+    """The name of its steps in `uzawa_steps.STEPS`, and rho.
+
+    "safe" and "optimal" are Uzawa's steps with 1.9 sigma_1, and with the best rho if all is in contact.
+    """
+    operator = spaces.operator
+    match algorithm:
+        case "safe":
+            return "uzawa", SAFE_SHARE * spaces.condensed.sigma_1
+        case "optimal":
+            return "uzawa", 2 / (operator.lambda_min + operator.lambda_max)
+    return algorithm, STEPS[algorithm].share / operator.lambda_max
 
 
-def _spaces(condensed: Condensed, ratio: float) -> MixedSpaces:
-    """The spaces for that H/h, with the spectrum of S, which is found once and kept."""
-    mesh = condensed.mesh
-    spaces = mixed_spaces(condensed, uniform(mesh.polygon, ratio * mesh.h))
-    spaces.operator.spectrum  # noqa: B018
-    return spaces
+def reach(posed: Posed, variant: Variant, stops: Sequence[float], max_steps: int) -> list[Reached]:
+    """What is reached at each of the falling levels, as long as they are met."""
+    operator, offset = posed.spaces.operator, posed.discrete.offset
+    method, rho = method_and_step(variant.algorithm, posed.spaces)
+    tolerances = [stop * posed.discrete_errors[0] for stop in stops]
+    apply = product(variant.algebra, variant.precision, posed.spaces, posed.factors)
+    history = History(operator, offset, method, rho, tolerances)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # of runs that do not converge
+        uzawa(
+            operator,
+            offset,
+            tolerances[-1],
+            rho,
+            max_steps=max_steps,
+            method=method,
+            apply=apply,
+            observe=history,
+        )
+    return history.reached
 
 
-def timed(make: Callable[[], Made]) -> tuple[Made, float]:
-    """What `make` returns, and the seconds it takes."""
-    begin = time.perf_counter()
-    return make(), time.perf_counter() - begin
+def count_operations(
+    posed: Posed, variant: Variant, reached: Sequence[Reached]
+) -> tuple[float, float, list[float]]:
+    """Operations of the set-up, of a step, and of the runs that stop at what is reached.
+
+    The set-up has two solves, with f and for u_h. Where S is not formed rho and lambda_min(S) are taken as
+    given.
+    """
+    m = posed.spaces.partition.n_cells
+    nb = len(posed.spaces.mesh.boundary)
+    nnz = posed.spaces.B.nnz
+    counts = posed.counts[variant.algebra]
+    setup: float = counts.factorise + 2 * counts.solve
+    match variant.algebra:
+        case "A":
+            application: float = operations.apply_A(m, nb, nnz, counts)
+        case "A_3":
+            setup += operations.scale_A_3(nb)
+            application = operations.apply_A_3(m, nb, nnz)
+        case _:
+            setup += operations.form_S(m, nb) + operations.spectrum(m)
+            application = operations.apply_S(m)
+    # A residual: S y, plus 4 m for F, rho F, R and its norm; one product in REFRESH is made twice.
+    residual = application + 4 * m
+    if variant.precision == "refined":
+        residual += application / REFRESH + 2 * m
+    advance = operations.PER_CELL[method_and_step(variant.algorithm, posed.spaces)[0]] * m
+    # A check of the bound: S R, and two products of vectors.
+    check = application + 2 * m
+    totals = [
+        setup + (each.steps + 1) * residual + each.steps * advance + each.checks * check + each.solving
+        for each in reached
+    ]
+    return setup, residual + advance, totals

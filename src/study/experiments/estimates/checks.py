@@ -9,7 +9,7 @@ import xarray as xr
 from scipy.linalg import cholesky, eigvalsh, solve_triangular
 from scipy.optimize import nnls
 
-from study.ledger.evidence import (
+from study.evidence import (
     ZERO,
     Evidence,
     Tables,

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from study.ledger.evidence import Evidence, Tables, Unjudged, provided, worst
+from study.evidence import Evidence, Tables, Unjudged, provided, worst
 
 LIMITS = ("predicted_limit", "measured_limit"), ("predicted_tool_limit", "measured_tool_limit")
 

@@ -7,7 +7,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 
 from study import style, tables
-from study.experiments.extremes.kinds import RESCUED, kinds
+from study.experiments.extremes.numbers import RESCUED, kinds
 from unilateral.arrays import Array, Mask
 
 KINDS = {

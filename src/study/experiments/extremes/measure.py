@@ -2,67 +2,98 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from study import registry, tables
-from study.experiments.extremes import cells, contact, iteration, shapes
-from study.experiments.extremes.outcome import NO_TOOL, RIGHT, Axis, Budget, Row
+from study import tables
+from study.experiments.extremes import data_axes, mesh_axes
+from study.experiments.extremes.outcome import NO_TOOL, RIGHT, Axis, Budget, try_value
+from unilateral.arrays import Array
 from unilateral.formulas.formula import real
 
-MODULES = {each.__name__.rpartition(".")[2]: each for each in (cells, contact, iteration, shapes)}
-KINDS = {name: getattr(MODULES[module], name) for name, module in registry.axes().items()}
-"""The function of each kind of axis."""
+AXES: dict[str, Callable[[Array, float, float, Budget], Axis]] = {
+    "ratio": mesh_axes.ratio,
+    "odd": mesh_axes.odd,
+    "shift": mesh_axes.shift,
+    "short": mesh_axes.short,
+    "short_loaded": mesh_axes.short_loaded,
+    "near": mesh_axes.near,
+    "kernel": mesh_axes.kernel,
+    "kernel_loaded": mesh_axes.kernel_loaded,
+    "data_down": data_axes.data,
+    "data_up": data_axes.data,
+    "start": data_axes.start,
+    "flat": data_axes.flat,
+    "touching": data_axes.touching,
+    "shrinking": data_axes.shrinking,
+    "vertex": data_axes.vertex,
+    "nothing": data_axes.nothing,
+    "scale_down": mesh_axes.scaled,
+    "scale_up": mesh_axes.scaled,
+    "moved": mesh_axes.moved,
+    "angle": mesh_axes.angle,
+    "slit": mesh_axes.slit,
+    "side": mesh_axes.side,
+    "aspect": mesh_axes.aspect,
+    "step_full": data_axes.step_full,
+    "step_partial": data_axes.step_partial,
+    "printed_full": data_axes.printed_full,
+    "printed_partial": data_axes.printed_partial,
+    "single": data_axes.single,
+    "double": data_axes.double,
+}
+"""The axes: functions of the values, h, H and the budget of a run."""
 
 
 def try_extremes(study: Mapping[str, Any], extremes: str) -> None:
     """Write the table of all axes."""
-    h, H = (real(study[name], f"extremes.{name}") for name in ("h", "H"))
-    budget = Budget(study["accuracy"], study["max_steps"])
-    tables.save(survey(study["axes"], h, H, budget), extremes, "extremes", {"extremes": study})
+    tables.save(survey(study), extremes, "extremes", {"extremes": study})
 
 
-def survey(axes: Mapping[str, Mapping[str, Any]], h: float, H: float, budget: Budget) -> xr.Dataset:
+def survey(study: Mapping[str, Any]) -> xr.Dataset:
     """The axes' points, in the order of their values, from mild to extreme; see variables.yaml.
 
     Limits are predicted as values up to which all is right (NaN: everywhere; inf: nowhere), and measured as
     the first one that is not.
     """
-    surveyed = {name: _axis(name, axis, h, H, budget) for name, axis in axes.items()}
-    points = [(name, row) for name, axis in surveyed.items() for row in axis.rows]
-    table: dict[str, Any] = {"axis_of": ("point", [name for name, _ in points])}
-    for column in fields(Row):
-        table[column.name] = "point", [getattr(row, column.name) for _, row in points]
-    of_axis = {
-        "label": [axis["label"] for axis in axes.values()],
-        "predicted_limit": [axis.limit for axis in surveyed.values()],
-        "predicted_tool_limit": [axis.tool_limit for axis in surveyed.values()],
-        "local_limit": [axis.local_limit for axis in surveyed.values()],
-        "measured_limit": [_first(axis.rows, "outcome") for axis in surveyed.values()],
-        "measured_tool_limit": [_first(axis.rows, "tool") for axis in surveyed.values()],
-    }
-    table |= {name: ("axis", values) for name, values in of_axis.items()}
-    return xr.Dataset(table, coords={"axis": list(axes)})
+    points: list[dict[str, Any]] = []
+    limits: list[dict[str, Any]] = []
+    for name, declared in study["axes"].items():
+        field = f"extremes.axes.{name}"
+        values = np.array([read_value(value, field) for value in declared["values"]])
+        h, H, accuracy = (real(declared.get(size, study[size]), field) for size in ("h", "H", "accuracy"))
+        budget = Budget(accuracy, study["max_steps"])
+        axis = AXES[name](values, h, H, budget)
+        predicted = np.broadcast_to(axis.predicted, values.shape)
+        tried = [
+            try_value(axis, value, number, budget)
+            for value, number in zip(values.tolist(), predicted.tolist(), strict=True)
+        ]
+        points += [{"axis_of": name, **point} for point in tried]
+        limits.append(
+            {
+                "label": declared["label"],
+                "predicted_limit": axis.limit,
+                "predicted_tool_limit": axis.tool_limit,
+                "local_limit": axis.local_limit,
+                "measured_limit": _first_broken(tried, "outcome"),
+                "measured_tool_limit": _first_broken(tried, "tool"),
+            }
+        )
+    table = {name: ("point", [point[name] for point in points]) for name in points[0]}
+    table |= {name: ("axis", [limit[name] for limit in limits]) for name in limits[0]}
+    return xr.Dataset(table, coords={"axis": list(study["axes"])})
 
 
-def _axis(name: str, axis: Mapping[str, Any], h: float, H: float, budget: Budget) -> Axis:
-    where = f"extremes.axes.{name}"
-    values = np.array([_value(value, where) for value in axis["values"]])
-    h, H = real(axis.get("h", h), where), real(axis.get("H", H), where)
-    allowed = Budget(real(axis.get("accuracy", budget.accuracy), where), budget.max_steps)
-    judged: Axis = KINDS[axis["kind"]](values, h, H, allowed)
-    return judged
-
-
-def _value(value: object, where: str) -> float:
+def read_value(value: object, field: str) -> float:
     """A number as it is, or the value of a fraction; the grammar of formulas has no numbers beyond 1e301."""
-    return value if isinstance(value, float) else real(value, where)
+    return value if isinstance(value, float) else real(value, field)
 
 
-def _first(rows: Sequence[Row], what: str) -> float:
-    broken = [row.value for row in rows if getattr(row, what) not in (RIGHT, NO_TOOL)]
+def _first_broken(points: Sequence[Mapping[str, Any]], which: str) -> float:
+    """The first value whose outcome, or that of the library's choice, is not right; NaN if there is none."""
+    broken = [point["value"] for point in points if point[which] not in (RIGHT, NO_TOOL)]
     return broken[0] if broken else np.nan

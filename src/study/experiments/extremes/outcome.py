@@ -6,9 +6,10 @@ It is tried by every algorithm that the library offers, and by the one that the 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -24,79 +25,33 @@ from unilateral.solvers.uzawa_steps import STEPS
 RIGHT, NOT_CONVERGED, REFUSED, WRONG = ("right", "not converged", "refused", "wrong")
 NO_TOOL = ""
 """The outcome of the library's own choice where the library offers no such thing."""
-NOTHING = np.inf
+NEVER_RIGHT = np.inf
 """The limit on an axis with falling values where nothing is predicted to be right by plain Uzawa."""
 PLAIN, EXACT, TOOL = "uzawa", "active_set", "the tool"
-Measure = Callable[[ExtremeProblem, Array], float]
-"""A function that gives a number from a problem and the active set's lambda_H (m,)."""
-Start = float | Callable[[float, ExtremeProblem], float | Array]
-"""lambda^0, on every cell or (m,); it may depend on the value on the axis and on the problem."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Numbers:
-    """The error ||u(mu) - u_h||_1, the bound that is told, the allowance for rounding, and the tolerance.
-
-    `u_norm` is ||u_h||_1. All are NaN for what is refused.
-    """
-
-    true_error: float = np.nan
-    guaranteed: float = np.nan
-    allowance: float = np.nan
-    tolerance: float = np.nan
-    u_norm: float = np.nan
-
-    @property
-    def numbers(self) -> dict[str, float]:
-        """The numbers by name."""
-        return {field.name: getattr(self, field.name) for field in fields(Numbers)}
-
-
-@dataclass(frozen=True, eq=False)
-class Verdict(Numbers):
-    """The outcome of a run with its numbers; what is said of it; its lambda_H (m,), if it was not refused.
-
-    `algorithm` is the one that ran, empty if it refused.
-    """
-
-    outcome: str
-    said: str
-    algorithm: str = ""
-    lambda_H: Array | None = None
-
-    @property
-    def used(self) -> float:
-        """The share of the bound that the error takes; all of it if wrong, less than any other if refused."""
-        if self.outcome in (WRONG, REFUSED):
-            return np.inf if self.outcome == WRONG else -1.0
-        allowed = self.guaranteed + self.allowance
-        return self.true_error / allowed if allowed > 0 else 0.0
-
-
-@dataclass(frozen=True)
-class Row(Numbers):
-    """A point of an axis: the outcomes of plain Uzawa and of the library's choice, a number, its prediction.
-
-    The numbers are those of the algorithm that is nearest to its bound, or beyond it.
-    """
-
-    value: float
-    outcome: str
-    tool: str
-    measured: float = np.nan
-    predicted: float = np.nan
-    message: str = ""
-
-
-@dataclass(frozen=True)
 class Axis:
-    """The rows, and the values up to which plain Uzawa and the library's choice are predicted to be right.
+    """Problems from mild to extreme, how each is tried, and what is predicted of them.
 
-    NaN stands for everywhere. `local_limit` is the value up to which plain Uzawa converges from nearby; it is
-    NaN where that is not asked for.
+    All functions are given the value on the axis. `measure` makes a number from the problem and the active
+    set's lambda_H (m,), and `start` gives lambda^0, on every cell or (m,). Where the axis `sets_rho`, its
+    values are rho over 2/lambda_max(S). `run` is an iteration that the library does not offer: it alone is
+    judged then, and its last lambda is measured in the place of the active set's.
+
+    The number of each value is predicted to be `predicted`, NaN if nothing is; with a `slack` it is wrong
+    above both. Up to `limit` plain Uzawa is predicted to be right, up to `tool_limit` the library's choice;
+    NaN stands for everywhere. Up to `local_limit` plain Uzawa converges from nearby; it is NaN where that is
+    not asked for.
     """
 
-    rows: list[Row]
+    pose: Callable[[float], ExtremeProblem]
+    measure: Callable[[float, ExtremeProblem, Array], float]
+    start: Callable[[float, ExtremeProblem], float | Array] = lambda value, problem: 0.0
+    sets_rho: bool = False
+    run: Callable[[float, ExtremeProblem], DualResult] | None = None
+    predicted: float | Array = np.nan
+    slack: float | None = None
     limit: float = np.nan
     tool_limit: float = np.nan
     local_limit: float = np.nan
@@ -124,84 +79,107 @@ class Budget:
         return float((self.max_steps / np.log(self.accuracy)) ** 2)
 
 
-def judge(problem: ExtremeProblem, result: DualResult, tolerance: float) -> Verdict:
-    """The verdict by the true error. A result that says more than is true, or nothing, is always wrong."""
-    error, allowance, bound = problem.error(result.lambda_H), problem.allowance, result.bound
-    outcome = RIGHT if result.converged else NOT_CONVERGED
-    if not error <= bound + allowance < np.inf or result.converged != (bound <= tolerance):
-        outcome = WRONG
-    said = f"{result.iterations} steps"
-    if not result.converged:
-        said = f"bound {bound / tolerance:.2g} times the tolerance after {said}"
-    numbers = {"true_error": error, "guaranteed": bound, "allowance": allowance, "tolerance": tolerance}
-    numbers["u_norm"] = problem.norm(problem.u)
-    return Verdict(outcome, said, result.algorithm, result.lambda_H, **numbers)
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """The outcome of a run; what is said of it; its algorithm and lambda_H (m,), if it was not refused.
 
-
-def attempt(
-    value: float,
-    make: Callable[[float], ExtremeProblem],
-    budget: Budget,
-    measure: Measure,
-    start: Start = 0.0,
-    share: float | None = None,
-) -> Row:
-    """The row of plain Uzawa from `start`, with rho a share of 2/lambda_max(S), and of all other algorithms.
-
-    Any wrong result makes the point wrong; only an InputError counts as refused. With a share there is no
-    outcome of the library's own choice, which takes rho as it is given.
+    Its numbers are the error ||u(mu) - u_h||_1, the bound that is told, the allowance for rounding, the
+    tolerance, and ||u_h||_1; all are NaN for what is refused.
     """
+
+    outcome: str
+    said: str
+    algorithm: str = ""
+    lambda_H: Array | None = None
+    true_error: float = np.nan
+    guaranteed: float = np.nan
+    allowance: float = np.nan
+    tolerance: float = np.nan
+    u_norm: float = np.nan
+
+    @property
+    def used(self) -> float:
+        """The share of the bound that the error takes; all of it if wrong, less than any other if refused."""
+        if self.outcome in (WRONG, REFUSED):
+            return np.inf if self.outcome == WRONG else -1.0
+        allowed = self.guaranteed + self.allowance
+        return self.true_error / allowed if allowed > 0 else 0.0
+
+
+def try_value(axis: Axis, value: float, predicted: float, budget: Budget) -> dict[str, Any]:
+    """The point of a value on its axis, by the names of the table's variables."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         try:
-            problem = make(value)
+            problem = axis.pose(value)
         except InputError as error:
-            return Row(value, REFUSED, REFUSED, message=str(error))
-        begin = np.full(len(problem.lambda_H), start(value, problem) if callable(start) else start)
-        verdicts = _verdicts(problem, budget, begin, share)
-        lambda_H = verdicts[EXACT].lambda_H
-        number = np.nan if lambda_H is None else measure(problem, lambda_H)
-    plain, worst = verdicts[PLAIN], max(verdicts.values(), key=lambda verdict: verdict.used)
-    if worst.outcome == WRONG:
+            point = _point(Verdict(REFUSED, str(error)), REFUSED, np.nan)
+        else:
+            if axis.run is None:
+                point = _try_algorithms(axis, value, problem, budget)
+            else:
+                result = axis.run(value, problem)
+                verdict = judge(problem, result, budget.tolerance(problem))
+                measured = axis.measure(value, problem, result.lambda_H)
+                point = _point(verdict, NO_TOOL, measured, message=f"bound {result.bound:.2g}")
+    point |= {"value": value, "predicted": predicted}
+    measured = point["measured"]
+    untried = point["outcome"] == REFUSED and np.isnan(measured)
+    if axis.slack is not None and not untried and not measured <= max(predicted, axis.slack):
+        said = f"{measured:.2g}, predicted {predicted:.2g}"
+        point |= {"outcome": WRONG, "tool": WRONG, "message": said}
+    return point
+
+
+def _point(verdict: Verdict, tool: str, measured: float, **others: str) -> dict[str, Any]:
+    """A point with the verdict's numbers, and its outcome and message unless there are others."""
+    names = ("true_error", "guaranteed", "allowance", "tolerance", "u_norm")
+    numbers = {name: getattr(verdict, name) for name in names}
+    said = {"outcome": verdict.outcome, "tool": tool, "message": verdict.said}
+    return {**numbers, "measured": measured, **said, **others}
+
+
+def _try_algorithms(axis: Axis, value: float, problem: ExtremeProblem, budget: Budget) -> dict[str, Any]:
+    """The point by plain Uzawa and by all other algorithms.
+
+    Any wrong result makes the point wrong. Its numbers are those of the algorithm that is nearest to its
+    bound, or beyond it. Where the axis sets rho there is no outcome of the library's own choice, which takes
+    rho as it is given.
+    """
+    start = np.full(len(problem.lambda_H), axis.start(value, problem))
+    verdicts = _verdicts(problem, budget, start, value if axis.sets_rho else None)
+    lambda_H = verdicts[EXACT].lambda_H
+    measured = np.nan if lambda_H is None else axis.measure(value, problem, lambda_H)
+    nearest = max(verdicts.values(), key=lambda verdict: verdict.used)
+    if nearest.outcome == WRONG:
         names = ", ".join(name for name, each in verdicts.items() if each.outcome == WRONG)
         said = f"{names}: the error is above the bound, or there is none"
-        return Row(value, WRONG, WRONG, number, message=said, **worst.numbers)
-    tool = NO_TOOL if share is not None else verdicts[TOOL].outcome
-    return Row(value, plain.outcome, tool, number, message=plain.said, **worst.numbers)
-
-
-def attempts(
-    values: Array,
-    make: Callable[[float], ExtremeProblem],
-    budget: Budget,
-    measure: Measure,
-    start: Start = 0.0,
-) -> list[Row]:
-    """An attempt for every value, from mild to extreme."""
-    return [attempt(value, make, budget, measure, start) for value in values.tolist()]
-
-
-def condition(problem: ExtremeProblem, _: Array) -> float:
-    """The condition number of S, as a measure."""
-    return problem.condition
+        return _point(nearest, WRONG, measured, message=said)
+    plain = verdicts[PLAIN]
+    tool = NO_TOOL if axis.sets_rho else verdicts[TOOL].outcome
+    return _point(nearest, tool, measured, outcome=plain.outcome, message=plain.said)
 
 
 def _verdicts(
-    problem: ExtremeProblem, budget: Budget, begin: Array, share: float | None
+    problem: ExtremeProblem, budget: Budget, start: Array, share: float | None
 ) -> dict[str, Verdict]:
     """The verdicts on all algorithms by name, and on the library's choice, one of them with its own rho."""
-    operator, offset, steps = problem.spaces.operator, problem.discrete.offset, budget.max_steps
-    of = (operator, offset, budget.tolerance(problem))
-    tool = _verdict(problem, partial(iterate, *of, Stop(max_steps=steps), begin), of[-1])
-    rho = {PLAIN: None if share is None else share * 2 / operator.lambda_max}
-    runs: dict[str, Callable[[], DualResult]] = {
-        method: partial(uzawa, *of, rho.get(method), begin, steps, method)
-        for method in STEPS
-        if not (method == "newton" and operator.singular)
-    }
-    runs[EXACT] = partial(active_set, *of)
-    known = {tool.algorithm: tool} if rho.get(tool.algorithm) is None else {}
-    verdicts = {name: known.get(name) or _verdict(problem, run, of[-1]) for name, run in runs.items()}
+    operator, offset = problem.spaces.operator, problem.discrete.offset
+    steps, tolerance = budget.max_steps, budget.tolerance(problem)
+    tool = _verdict(
+        problem, partial(iterate, operator, offset, tolerance, Stop(max_steps=steps), start), tolerance
+    )
+    rho = None if share is None else share * 2 / operator.lambda_max
+    verdicts: dict[str, Verdict] = {}
+    for method in STEPS:
+        if method == "newton" and operator.singular:
+            continue
+        given = rho if method == PLAIN else None
+        run = partial(uzawa, operator, offset, tolerance, given, start, steps, method)
+        known = tool.algorithm == method and given is None
+        verdicts[method] = tool if known else _verdict(problem, run, tolerance)
+    exact = partial(active_set, operator, offset, tolerance)
+    verdicts[EXACT] = tool if tool.algorithm == EXACT else _verdict(problem, exact, tolerance)
     return verdicts | {TOOL: tool}
 
 
@@ -212,32 +190,34 @@ def _verdict(problem: ExtremeProblem, run: Callable[[], DualResult], tolerance: 
         return Verdict(REFUSED, str(error))
 
 
-def predicted(rows: Sequence[Row], values: Array) -> list[Row]:
-    """The rows with what is predicted of their numbers."""
-    return [replace(row, predicted=float(value)) for row, value in zip(rows, values, strict=True)]
+def judge(problem: ExtremeProblem, result: DualResult, tolerance: float) -> Verdict:
+    """The verdict by the true error. A result that says more than is true, or nothing, is always wrong."""
+    error, allowance, bound = problem.error(result.lambda_H), problem.allowance, result.bound
+    outcome = RIGHT if result.converged else NOT_CONVERGED
+    if not error <= bound + allowance < np.inf or result.converged != (bound <= tolerance):
+        outcome = WRONG
+    said = f"{result.iterations} steps"
+    if not result.converged:
+        said = f"bound {bound / tolerance:.2g} times the tolerance after {said}"
+    return Verdict(
+        outcome,
+        said,
+        result.algorithm,
+        result.lambda_H,
+        true_error=error,
+        guaranteed=bound,
+        allowance=allowance,
+        tolerance=tolerance,
+        u_norm=problem.norm(problem.u),
+    )
 
 
-def within(rows: Sequence[Row], slack: float) -> list[Row]:
-    """The rows, wrong where the number is above `slack` and above what is predicted."""
-
-    def judged(row: Row) -> Row:
-        refused = row.outcome == REFUSED and np.isnan(row.measured)
-        if refused or row.measured <= max(row.predicted, slack):
-            return row
-        said = f"{row.measured:.2g}, predicted {row.predicted:.2g}"
-        return replace(row, outcome=WRONG, tool=WRONG, message=said)
-
-    return [judged(row) for row in rows]
+# What axes share: measures, and limits where numbers cross what is allowed.
 
 
-def by_law(rows: Sequence[Row], values: Array, growth: Array, budget: Budget) -> Axis:
-    """The axis on which cond(S) is predicted to grow like `growth` from that of the first row.
-
-    Its limits follow from the steps that the budget allows.
-    """
-    numbers = rows[0].measured * growth
-    limits = (crossing(values, numbers, most) for most in (budget.condition, budget.accelerated))
-    return Axis(predicted(rows, numbers), *limits)
+def condition(value: float, problem: ExtremeProblem, mu: Array) -> float:
+    """The condition number of S, as a measure."""
+    return problem.condition
 
 
 def crossing(values: Array, numbers: Array, limit: float) -> float:

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 import xarray as xr
 
+from study.evidence import Evidence, Tables, provided, worst
 from study.experiments.graded.levels import halved
-from study.ledger.evidence import Evidence, Tables, provided, worst
 from study.tables import error_in
 
 SMOOTH = 1.5

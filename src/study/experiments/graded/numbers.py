@@ -14,8 +14,6 @@ from study.experiments.graded.levels import far_apart, halved
 from study.formats import shown
 from study.tables import error_in
 
-READS = {"errors": "results/graded/errors.nc", "adapted": "results/graded/adapted.nc"}
-"""The files behind the numbers and tables of this experiment in documents, by name."""
 FACTOR = 16
 """Triangles are halved in steps, so orders on adapted meshes are taken over so many times the unknowns."""
 GRADED = {
@@ -27,19 +25,22 @@ GRADED = {
 ADAPTED = {r"$\Vert u-u_h\Vert_1$": "h1_error", "$D$": "discrete_error", "shortest edge": "shortest_edge"}
 
 
-def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
     """The least beta, angle in degrees and delta of Theorem 5 on graded meshes, and their most unknowns.
 
     `factor` is that of the unknowns on adapted meshes over which orders are taken.
     """
-    errors = of["errors"]
+    errors = results["graded/errors"]
     least = {"beta": "beta_lower", "angle": "least_angle", "delta": "delta"}
     found = {name: float(errors[variable].min()) for name, variable in least.items()}
     return {"graded": found | {"most_unknowns": float(errors["unknowns"].max()), "factor": FACTOR}}
 
 
-def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
-    return {"graded": orders(of["errors"]), "graded-adapted": orders_in_unknowns(of["adapted"])}
+def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+    return {
+        "graded": orders(results["graded/errors"]),
+        "graded-adapted": orders_in_unknowns(results["graded/adapted"]),
+    }
 
 
 def orders(errors: xr.Dataset) -> pd.DataFrame:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from study.ledger.evidence import Evidence, Tables, Unjudged, by_case, provided, worst
+from study.evidence import Evidence, Tables, Unjudged, by_case, provided, worst
 from study.rates import smallest_rate
 
 

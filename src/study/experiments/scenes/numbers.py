@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,41 +13,39 @@ import xarray as xr
 
 from study.experiments.scenes.checks import rate_of_excess
 from study.formats import SPACES, TITLES, cells, shown
-from study.ledger import claims
 from study.rates import NORMS, smallest_rate
 from study.scenes import is_clamped
 from unilateral.formulas.formula import real
+from unilateral.system.declarations import own
 
-READS = {
-    "rates": "results/{judged}/rates.nc",
-    "totals": "results/{bounded}/totals.nc",
-    "floors": "results/square/floors.nc",
-}
-"""The files behind the numbers and tables of this experiment in documents, by name."""
+CLAIMS = Path(__file__).with_name("claims.yaml")
 NOTHING = "–"
 
 
-def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
     """The rate of u without (j) and without (jj); bounds on totals."""
     at = {"norm": "h1", "h_over_H": real(study["rates"]["judged_ratio"], "judged_ratio")}
     without = {
-        case: smallest_rate(of["rates"][scene].sel(case=case, **at))
+        case: smallest_rate(results[f"{scene}/rates"].sel(case=case, **at))
         for scene, case in (("corners", "violates_j"), ("irregular", "violates_jj"))
     }
-    return {"rates": without, "totals": totals_of_corners(of["totals"]["corners"])}
+    return {"rates": without, "totals": totals_of_corners(results["corners/totals"])}
 
 
-def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
     ratio = real(study["rates"]["judged_ratio"], "judged_ratio")
-    (judged, clamped), (bounded, clamped_totals) = apart(of["rates"]), apart(of["totals"])
+    (exact,) = [claim for claim in own(CLAIMS)["claims"] if claim["id"] == "F.exact"]
+    scenes = [name for name, scene in study["scenes"].items() if scene["judged"]]
+    judged, clamped = apart({name: results[f"{name}/rates"] for name in scenes})
+    bounded, clamped_totals = apart({name: results[f"{name}/totals"] for name in study["totals"]["scenes"]})
     return {
         "rates": rates(judged, ratio),
         "rates-by-case": rates_by_case(judged, ratio),
         "rates-clamped": rates_by_case(clamped, ratio),
-        "floors": floors(of["floors"]),
+        "floors": floors(results["square/floors"]),
         "totals": totals(bounded),
         "totals-clamped": totals(clamped_totals),
-        "exactness": exactness(bounded, claims.find("F.exact").parameters),
+        "exactness": exactness(bounded, exact["parameters"]),
     }
 
 

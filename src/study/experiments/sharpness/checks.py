@@ -8,8 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from study.experiments.sharpness import surfaces
-from study.ledger.evidence import (
+from study.evidence import (
     ZERO,
     Evidence,
     Tables,
@@ -19,6 +18,7 @@ from study.ledger.evidence import (
     in_rows,
     worst,
 )
+from study.experiments.sharpness import surfaces
 from study.tables import error_in
 from unilateral.arrays import Array
 

@@ -12,18 +12,16 @@ import xarray as xr
 from study.experiments.sharpness.surfaces import taken_by_logarithm
 from study.formats import TITLES
 
-READS = {"rates": "results/sharpness/rates.nc", "claims": "results/claims.json"}
-"""The files behind the numbers and tables of this experiment in documents, by name."""
 HELD = "positions with a multiplier in the transition's cell"
 
 
-def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
-    return {"theorems": theorems({each["id"]: each["observed"] for each in of["claims"]})}
+def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+    return {"theorems": theorems({each["id"]: each["observed"] for each in results["results/claims"]})}
 
 
-def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
     tolerances = {norm: study["rates"]["norms"][norm]["tolerance"] for norm in ("hm12", "l2")}
-    return {"exceptions": exceptions(of["rates"], tolerances)}
+    return {"exceptions": exceptions(results["sharpness/rates"], tolerances)}
 
 
 def exceptions(found: xr.Dataset, tolerances: Mapping[str, float]) -> pd.DataFrame:

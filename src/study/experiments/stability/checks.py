@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from study.ledger.evidence import ZERO, Evidence, Tables, worst
+from study.evidence import ZERO, Evidence, Tables, worst
 from study.stability_constants import least_pairing_constant
 from unilateral.norms.resolution import fine, steep
 

@@ -22,6 +22,8 @@ from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.norms.dual import Bracket, dual_norm
 
+Grams = dict[tuple[bytes, bytes], Bracket]
+"""The lower and the upper Gram matrix of P0, by the vertices of the polygon and the points of T_H."""
 TIE = 1e-3
 """Symmetry classes count as equally bad if the relative difference of their beta^2 is at most this."""
 
@@ -30,7 +32,7 @@ def survey_infsup(
     study: Mapping[str, Any], finds: Mapping[str, Sequence[Spec]], tables: Sequence[str]
 ) -> None:
     """Write the tables of all families in `study`; `finds` are the pairs of those of kind worst."""
-    grams = Grams()
+    grams: Grams = {}
     for (name, family), path in zip(study.items(), tables, strict=True):
         parameters = {f"surveys.{name}": family}
         if name in finds:
@@ -59,27 +61,14 @@ def domain_of(polygon: Any, name: str) -> Polygon:
     return named(polygon) if isinstance(polygon, str) else Polygon(polygon, name)
 
 
-class Grams:
-    """The Gram matrices of P0, made once for partitions that are alike."""
-
-    def __init__(self) -> None:
-        self.known: dict[tuple[bytes, bytes], Bracket] = {}
-
-    def of(self, partition: Partition) -> Bracket:
-        """The lower and the upper Gram matrix of a partition, (m, m) each."""
-        alike = partition.polygon.vertices.tobytes(), partition.points.tobytes()
-        if alike not in self.known:
-            self.known[alike] = dual_norm(partition).gram().p0
-        return self.known[alike]
-
-
 def survey(
     partitions: Sequence[Partition], meshes: Sequence[Spec], sizes: Sequence[object], grams: Grams
 ) -> xr.Dataset:
     """The constants of (3.4) for partitions, on meshes of these sizes against their cells.
 
     `meshes` holds the mapping of `families` that makes each partition's meshes; a size is the number of
-    boundary edges in a cell or, of inner nodes, delta. The dimension `mesh` counts the sizes. A mesh that
+    boundary edges in a cell or, of inner nodes, delta. `grams` keeps the Gram matrices of partitions, so that
+    other families may have partitions that are alike. The dimension `mesh` counts the sizes. A mesh that
     several partitions have is condensed once. `worst` is the worst multiplier, NaN where beta = 0 on more
     than one of them; `side` the side of each cell.
     """
@@ -96,7 +85,10 @@ def survey(
         condensed = cache(condense)
         on = meshes_of(partitions, meshes, size)
         for p, (partition, mesh) in enumerate(zip(partitions, on, strict=True)):
-            gram = grams.of(partition)
+            alike = partition.polygon.vertices.tobytes(), partition.points.tobytes()
+            if alike not in grams:
+                grams[alike] = dual_norm(partition).gram().p0
+            gram = grams[alike]
             spaces = mixed_spaces(condensed(mesh), partition)
             operator = spaces.operator
             sizes_of = {"h": mesh.h, "h_over_H": mesh.h / partition.H}

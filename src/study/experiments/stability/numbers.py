@@ -12,8 +12,6 @@ from study.formats import shown
 from unilateral.formulas.formula import real
 from unilateral.norms.resolution import RULE
 
-READS = {"pairs": "figures/infsup.csv"}
-"""The files behind the numbers and tables of this experiment in documents, by name."""
 MEASURES = {
     "h_over_H": "h/H",
     "edges_per_cell": "fewest boundary edges in a cell",
@@ -23,16 +21,16 @@ ROUNDED = 5e-4
 """Numbers in a committed table have four digits: each is off by at most this times itself."""
 
 
-def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
-    pairs = of["pairs"]
+def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+    pairs = results["figures/infsup"]
     return {"beta": beta(pairs, *RULE) | uniform_beta(pairs) | inner_nodes(pairs) | unsolved(pairs)}
 
 
-def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
     ratios = [real(each, "uniform_ratios") for each in study["infsup"]["uniform_ratios"]]
     return {
-        "beta": least(of["pairs"], ratios),
-        "correlations": correlations(of["pairs"], RULE.smallest_angle),
+        "beta": least(results["figures/infsup"], ratios),
+        "correlations": correlations(results["figures/infsup"], RULE.smallest_angle),
     }
 
 

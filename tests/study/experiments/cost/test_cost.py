@@ -14,10 +14,10 @@ from conftest import ROOT, condensed, coupled, discrete, exact_errors, load
 from scipy.sparse.linalg import splu
 
 from study import operations
-from study.experiments.cost import history, trade
-from study.experiments.cost import measure as cost
-from study.experiments.cost import tables as cost_tables
-from study.experiments.cost.variants import REFRESH, Variant, along, plan
+from study.experiments.cost import numbers as cost_numbers
+from study.experiments.cost import products, trade
+from study.experiments.cost.measure import along, measure, plan
+from study.experiments.cost.run import History, Variant
 from unilateral.discrete.condensed import solve
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
@@ -139,34 +139,34 @@ def test_sparse_factors_by_brute_force(n, band):
     assert found.solve == 2 * below + 2 * above + n
 
 
-def test_every_way_to_S_y_gives_it():
-    of = coupled("square", 16, 8)
-    on = condensed("square", 16)
-    rng = np.random.default_rng(2)
-    y = rng.random(len(of.operator.H_i))
-    exact = of.operator.S @ y
-
-    def error(apply):
-        out = np.empty_like(y)
-        apply(y, out)
-        return float(np.abs(out - exact).max() / np.abs(exact).max())
-
-    assert error(history.by_A(on, of)) < 1e-12
-    assert error(history.by_A_3(of)) < 1e-12
-    assert error(history.by_S(of.operator)) == 0
-    assert 1e-9 < error(history.by_S32(of.operator)) < 1e-6
+@pytest.mark.parametrize(
+    ("algebra", "precision", "least", "most"),
+    [
+        ("A", "float64", 0, 1e-12),
+        ("A_3", "float64", 0, 1e-12),
+        ("S", "float64", 0, 0),
+        ("S", "float32", 1e-9, 1e-6),
+        ("S", "refined", 0, 0),
+    ],
+)
+def test_every_way_to_S_y_gives_it(algebra, precision, least, most):
+    spaces = coupled("square", 16, 8)
+    y = np.random.default_rng(2).random(len(spaces.operator.H_i))
+    exact, out = spaces.operator.S @ y, np.empty_like(y)
+    products.product(algebra, precision, spaces, condensed("square", 16))(y, out)
+    assert least <= np.abs(out - exact).max() / np.abs(exact).max() <= most
 
 
 def test_refinement_errs_like_the_increment():
     """Single precision of an increment of 1e-6 leaves 1e-6 of its error."""
     operator = coupled("square", 16, 8).operator
-    apply = history.refined(operator)
+    apply = products.refined(operator)
     y = np.random.default_rng(3).random(len(operator.H_i))
     out = np.empty_like(y)
-    for count in range(REFRESH + 1):
-        z = y * (1 + 1e-6 * (count % REFRESH > 0))
+    for count in range(products.REFRESH + 1):
+        z = y * (1 + 1e-6 * (count % products.REFRESH > 0))
         apply(z, out)
-        if count % REFRESH == 0:
+        if count % products.REFRESH == 0:
             np.testing.assert_array_equal(out, operator.S @ y)
         else:
             assert np.abs(out - operator.S @ z).max() < 1e-12 * np.abs(out).max()
@@ -179,7 +179,7 @@ def test_levels_read_off_are_those_of_runs_of_their_own(case, method):
     operator, offset = of.spaces.operator, of.offset
     tolerances = [0.01 * stop for stop in STOPS]
     rho = acceleration.STEPS[method].share / operator.lambda_max
-    seen, apply = history.History(operator, offset, rho, tolerances), history.by_S(operator)
+    seen, apply = History(operator, offset, method, rho, tolerances), products.by_S(operator)
     uzawa(operator, offset, tolerances[-1], rho, method=method, apply=apply, observe=seen)
     assert len(seen.reached) == len(tolerances)
     for tolerance, found in zip(tolerances, seen.reached, strict=True):
@@ -200,7 +200,7 @@ def steps_with_rounding(method, seed):
 
     tolerances = [0.2 * stop for stop in STOPS]
     rho = acceleration.STEPS[method].share / operator.lambda_max
-    seen = history.History(operator, offset, rho, tolerances)
+    seen = History(operator, offset, method, rho, tolerances)
     uzawa(operator, offset, tolerances[-1], rho, method=method, apply=apply, observe=seen)
     return [each.steps for each in seen.reached]
 
@@ -221,45 +221,55 @@ def test_in_single_precision_no_level_is_claimed_that_is_not_met():
     of = problem("natural", 16, 2)
     operator, offset = of.spaces.operator, of.offset
     rho = 1.9 / operator.lambda_max
-    seen = history.History(operator, offset, rho, [1e-4, 1e-12])
+    seen = History(operator, offset, "uzawa", rho, [1e-4, 1e-12])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         result = uzawa(
-            operator, offset, 1e-12, rho, max_steps=4000, apply=history.by_S32(operator), observe=seen
+            operator, offset, 1e-12, rho, max_steps=4000, apply=products.by_S32(operator), observe=seen
         )
     assert len(seen.reached) == 1
     assert seen.reached[0].bound <= 1e-4
     assert residual_bound(operator, offset, result.lambda_H, rho) > 1e-9
 
 
-def test_the_plan_varies_one_field_and_crosses_pairs():
-    variants = plan(STUDY)
-    assert variants[0] == BASE
-    assert len(set(variants)) == len(variants) == 1 + 1 + 2 + 2 + 2 + 6 * 6 - 1 + 2 * 5
-    crossed = ({"algorithm", "H_over_h"}, {"case", "H_over_h"})
-    for each in variants:
-        differs = {name for name in Variant._fields if getattr(each, name) != getattr(BASE, name)}
-        assert len(differs) <= 1 or differs in crossed
-
-
-@cache
-def gram():
-    return dual_norm(partitions.uniform(square(), 1 / 8), [load("thirds")]).gram([load("thirds")])
-
-
-@cache
-def measured(costly_steps=50):
-    variants = [
-        v for v in plan(STUDY) if v.scene == "square" and v.case == "thirds" and v.H_over_h in (2.0, 4.0)
+def test_an_axis_has_all_combinations_of_its_values_the_base_first():
+    """By hand: two fields of three and two values; others are the base's."""
+    others = {"algorithm": ["safe", "newton"], "H_over_h": ["3/2"]}
+    (axis,) = plan({"base": STUDY["base"], "axes": {"both": others}})
+    assert axis.values == {"algorithm": ["uzawa", "safe", "newton"], "H_over_h": [2.0, 1.5]}
+    expected = [
+        BASE._replace(algorithm=name, H_over_h=ratio)
+        for name in ("uzawa", "safe", "newton")
+        for ratio in (2.0, 1.5)
     ]
-    limits = cost.StepLimits(STOPS, 100_000, costly_steps)
-    mesh = condensed("square", 16).mesh
-    return cost.measure(mesh, [load("thirds")], gram(), variants, [1 / 8, 1 / 4], limits)
+    assert axis.variants == expected
+
+
+SIZES = [1 / 8, 1 / 4]
+LIMITS = {"stops": STOPS, "max_steps": 100_000, "costly_steps": 50}
+
+
+@cache
+def measured():
+    """The tables along algorithms, and along ways to S y, on one mesh; by hand, few of the study's runs."""
+    axes = plan(
+        {
+            "base": STUDY["base"],
+            "axes": {
+                "algorithm": {**STUDY["axes"]["algorithm"], "H_over_h": [4]},
+                "algebra": STUDY["axes"]["algebra"],
+            },
+        }
+    )
+    gram = dual_norm(partitions.uniform(square(), 1 / 8), [load("thirds")]).gram([load("thirds")])
+    variants = list(dict.fromkeys(variant for axis in axes for variant in axis.variants))
+    rows = measure(condensed("square", 16).mesh, [load("thirds")], gram, variants, SIZES, LIMITS)
+    return [along(axis, rows, SIZES, STOPS) for axis in axes]
 
 
 def test_the_last_level_has_the_errors_of_the_solution():
     """`solve` measures by other means: from the solution's u_h and lambda_H."""
-    table = along(measured()[0], BASE, ["algorithm", "H_over_h"])
+    table = measured()[0]
     alone = problem("thirds", 16, 2)
     errors = exact_errors(alone, solve(alone, Stop(tolerance=1e-13)))
     for algorithm in table["algorithm"].values:
@@ -271,8 +281,7 @@ def test_the_last_level_has_the_errors_of_the_solution():
 
 
 def test_ways_to_S_y_take_the_same_steps_and_their_own_operations():
-    table, timings = measured()
-    algebra = along(table, BASE, ["algebra"]).sel(H=1 / 8)
+    algebra = measured()[1].sel(H=1 / 8)
     steps = algebra["steps"]
     for name in ("A", "A_3"):
         met = np.isfinite(steps.sel(algebra=name))
@@ -284,12 +293,17 @@ def test_ways_to_S_y_take_the_same_steps_and_their_own_operations():
         < float(per_step.sel(algebra="A_3"))
         < float(per_step.sel(algebra="A"))
     )
-    assert timings["seconds_per_step"].min() > 0
+
+
+def test_what_is_not_measured_is_missing():
+    """With cells of two edges H = 1/4 is not on this mesh, nor is H = 1/8 with cells of four."""
+    runs = np.isfinite(measured()[0]["h"].sel(algorithm="uzawa"))
+    np.testing.assert_array_equal(runs.sel(H_over_h=[2, 4], H=SIZES), [[True, False], [False, True]])
 
 
 def test_operations_are_the_sum_of_their_parts():
     """Of plain Uzawa: steps + 1 residuals, steps updates, and a product for every other application."""
-    table = measured()[0].isel(run=0)
+    table = measured()[0].sel(algorithm="uzawa", H_over_h=2, H=1 / 8)
     m = int(table["multipliers"])
     once, steps = float(table["setup_operations"]), table["steps"].values
     product = m * (2 * m - 1)
@@ -410,5 +424,5 @@ def test_a_run_by_A_is_its_set_up_and_its_steps():
 def test_the_best_ratio_is_the_one_of_the_least_loss_and_not_the_smallest_one():
     """By hand; at 1.5 one case loses 40 %."""
     spans = {1.5: (1.0, 1.4), 2.0: (1.05, 1.2), 4.0: (1.0, 1.3)}
-    assert cost_tables.best_ratio(spans) == 2.0
-    assert cost_tables.best_ratio({**spans, 1.5: (1.0, 1.0)}) == 1.5
+    assert cost_numbers.best_ratio(spans) == 2.0
+    assert cost_numbers.best_ratio({**spans, 1.5: (1.0, 1.0)}) == 1.5

@@ -9,12 +9,15 @@ import pytest
 from conftest import config
 from conftest import stored as table_of
 
-from study.experiments.cost import tables as cost_tables
+from study.experiments.cost import numbers as cost_numbers
 from study.experiments.cost import trade
 from study.experiments.cost import work_precision_figure as work_precision
-from study.experiments.cost.variants import Variant, plan
+from study.experiments.cost.measure import plan
 from study.rates import NORMS
+from unilateral.formulas.formula import real
 
+COST = config("study")["cost"]
+AXES = list(COST["axes"])
 COARSEST = 1 / 16
 RATES = {"h1": 1.0, "hm12": 1.5, "l2": 1.0}
 SLACK = {norm: of["tolerance"] for norm, of in config("rates")["rates"]["norms"].items()}
@@ -26,23 +29,17 @@ def stored(name):
     return table_of(f"cost/{name}")
 
 
-def of(table, **fields):
-    kept = np.logical_and.reduce([table[name].values == value for name, value in fields.items()])
-    return table.isel(run=np.flatnonzero(kept))
-
-
-def test_every_variant_ran_on_every_mesh_that_has_it():
-    """And the table of seconds has the same runs; no number of seconds is in a table that is compared."""
-    table, timings = stored("cost"), stored("timings")
-    runs = {Variant(*fields) for fields in zip(*(table[f].values for f in Variant._fields), strict=True)}
-    assert runs == set(plan(config("study")["cost"]))
-    np.testing.assert_allclose(table["H"], table["H_over_h"] * table["h"], rtol=1e-12)
-    for name in (*Variant._fields, "h", "H"):
-        np.testing.assert_array_equal(table[name].values, timings[name].values)
-    assert np.array_equal(np.isfinite(timings["seconds"]), np.isfinite(table["steps"]))
-    assert np.all(timings["peak_mb"].values > 8 * table["multipliers"].values ** 2 / 2**20)  # S alone
-    for name in ("cost", "algorithm", "algebra", "case"):
-        assert not [each for each in stored(name).data_vars if "seconds" in each or "peak" in each]
+@pytest.mark.parametrize(("name", "axis"), [*zip(AXES, plan(COST), strict=True)])
+def test_every_variant_ran_on_every_mesh_that_has_its_cells(name, axis):
+    """H = H/h times h; cells of 16 edges need a mesh of a size H/16."""
+    ran = np.isfinite(stored(name)["h"]).values.ravel()
+    has = [
+        any(np.isclose(variant.H_over_h * real(h, ""), H) for h in COST["h"][variant.scene])
+        for variant in axis.variants
+        for H in stored(name)["H"].values
+    ]
+    np.testing.assert_array_equal(ran, has)
+    assert all(has[: len(COST["H"])])  # the base
 
 
 NOT_ROUNDING = slice(None, 1e-8)
@@ -51,18 +48,17 @@ NOT_ROUNDING = slice(None, 1e-8)
 
 def test_every_level_is_reached_but_in_single_precision():
     """Its unit round-off is 6e-8, amplified by the condition of S."""
-    for name, levels in (("float64", slice(None)), ("refined", NOT_ROUNDING)):
-        found = of(stored("cost"), algebra="S", precision=name)
-        assert found.sizes["run"] >= 5
-        assert np.isfinite(found["steps"].sel(stop=levels)).all()
-    single = of(stored("cost"), precision="float32")
-    assert np.isnan(single["steps"].sel(stop=1e-10)).all()
-    assert np.isfinite(single["steps"].sel(stop=1e-2)).all()
+    steps = stored("precision")["steps"]
+    assert np.isfinite(steps.sel(precision="float64")).all()
+    assert np.isfinite(steps.sel(precision="refined", stop=NOT_ROUNDING)).all()
+    assert np.isnan(steps.sel(precision="float32", stop=1e-10)).all()
+    assert np.isfinite(steps.sel(precision="float32", stop=1e-2)).all()
 
 
-def test_no_level_is_claimed_above_its_tolerance_and_a_lower_one_takes_no_fewer_steps():
+@pytest.mark.parametrize("axis", AXES)
+def test_no_level_is_claimed_above_its_tolerance_and_a_lower_one_takes_no_fewer_steps(axis):
     """Checks of the bound, which are counted besides, may be fewer."""
-    table = stored("cost")
+    table = stored(axis)
     met = np.isfinite(table["steps"])
     assert np.array_equal(met, np.isfinite(table["algebraic_bound"]))
     share = (table["algebraic_bound"] / table["h1_discrete"] / table["stop"]).where(met)
@@ -81,12 +77,13 @@ def triangle(table):
     return bool(in_h1.where(met, True).all()) and bool(in_l2.where(met, True).all())
 
 
+@pytest.mark.parametrize("axis", AXES)
 @pytest.mark.parametrize("name", ["h1_error", "l2_error"])
-def test_errors_are_as_far_from_the_discrete_ones_as_the_bound_allows(name):
-    """Control: those of level 1 in the place of 1e-10."""
-    assert triangle(stored("cost"))
-    table = stored("cost").copy(deep=True)
-    table[name].loc[{"stop": 1e-10}] = table[name].sel(stop=1.0).values
+def test_errors_are_as_far_from_the_discrete_ones_as_the_bound_allows(axis, name):
+    """Control: those of level 1 in the place of 1e-8."""
+    assert triangle(stored(axis))
+    table = stored(axis).copy(deep=True)
+    table[name].loc[{"stop": 1e-8}] = table[name].sel(stop=1.0).values
     assert not triangle(table)
 
 
@@ -108,7 +105,7 @@ def test_half_an_error_costs_no_more_than_theory_says(norm):
     Control: with the two finest errors as large as those before it would cost more.
     """
     most = 2 ** (3 / (RATES[norm] - SLACK[norm]))
-    for found in cost_tables.prices(cost_tables.by_case(stored("case")), 2, COARSEST)[norm].values():
+    for found in cost_numbers.prices(cost_numbers.by_case(stored("case")), 2, COARSEST)[norm].values():
         assert 1 < found.halving <= most
         assert found.over_setup > 1
     at = stored("case").sel(case="thirds", H_over_h=2, stop=0.1, H=stored("case")["H"] <= COARSEST)
@@ -130,10 +127,10 @@ def test_the_front_beats_every_run(norm):
 
 def test_a_ratio_is_best_for_a_case_and_lambda_loses_more_than_u():
     """The rate of lambda over the cells, 3/2 in H^(-1/2), is above that of u over the mesh, 1."""
-    lost = cost_tables.losses(stored("case"), COARSEST)
+    lost = cost_numbers.losses(stored("case"), COARSEST)
     for by_ratio in (spans for by_work in lost.values() for spans in by_work.values()):
         assert min(least for least, _ in by_ratio.values()) == 1
-    for counted in cost_tables.COUNTED:
+    for counted in cost_numbers.COUNTED:
         assert lost["hm12"][counted][8.0][0] > lost["h1"][counted][8.0][1]
 
 

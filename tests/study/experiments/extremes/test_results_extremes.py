@@ -12,7 +12,6 @@ from study.experiments.extremes import extremes_figure as figure
 from study.experiments.extremes import measure as extremes
 from study.experiments.extremes import numbers as extremes_tables
 from study.experiments.extremes import problem
-from study.experiments.extremes.kinds import RESCUED
 
 STUDY = config("extremes")["extremes"]
 AXES = STUDY["axes"]
@@ -48,7 +47,7 @@ def numbers_of(axis, *names):
 def test_the_table_is_complete():
     assert set(stored()["axis"].values) == set(AXES)
     for name, axis in AXES.items():
-        values = [extremes._value(value, name) for value in axis["values"]]
+        values = [extremes.read_value(value, name) for value in axis["values"]]
         np.testing.assert_allclose(of(name)["value"], values, rtol=1e-15)
         assert str(of(name)["label"].item()) == axis["label"]
 
@@ -220,7 +219,7 @@ def test_the_figure_s_rows_are_the_points():
     assert len(frame) == stored().sizes["point"]
     np.testing.assert_allclose(10 ** frame["log10_value"], stored()["value"], rtol=1e-12)
     rescued = (stored()["outcome"].values != "right") & (stored()["tool"].values == "right")
-    np.testing.assert_array_equal(frame["kind"] == RESCUED, rescued)
+    np.testing.assert_array_equal(frame["kind"] == extremes_tables.RESCUED, rescued)
 
 
 def outcomes():

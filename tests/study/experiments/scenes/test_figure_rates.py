@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+import sentences
 import xarray as xr
 from matplotlib.ticker import NullFormatter
 from pages import LEVELS, committed, drawn, page, said, study_errors, table
@@ -55,7 +56,7 @@ def test_a_ratio_at_which_nothing_was_solved_is_left_out(stored):
 
 def test_a_study_without_levels_to_draw_is_refused(stored):
     tables.save(study_rates().assign_coords(h_over_H=[0.3]), stored[1], "scene")
-    with pytest.raises(InputError, match=r"scene 'scene' has no level with h/H = 0\.3 to draw rates along"):
+    with sentences.raises(InputError):
         rates.table(*stored)
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import sentences
 import xarray as xr
 import yaml
 from conftest import ROOT
@@ -9,7 +10,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from study.experiments.stability import measure as stability
 from study.experiments.stability.families import boundary_nodes, meshes_of, partition_of
-from study.experiments.stability.measure import Grams, survey
+from study.experiments.stability.measure import survey
 from unilateral.errors import InputError
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
@@ -187,34 +188,34 @@ def test_structured_meshes():
 
 
 @pytest.mark.parametrize(
-    ("spec", "message"),
+    "spec",
     [
-        ({"H": "a quarter"}, "partition: H: 'a quarter' is not a formula"),
-        ({"H": 0}, "cannot be divided into pieces of size 0"),
-        ({"H": "1/4", "shift": 1}, r"shift 1 is not in \[0, 1\)"),
-        ({"H": "1/4", "shift": -0.1}, r"shift -0.1 is not in \[0, 1\)"),
-        ({"points": [0, 1, 2, 4]}, "vertex 3 of polygon 'square'.* is missing"),
-        ({"points": [0, 2, 1, 3, 4]}, "point 2 .* is out of order"),
+        {"H": "a quarter"},
+        {"H": 0},
+        {"H": "1/4", "shift": 1},
+        {"H": "1/4", "shift": -0.1},
+        {"points": [0, 1, 2, 4]},
+        {"points": [0, 2, 1, 3, 4]},
     ],
 )
-def test_partitions_refused(spec, message):
-    with pytest.raises(InputError, match=message):
+def test_partitions_refused(spec):
+    with sentences.raises(InputError):
         partition_of(square(), spec)
 
 
 @pytest.mark.parametrize(
-    ("spec", "K", "message"),
+    ("spec", "K"),
     [
-        ({"kind": "equal"}, "two", "edges_per_cell: 'two' is unknown"),
-        ({"kind": "inner"}, "half", "deltas: 'half' is unknown"),
-        ({"nodes": [0, 1, 2]}, 1, "vertex 3 .* is missing"),
-        ({"nodes": [0, 1, 2, 3, 4]}, 1, r"point 5 \(4\) is out of order"),
-        ({"nodes": [0, 1, 2, 3, 2.5]}, 1, r"point 4 \(2.5\) is out of order"),
-        ({"nodes": [-0.5, 0, 1, 2, 3]}, 1, r"point 0 \(-0.5\) is out of order"),
+        ({"kind": "equal"}, "two"),
+        ({"kind": "inner"}, "half"),
+        ({"nodes": [0, 1, 2]}, 1),
+        ({"nodes": [0, 1, 2, 3, 4]}, 1),
+        ({"nodes": [0, 1, 2, 3, 2.5]}, 1),
+        ({"nodes": [-0.5, 0, 1, 2, 3]}, 1),
     ],
 )
-def test_meshes_refused(spec, K, message):
-    with pytest.raises(InputError, match=message):
+def test_meshes_refused(spec, K):
+    with sentences.raises(InputError):
         mesh_of(partition_of(square(), {"H": 1}), spec, K)
 
 
@@ -240,9 +241,9 @@ def test_a_survey_condenses_each_mesh_once_and_tells_of_every_partition(monkeypa
     monkeypatch.setattr(stability, "condense", lambda mesh: condensed.append(mesh) or own(mesh))
     polygon = square()
     cells = [partition_of(polygon, spec) for spec in SAME_NUMBERS]
-    table = survey(cells, [RANDOM_EDGES] * 2, [2, 3], Grams())
+    table = survey(cells, [RANDOM_EDGES] * 2, [2, 3], {})
     assert len(condensed) == 2
     for p in range(2):
-        alone = survey(cells[p : p + 1], [RANDOM_EDGES], [2, 3], Grams())
+        alone = survey(cells[p : p + 1], [RANDOM_EDGES], [2, 3], {})
         xr.testing.assert_equal(table.isel(partition=[p]), alone)
     assert len(condensed) == 6

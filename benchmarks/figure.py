@@ -5,8 +5,8 @@ from __future__ import annotations
 import pandas as pd
 from matplotlib.ticker import NullLocator
 
+from benchmarks import ratios as judge
 from study import style, tables
-from study.experiments.benchmarks import ratios as judge
 
 GREY = "0.55"
 SOLVERS: dict[str, tuple[str, style.Look]] = {

@@ -7,18 +7,11 @@ from typing import Any
 
 import pandas as pd
 
-from study.experiments.benchmarks import side_by_side
-from study.experiments.benchmarks.side_by_side import NAMES, two_digits
+from benchmarks import side_by_side
+from benchmarks.side_by_side import NAMES, two_digits
 from study.formats import shown
 from unilateral.formulas.formula import real
 
-READS = {
-    "results": "benchmarks/results.nc",
-    "scores": "benchmarks/scores.csv",
-    "commands": "benchmarks/commands.json",
-    "trust": "benchmarks/trust.json",
-}
-"""The files behind the numbers and tables of this experiment in documents, by name."""
 OURS, LARGE = "unilateral", 1024
 """The name under which this project's commands are listed; the n at which the time of the bound is told."""
 PACKAGES = {
@@ -30,23 +23,23 @@ PACKAGES = {
 RATES = {"h1": "rate of u, ours", "hm12": "rate of λ, ours"}
 
 
-def numbers(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
     return {
-        "benchmarks": side_by_side.numbers(of["results"]),
-        "commands": of_commands(of["commands"]),
-        "trust": of_trust(of["trust"]),
-        "scores": {name: real(of["scores"][name].iloc[0], name) for name in ("h", "H")},
+        "benchmarks": side_by_side.numbers(results["benchmarks/results"]),
+        "commands": of_commands(results["benchmarks/commands"]),
+        "trust": of_trust(results["benchmarks/trust"]),
+        "scores": {name: real(results["benchmarks/scores"][name].iloc[0], name) for name in ("h", "H")},
     }
 
 
-def blocks(of: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
     return {
-        "benchmarks": side_by_side.solvers(of["results"]),
-        "benchmark-phases": side_by_side.phases(of["results"]),
-        "benchmark-problems": side_by_side.problems(of["results"]),
-        "commands": commands(of["commands"]),
-        "trust": trust(of["trust"]),
-        "scores": scores(of["scores"]),
+        "benchmarks": side_by_side.solvers(results["benchmarks/results"]),
+        "benchmark-phases": side_by_side.phases(results["benchmarks/results"]),
+        "benchmark-problems": side_by_side.problems(results["benchmarks/results"]),
+        "commands": commands(results["benchmarks/commands"]),
+        "trust": trust(results["benchmarks/trust"]),
+        "scores": scores(results["benchmarks/scores"]),
     }
 
 

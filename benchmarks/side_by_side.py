@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 import xarray as xr
 
-from study.experiments.benchmarks import ratios as judge
+from benchmarks import ratios as judge
 from study.formats import shown
 from unilateral.discrete.choice import PAYS
 

@@ -1,0 +1,69 @@
+"""What a program does, as one digest: of its own code, and of what it imports of this project.
+
+Docstrings, comments and layout are no part of it, nor is code that the program does not import. So the
+workflow makes anew what a change of the sources may change, and nothing else.
+"""
+
+from __future__ import annotations
+
+import ast
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+
+ROOTS = (Path("src"), Path())
+"""The folders with this project's packages: `unilateral` and `study`, and `benchmarks`."""
+DATA = (".yaml", ".html", ".txt")
+"""The endings of data files, which are used by the modules beside them that name them."""
+
+
+def digest(program: str) -> str:
+    """The SHA-256 of what a program uses, in the project's folder: each file's path and content."""
+    lines: dict[Path, str] = {}
+    waiting = [Path(program)]
+    while waiting:
+        file = waiting.pop()
+        if file not in lines:
+            content, used = _read(file)
+            lines[file] = f"{file.as_posix()} {content}"
+            waiting += used
+    return sha256("\n".join(sorted(lines.values())).encode()).hexdigest()
+
+
+@cache
+def _read(file: Path) -> tuple[str, list[Path]]:
+    """The SHA-256 of one file, without what is for readers, and the files that it uses itself."""
+    if file.suffix != ".py":
+        return sha256(file.read_bytes()).hexdigest(), []
+    tree = ast.parse(file.read_bytes())
+    used: list[Path] = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            used += [path for alias in node.names for path in _modules(alias.name)]
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            used += [path for alias in node.names for path in _modules(f"{node.module}.{alias.name}")]
+        elif isinstance(node, ast.Constant) and str(node.value).endswith(DATA):
+            used += filter(Path.is_file, [file.parent / str(node.value)])
+        _drop_docstrings(node)
+    return sha256(ast.dump(tree).encode()).hexdigest(), used
+
+
+def _modules(name: str) -> list[Path]:
+    """The files of a module of this project and of the packages that it is in; none of another project's.
+
+    The last part of the name may be that of a class or a function in a module, too.
+    """
+    parts = name.split(".")
+    paths = [root.joinpath(*parts[:k]) for root in ROOTS for k in range(1, len(parts) + 1)]
+    files = [file for path in paths for file in (path / "__init__.py", path.with_suffix(".py"))]
+    return [file for file in files if file.is_file()]
+
+
+def _drop_docstrings(node: ast.AST) -> None:
+    """Drop the statements that are a text alone, as they document a module, a function or a constant."""
+    if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
+        node.body = [
+            part
+            for part in node.body
+            if not (isinstance(part, ast.Expr) and isinstance(part.value, ast.Constant))
+        ]

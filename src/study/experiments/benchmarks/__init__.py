@@ -1,1 +1,0 @@
-"""Side by side with other solvers: what `make bench` and `make score` have measured."""

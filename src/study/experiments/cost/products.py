@@ -1,0 +1,87 @@
+"""The ways to S y: by solves with A or A_3 or by S itself, in double precision, single, or refined."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from unilateral.arrays import Array
+from unilateral.fem.linear_systems import Sparse
+from unilateral.fem.spaces import DualOperator, MixedSpaces
+from unilateral.solvers.uzawa import Apply
+
+REFRESH = 50
+"""The refined way makes one of so many products in double precision."""
+
+
+def product(algebra: str, precision: str, spaces: MixedSpaces, factors: Sparse) -> Apply:
+    """y -> S y with that matrix, A, A_3 or S, in that precision; `factors` are those of A for all nodes."""
+    match algebra, precision:
+        case "A", "float64":
+            return by_A(factors, spaces)
+        case "A_3", "float64":
+            return by_A_3(spaces)
+        case "S", "float64":
+            return by_S(spaces.operator)
+        case "S", "float32":
+            return by_S32(spaces.operator)
+        case "S", "refined":
+            return refined(spaces.operator)
+    raise ValueError(f"there is no way to S y by {algebra} in {precision}")
+
+
+def by_A(factors: Sparse, spaces: MixedSpaces) -> Apply:
+    """y -> S y with a solve on all nodes: u of (5.1) without the partial elimination."""
+    root, boundary = np.sqrt(spaces.operator.H_i), spaces.mesh.boundary
+    load = np.zeros(spaces.mesh.n_nodes)
+
+    def apply(y: Array, out: Array) -> None:
+        load[boundary] = spaces.B.T @ (y / root)
+        np.divide(spaces.B @ factors.solve(load)[boundary], root, out=out)
+
+    return apply
+
+
+def by_A_3(spaces: MixedSpaces) -> Apply:
+    """y -> S y with a solve on the boundary nodes: A_3 c'' = g'' of section 5."""
+    root = np.sqrt(spaces.operator.H_i)
+
+    def apply(y: Array, out: Array) -> None:
+        np.divide(spaces.B @ spaces.condensed.solve_boundary(spaces.B.T @ (y / root)), root, out=out)
+
+    return apply
+
+
+def by_S(operator: DualOperator) -> Apply:
+    """y -> S y by all of S, which is what `operations` counts; the loop's own way leaves columns out."""
+    return lambda y, out: np.dot(operator.S, y, out=out)
+
+
+def by_S32(operator: DualOperator) -> Apply:
+    """y -> S y in single precision, S and y rounded to it."""
+    S = operator.S.astype(np.float32)
+
+    def apply(y: Array, out: Array) -> None:
+        out[:] = S @ y.astype(np.float32)
+
+    return apply
+
+
+def refined(operator: DualOperator) -> Apply:
+    """y -> S y_0 + S (y - y_0), the increment in single precision; every REFRESH products y_0 = y, in double.
+
+    Iterative refinement, see N. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., chapter 12.
+    """
+    S, single = operator.S, by_S32(operator)
+    anchor, product = np.zeros(len(S)), np.zeros(len(S))
+    count = 0
+
+    def apply(y: Array, out: Array) -> None:
+        nonlocal count
+        if count % REFRESH == 0:
+            np.copyto(anchor, y)
+            np.dot(S, y, out=product)
+        single(y - anchor, out)
+        np.add(out, product, out=out)
+        count += 1
+
+    return apply

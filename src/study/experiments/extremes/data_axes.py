@@ -1,0 +1,302 @@
+"""Axes of data, contact and the iteration: their size, the start, degenerate contact, rho and the precision.
+
+The step is taken over its limit 2/lambda_max(S), as (5.1), (5.2) are meant and as they are printed.
+
+The precision is float32 or float64, from the factors of A on, until round-off stops the iteration: A is
+assembled, and F(0) computed, in float64, and then rounded. With S y + b known to epsilon ||b||, epsilon the
+unit round-off, iterates stay about epsilon cond(S) ||y|| from lambda_H in L2. S is not known as well as that:
+it comes from the factors of A, and their rounding is seen on top.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import DTypeLike
+from scipy.linalg import solve_triangular
+
+from study.experiments.extremes.outcome import Axis, Budget, crossing
+from study.experiments.extremes.problem import (
+    ExtremeProblem,
+    condensed,
+    full,
+    made,
+    on_square,
+    place,
+    structured_square,
+    waves,
+)
+from study.uzawa_variants import VARIANTS, iterate
+from unilateral.arrays import Array
+from unilateral.fem.linear_systems import elimination_order, factorise, last_block
+from unilateral.fem.spaces import DualOperator, mixed_spaces
+from unilateral.geometry.partition import Partition, uniform
+from unilateral.geometry.polygon import square
+from unilateral.solvers.uzawa import DIVERGED, LEAST, DualResult, residual_bound
+from unilateral.solvers.uzawa_steps import STEPS
+
+TOUCH = 1 / 3
+SCALES = 1e-10
+"""If the data are multiplied by a number, so has to be the multiplier, up to this relative difference."""
+
+
+def data(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """f and g are multiplied by the value.
+
+    The number tells how far the active set's lambda_H is from that of the value 1, multiplied alike.
+    """
+
+    def pose(times: float) -> ExtremeProblem:
+        return on_square(h, H, waves, times)
+
+    def change(times: float, problem: ExtremeProblem, mu: Array) -> float:
+        unit = problem.lambda_H.max()
+        return float(np.abs(mu / unit - problem.lambda_H / unit).max())
+
+    unit = pose(1.0)
+    downwards = values[-1] < values[0]
+    limit = LEAST / budget.tolerance(unit) if downwards else DIVERGED / first_residual(unit)
+    return Axis(pose=pose, measure=change, predicted=0.0, slack=SCALES, limit=limit, tool_limit=limit)
+
+
+def start(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """lambda^0 has that size everywhere, and |boundary|^(1/2) times it in L2.
+
+    It is refused if its norm in L2 is above DIVERGED; below that the steps grow like the size's logarithm.
+    """
+    problem = on_square(h, H, waves)
+    limit = DIVERGED / float(np.sqrt(square().perimeter))
+    return Axis(
+        pose=lambda size: problem,
+        measure=_count_loaded,
+        start=lambda size, problem: size,
+        limit=limit,
+        tool_limit=limit,
+    )
+
+
+def flat(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """lambda = 0 and u = g on that share of the boundary, reached from above."""
+
+    def pose(share: float) -> ExtremeProblem:
+        def contact(partition: Partition) -> tuple[Array, Array]:
+            lambda_H, gap = waves(partition)
+            kept = place(partition) > share
+            return lambda_H * kept, gap * kept
+
+        return on_square(h, H, contact)
+
+    return Axis(pose=pose, measure=_count_loaded, start=_from_one)
+
+
+def touching(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """lambda = 0, and the gap is 0 at one point inside a cell, on which lambda^0 = 1; the axis is H.
+
+    The gap is 1 - cos(pi (s - TOUCH) / 2): the cell's mean is (pi H)^2/72 to leading order, as TOUCH is a
+    third of the cell from one of its ends.
+    """
+
+    def contact(partition: Partition) -> tuple[Array, Array]:
+        integral = np.diff(np.sin(np.pi / 2 * (partition.points - TOUCH))) * 2 / np.pi
+        return np.zeros(partition.n_cells), 1 - integral / partition.lengths
+
+    def on_the_cell(size: float, problem: ExtremeProblem) -> Array:
+        points = problem.spaces.partition.points
+        return ((points[:-1] < TOUCH) & (points[1:] > TOUCH)).astype(float)
+
+    def smallest_gap(size: float, problem: ExtremeProblem, mu: Array) -> float:
+        return float(problem.spaces.operator.gap(mu, problem.discrete.offset).min())
+
+    return Axis(
+        pose=lambda size: on_square(size * h / H, size, contact),
+        measure=smallest_gap,
+        start=on_the_cell,
+        predicted=(np.pi * values) ** 2 / 72,
+    )
+
+
+def shrinking(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """f = 0, and g = -1 but for a hat 4 high, of that width over H: from H/2 downwards no cell is loaded."""
+    mesh, partition = structured_square(h), uniform(square(), H)
+    D = mixed_spaces(condensed(mesh), partition).operator.D
+    unit = square().area / square().perimeter
+
+    def pose(width: float) -> ExtremeProblem:
+        g = np.where(np.arange(partition.n_cells) == 1, 2 * width - 1, -1.0)
+        loaded = np.maximum(g, 0) * partition.lengths / np.diag(D)
+        gap = D @ loaded / partition.lengths - g
+        return made(mesh, partition, loaded / unit, np.where(loaded > 0, 0.0, gap))
+
+    return Axis(pose=pose, measure=_count_loaded, predicted=(values > 0.5).astype(float))
+
+
+def vertex(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """Contact on two opposite sides and a gap on the others: all vertices are transitions; the axis is H."""
+
+    def contact(partition: Partition) -> tuple[Array, Array]:
+        here = partition.side % 2 == 0
+        return full(partition)[0] * here, 1.0 * ~here
+
+    return Axis(pose=lambda size: on_square(size * h / H, size, contact), measure=_count_loaded)
+
+
+def nothing(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """f = g = 0, from lambda^0 = 1 on cells of that size, h in proportion."""
+
+    def pose(size: float) -> ExtremeProblem:
+        return on_square(size * h / H, size, lambda cells: (np.zeros(cells.n_cells),) * 2, 0.0)
+
+    return Axis(pose=pose, measure=_count_loaded, start=_from_one, predicted=0.0)
+
+
+def _from_one(value: float, problem: ExtremeProblem) -> float:
+    return 1.0
+
+
+def _count_loaded(value: float, problem: ExtremeProblem, mu: Array) -> float:
+    """How many cells the active set loads."""
+    return float(np.count_nonzero(mu > problem.rounding * problem.norm(problem.u)))
+
+
+def first_residual(problem: ExtremeProblem) -> float:
+    """The first residual of plain Uzawa from 0, ||min(0, rho F(0))||_0."""
+    operator = problem.spaces.operator
+    rho = STEPS["uzawa"].share / operator.lambda_max
+    return float(np.linalg.norm(np.sqrt(operator.H_i) * np.minimum(0, rho * problem.discrete.offset)))
+
+
+# The step: rho over 2/lambda_max(S).
+
+
+def step_full(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """Full contact, where 1 is the limit: above it the clip leaves a bounded cycle."""
+    return _steps_as_meant(on_square(h, H, full), budget)
+
+
+def step_partial(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """Contact on three intervals, where 1 is proved to be safe; larger steps may do."""
+    problem = on_square(h, H, waves)
+    return replace(_steps_as_meant(problem, budget), local_limit=local_limit(problem))
+
+
+def printed_full(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """Full contact with the printed index: z^2 - z + rho sigma = 0 halves the range."""
+    return _steps_as_printed(on_square(h, H, full), budget)
+
+
+def printed_partial(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """Contact on three intervals, printed index; the half is proved as long as the clip is not active."""
+    problem = on_square(h, H, waves)
+    return replace(_steps_as_printed(problem, budget), local_limit=0.5 * local_limit(problem))
+
+
+def local_limit(problem: ExtremeProblem) -> float:
+    """lambda_max of S over lambda_max of S on the loaded cells.
+
+    The loaded cells alone decide once no other cell is loaded again.
+    """
+    loaded, S = np.flatnonzero(problem.lambda_H), problem.spaces.operator.S
+    return problem.spaces.operator.lambda_max / float(np.linalg.eigvalsh(S[np.ix_(loaded, loaded)])[-1])
+
+
+def _steps_as_meant(problem: ExtremeProblem, budget: Budget) -> Axis:
+    """The axis of all algorithms; the number is the relative error left by plain Uzawa after all steps."""
+
+    def left(share: float, problem: ExtremeProblem, mu: Array) -> float:
+        return problem.error(_iterate(problem, share, budget, VARIANTS[0])) / problem.size
+
+    return Axis(pose=lambda share: problem, measure=left, sets_rho=True, limit=1.0)
+
+
+def _steps_as_printed(problem: ExtremeProblem, budget: Budget) -> Axis:
+    """The axis of the iteration itself, with the bound and the relative error of its last iterate."""
+    return Axis(
+        pose=lambda share: problem,
+        measure=lambda share, problem, mu: problem.error(mu) / problem.size,
+        run=lambda share, problem: _with_bound(
+            problem, _iterate(problem, share, budget, VARIANTS[1]), share, budget
+        ),
+        limit=0.5,
+    )
+
+
+def _iterate(problem: ExtremeProblem, share: float, budget: Budget, variant: str) -> Array:
+    """Uzawa's last iterate lambda (m,), with rho that share of 2/lambda_max(S)."""
+    operator = problem.spaces.operator
+    rho = share * 2 / operator.lambda_max
+    return iterate(operator, problem.discrete.offset, rho, budget.max_steps, variant)
+
+
+def _with_bound(problem: ExtremeProblem, mu: Array, share: float, budget: Budget) -> DualResult:
+    """A last iterate with the bound of its residual, with rho that share of 2/lambda_max(S)."""
+    operator = problem.spaces.operator
+    rho = share * 2 / operator.lambda_max
+    bound = residual_bound(operator, problem.discrete.offset, mu, rho)
+    return DualResult(mu, budget.max_steps, 0, bound, bound <= budget.tolerance(problem), rho, "uzawa")
+
+
+# The precision, in full contact.
+
+
+def single(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """The axis is H, h in proportion; the number is the floor of lambda's relative L2 error in float32."""
+    return _floors(values, h / H, budget, np.float32)
+
+
+def double(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """The same as `single`, in float64."""
+    return _floors(values, h / H, budget, np.float64)
+
+
+def _floors(values: Array, h_over_H: float, budget: Budget, precision: DTypeLike) -> Axis:
+    """The axis of a precision, judged by the bound in float64 with rho = 1/lambda_max(S).
+
+    Predicted are the floor epsilon cond(S), in L2, and the limit by the bound there.
+    """
+    problems = {size: on_square(h_over_H * size, size, full) for size in values.tolist()}
+    unit_roundoff = 0.5 * float(np.finfo(precision).eps)
+    floors = np.array([unit_roundoff * problem.condition for problem in problems.values()])
+    bounds = floors * [bound_of_floor(problem) for problem in problems.values()]
+
+    def run(size: float, problem: ExtremeProblem) -> DualResult:
+        mu = iterate_in(problem, operator_in(problem, precision), budget.max_steps)
+        return _with_bound(problem, mu, 0.5, budget)
+
+    return Axis(
+        pose=lambda size: problems[size],
+        measure=lambda size, problem, mu: problem.distance(mu, problem.lambda_H),
+        run=run,
+        predicted=floors,
+        limit=crossing(values, bounds, budget.accuracy),
+    )
+
+
+def operator_in(problem: ExtremeProblem, precision: DTypeLike) -> DualOperator:
+    """The dual operator of A rounded to that precision, its factors, A_3, D and S computed in it."""
+    spaces, mesh = problem.spaces, problem.spaces.mesh
+    A = spaces.condensed.A.astype(precision)
+    cholesky = last_block(factorise(A, elimination_order(A, mesh.boundary)), len(mesh.boundary))
+    half = solve_triangular(cholesky, spaces.B.T.toarray().astype(precision), trans="T")
+    return DualOperator(half, spaces.partition.lengths.astype(precision), mesh.polygon.area)
+
+
+def bound_of_floor(problem: ExtremeProblem) -> float:
+    """How large the bound with rho = 1/lambda_max(S) may be, over `size`, per relative error e in L2.
+
+    In full contact R = rho S e, so ||R||_0 <= ||e||_0 and ||R||_S <= lambda_max^(1/2) ||e||_0.
+    """
+    operator = problem.spaces.operator
+    in_L2 = float(np.sqrt(operator.H_i @ problem.lambda_H**2))
+    return float(np.sqrt(operator.lambda_max) * (1 + np.sqrt(problem.condition))) * in_L2 / problem.size
+
+
+def iterate_in(problem: ExtremeProblem, operator: DualOperator, steps: int) -> Array:
+    """Uzawa's last iterate lambda (m,), every operation in the operator's precision."""
+    root = np.sqrt(operator.H_i)
+    S, b = operator.S, (root * problem.discrete.offset).astype(root.dtype)
+    rho = root.dtype.type(1.9 / operator.lambda_max)
+    y = np.zeros_like(b)
+    for _ in range(steps):
+        y = np.maximum(0, y - rho * (S @ y + b))
+    return np.asarray(y / root, dtype=float)

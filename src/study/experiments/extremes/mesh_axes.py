@@ -1,0 +1,298 @@
+"""Axes of the domain, its mesh and T_H: its size and place, thin parts, flat triangles, short cells."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+
+from study.experiments.extremes.outcome import NEVER_RIGHT, Axis, Budget, condition, crossing
+from study.experiments.extremes.problem import (
+    Contact,
+    ExtremeProblem,
+    full,
+    on_square,
+    posed,
+    structured_square,
+    waves,
+)
+from unilateral.arrays import Array
+from unilateral.errors import InputError
+from unilateral.fem.condense import CONSTANTS
+from unilateral.fem.p1 import stiffness_and_mass
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition, from_points, shifted, uniform
+from unilateral.geometry.polygon import Polygon, square
+from unilateral.geometry.structured import tensor
+
+SLACK = 1e-12
+"""Relative changes below this number are rounding."""
+
+
+def ratio(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """The axis is h/H on structured meshes, below 1/2 at the given H, else at the given h.
+
+    S is singular from 1 on.
+    """
+
+    def pose(value: float) -> ExtremeProblem:
+        edge, cell = (H * value, H) if value < 0.5 else (h, h / value)
+        return on_square(edge, cell, waves)
+
+    return Axis(pose=pose, measure=condition, predicted=np.where(values >= 1, np.inf, np.nan), limit=1.0)
+
+
+def odd(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """H = h and an odd number e of edges: beta is like 1/e, so that cond(S) ~ 1/(H beta^2) is like e^3."""
+
+    def pose(edges: float) -> ExtremeProblem:
+        counts = np.full(4, int(edges) // 4)
+        counts[3] += int(edges) - counts.sum()
+        points = square().divided(counts)
+        return posed(meshes.with_boundary(square(), points[:-1]), Partition(square(), points), waves)
+
+    return _by_law(pose, values, (values / values[0]) ** 3, budget)
+
+
+def shift(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """H = h, and points of T_H inside sides are moved by that fraction of a cell: cond(S) ~ fraction^-2."""
+    mesh = structured_square(h)
+
+    def pose(fraction: float) -> ExtremeProblem:
+        return posed(mesh, shifted(square(), h, fraction), waves)
+
+    return _by_law(pose, values, (values[0] / values) ** 2, budget)
+
+
+def short(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """One cell at a mesh vertex has that length, in units of a side: lambda_min(S) is like that length."""
+    mesh, points = structured_square(h), uniform(square(), H).points
+
+    def pose(length: float) -> ExtremeProblem:
+        return posed(mesh, from_points(square(), np.sort(np.append(points, 0.5 + length))), waves)
+
+    return _by_law(pose, values, values[0] / values, budget)
+
+
+def short_loaded(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """One short cell as in `short`, and lambda^0 = 1/length on that cell and 0 on all others."""
+
+    def start(length: float, problem: ExtremeProblem) -> Array:
+        H_i = problem.spaces.operator.H_i
+        return (H_i == H_i.min()) / length
+
+    return replace(short(values, h, H, budget), start=start)
+
+
+def near(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """Points of T_H inside the sides are that far from mesh vertices.
+
+    D changes by at most twice that distance over H.
+    """
+    mesh, aligned = structured_square(h), uniform(square(), H)
+    inside = ~np.isin(aligned.points, square().starts)
+    there = posed(mesh, aligned, waves).spaces.operator.D
+
+    def pose(distance: float) -> ExtremeProblem:
+        return posed(mesh, Partition(square(), aligned.points + distance * inside), waves)
+
+    def change(distance: float, problem: ExtremeProblem, mu: Array) -> float:
+        return float(np.abs(problem.spaces.operator.D - there).max() / np.abs(there).max())
+
+    return Axis(pose=pose, measure=change, predicted=2 * values / H, slack=SLACK)
+
+
+def kernel(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """H = h takes those values, and g is orthogonal to the kernel of S.
+
+    The number tells how far another multiplier with the same u_h is.
+    """
+
+    def distance(size: float, problem: ExtremeProblem, mu: Array) -> float:
+        return problem.distance(mu, problem.lambda_H)
+
+    return Axis(pose=lambda size: contact_at_h(size, 0.0), measure=distance, limit=NEVER_RIGHT)
+
+
+def kernel_loaded(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """H = h, and that gap on every other cell makes lambda_H unique.
+
+    The number tells how far lambda_H is from a smooth multiplier.
+    """
+
+    def distance(gap: float, problem: ExtremeProblem, mu: Array) -> float:
+        return problem.distance(mu, smoothed(problem.lambda_H))
+
+    mildest = contact_at_h(h, float(values[0]))
+    return Axis(
+        pose=lambda gap: contact_at_h(h, gap),
+        measure=distance,
+        predicted=distance(float(values[0]), mildest, mildest.lambda_H),
+        limit=NEVER_RIGHT,
+    )
+
+
+def smoothed(lambda_H: Array) -> Array:
+    """The multiplier (m,) without what B^T does not see, the kernel (-1)^i of equal cells at H = h."""
+    kernel = (-1.0) ** np.arange(len(lambda_H))
+    return np.asarray(lambda_H - kernel * (kernel @ lambda_H) / len(lambda_H))
+
+
+def contact_at_h(h: float, gap: float) -> ExtremeProblem:
+    """H = h, and contact on all cells, or with that gap on every other one."""
+
+    def contact(partition: Partition) -> tuple[Array, Array]:
+        free = (np.arange(partition.n_cells) % 2 == 1) & (gap > 0)
+        return full(partition)[0] * ~free, gap * free
+
+    return on_square(h, h, contact)
+
+
+def _by_law(pose: Callable[[float], ExtremeProblem], values: Array, growth: Array, budget: Budget) -> Axis:
+    """The axis on which cond(S) is predicted to grow like `growth` from that of the mildest problem.
+
+    Its limits follow from the steps that the budget allows.
+    """
+    numbers = pose(float(values[0])).condition * growth
+    return Axis(
+        pose=pose,
+        measure=condition,
+        predicted=numbers,
+        limit=crossing(values, numbers, budget.condition),
+        tool_limit=crossing(values, numbers, budget.accelerated),
+    )
+
+
+def scaled(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """The square has sides of that length L, with h and H in proportion and full contact: cond(S) ~ L^-2."""
+    return _thin(lambda L: Polygon(L * square().vertices, "square"), values, h, H, budget, full)
+
+
+def angle(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """A right triangle with that angle."""
+
+    def needle(a: float) -> Polygon:
+        return Polygon(np.array([[0, 0], [1, 0], [1, np.tan(a)]]), "needle")
+
+    return _thin(needle, values, h, H, budget, full)
+
+
+def slit(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """A square with a slit of that width, half as long as a side."""
+
+    def slit_square(w: float) -> Polygon:
+        a, b = 0.5 - w / 2, 0.5 + w / 2
+        corners = [[0, 0], [a, 0], [a, 0.5], [b, 0.5], [b, 0], [1, 0], [1, 1], [0, 1]]
+        return Polygon(np.array(corners), "slit")
+
+    return _thin(slit_square, values, h, H, budget, waves)
+
+
+def side(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """A square with a corner cut off so that a side of that length is left."""
+
+    def cut_square(length: float) -> Polygon:
+        d = length / np.sqrt(2)
+        return Polygon(np.array([[0, 0], [1 - d, 0], [1, d], [1, 1], [0, 1]]), "cut square")
+
+    return _thin(cut_square, values, h, H, budget, waves)
+
+
+def aspect(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """Strips of triangles of that aspect ratio along two sides of the square; cond(S) stays as it is."""
+    n, partition = square().counts(h)[0], uniform(square(), H)
+
+    def mesh(ratio: float) -> Mesh:
+        return tensor(np.unique(np.append(np.arange(n + 1) / n, 1 / (n * ratio))))
+
+    def pose(ratio: float) -> ExtremeProblem:
+        return posed(mesh(ratio), partition, waves)
+
+    limit = crossing(values, np.array([_rounding(mesh(ratio)) for ratio in values]), CONSTANTS)
+    mildest = pose(float(values[0])).condition
+    return Axis(pose=pose, measure=condition, predicted=mildest, limit=limit, tool_limit=limit)
+
+
+def moved(values: Array, h: float, H: float, budget: Budget) -> Axis:
+    """The square is moved that far. The number is the change of S.
+
+    Its prediction is the share of an edge by which rounding moves nodes.
+    """
+
+    def pose(distance: float) -> ExtremeProblem:
+        polygon = Polygon(square().vertices + distance * np.array([1, -1]), "square")
+        return posed(meshes.unstructured(polygon, h), uniform(polygon, H), waves)
+
+    here = pose(0.0).spaces.operator.S
+
+    def change(distance: float, problem: ExtremeProblem, mu: Array) -> float:
+        return float(np.abs(problem.spaces.operator.S - here).max() / np.abs(here).max())
+
+    limit = meshes.ROUNDED * h / float(np.finfo(float).eps)
+    return Axis(
+        pose=pose,
+        measure=change,
+        predicted=np.spacing(values) / h,
+        slack=SLACK,
+        limit=limit,
+        tool_limit=limit,
+    )
+
+
+def _thin(
+    shape: Callable[[float], Polygon],
+    values: Array,
+    h: float,
+    H: float,
+    budget: Budget,
+    contact: Contact,
+) -> Axis:
+    """The axis of a family of polygons, with h and H in units of the longest side.
+
+    cond(S) is predicted to grow like |boundary|/(|Omega| min H_i) from its first value. Where that law would
+    have it fall below the first value, nothing is predicted.
+    """
+
+    @cache
+    def mesh(value: float) -> Mesh:
+        polygon = shape(value)
+        return meshes.unstructured(polygon, h * polygon.lengths.max())
+
+    def pose(value: float) -> ExtremeProblem:
+        polygon = mesh(value).polygon
+        partition = uniform(polygon, H * polygon.lengths.max())
+        return posed(mesh(value), partition, contact)
+
+    def lost(value: float) -> float:
+        """The number of `_rounding`; infinite where there is no mesh."""
+        try:
+            return _rounding(mesh(value))
+        except InputError:
+            return np.inf
+
+    law = np.array([_law(shape(value), H) for value in values])
+    mildest = pose(float(values[0])).condition
+    numbers = np.where(law >= law[0], mildest * law / law[0], np.nan)
+    refused = np.array([lost(value) for value in values.tolist()]) / CONSTANTS
+    return Axis(
+        pose=pose,
+        measure=condition,
+        predicted=numbers,
+        limit=crossing(values, numbers, budget.condition),
+        tool_limit=crossing(values, np.maximum(numbers / budget.accelerated, refused), 1.0),
+    )
+
+
+def _rounding(mesh: Mesh) -> float:
+    """What rounding of K 1 = 0 does to constants: eps ||diag K||_2 / |Omega|."""
+    diagonal = stiffness_and_mass(mesh)[0].diagonal()
+    return float(np.finfo(float).eps * np.linalg.norm(diagonal) / mesh.polygon.area)
+
+
+def _law(polygon: Polygon, H: float) -> float:
+    """The law of cond(S): by constants lambda_max(S) >= |boundary|/|Omega|, and lambda_min(S) ~ min H_i."""
+    shortest = uniform(polygon, H * polygon.lengths.max()).lengths.min()
+    return polygon.perimeter / polygon.area / float(shortest)

@@ -1,0 +1,14 @@
+"""The page on which a case, a norm and h/H are chosen."""
+
+from job import run
+
+from study.documents.curves import write
+
+with run(snakemake):
+    write(
+        errors=snakemake.input.errors,
+        rates=snakemake.input.rates,
+        totals=snakemake.input.totals,
+        template=snakemake.input.template,
+        page=snakemake.output.page,
+    )
