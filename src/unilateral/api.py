@@ -91,6 +91,8 @@ def Problem(
     >>> ul.Problem([(0, 0), (1, 0), (0, 1)], f=-1, g="-y/4", c=0, u={0: "x*(1 - x)"}).clamped_sides
     (0,)
     """
+    if f is None:
+        raise InputError(f"{name}, field f: there is no formula; write 0 where there is none")
     return problem_of_arguments(polygon, f, g, free_sides=free_sides, name=name, k=k, c=c, q=q, u=u)
 
 

@@ -31,7 +31,7 @@ from unilateral.formulas.expression import (
 from unilateral.formulas.expression import number as exact
 from unilateral.formulas.formula_walk import Evaluation
 from unilateral.formulas.interval import positive_power
-from unilateral.system.optional import require
+from unilateral.formulas.roots import real_roots
 
 
 def parse(
@@ -72,7 +72,9 @@ def substituted(formula: Expression, values: Mapping[str, Expression], where: st
     return result
 
 
-class _Formulas(Evaluation[Expression]):
+class Formulas(Evaluation[Expression]):
+    """Formulas with other formulas for the `known` variables."""
+
     def number(self, value: Fraction) -> Expression:
         return exact(value)
 
@@ -83,12 +85,12 @@ class _Formulas(Evaluation[Expression]):
         return apply(of.name, *map(self.of, of.args)) if of.args else expression(of)
 
 
-class _Substituted(_Formulas):
+class _Substituted(Formulas):
     def constant(self, e: Expression) -> Expression:
         return e
 
 
-class _Expanded(_Formulas):
+class _Expanded(Formulas):
     """Formulas that are multiplied out, numbers too."""
 
     def product(self, a: Expression, b: Expression) -> Expression:
@@ -103,6 +105,14 @@ class _Expanded(_Formulas):
 def number(text: object, where: str) -> Expression:
     """An exact number such as 1/3, 0.05 or sqrt(2)."""
     return parse(text, (), where, least_power=None)
+
+
+def fraction(text: object, where: str) -> Fraction:
+    """An exact fraction such as 1/3 or 0.05. Raises InputError for a number that is none, such as sqrt(2)."""
+    value = number(text, where).rational
+    if value is None:
+        raise InputError(f"{where}: {shown(text)} must be a fraction")
+    return value
 
 
 def real(text: object, where: str) -> float:
@@ -197,9 +207,6 @@ def _real_roots(of: Sequence[Expression]) -> list[float]:
     if len(of) == 2:
         return [nearest(-of[1] / of[0])]
     if len(of) > 3:
-        require("roots of a polynomial whose degree is above 2 need", "sympy")
-        from unilateral.formulas.symbolic import real_roots  # whose import takes longer than a small problem
-
         return real_roots([c.rational or Fraction(0) for c in of])
     a, b, c = of
     if any(each.rational is None for each in of):
