@@ -29,7 +29,7 @@ from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.norms.dual import Errors
-from unilateral.solution import Solution
+from unilateral.solution.solution import make_solution
 
 LEVELS = {"level_0": (4, 2), "level_1": (8, 4), "level_2": (16, 8)}
 FINEST = (16, 8)
@@ -45,7 +45,7 @@ def folder(tmp_path_factory):
 
 def kept(of):
     """The solution of a discrete problem, in the units of the paper's equation."""
-    return Solution(solve(of), of.data)
+    return make_solution(solve(of), of.data)
 
 
 @cache
