@@ -156,7 +156,7 @@ REFUSED = {
     "sharpness.fixed.H": [["1/8", "1/16"]],
     "sharpness.fixed.h": [0],
     "cost.base.algebra": ["A_2"],
-    "cost.axes": [{}],
+    "cost.axes": [{}, {"../scene": {"scene": ["lshape"]}}],
     "cost.axes.case.speed": [[1]],
     "cost.axes.case.H_over_h": [["0"]],
     "cost.axes.algorithm.algorithm": [["fast"]],
