@@ -138,12 +138,12 @@ def test_a_level_is_certified_up_to_its_own_total(norm):
 def test_an_absolute_accuracy_is_that_of_the_error_itself():
     """Against the exact solution; it may be above 1, and the relative one is met by a coarser mesh."""
     case, goal = load("natural"), Goal(0.3, absolute=True)
-    done = list(levels(case, goal))
+    done = list(levels(case.problem, goal))
     assert done[-1].certified
     assert h1_distance(case, done[-1].solved.mesh, done[-1].solved.u_h) <= 0.3
     assert all(level.total > 0.3 for level in done[:-1])
-    assert [level.certified for level in levels(case, replace(goal, accuracy=1.5))] == [False, True]
-    assert len(list(levels(case, Goal(0.3)))) < len(done)
+    assert [level.certified for level in levels(case.problem, replace(goal, accuracy=1.5))] == [False, True]
+    assert len(list(levels(case.problem, Goal(0.3)))) < len(done)
 
 
 def test_an_absolute_accuracy_of_a_multiplier_that_is_0():
@@ -165,7 +165,7 @@ def test_levels_are_not_wasted():
     assert done[-1].solved.total("h1") > 0.5 * done[-1].target
     assert all(level.predicted == pytest.approx(level.total, rel=0.1) for level in done[3:])
     last = done[-1].solved
-    alone = multilevel(load("natural"), last.mesh, last.partition).iterated(last.result.bound, Stop())
+    alone = multilevel(load("natural").problem, last.mesh, last.partition).iterated(last.result.bound, Stop())
     assert last.result.iterations < alone.result.iterations
 
 
@@ -394,7 +394,7 @@ def test_lambda_is_certified_on_adapted_meshes(problem_of):
 def test_lambda_is_certified_by_multigrid():
     """No beta is known then. The bound is above the true error, the iteration at a tenth of the target."""
     of = load("natural")
-    last = list(levels(of, Goal(0.002, "hm12", sharp=True), kind="structured"))[-1]
+    last = list(levels(of.problem, Goal(0.002, "hm12", sharp=True), kind="structured"))[-1]
     assert last.solved.result.algorithm == "multigrid"
     assert last.certified
     error = dual_norm(last.partition, [of]).of_error(of, last.solved.lambda_H[None])

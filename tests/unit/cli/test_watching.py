@@ -79,8 +79,8 @@ def test_formulas_that_take_longer_than_the_limit_are_told(capsys, problem_file_
         ended.append(name)
         return load(name)
 
-    load = problem_file.load
-    monkeypatch.setattr(problem_file, "load", slow)
+    load = problem_file.problem_in
+    monkeypatch.setattr(problem_file, "problem_in", slow)
     assert main(["solve", file, "--accuracy", "0.5", "--max-seconds", "0.1"]) == 3
     said = f"unilateral: --max-seconds 0.1 is not enough to enclose the formulas of '{file}'\n"
     assert capsys.readouterr() == ("", said)
