@@ -35,7 +35,10 @@ BAD = [
     ("solve natural --h 1/8", "solve needs --h and --H, or --accuracy; --H is missing"),
     (f"solve natural {AT} --accuracy 0.1", "--H is chosen by --accuracy; leave one of the"),
     ("solve natural --accuracy 0.1 --tolerance 1", "--tolerance is chosen by --accuracy"),
-    ("solve natural --accuracy 1", "--accuracy is relative and must be below 1"),
+    (
+        "solve natural --accuracy 1",
+        "the accuracy 1 is relative and must be below 1, or made absolute (--absolute)",
+    ),
     (f"solve natural {AT} --absolute", "--absolute is only for --accuracy"),
     (f"solve natural {AT} --norm h1", "--norm is only for --accuracy"),
     (f"solve natural {AT} --max-seconds 9", "--max-seconds is only for --accuracy"),
