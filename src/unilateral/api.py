@@ -14,6 +14,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -200,11 +201,11 @@ def solve(
     >>> ul.solve(ul.case("natural"), accuracy=0.1).certified
     True
     """
+    begin = perf_counter() if begin is None else number("begin", begin)
     problem = _problem(problem)
     h = number("h", h)
     H = number("H", H)
     accuracy = number("the accuracy", accuracy)
-    begin = number("begin", begin)
     check_kind(mesh)
     check_stop(stop)
     arguments.check_flags(sharp=sharp, absolute=absolute, dry_run=dry_run)
