@@ -244,7 +244,8 @@ SAID = [
     ),
     (
         ("finds.betaworst", [STUDY["finds"]["betaworst"][0] | {"polygon": [[0, 0], [0, 1], [1, 0]]}]),
-        "finds.betaworst[0].polygon: polygon 'betaworst' is listed clockwise; list its vertices anticlockwise",
+        "finds.betaworst[0].polygon: polygon 'betaworst' is listed clockwise; list its vertices "
+        "anticlockwise",
     ),
     (
         ("surveys.betathin.mesh", {"kind": "structured"}),

@@ -16,7 +16,7 @@ MADE = {
     "sharpness": rules.sharpness.output,
     "claims": rules.claims.output,
     "document_numbers": rules.document_numbers.output,
-    "figures": FIGURES,
+    **DRAWN,
     "documents": DOCUMENTS,
     "typeset": expand(rules.typeset.output, paper=PAPERS),
 }

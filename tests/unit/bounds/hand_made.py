@@ -7,6 +7,7 @@ import numpy as np
 import sympy
 from conftest import discrete
 from known_solutions import Pressed, Trial, h1_errors
+from symbolic import X, Y, evaluate
 
 from unilateral.bounds import source
 from unilateral.bounds.boundary_flux import nothing
@@ -14,13 +15,11 @@ from unilateral.discrete.condensed import solve
 from unilateral.fem.condense import condense
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import coupling, h1_norm, load_vector
-from unilateral.formulas.symbolic import evaluate
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems import data
-from unilateral.problems.atoms import X, Y
 from unilateral.problems.case import ExactSolution
 from unilateral.problems.obstacle_and_flux import enclose_obstacle
 
