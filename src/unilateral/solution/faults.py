@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from unilateral.accuracy.search import WITHDRAWN, Search
+from unilateral.adaptive.loop import WITHDRAWN, Search
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.errors import SolutionWarning
 from unilateral.formulas.decimals import interval, up
@@ -86,8 +86,8 @@ def not_converged(solved: DiscreteSolution) -> str:
 def tell_faults(found: Solution, own_mesh: bool = False) -> None:
     """Warns, two calls above, of what is less than what was wanted, or may be."""
     search = found.search
-    if search and len(search.believed) < len(search.done):
-        withdrawn = f"{len(search.done) - len(search.believed)} bounds {WITHDRAWN}"
+    if search and len(search.believed) < len(search.levels):
+        withdrawn = f"{len(search.levels) - len(search.believed)} bounds {WITHDRAWN}"
         warnings.warn(withdrawn, SolutionWarning, stacklevel=3)
     if search and not search.certified:
         warnings.warn(not_certified(search, found), SolutionWarning, stacklevel=3)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from unilateral.accuracy.search import Search
+from unilateral.adaptive.loop import Search
 from unilateral.arrays import Array
 from unilateral.bounds.forces import Force
 from unilateral.discrete.solution import DiscreteSolution
@@ -166,8 +166,8 @@ class Solution:
     @property
     def iterations(self) -> float:
         """Steps of the algorithm, on all levels; NaN if it counts none."""
-        levels = self.search.summaries if self.search else [self.solved.result]
-        return sum(level.iterations for level in levels)
+        solves = [level.solved for level in self.search.levels] if self.search else [self.solved]
+        return sum(solved.result.iterations for solved in solves)
 
     @property
     def converged(self) -> bool:

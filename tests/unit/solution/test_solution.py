@@ -164,7 +164,7 @@ def test_the_certificate_is_a_file(tmp_path):
     assert relative == (bounds.relative_u, bounds.relative_multiplier)
     assert found["enclosure"] == bounds.unknown
     assert found["h1_error"] is None
-    assert [level["unknowns"] for level in found["levels"]] == [level.unknowns for level in s.search.done]
+    assert [level["unknowns"] for level in found["levels"]] == [level.unknowns for level in s.search.levels]
     assert found["contact"]["length"] == s.contact.length
     assert found["versions"]["unilateral"] == ul.__version__
     given = alone.certificate()
