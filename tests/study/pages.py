@@ -40,8 +40,12 @@ NAMES = {"grid": "grid_square", "dual_norm": "dual_square", "portrait": "solutio
 @cache
 def modules():
     """The modules that draw figures, by their names without the end `_figure`."""
-    files = (ROOT / "src/study").rglob("*_figure.py")
-    dotted = [".".join(file.relative_to(ROOT / "src").with_suffix("").parts) for file in sorted(files)]
+    files = [
+        (folder, file)
+        for folder, package in ((ROOT / "src", "study"), (ROOT, "benchmarks"))
+        for file in sorted((folder / package).rglob("*_figure.py"))
+    ]
+    dotted = [".".join(file.relative_to(folder).with_suffix("").parts) for folder, file in files]
     return {name.rpartition(".")[2].removesuffix("_figure"): import_module(name) for name in dotted}
 
 

@@ -32,9 +32,9 @@ def obstacle(x, y):
 PROBLEMS = {
     "case": lambda: ul.solve("natural", **SIZES),
     "case on another polygon": lambda: ul.solve(ul.case("thirds", "lshape", 1), h=1 / 8, H=1 / 4),
-    "singular case": lambda: ul.solve("cantor_2", h=1 / 8, H=1 / 4),
+    "singular case": lambda: ul.solve("singular", h=1 / 8, H=1 / 4),
     "clamped": lambda: ul.solve("clamped_90", h=1 / 8, H=1 / 4),
-    "multigrid": lambda: ul.solve("natural", h=1 / 160, H=1 / 80),
+    "multigrid": lambda: ul.solve("natural", h=1 / 48, H=1 / 24, stop=Stop(algorithm="multigrid")),
     "gmsh": lambda: ul.solve(ul.load(ROOT / "examples/shelter.yaml"), h=1 / 7, H=1 / 3),
     "accuracy": lambda: ul.solve(ul.load(ROOT / "examples/cog.yaml"), accuracy=0.1),
     "sharp accuracy": lambda: ul.solve(ul.load(ROOT / "examples/step.yaml"), accuracy=0.3, norm="hm12"),
