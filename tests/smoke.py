@@ -104,7 +104,6 @@ def python(has):
         ({"files"}, s.cells),
         ({"files"}, s.dataset),
         ({"files"}, lambda: ul.mesh("corner.vtu")),
-        ({"files"}, lambda: ul.open("corner.nc")),
         ({"plot"}, s.plot),
     ):
         refused = LINE.fullmatch(f"unilateral: {refusal(call)}\n")

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 PICTURES = {".svg": ["matplotlib"], ".png": ["matplotlib"], ".pdf": ["matplotlib"]}
 """The endings of pictures, and what draws these."""
-FREE, HELD, CLAMPED = "tab:gray", "tab:blue", "tab:brown"
+FREE, CONTACT, CLAMPED = "tab:gray", "tab:blue", "tab:brown"
 ROUND_OFF = 1e-12
 WIDE, ALONG = 5.0, 2.0
 """Inches: the width of the panel with the polygon, and the height of that along its boundary."""
@@ -61,60 +61,64 @@ def check(name: str, picture: str | None) -> str:
         from unilateral.solution.plot import draw  # and with it the method
 
         with replacing(picture) as temporary:
-            draw(drawn(problem), temporary)
-    return "\n".join(described(problem))
+            draw(draw_problem(problem), temporary)
+    return "\n".join(describe(problem))
 
 
-def described(problem: Problem) -> Iterator[str]:
+def describe(problem: Problem) -> Iterator[str]:
     """The lines that `check` prints."""
     polygon, units = problem.polygon, problem.units
-    of_c, with_c = (" + c u", f" and c = {units.c}") if units.reaction else ("", "")
-    yield f"{problem.name}: -k lap u{of_c} = f with k = {units.k}{with_c}"
+    if units.reaction:
+        yield f"{problem.name}: -k lap u + c u = f with k = {units.k} and c = {units.c}"
+    else:
+        yield f"{problem.name}: -k lap u = f with k = {units.k}"
     yield f"  polygon     {polygon.n_sides} sides, area {polygon.area:.6g}, perimeter {polygon.perimeter:.6g}"
-    yield f"  f           {_formula(as_formula(problem.f), _bounds(problem))}"
+    yield f"  f           {_formula(as_formula(problem.f), _range_of_f(problem))}"
     for side in range(polygon.n_sides):
         start, end = (_point(polygon.vertices[i % polygon.n_sides]) for i in (side, side + 1))
         where = f"{start} to {end}, length {polygon.lengths[side]:.6g}"
-        yield f"  {f'side {side}':11} {where}: {_held(problem, side)}"
+        yield f"  {f'side {side}':11} {where}: {_condition(problem, side)}"
     if not problem.contact_sides:
         yield f"  contact     {LINEAR}"
     if problem.least > -np.inf:
         size = abs(problem.least) if problem.clamped_sides else max(map(abs, problem.range_of_f))
         least = outward(problem.least, size / (rounded(units.c) if units.reaction else 1.0), down)
-        of = "a lower bound on inf f / c" + " and u on clamped sides" * bool(problem.clamped_sides)
-        yield f"  guaranteed  u >= {least}, {of if units.reaction else 'as f >= 0'}, rounding included"
+        reason = "as f >= 0"
+        if units.reaction:
+            reason = "a lower bound on inf f / c" + " and u on clamped sides" * bool(problem.clamped_sides)
+        yield f"  guaranteed  u >= {least}, {reason}, rounding included"
     idle = problem.idle_sides()
     if idle:
         sides = "side" if len(idle) == 1 else "sides"
         yield f"  no contact  on {sides} {', '.join(map(str, idle))}, where g is below this bound"
 
 
-def _held(problem: Problem, side: int) -> str:
+def _condition(problem: Problem, side: int) -> str:
     """What holds on a side, with the values at POINTS points; the rounding of 0 is not shown."""
-    given = _given(problem, side)
-    values = _along(problem, given, side)
+    formula = _side_formula(problem, side)
+    values = _values_along(problem, formula, side)
     size = np.abs(values).max()
-    ends = [f"{x if abs(x) > ROUND_OFF * size else 0.0:.4g}" for x in (values.min(), values.max())]
-    formula = _formula(given, f"from {ends[0]} to {ends[1]}")
-    if side not in problem.free_sides:
-        return f"clamped, u = {formula}" if side in problem.clamped_sides else f"u >= {formula}"
-    return f"free, {'' if problem.units.k.rational == 1 else 'k '}du/dn = {formula}"
+    least, largest = (x if abs(x) > ROUND_OFF * size else 0.0 for x in (values.min(), values.max()))
+    text = _formula(formula, f"from {least:.4g} to {largest:.4g}")
+    if side in problem.free_sides:
+        return f"free, {'' if problem.units.k.rational == 1 else 'k '}du/dn = {text}"
+    return f"clamped, u = {text}" if side in problem.clamped_sides else f"u >= {text}"
 
 
-def _given(problem: Problem, side: int) -> Expression:
+def _side_formula(problem: Problem, side: int) -> Expression:
     """g, on a clamped side u, or on a free side q."""
     if side not in problem.free_sides:
         return as_formula(problem.g[side])
     return as_formula(problem.q[side]) if problem.q else ZERO
 
 
-def _along(problem: Problem, formula: Expression, side: int) -> Array:
+def _values_along(problem: Problem, formula: Expression, side: int) -> Array:
     """(POINTS,) values along a side, its ends and its middle included."""
     t = np.linspace(0, problem.polygon.lengths[side], POINTS)
     return compile_numpy([formula], "xy")(*problem.polygon.at(np.full(POINTS, side), t).T)[0]
 
 
-def _bounds(problem: Problem) -> str:
+def _range_of_f(problem: Problem) -> str:
     """The bounds on f in the polygon, which are guaranteed."""
     lower, upper = problem.range_of_f
     size = max(abs(lower), abs(upper))
@@ -141,7 +145,7 @@ def _point(vertex: Array) -> str:
     return f"({vertex[0]:.6g}, {vertex[1]:.6g})"
 
 
-def drawn(problem: Problem) -> Figure:
+def draw_problem(problem: Problem) -> Figure:
     """f in the polygon with its numbered sides, and g along the boundary."""
     from matplotlib.figure import Figure
 
@@ -186,7 +190,7 @@ def _draw_polygon(axes: Axes, problem: Problem) -> None:
 
 def _look(problem: Problem, side: int) -> dict[str, Any]:
     free, clamped = side in problem.free_sides, side in problem.clamped_sides
-    look: dict[str, Any] = {"color": FREE if free else HELD, "linestyle": "--" if free else "-"}
+    look: dict[str, Any] = {"color": FREE if free else CONTACT, "linestyle": "--" if free else "-"}
     return look | ({"color": CLAMPED, "linewidth": 5} if clamped else {})
 
 
@@ -195,7 +199,7 @@ def _draw_obstacle(axes: Axes, problem: Problem) -> None:
     polygon, clamped = problem.polygon, "; thick: u" * bool(problem.clamped_sides)
     for side in range(polygon.n_sides):
         s = polygon.starts[side] + np.linspace(0, polygon.lengths[side], POINTS)
-        axes.plot(s, _along(problem, _given(problem, side), side), **_look(problem, side))
+        axes.plot(s, _values_along(problem, _side_formula(problem, side), side), **_look(problem, side))
     for start in polygon.starts:
         axes.axvline(start, color="0.8", linewidth=0.8, zorder=0)
     axes.set(xlabel="arc length along the boundary, a line at each vertex",

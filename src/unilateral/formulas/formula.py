@@ -8,7 +8,8 @@ to write a kink or a singularity, so that both can be found again (see `kinks`).
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache, reduce
 
@@ -31,8 +32,6 @@ from unilateral.formulas.expression import number as exact
 from unilateral.formulas.formula_walk import Evaluation
 from unilateral.formulas.interval import positive_power
 from unilateral.formulas.roots import real_roots
-
-Compiled = Callable[..., list[Array]]
 
 
 def parse(
@@ -121,16 +120,24 @@ def real(text: object, where: str) -> float:
     return rounded(number(text, where))
 
 
+@dataclass(frozen=True, eq=False)
+class Compiled:
+    """Formulas as a function of arrays, one per variable, which returns the values of all of them."""
+
+    formulas: tuple[Expression, ...]
+    variables: tuple[str, ...]
+
+    def __call__(self, *arrays: Array) -> list[Array]:
+        values = (np.asarray(a, dtype=float) for a in arrays)
+        known = {Atom(name): a for name, a in zip(self.variables, values, strict=True)}
+        shape = np.broadcast_shapes(*(a.shape for a in known.values()))
+        read = _Arrays(self.formulas, known)
+        return [np.broadcast_to(np.asarray(read.of(e), dtype=float), shape) for e in self.formulas]
+
+
 def compile_numpy(formulas: Sequence[Expression], names: Sequence[str]) -> Compiled:
     """A function of arrays, one per variable, that returns the values of all the formulas as arrays."""
-    of = tuple(formulas)
-
-    def evaluate(*arrays: Array) -> list[Array]:
-        known = {Atom(name): np.asarray(a, dtype=float) for name, a in zip(names, arrays, strict=True)}
-        shape, read = np.broadcast_shapes(*(a.shape for a in known.values())), _Arrays(of, known)
-        return [np.broadcast_to(np.asarray(read.of(e), dtype=float), shape) for e in of]
-
-    return evaluate
+    return Compiled(tuple(formulas), tuple(names))
 
 
 class _Arrays(Evaluation[Array]):

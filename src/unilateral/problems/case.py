@@ -87,10 +87,6 @@ class ExactSolution:
     def __repr__(self) -> str:
         return f"Exact solution of case '{self.name}' on '{self.polygon.name}'"
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Copies and pickles are made of the declaration."""
-        return exact_solution, (self.declaration, self.name, self.polygon, self.side)
-
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
         """u (k,) and grad u (k, 2) at the places points + offset (k, 2) of Omega.
 

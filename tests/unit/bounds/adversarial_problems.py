@@ -9,8 +9,8 @@ from known_solutions import Feature, Known, Tried, fluxes
 from symbolic import X, Y, pos
 
 import unilateral as ul
-from unilateral.accuracy.goal import Goal
-from unilateral.accuracy.levels import levels
+from unilateral.adaptive.goal import Goal
+from unilateral.adaptive.loop import search
 
 MOST = 400
 """Unknowns on the finest mesh."""
@@ -35,7 +35,7 @@ def known(family, number):
 def tried(family, number):
     """A problem with the solutions of a search's levels."""
     of = known(family, number)
-    found = [level.solved for level in levels(of.problem, Goal(0.02, max_unknowns=MOST))]
+    found = [level.solved for level in search(of.problem, Goal(0.02, max_unknowns=MOST)).levels]
     return Tried(of, [(solved, [(solved.u_h, solved.lambda_H)]) for solved in found])
 
 

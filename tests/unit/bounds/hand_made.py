@@ -19,9 +19,9 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact_errors import cell_means
-from unilateral.problems import data
 from unilateral.problems.case import ExactSolution
 from unilateral.problems.obstacle_and_flux import enclose_obstacle
+from unilateral.problems.side_models import places
 
 CASES = [
     *[(name, "square") for name in ("natural", "smooth", "thirds", "full_contact", "no_contact", "vertex")],
@@ -76,7 +76,7 @@ class Manufactured:
         return enclose_obstacle(self.polygon, self.obstacle_model, free)
 
     def obstacle_model(self, side, t):
-        x, y = data.places(self.polygon, side, t)
+        x, y = places(self.polygon, side, t)
         return evaluate(self.formulas[1], {X: x, Y: y})
 
     def error(self, mesh, u_h, features=()):

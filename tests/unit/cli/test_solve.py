@@ -50,7 +50,7 @@ def test_json_has_the_library_s_numbers(run):
     lower, upper = dual_norm(alone.spaces.partition, [of]).of_error(of, solution.lambda_H[None])
     mesh = alone.exact.ritz.condensed.mesh
     given = alone.spaces.partition, solution.u_h, solution.lambda_H, nothing(mesh), H1
-    bound = local_bound(enclosed(mesh, of), of.enclosed_obstacle, *given)
+    bound = local_bound(enclosed(mesh, of.problem), of.problem.enclosed_obstacle, *given)
     expected = {
         "problem": "natural",
         "h": 1 / 16,
@@ -107,7 +107,8 @@ def test_where_beta_is_0_the_multiplier_is_not_judged(run):
     of_lambda = ["hm12_algebraic_bound", "hm12_error_lower", "hm12_error_upper", "l2_error"]
     assert found["beta"] == 0
     assert [key for key in KEYS if found[key] is None] == ["goal", "ended", "reach", "iterations", *of_lambda]
-    assert found["h1_error"] == pytest.approx(condensed.solve(discrete("natural", 8, 8)).errors.h1, rel=1e-9)
+    alone = discrete("natural", 8, 8)
+    assert found["h1_error"] == pytest.approx(exact_errors(alone, condensed.solve(alone)).h1, rel=1e-9)
     _, out, _ = run("solve", "natural", "--h", "1/8", "--H", "1/8")
     assert out.count("not judged, because beta is 0 up to rounding") == 2
     assert "active_set converged" in out
@@ -303,7 +304,7 @@ def test_idle_sides_are_left_out_on_request(run, problem_file_of):
 
 def test_a_bound_that_does_not_fit_into_the_memory_is_left_out(run, monkeypatch):
     """1089 unknowns take 1 MB, and by the sharp bound 5; control: the cheap one."""
-    monkeypatch.setattr("unilateral.solution.certificate.available_mb", lambda: 2.0)
+    monkeypatch.setattr("unilateral.solution.bounds.available_mb", lambda: 2.0)
     sizes = "--h", "1/32", "--H", "1/16"
     code, out, err = run("solve", "no_contact", *sizes, "--sharp")
     assert (code, err) == (0, "unilateral: no guaranteed bound: it takes about 5 MB, and 2 MB are free\n")

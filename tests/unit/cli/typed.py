@@ -9,7 +9,8 @@ from pathlib import Path
 from conftest import DATA
 
 KEYS = [
-    *("problem", "goal", "norm", "certified", "ended", "reach", "k", "c", "norms", "h", "diameter", "H"),
+    *("problem", "goal", "norm", "certified", "ended", "reach", "k", "c", "norms", "linear_between_nodes"),
+    *("h", "diameter", "H"),
     *("adapted", "triangles", "unknowns", "multipliers", "algorithm", "iterations", "foreign", "converged"),
     *("algebraic_bound", "beta", "hm12_algebraic_bound", "unique", "h1_error"),
     *("hm12_error_lower", "hm12_error_upper", "l2_error", "bounds"),

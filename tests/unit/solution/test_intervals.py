@@ -17,8 +17,9 @@ from unilateral.cli import report
 from unilateral.formulas.decimals import fields, interval
 from unilateral.norms.dual import Errors
 from unilateral.solution import interactive, shown, summary
-from unilateral.solution.certificate import Bounds
-from unilateral.solution.solution import Forces, Solution
+from unilateral.solution.bounds import Bounds
+from unilateral.solution.forces import Forces
+from unilateral.solution.solution import Solution
 from unilateral.system import as_json
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -131,7 +132,9 @@ def test_bounds_on_errors_say_nothing_where_they_are_infinite(solution, monkeypa
     certificate = solution.certificate()
     for u, multiplier in itertools.product((0.5, math.inf), (0.25, math.inf, math.nan)):
         bounds = Bounds(u, multiplier, 0.0)
-        monkeypatch.setattr(Solution, "_bounds", lambda self, sharp, bounds=bounds: bounds)
+        for module in ("solution", "forces"):
+            name = f"unilateral.solution.{module}.bound_errors"
+            monkeypatch.setattr(name, lambda solution, sharp, bounds=bounds: bounds)
         finite = math.isfinite(u) and not math.isinf(multiplier)
         assert ("guaranteed" in repr(bounds)) == finite
         rows = summary.rows(solution)

@@ -37,7 +37,7 @@ def test_errors_are_those_of_the_cases_solved_one_by_one(table):
     """
     np.testing.assert_allclose(table["H"], [[1, 1 / 2], [1 / 2, 1 / 4]])
     for k, case in enumerate(CASES):
-        discrete = discretise(case, MESH, uniform(square(), 1 / 4))
+        discrete = discretise(case.problem, MESH, uniform(square(), 1 / 4))
         solution = solve(discrete, STOP)
         h1 = discrete.errors(solution.result.lambda_H).h1
         found = table.isel(case=k, start=1, level=1)
