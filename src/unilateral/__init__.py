@@ -6,7 +6,7 @@
 True
 
 Public names live in `api` and are imported lazily; `__init__.pyi` lists them. The method is in `formulas`,
-`geometry`, `problems`, `fem`, `solvers`, `norms`, `bounds`, and on them `discrete`, `accuracy` and
+`geometry`, `problems`, `fem`, `solvers`, `norms`, `bounds`, and on them `discrete`, `adaptive` and
 `solution`. `cli` is the command line.
 """
 

@@ -11,7 +11,6 @@ True
 
 from __future__ import annotations
 
-import math
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -19,10 +18,9 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from unilateral.accuracy.goal import ACCURACY, NORMS, Goal
-from unilateral.accuracy.level import Level
-from unilateral.accuracy.search import search
-from unilateral.accuracy.watch import Watch
+from unilateral.adaptive.goal import ACCURACY, NORMS, Goal
+from unilateral.adaptive.level import Level
+from unilateral.adaptive.loop import search
 from unilateral.errors import InputError, IterationWarning, shown
 from unilateral.geometry.files import read_mesh
 from unilateral.geometry.foreign import halved, mesh_from
@@ -173,7 +171,7 @@ def solve(
     absolute: bool = False,
     dry_run: bool = False,
     tell: Callable[[Level], None] | None = None,
-    watch: Watch | None = None,
+    begin: float | None = None,
 ) -> Solution:
     """The solution on given sizes h and H, or up to an accuracy that is then guaranteed.
 
@@ -189,8 +187,10 @@ def solve(
     on u, or by the `sharp` one; lambda takes the sharp one. The solution's `certified` says whether it was
     reached within `max_unknowns`, `max_seconds` (by default 600) and `max_memory` MB (by default what is
     free). A limit that is given is used up if need be; without one the search ends as soon as the accuracy is
-    out of reach. `tell` is called with every level. A `dry_run` ends after the first levels, and the
-    solution's `search.plan` says what the accuracy takes. A `watch` may interrupt and see how far a level is.
+    out of reach. Limits are looked at before each level; Ctrl-C keeps the levels that are finished. The
+    seconds count from `begin`, a time of `time.perf_counter()`, by default from the call. `tell` is called
+    with every level. A `dry_run` ends after the first levels, and the solution's `search.plan` says what the
+    accuracy takes.
 
     Raises BudgetError where a limit leaves no result, and InputError for what does not fit together, or not
     into the memory. Warns by a SolutionWarning where the iteration did not converge, where the
@@ -201,7 +201,10 @@ def solve(
     True
     """
     problem = _problem(problem)
-    h, H, accuracy = (number(*each) for each in (("h", h), ("H", H), ("the accuracy", accuracy)))
+    h = number("h", h)
+    H = number("H", H)
+    accuracy = number("the accuracy", accuracy)
+    begin = number("begin", begin)
     check_kind(mesh)
     check_stop(stop)
     arguments.check_flags(sharp=sharp, absolute=absolute, dry_run=dry_run)
@@ -209,8 +212,8 @@ def solve(
     on_own_mesh = isinstance(mesh, Mesh) or problem.mesh is not None
     if without_sizes and not on_own_mesh and not problem.has_functions:
         accuracy = ACCURACY
-    if not (tell is None or callable(tell)) or not isinstance(watch, Watch | None):
-        raise InputError("tell has to be a function of a level, and watch a Watch; leave them out")
+    if not (tell is None or callable(tell)):
+        raise InputError("tell has to be a function of a level; leave it out")
     limits = {"max_unknowns": max_unknowns, "max_seconds": max_seconds, "max_memory": max_memory}
     if accuracy is None:
         other_norm = not (isinstance(norm, str) and norm == NORMS[0])
@@ -231,20 +234,21 @@ def solve(
             f"'{problem.name}': f, g, q and u must be formulas for an accuracy, because functions have other "
             "values between the nodes of each mesh; give h and H"
         )
-    if not isinstance(norm, str) or norm not in NORMS:
-        raise InputError(f"the norm '{norm}' is none of {', '.join(NORMS)}")
     if norm == "hm12" and not problems.contact_sides(
         problem.polygon, problem.free_sides, problem.clamped_sides
     ):
         raise InputError(f"'{problem.name}': {LINEAR}; ask for an accuracy of u, in the norm h1")
-    if not 0 < accuracy < math.inf:
-        raise InputError(f"the accuracy {accuracy:g} must be a positive number, such as 1e-2")
-    if accuracy >= 1 and not absolute:
-        raise InputError(f"the accuracy {accuracy:g} is relative and must be below 1, unless absolute=True")
-    most = {name: _limit(name, limit) for name, limit in limits.items()}
-    goal = Goal(accuracy, norm, **most, sharp=sharp or norm == "hm12", absolute=absolute)
+    goal = Goal(
+        accuracy,
+        norm,
+        **{name: number(name, limit) for name, limit in limits.items()},
+        sharp=sharp or norm == "hm12",
+        absolute=absolute,
+        kind=mesh,
+        stop=stop or Stop(),
+    )
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
-        levels = search(scaled(problem), goal, stop, mesh, tell, watch, dry_run)
+        levels = search(scaled(problem), goal, tell, dry_run, begin)
     found = Solution(levels.best.solved, problem, levels)
     if not dry_run:
         tell_faults(found)
@@ -334,11 +338,3 @@ def _check_sizes_alone(limits: Mapping[str, Size | None], **others: bool) -> Non
     given += [name for name, other in others.items() if other]
     if given:
         raise InputError(f"{given[0]} is only for an accuracy; leave it out, or give an accuracy")
-
-
-def _limit(name: str, given: Size | None) -> float | None:
-    """A limit, if there is one."""
-    found = number(name, given)
-    if found is not None and not found > 0:
-        raise InputError(f"{name} is {found:g}; it has to be above 0")
-    return found

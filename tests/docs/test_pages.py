@@ -155,7 +155,7 @@ BROKEN = [
     ),
     (
         DIRECTIVE.format(
-            "autoclass:: unilateral.accuracy.level.Level\n   :members: goal\n   :undoc-members:"
+            "autoclass:: unilateral.adaptive.level.Level\n   :members: goal\n   :undoc-members:"
         ),
         r"WARNING: .*\.Goal\b",
     ),

@@ -15,7 +15,7 @@ import sympy
 from conftest import DATA, ROOT
 
 import unilateral as ul
-from unilateral.accuracy import plan as of_plan
+from unilateral.adaptive import forecast
 from unilateral.fem.p1 import h1_norm
 from unilateral.formulas.decimals import up
 from unilateral.geometry.files import write_mesh
@@ -178,7 +178,7 @@ def test_an_accuracy_is_certified_and_its_levels_are_told():
     told = []
     s = ul.solve(ul.load(DATA / "problems/triangle.yaml"), accuracy=0.2, tell=told.append)
     assert s.certified
-    assert len(told) == len(s.search.done)
+    assert len(told) == len(s.search.levels)
     assert s.iterations == sum(level.solved.result.iterations for level in told)
 
 
@@ -271,7 +271,7 @@ def test_a_tolerance_below_rounding_ends_soon_and_is_told(algorithm):
 @pytest.mark.parametrize("absolute", [False, True])
 def test_an_accuracy_within_reach_is_told_in_the_terms_of_the_one_that_was_missed(absolute, monkeypatch):
     """Relative ones as parts of the norm, absolute ones as errors; the one in reach is above that wanted."""
-    monkeypatch.setattr(of_plan, "PROBE", 0.0)
+    monkeypatch.setattr(forecast, "PLAN_UNKNOWNS", 400)
     with pytest.warns(ul.SolutionWarning) as told:
         s = ul.solve("natural", accuracy=1e-9, absolute=absolute)
     reached = up(s.search.best.total, ".4e")
@@ -345,12 +345,12 @@ def test_relative_bounds_are_parts_of_lower_bounds_of_the_norms():
 
 def test_bounds_that_are_withdrawn_and_levels_that_are_refused_are_told(monkeypatch):
     """A fault that nobody knows of is simulated: the levels' bounds are said to contradict each other."""
-    monkeypatch.setattr("unilateral.accuracy.search.standing", lambda done: [])
+    monkeypatch.setattr("unilateral.adaptive.loop.uncontradicted", lambda levels: [])
     with pytest.warns(ul.SolutionWarning) as told:
         s = ul.solve("natural", accuracy=0.3)
     assert not s.certified
     assert s.bounds is None
-    number = len(s.search.done)
+    number = len(s.search.levels)
     assert f"{number} bounds withdrawn, because they contradict each other; please report it" in str(
         told[0].message
     )
@@ -398,7 +398,7 @@ def test_bounds_that_contradict_each_other_are_none():
             "the mesh is 'quads'; it has to be structured or unstructured, or",
         ),
         ({"accuracy": 0.1, "norm": "l2"}, "the norm 'l2' is none of h1, hm12"),
-        ({"accuracy": 2}, "the accuracy 2 is relative and must be below 1, unless absolute=True"),
+        ({"accuracy": 2}, "the accuracy 2 is relative and must be below 1, or made absolute (absolute=)"),
         (
             {"mesh": "quads", **SIZES},
             "the mesh is 'quads'; it has to be structured or unstructured, or a mesh",
@@ -409,7 +409,7 @@ def test_bounds_that_contradict_each_other_are_none():
         ({"h": np.array([0.1, 0.2]), "H": 1}, "h is array([0.1, 0.2]); it has to be a number"),
         ({"accuracy": 0.1, "norm": None}, "the norm 'None' is none of h1, hm12"),
         ({"accuracy": 0.1, "tell": 3}, "tell has to be a function of a level"),
-        ({"accuracy": 0.1, "watch": 3}, "watch a Watch"),
+        ({"accuracy": 0.1, "begin": "now"}, "begin: 'now' is unknown"),
         ({"accuracy": 0.1, "sharp": "no"}, "sharp is 'no'; it has to be True or False"),
         ({"dry_run": True, **SIZES}, "dry_run is only for an accuracy; leave it out, or give an accuracy"),
         ({"max_unknowns": 10, **SIZES}, "max_unknowns is only for an accuracy"),

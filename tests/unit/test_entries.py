@@ -59,7 +59,7 @@ PLACES = {
     "solve(max_unknowns)": lambda odd: ul.solve("natural", accuracy=0.5, max_unknowns=odd),
     "solve(sharp)": lambda odd: ul.solve("natural", **SIZES, sharp=odd),
     "solve(dry_run)": lambda odd: ul.solve("natural", accuracy=0.5, dry_run=odd),
-    "solve(watch)": lambda odd: ul.solve("natural", accuracy=0.5, watch=odd),
+    "solve(begin)": lambda odd: ul.solve("natural", accuracy=0.5, begin=odd),
     "Stop(fraction)": lambda odd: ul.Stop(fraction=odd),
     "Stop(tolerance)": lambda odd: ul.Stop(tolerance=odd),
     "Stop(max_steps)": lambda odd: ul.Stop(max_steps=odd),

@@ -33,7 +33,9 @@ NAMES = {
     "×": "x", "·": "*", "√": "sqrt", "²": "^2", "–": "-", "°": " degrees",
 }  # fmt: skip
 """How letters that a terminal does not have are written; any other one by its code, such as \\u2026."""
-ARGUMENT = re.compile(r"\b(max_unknowns|max_seconds|max_memory|max_steps|rho|algorithm|polygon)=([0-9.]?)")
+ARGUMENT = re.compile(
+    r"\b(absolute|algorithm|max_memory|max_seconds|max_steps|max_unknowns|polygon|rho)=([0-9.]?)"
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from unilateral.accuracy.level import Level, refinement_pays
-from unilateral.accuracy.plan import Plan
-from unilateral.accuracy.search import NOT_ENCLOSED, Search
+from unilateral.adaptive.forecast import Plan
+from unilateral.adaptive.level import NOT_ENCLOSED, Level
+from unilateral.adaptive.loop import Search
+from unilateral.adaptive.marking import refinement_pays
 from unilateral.cli.guard import as_options
 from unilateral.errors import counted
 from unilateral.formulas.decimals import down, guaranteed, interval, up
@@ -159,6 +160,11 @@ def level_line(level: Level, length: float) -> str:
     return "".join(f"{each:>12}" for each in shown)
 
 
+def next_line(level: Level) -> str:
+    """What the next level is expected to take, with the two digits that a prediction may have."""
+    return f"  next: about {level.next_unknowns:.2g} unknowns, {level.next_seconds:.2g} s"
+
+
 def ending(search: Search, units: Units) -> str:
     """Whether the accuracy is certified, and if not what ended the search, by default the budget."""
     best, norm = search.best, search.best.goal.norm
@@ -195,7 +201,7 @@ def amounts(plan: Plan) -> str:
 
 def planned(name: str, search: Search, as_json: bool) -> str:
     """What a dry run found, as text or as JSON, with null for what is unknown."""
-    plan, last = search.plan, search.done[-1]
+    plan, last = search.plan, search.levels[-1]
     if as_json:
         found = asdict(rounded(plan)) if plan else {field.name: None for field in fields(Plan)}
         return json.dumps({"problem": name, **found, "ended": search.ended or None, "reach": search.reach})

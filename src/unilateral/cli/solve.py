@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import shlex
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from unilateral import api
-from unilateral.accuracy.goal import ACCURACY, NORMS, Goal
-from unilateral.accuracy.level import Level
-from unilateral.accuracy.search import WITHDRAWN, Search
-from unilateral.accuracy.watch import OutOfBudget, Watch
+from unilateral.adaptive import loop
+from unilateral.adaptive.goal import ACCURACY, NORMS
+from unilateral.adaptive.level import Level
+from unilateral.adaptive.loop import WITHDRAWN, Search
 from unilateral.certificates.export import CERTIFICATE_ENDINGS, checker_of
 from unilateral.certificates.statement import state_problem
 from unilateral.cli.guard import NOT_CONVERGED, say, tell
@@ -29,12 +30,12 @@ from unilateral.cli.report import (
     head,
     level_head,
     level_line,
+    next_line,
     planned,
     table,
     written,
 )
-from unilateral.cli.watching import bar_during, clear, watching
-from unilateral.errors import BudgetError, InputError, counted
+from unilateral.errors import InputError, counted
 from unilateral.formulas.decimals import fields, interval
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
@@ -63,8 +64,8 @@ TOO_COARSE = (
     "the bound does not rule out an error as large as u itself; "
     f"--accuracy {ACCURACY:g} in place of --h and --H refines the mesh where the bound comes from"
 )
-READING = "the formulas enclosed"
-"""The name of the phase before a search, which is long only for formulas that are long or vary fast."""
+LONG = 5.0
+"""A level that is expected to take this many seconds is announced on a terminal."""
 FEW = 512
 """Up to this many cells the error in H^{-1/2} is computed; for more it takes longer than all the rest."""
 KEPT = ("solution.vtu", "boundary.csv", "solution.nc", "certificate.json", "solution.svg")
@@ -76,24 +77,17 @@ def run(options: SimpleNamespace) -> int:
     options.sharp = options.sharp or options.norm == "hm12"
     _targets(options)
     keep_freed()
-    drawn = sys.stderr.isatty() and not options.json
-    problem = _read(options, drawn)
+    problem = _problem(options)
     if options.certificate:
         state_problem(problem)
-    watch = Watch(begin=options.begin)
-    if options.accuracy is None:
-        solution = _solved(options, problem, watch, drawn)
-        printed = _reported(solution, options, watch, drawn)
-    else:
-        with watching(watch, drawn):
-            solution = _solved(options, problem, watch, drawn)
-            clear(drawn)
-            if options.dry_run and solution.search:
-                say(planned(problem.name, solution.search, options.json))
-                return INTERRUPTED if watch.asked else 0
-            printed = _reported(solution, options, watch, drawn)
+    solution = _solved(options, problem)
+    interrupted = solution.search is not None and solution.search.ended == loop.INTERRUPTED
+    if options.dry_run and solution.search:
+        say(planned(problem.name, solution.search, options.json))
+        return INTERRUPTED if interrupted else 0
+    printed, interrupted = _reported(solution, options, interrupted)
     _keep(solution, options, printed)  # Ctrl-C ends this at once, also after a search that it has ended
-    if watch.asked:
+    if interrupted:
         return INTERRUPTED
     return 0 if (solution.certified if solution.search else solution.converged) else NOT_CONVERGED
 
@@ -102,7 +96,7 @@ def certify(options: SimpleNamespace) -> int:
     """Bound the errors of another program's solution; the exit code."""
     vars(options).update(out=None, dry_run=False)
     _targets(options)
-    watch, problem = Watch(begin=options.begin), api.load(options.problem)
+    problem = api.load(options.problem)
     if options.certificate:
         state_problem(problem)
     if options.mesh is None and Path(options.solution).suffix in (".csv", ".nc"):
@@ -114,36 +108,30 @@ def certify(options: SimpleNamespace) -> int:
 
     u = nodal_values_on(mesh, options.mesh, options.solution, options.field)
     solution = api.certify(problem, mesh, u)
-    printed = _reported(solution, options, watch, drawn=False)
+    printed, _ = _reported(solution, options)
     _keep(solution, options, printed)
     return 0 if printed["h1_bound"] < math.inf else NOT_CONVERGED
 
 
-def _read(options: SimpleNamespace, drawn: bool) -> Problem:
-    """The problem, its formulas enclosed. Raises BudgetError where a limit of an accuracy ends that."""
-    limits = {"max_seconds": options.max_seconds, "max_memory": options.max_memory}
-    goal = None if options.accuracy is None else Goal(options.accuracy, **limits)
-    try:
-        with bar_during(Watch(begin=options.begin, goal=goal), READING, drawn):
-            return _problem(options)
-    except OutOfBudget as limit:
-        why = f"{limit} is not enough to enclose the formulas of '{options.problem}'"
-        raise BudgetError(why) from None
-
-
-def _solved(options: SimpleNamespace, problem: Problem, watch: Watch, drawn: bool) -> Solution:
+def _solved(options: SimpleNamespace, problem: Problem) -> Solution:
     return api.solve(
         problem,
         **{name: getattr(options, name) for name in PASSED_ON},
         mesh=_mesh(options.mesh, problem),
         stop=Stop(**{name: getattr(options, name) for name in OF_STOP}),
-        tell=None if options.json else _told(problem, options.by_default, drawn),
-        watch=watch,
+        tell=None if options.json else _told(problem, options.by_default),
+        begin=options.begin,
     )
 
 
-def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bool) -> dict[str, Any]:
-    """Prints what was found; its fields, by the names that --json has."""
+def _reported(
+    found: Solution, options: SimpleNamespace, interrupted: bool = False
+) -> tuple[dict[str, Any], bool]:
+    """Prints what was found; its fields, by the names that --json has, and whether there was an interrupt.
+
+    After an interrupt true errors and forces are left out. One while they are computed ends this only where
+    no accuracy was asked for.
+    """
     search, sharp = found.search, options.sharp
     own_mesh = options.mesh not in (None, *api.KINDS)
     refused = too_large(found.solved, sharp)
@@ -157,11 +145,17 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
         if not options.json:
             say(ending(search, found.problem.units))
     dual = found.partition.n_cells <= FEW
-    errors = _allowed("true errors", lambda: found.true_errors(dual), found, watch)
-    forces = _allowed("forces", lambda: _forces(found, sharp), found, watch) if bounds else None
-    clear(drawn)
+    errors = forces = None
+    if not interrupted:
+        try:
+            errors = found.true_errors(dual)
+            forces = _forces(found, sharp) if bounds else None
+        except KeyboardInterrupt:
+            if search is None:
+                raise
+            interrupted = True
     printed = record(found, bounds, errors, sharp) | {"forces": forces}
-    printed |= {"seconds": watch.elapsed, "peak_mb": peak_mb()}
+    printed |= {"seconds": time.perf_counter() - options.begin, "peak_mb": peak_mb()}
     doubt = "" if found.unique else not_unique(found.mesh, own_mesh)
     if doubt:
         tell(f"lambda_H {doubt}")
@@ -187,7 +181,7 @@ def _reported(found: Solution, options: SimpleNamespace, watch: Watch, drawn: bo
         say(table(printed, bounds, least, doubt, found.problem.units))
         if bounds and not (search or errors or found.solved.foreign) and _too_coarse(found, bounds):
             say(f"  {'hint':27} {TOO_COARSE}{'; it makes its own meshes' * own_mesh}")
-    return printed
+    return printed, interrupted
 
 
 def _too_coarse(solution: Solution, bounds: Bounds) -> bool:
@@ -243,19 +237,6 @@ def _keep(found: Solution, options: SimpleNamespace, printed: dict[str, Any]) ->
                 say(f"  {'it proves':27} the bound without --sharp: {bound}")
 
 
-def _allowed(phase: str, compute: Callable[[], Any], found: Solution, watch: Watch) -> Any:
-    """What is computed after a search, None where an interrupt or a limit stops it."""
-    if found.search is None:
-        return compute()
-    try:
-        watch.resume(found.search.best.goal, phase)
-        return compute()
-    except (KeyboardInterrupt, OutOfBudget):
-        return None
-    finally:
-        watch.rest()
-
-
 def _problem(options: SimpleNamespace) -> Problem:
     """What is to be solved, with its free sides."""
     name = options.problem
@@ -279,17 +260,21 @@ def _mesh(given: str | None, problem: Problem) -> Any:
     return own_mesh(given, problem.polygon)
 
 
-def _told(problem: Problem, by_default: bool, drawn: bool) -> Callable[[Level], None]:
-    """A function that prints each level, the first one below a line that says what is wanted."""
+def _told(problem: Problem, by_default: bool) -> Callable[[Level], None]:
+    """A function that prints each level, the first one below a line that says what is wanted.
+
+    On a terminal it announces a next level that is expected to take long.
+    """
     first, units = True, problem.units
 
     def one(level: Level) -> None:
         nonlocal first
-        clear(drawn)
         if first and by_default:
             say(BY_DEFAULT)
         say(level_head(problem.name, level, units) if first else level_line(level, units.length))
         first = False
+        if level.next_seconds >= LONG and sys.stderr.isatty():
+            print(next_line(level), file=sys.stderr, flush=True)
 
     return one
 
@@ -297,8 +282,8 @@ def _told(problem: Problem, by_default: bool, drawn: bool) -> Callable[[Level], 
 def _tell_faults(search: Search) -> None:
     if search.refusal is not None:
         tell(search.refusal)
-    if len(search.believed) < len(search.done):
-        withdrawn = len(search.done) - len(search.believed)
+    withdrawn = len(search.levels) - len(search.believed)
+    if withdrawn:
         tell(f"{counted(withdrawn, 'bound')} {WITHDRAWN}")
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from unilateral.accuracy.goal import ACCURACY, MAX_SECONDS, NORMS
+from unilateral.adaptive.goal import ACCURACY, MAX_SECONDS, NORMS
 from unilateral.cli import arguments
 from unilateral.cli.arguments import FILE, FOLDER, complete_polygon, count, positive, sides
 from unilateral.solvers.stop import ALGORITHMS, Stop
@@ -153,8 +153,6 @@ def _check_alternatives(ctx: click.Context, options: dict[str, Any], given: set[
             ctx.fail(f"solve needs --h and --H, or --accuracy; --{missing[0]} is missing")
         wrong, why = given & OF_ACCURACY, "is only for --accuracy"
     else:
-        if options["accuracy"] >= 1 and not options["absolute"]:
-            ctx.fail("--accuracy is relative and must be below 1, such as 1e-2; or add --absolute")
         wrong, why = {"h", "H", "tolerance"} & given, "is chosen by --accuracy; leave one of the two out"
     for name in sorted(wrong):
         ctx.fail(f"--{name.replace('_', '-')} {why}")

@@ -8,6 +8,7 @@ from dataclasses import asdict
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from unilateral.adaptive.level import Level
 from unilateral.discrete.choice import bound_mb
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.formulas.decimals import guaranteed, interval, percent
@@ -101,7 +102,6 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
     solved, search, units = solution.solved, solution.search, solution.problem.units
     result, goal = solved.result, search.best.goal if search else None
     mesh, cells, contact = solved.mesh, solved.partition, solution.contact
-    levels = search.summaries if search else ()
     length, norm = units.length, goal.norm if goal else "h1"
     known = bounds or Bounds(*(math.nan,) * 3)
     beta = solution.beta if mesh.n_nodes <= QUICK else math.nan
@@ -143,7 +143,7 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
         "hm12_relative_bound": known.relative_multiplier,
         "enclosure": known.unknown,
         "total_bound": known.multiplier if norm == "hm12" else known.u,
-        "levels": [each._asdict() | {"h": length * each.h, "H": length * each.H} for each in levels],
+        "levels": [level_record(level, length) for level in search.levels] if search else [],
         "contact": {
             "full": contact.full,
             "length": contact.length,
@@ -152,6 +152,18 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
         },
         "versions": {"python": platform.python_version()}
         | {name: version(name) for name in ("unilateral", "numpy", "scipy")},
+    }
+
+
+def level_record(level: Level, length: float) -> dict[str, float]:
+    """The fields of a level. Sizes are in the user's units: 1 in the level's is a `length` in these."""
+    return {
+        "h": length * level.solved.mesh.h,
+        "H": length * level.partition.H,
+        "unknowns": level.unknowns,
+        "multipliers": len(level.solved.cells),
+        "iterations": level.solved.result.iterations,
+        "total_bound": level.total,
     }
 
 

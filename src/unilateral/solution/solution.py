@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from unilateral.accuracy.search import Search
+from unilateral.adaptive.loop import Search
 from unilateral.arrays import Array, Index, floats
 from unilateral.bounds.clamped_ends import Clamps, none
 from unilateral.bounds.forces import Force, forces
@@ -334,8 +334,8 @@ class Solution:
     @property
     def iterations(self) -> float:
         """Steps of the algorithm, on all levels; NaN if it counts none."""
-        levels = self.search.summaries if self.search else [self.solved.result]
-        return sum(level.iterations for level in levels)
+        solves = [level.solved for level in self.search.levels] if self.search else [self.solved]
+        return sum(solved.result.iterations for solved in solves)
 
     @property
     def converged(self) -> bool:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
-from unilateral.accuracy.search import WITHDRAWN, Search
+from unilateral.adaptive.loop import WITHDRAWN, Search
 from unilateral.discrete.base import DiscreteProblem
 from unilateral.discrete.choice import cheapest, condensed_spaces, discretised
 from unilateral.discrete.loads import Load, load_of
@@ -183,8 +183,8 @@ def check_stop(stop: Stop | None) -> None:
 def tell_faults(found: Solution, own_mesh: bool = False) -> None:
     """Warns, two calls above, of what is less than what was wanted, or may be."""
     search = found.search
-    if search and len(search.believed) < len(search.done):
-        withdrawn = f"{len(search.done) - len(search.believed)} bounds {WITHDRAWN}"
+    if search and len(search.believed) < len(search.levels):
+        withdrawn = f"{len(search.levels) - len(search.believed)} bounds {WITHDRAWN}"
         warnings.warn(withdrawn, SolutionWarning, stacklevel=3)
     if search and not search.certified:
         warnings.warn(not_certified(search, found), SolutionWarning, stacklevel=3)

@@ -8,8 +8,8 @@ import sympy
 from known_solutions import Feature, Known, Tried, fluxes
 
 import unilateral as ul
-from unilateral.accuracy.goal import Goal
-from unilateral.accuracy.levels import levels
+from unilateral.adaptive.goal import Goal
+from unilateral.adaptive.loop import search
 from unilateral.formulas.symbolic import pos
 from unilateral.problems.atoms import X, Y
 
@@ -36,7 +36,7 @@ def known(family, number):
 def tried(family, number):
     """A problem with the solutions of a search's levels."""
     of = known(family, number)
-    found = [level.solved for level in levels(of.problem, Goal(0.02, max_unknowns=MOST))]
+    found = [level.solved for level in search(of.problem, Goal(0.02, max_unknowns=MOST)).levels]
     return Tried(of, [(solved, [(solved.u_h, solved.lambda_H)]) for solved in found])
 
 

@@ -15,7 +15,7 @@ from conftest import case_file
 from known_solutions import Catalogued, Feature, Known, Tried, fluxes
 from random_polygons import columns, distances, over_a_base, star, wedge
 
-from unilateral.accuracy.levels import two_edges_per_cell
+from unilateral.adaptive.loop import two_edges_per_cell
 from unilateral.discrete.condensed import discretise
 from unilateral.discrete.multilevel import discretise_nested
 from unilateral.fem.p1 import h1_norm

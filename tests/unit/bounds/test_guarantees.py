@@ -16,8 +16,8 @@ from hand_made import CASES, CRUDE, OfCatalogue
 from known_solutions import QUADRATURE, SIZE
 from random_problems import known
 
-from unilateral.accuracy.goal import Goal
-from unilateral.accuracy.search import search
+from unilateral.adaptive.goal import Goal
+from unilateral.adaptive.loop import search
 from unilateral.bounds import source
 from unilateral.bounds.clamped_ends import unclamped
 from unilateral.bounds.forces import forces

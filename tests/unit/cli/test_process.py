@@ -162,25 +162,24 @@ def test_case_names_are_completed_without_what_takes_long_to_import():
 
 
 def test_a_second_interrupt_ends_at_once():
-    """With code 130, before anything else is done."""
+    """The first one, in the second level, ends the search; the second one ends the printing of its result."""
     source = (
-        "import os, signal; from unilateral.accuracy.watch import Watch; "
-        "from unilateral.cli.watching import watching\n"
-        "with watching(Watch(), False):\n"
-        "    os.kill(os.getpid(), signal.SIGINT)\n"
-        "    print('once', flush=True)\n"
-        "    os.kill(os.getpid(), signal.SIGINT)\n"
-        "    print('twice', flush=True)\n"
+        "import os, signal, sys; from unilateral.adaptive import loop\n"
+        "from unilateral.cli import main, solve\n"
+        "loop.divided_mesh = solve.ending = lambda *_: os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.exit(main(['solve', 'natural', '--accuracy', '0.1']))\n"
     )
-    assert in_python(source) == (130, "once\n", "unilateral: interrupted\n")
+    code, out, err = in_python(source)
+    assert (code, err) == (130, "unilateral: interrupted\n")
+    assert out.count("\n") == 3  # what is wanted, the names of the columns, and the first level
 
 
 def test_sigterm_is_told_and_is_code_143():
     """In one line, when the command works; the signal is sent in its first level."""
     source = (
-        "import os, signal, sys; from unilateral.accuracy.watch import Watch\n"
+        "import os, signal, sys; from unilateral.adaptive import loop\n"
         "from unilateral.cli import main\n"
-        "Watch.begin_level = lambda _: os.kill(os.getpid(), signal.SIGTERM)\n"
+        "loop.first_mesh = lambda *_: os.kill(os.getpid(), signal.SIGTERM)\n"
         "sys.exit(main(['solve', 'natural', '--accuracy', '0.1']))\n"
     )
     assert in_python(source) == (143, "", "unilateral: terminated\n")

@@ -13,7 +13,7 @@ from documents import blocks
 from typed import KEYS, PROBLEM, solve_json
 
 import unilateral as ul
-from unilateral.accuracy.watch import Watch
+from unilateral.adaptive import forecast, loop
 from unilateral.discrete import solution
 from unilateral.formulas.decimals import up
 from unilateral.solution import Solution
@@ -125,18 +125,10 @@ def test_an_accuracy_of_a_problem_in_the_dual_norm(run):
     assert unknown == ["ended", "reach", *(key for key in KEYS if "_error" in key)]
 
 
-@pytest.fixture
-def looks(monkeypatch):
-    """A clock that shows how often it was looked at: a look is a second. The handler's looks are left out."""
-    count = itertools.count()
-    monkeypatch.setattr("unilateral.cli.watching.TICK", 0)
-    monkeypatch.setattr(Watch, "elapsed", property(lambda _: float(next(count))))
-
-
 @pytest.mark.parametrize(("option", "value"), [("--max-unknowns", "100"), ("--max-seconds", "60")])
-@pytest.mark.usefixtures("looks")
-def test_a_budget_that_ends_is_code_3(run, option, value):
+def test_a_budget_that_ends_is_code_3(run, monkeypatch, option, value):
     """And what it needs is said: more than the unknowns so far."""
+    monkeypatch.setattr(forecast, "seconds_per_unknown", lambda _: 0.02)
     arguments = ("natural", "--accuracy", "1e-3", option, value)
     code, out, err = run("solve", *arguments)
     assert (code, err) == (3, "")
@@ -179,14 +171,14 @@ def test_nothing_is_relative_to_a_multiplier_that_is_0(run):
 @pytest.mark.parametrize("done", [0, 1])
 def test_an_interrupt_leaves_the_best_solution_if_there_is_one(run, monkeypatch, done):
     """A signal in the midst of the first level, or of the second; no true errors, which may take long."""
-    own, count = Watch._next, itertools.count()
+    own, count = loop.solve, itertools.count()
 
-    def interrupting(watch, phase):
-        own(watch, phase)
-        if phase == "solve" and next(count) == done:
+    def interrupting(*arguments):
+        if next(count) == done:
             interrupt()
+        return own(*arguments)
 
-    monkeypatch.setattr(Watch, "_next", interrupting)
+    monkeypatch.setattr(loop, "solve", interrupting)
     code, out, err = run("solve", "natural", "--accuracy", "1e-3")
     assert (code, err) == (130, "" if done else "unilateral: interrupted\n")
     assert ("NOT certified, interrupted: ||u - u_h||_1 <= " in out) == (done > 0)
@@ -194,23 +186,22 @@ def test_an_interrupt_leaves_the_best_solution_if_there_is_one(run, monkeypatch,
     assert "||u - u_h||_1                = " not in out
 
 
-@pytest.mark.usefixtures("looks")
 def test_a_dry_run_says_what_is_needed(run):
     """In the text and in JSON the same; `test_plan` holds that it is right within 2.
 
-    Solved are the first levels only, up to 400 unknowns or a few more.
+    Solved are the first levels only, up to one that is large enough.
     """
     dry = ("solve", LSHAPE, "--accuracy", "0.01", "--dry-run", "--max-seconds", "9999")
     code, out, err = run(*dry)
     assert (code, err) == (0, "")
     (needed,) = re.findall(r"  plan: about (\S+) unknowns, \S+ s and \S+ MB, within the limits\n", out)
-    assert float(needed) == json.loads(run(*dry, "--json")[1])["unknowns"] > 9999
+    assert float(needed) == json.loads(run(*dry, "--json")[1])["unknowns"] > 49_999
     assert "\n  adapted meshes, because a few triangles contribute most of the bound\n" in out
     assert "H = 2h" in out
     *before, last = (int(level[3]) for level in level_rows(out))
-    assert max(before) < 400 <= last < 2000
-    limited = (*dry, "--max-unknowns", "9999")
-    said = r"; not within --max-unknowns 9999; try --accuracy (0\.02|0\.05)\n"
+    assert max(before) < forecast.PLAN_UNKNOWNS <= last < 10 * forecast.PLAN_UNKNOWNS
+    limited = (*dry, "--max-unknowns", "49999")
+    said = r"; not within --max-unknowns 49999; try --accuracy (0\.02|0\.05)\n"
     (reach,) = re.findall(said, run(*limited)[1])
     assert json.loads(run(*limited, "--json")[1])["reach"] == float(reach)
 
@@ -258,12 +249,12 @@ def test_a_limit_before_the_first_level_is_told(run):
     """Nothing is solved in 1e-9 seconds, nor in the MB that are held before: code 3, one line."""
     for option in (("--max-seconds", "1e-09"), ("--max-memory", "1")):
         code, out, err = run("solve", "natural", "--accuracy", "0.1", *option)
-        said = f"unilateral: {' '.join(option)} is not enough to enclose the formulas of 'natural'\n"
+        said = f"unilateral: {' '.join(option)} is not enough to solve on the coarsest mesh of 'square'\n"
         assert (code, out, err) == (3, "", said)
 
 
 def test_where_the_data_are_0_the_table_says_what_is_wanted(run, problem_file_of):
-    """The bound of `accuracy.level.NOTHING`, not 0, which no bound is below."""
+    """The bound of `adaptive.level.ZERO_SOLUTION_BOUND`, not 0, which no bound is below."""
     code, out, _ = run("solve", problem_file_of(f=0, g=0), "--accuracy", "0.1")
     (*_, total, wanted), head = (out.splitlines()[k].split() for k in (2, 1))
     assert (code, head[-2:]) == (0, ["total", "wanted"])

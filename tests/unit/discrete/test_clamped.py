@@ -16,7 +16,7 @@ import scipy.sparse.linalg as spla
 import sympy
 
 import unilateral as ul
-from unilateral.accuracy.level import contradict
+from unilateral.adaptive.level import contradict
 from unilateral.bounds import feasible, local_bounds
 from unilateral.bounds.clamped_ends import conflicts, unclamped
 from unilateral.bounds.constraint import constraint

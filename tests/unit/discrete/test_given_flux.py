@@ -7,7 +7,7 @@ import pytest
 from known_solutions import fluxes, h1_errors
 
 import unilateral as ul
-from unilateral.accuracy.level import contradict
+from unilateral.adaptive.level import contradict
 from unilateral.bounds.boundary_flux import nothing
 from unilateral.discrete import condensed, multilevel, solution
 from unilateral.discrete.loads import flux_load, load_of
@@ -182,7 +182,7 @@ def test_an_accuracy_is_reached_on_adapted_meshes():
     assert of.error(found) <= found.bounds.u
     near = np.hypot(found.mesh.points[:, 0] - 0.3, found.mesh.points[:, 1]) < 0.15
     assert near.mean() > 5 * np.pi * 0.15**2 / 2
-    assert all(not contradict(a, b) for a in found.search.done for b in found.search.done)
+    assert all(not contradict(a, b) for a in found.search.levels for b in found.search.levels)
 
 
 def test_a_jump_of_the_flux_is_refined_for():
@@ -193,7 +193,7 @@ def test_a_jump_of_the_flux_is_refined_for():
     lengths = np.diff(found.mesh.s)
     at = np.searchsorted(found.mesh.s, 1 / 3) - 1
     assert lengths[at] <= lengths[found.mesh.side == 0].max() / 4
-    assert all(not contradict(a, b) for a in found.search.done for b in found.search.done)
+    assert all(not contradict(a, b) for a in found.search.levels for b in found.search.levels)
 
 
 FIELDS = {"f": "x - y - 1", "g": [None, "-y/10", "-1/10", "-y/10"], "free_sides": [0]}

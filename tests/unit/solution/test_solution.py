@@ -160,7 +160,7 @@ def test_the_certificate_is_a_file(tmp_path):
     fields = "h1_bound", "hm12_bound", "enclosure", "h1_relative_bound", "hm12_relative_bound"
     assert [found[field] for field in fields] == [*s.bounds]
     assert found["h1_error"] is None
-    assert [level["unknowns"] for level in found["levels"]] == [level.unknowns for level in s.search.done]
+    assert [level["unknowns"] for level in found["levels"]] == [level.unknowns for level in s.search.levels]
     assert found["contact"]["length"] == s.contact.length
     assert found["versions"]["unilateral"] == ul.__version__
     given = alone.certificate()

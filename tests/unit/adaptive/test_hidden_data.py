@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import sympy
 from conftest import load
+from searched import first_level, levels
 
-from unilateral.accuracy.goal import Goal
-from unilateral.accuracy.level import unknowable
-from unilateral.accuracy.levels import levels
-from unilateral.accuracy.search import search
+from unilateral.adaptive.goal import Goal
+from unilateral.adaptive.level import unknowable
+from unilateral.adaptive.loop import search
 from unilateral.bounds import source, source_ancestors
 from unilateral.discrete.condensed import discretise, solve
 from unilateral.geometry import partition as partitions
@@ -30,8 +30,9 @@ HIDDEN = "1 + 9/10*exp(-2500*((x - 409/500)**2 + (y - 397/500)**2))"
 
 def test_a_peak_that_hides_from_rules_is_not_certified_too_early(problem_of):
     """The best approximation of u on 9 nodes is 6.3e-4 away (an independent computation); lambda is 0."""
-    of, goal = problem_of(f=HIDDEN, g=0), Goal(1e-4)
-    uniform, adapted = (search(of, goal, kind=kind) for kind in ("structured", ""))
+    of = problem_of(f=HIDDEN, g=0)
+    uniform = search(of, Goal(1e-4, kind="structured"))
+    adapted = search(of, Goal(1e-4))
     assert (uniform.certified, adapted.certified) == (True, True)
     assert 9 < adapted.best.unknowns < uniform.best.unknowns > 1000
     coarse = solve(discretise(of, structured(square(), 1 / 2), partitions.uniform(square(), 1)))
@@ -48,7 +49,7 @@ def test_a_peak_between_the_points_of_a_rule_is_not_overlooked(problem_of, field
     Where k s <= 1/2 g is at least 2, for 4 exp(-1/4) > 3; and |(f, 1)| is at least pi 1e-6 times f's height.
     """
     f, g, _ = PEAKS[field]
-    done = list(levels(problem_of(f=f.format(size), g=g.format(size)), Goal(0.1, max_unknowns=100)))
+    done = levels(problem_of(f=f.format(size), g=g.format(size)), Goal(0.1, max_unknowns=100))
     least = {"g": math.sqrt(4 / float(size) * SIGMA_1), "f": np.pi * 1e-6 * float(size)}[field]
     assert len(done) == 3
     for level in done:
@@ -118,7 +119,7 @@ def test_a_peak_of_g_is_found_where_terms_cancel(problem_of):
 def test_a_peak_at_a_declared_kink_is_seen(problem_of):
     """g = 0 > u_h = -5 in one point only, not one of the rule's; the error is at least 0.49."""
     apex = problem_of(f=-5, g="-1e5*pos(x-2/5,1) - 1e5*pos(2/5-x,1)")
-    first = next(levels(apex, Goal(0.05)))
+    first = first_level(apex, Goal(0.05))
     assert not first.certified
     assert first.solved.total("h1") >= 0.49
 
@@ -127,7 +128,7 @@ def test_a_peak_at_a_declared_kink_is_seen(problem_of):
 def test_peaks_between_all_nodes_do_not_end_the_search(problem_of, width):
     """f < 0 has its peak where no coarse mesh has a node; its integral is seen by u_h on all of them."""
     of = problem_of(f=f"-100*exp(-((x-3/10)**2+(y-1/2)**2)*{width})", g=-1)
-    done = list(levels(of, Goal(0.1, max_unknowns=1000)))
+    done = levels(of, Goal(0.1, max_unknowns=1000))
     assert len(done) > 3
     for level in done:
         mean = level.solved.u_integral

@@ -1,7 +1,8 @@
-"""The problems that tests of accuracies solve."""
+"""The problems that tests of accuracies solve, and the levels of a search."""
 
 from conftest import DATA, load
 
+from unilateral.adaptive.loop import search
 from unilateral.problems import problem_file
 
 FILES = sorted((DATA / "problems").glob("*.yaml"))
@@ -13,3 +14,17 @@ def problem(name):
     if name.endswith(".yaml"):
         return problem_file.load(str(DATA / "problems" / name))
     return load(name, "lshape" if name in ("reentrant", "violates_j") else "square").problem
+
+
+def levels(of, goal):
+    return search(of, goal).levels
+
+
+def first_level(of, goal):
+    """The first level alone: an interrupt ends the search after it."""
+
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    (only,) = search(of, goal, interrupt).levels
+    return only

@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 from conftest import load
 from nested import multilevel
-from searched import FILES, problem
+from searched import FILES, first_level, levels, problem
 
 import unilateral as ul
-from unilateral.accuracy import levels as of_levels
-from unilateral.accuracy.goal import Goal
-from unilateral.accuracy.level import NOTHING, SHARE, standing
-from unilateral.accuracy.levels import levels, two_edges_per_cell
-from unilateral.accuracy.search import search
+from unilateral.adaptive import loop
+from unilateral.adaptive.goal import Goal
+from unilateral.adaptive.level import ALGEBRAIC_SHARE, ZERO_SOLUTION_BOUND, uncontradicted
+from unilateral.adaptive.loop import search, two_edges_per_cell
 from unilateral.discrete.choice import levels_for
 from unilateral.discrete.condensed import discretise, solve
 from unilateral.errors import InputError
@@ -106,11 +105,11 @@ def test_a_spoilt_solution_has_a_larger_bound():
 def test_an_accuracy_is_reached_and_certified(norm):
     """The certificate, and that the accuracy holds: against the exact solution of a case."""
     goal = Goal(0.05, norm, **LIMITS)
-    done = list(levels(load("natural").problem, goal))
+    done = levels(load("natural").problem, goal)
     last, case = done[-1].solved, load("natural")
     assert [level.certified for level in done] == [False] * (len(done) - 1) + [True]
     assert all(a.unknowns < b.unknowns for a, b in pairwise(done))
-    assert last.algebraic(norm) <= SHARE * goal.accuracy * last.size(norm)
+    assert last.algebraic(norm) <= ALGEBRAIC_SHARE * goal.accuracy * last.size(norm)
     assert last.total(norm) <= goal.accuracy * last.size(norm)
     if norm == "h1":
         error = h1_distance(case, last.mesh, last.u_h)
@@ -129,26 +128,26 @@ def test_a_level_is_certified_up_to_its_own_total(norm):
 
     What is wanted ends its iteration, too, which changes the total by a hundredth.
     """
-    coarsest = next(levels(load("natural").problem, Goal(0.5, norm))).solved
+    coarsest = first_level(load("natural").problem, Goal(0.5, norm)).solved
     relative = coarsest.total(norm) / coarsest.size(norm)
     for share, certified in ((1.1, True), (0.9, False)):
-        assert next(levels(load("natural").problem, Goal(share * relative, norm))).certified == certified
+        assert first_level(load("natural").problem, Goal(share * relative, norm)).certified == certified
 
 
 def test_an_absolute_accuracy_is_that_of_the_error_itself():
     """Against the exact solution; it may be above 1, and the relative one is met by a coarser mesh."""
     case, goal = load("natural"), Goal(0.3, absolute=True)
-    done = list(levels(case, goal))
+    done = levels(case.problem, goal)
     assert done[-1].certified
     assert h1_distance(case, done[-1].solved.mesh, done[-1].solved.u_h) <= 0.3
     assert all(level.total > 0.3 for level in done[:-1])
-    assert [level.certified for level in levels(case, replace(goal, accuracy=1.5))] == [False, True]
-    assert len(list(levels(case, Goal(0.3)))) < len(done)
+    assert [level.certified for level in levels(case.problem, replace(goal, accuracy=1.5))] == [False, True]
+    assert len(levels(case.problem, Goal(0.3))) < len(done)
 
 
 def test_an_absolute_accuracy_of_a_multiplier_that_is_0():
     """Nothing is relative to it; lambda = 0 exactly, so the error is 0 and no bound is below it."""
-    absolute = list(levels(load("no_contact").problem, Goal(0.1, "hm12", sharp=True, absolute=True)))[-1]
+    absolute = levels(load("no_contact").problem, Goal(0.1, "hm12", sharp=True, absolute=True))[-1]
     assert absolute.certified
     assert absolute.size == 0 <= absolute.total <= 0.1
     relative = levels(load("no_contact").problem, Goal(0.1, "hm12", 300, sharp=True))
@@ -160,12 +159,12 @@ def test_levels_are_not_wasted():
 
     The bound that was predicted is right within a tenth, from the fourth level on.
     """
-    done = list(levels(load("natural").problem, Goal(0.01, **LIMITS)))
+    done = levels(load("natural").problem, Goal(0.01, **LIMITS))
     assert sum(level.unknowns for level in done[:-1]) <= 0.4 * done[-1].unknowns
     assert done[-1].solved.total("h1") > 0.5 * done[-1].target
     assert all(level.predicted == pytest.approx(level.total, rel=0.1) for level in done[3:])
     last = done[-1].solved
-    alone = multilevel(load("natural"), last.mesh, last.partition).iterated(last.result.bound, Stop())
+    alone = multilevel(load("natural").problem, last.mesh, last.partition).iterated(last.result.bound, Stop())
     assert last.result.iterations < alone.result.iterations
 
 
@@ -200,7 +199,7 @@ def regular(n, f="-1", g="x/10"):
 
 def test_many_short_sides_do_not_fill_the_polygon_with_small_triangles():
     """500 sides need 1000 edges; with triangles of that size there are 0.5 pi / 0.0063^2 = 4e4 unknowns."""
-    done = search(regular(500), Goal(0.02)).done
+    done = levels(regular(500), Goal(0.02))
     assert done[-1].certified
     assert len(done) > 1
     assert all(level.solved.mesh.adapted for level in done[1:])
@@ -221,16 +220,16 @@ def test_a_budget_ends_the_search_with_the_best_so_far(of, limit, least):
     """And is named; 24 is found to be too few, for 25, when the mesh is there."""
     found = search(problem(of), Goal(1e-4, max_unknowns=limit, max_seconds=1000))
     assert (found.certified, found.ended) == (False, f"out of budget (max_unknowns={limit})")
-    assert least <= found.done[-1].unknowns <= limit
-    assert found.done[-1].solved.mesh.adapted
-    totals = [level.total for level in found.done]
+    assert least <= found.levels[-1].unknowns <= limit
+    assert found.levels[-1].solved.mesh.adapted
+    totals = [level.total for level in found.levels]
     assert totals == sorted(totals, reverse=True)
-    assert found.best is found.done[-1]
+    assert found.best is found.levels[-1]
 
 
 def test_a_budget_below_the_coarsest_mesh_is_bad_input():
     with pytest.raises(InputError, match="'square' needs 9 unknowns; max_unknowns=8 has to be"):
-        next(levels(load("natural").problem, Goal(0.1, max_unknowns=8)))
+        first_level(load("natural").problem, Goal(0.1, max_unknowns=8))
 
 
 def test_nothing_to_do_is_done_at_once(problem_of):
@@ -238,7 +237,7 @@ def test_nothing_to_do_is_done_at_once(problem_of):
     (only,) = levels(problem_of(f=0, g=0), Goal(0.01, **LIMITS))
     assert only.certified
     assert only.solved.u_norm == 0 < only.solved.total("h1") < 1e-145
-    assert not next(levels(problem_of(f="x*1e-70*1e-69", g=-1), Goal(1e-4, **LIMITS))).certified
+    assert not first_level(problem_of(f="x*1e-70*1e-69", g=-1), Goal(1e-4, **LIMITS)).certified
 
 
 def test_the_smallest_solutions_are_not_taken_for_0(problem_of):
@@ -254,7 +253,7 @@ def test_nothing_to_do_on_a_large_polygon_is_done_at_once():
     large = ul.Problem(1e6 * np.array([[0, 0], [1, 0], [1, 1], [0, 1]]), f="0", g="-1e-9")
     (only,) = levels(large, Goal(0.1, **LIMITS))
     assert only.certified
-    assert NOTHING < only.total < 1e-130
+    assert ZERO_SOLUTION_BOUND < only.total < 1e-130
 
 
 def test_free_sides_have_no_multipliers():
@@ -313,12 +312,12 @@ def test_gmsh_is_imported_only_where_a_mesh_is_made_by_it(tmp_path):
 def test_what_is_too_much_is_said_before_meshing(problem_of, monkeypatch):
     """600 sides, h half of one: 2 / sqrt(3) |Omega| / h^2 = 1.3e5 on equilateral triangles."""
     said = r"'wheel' needs at least 5.7e\+04 unknowns; max_unknowns=20000 has"
-    monkeypatch.setattr(of_levels, "two_edges_per_cell", None)
+    monkeypatch.setattr(loop, "two_edges_per_cell", None)
     angles = 2 * np.pi * np.arange(600) / 600
     polygon = Polygon(np.column_stack([np.cos(angles), np.sin(angles)]), "wheel")
     wheel = replace(problem_of(f=-3, g="x/10"), polygon=polygon, g=(problem("triangle.yaml").g[0],) * 600)
     with pytest.raises(InputError, match=said):
-        next(levels(wheel, Goal(0.05, max_unknowns=20_000), kind="unstructured"))
+        first_level(wheel, Goal(0.05, max_unknowns=20_000, kind="unstructured"))
 
 
 def test_structured_cells_consist_of_whole_edges():
@@ -332,7 +331,7 @@ def test_structured_cells_consist_of_whole_edges():
 def test_an_iteration_that_fails_ends_the_search():
     """A finer mesh would not help it."""
     with pytest.warns(RuntimeWarning, match="stopped after 1 steps"):
-        found = list(levels(load("natural").problem, Goal(1e-2), stop=Stop(algorithm="uzawa", max_steps=1)))
+        found = levels(load("natural").problem, Goal(1e-2, stop=Stop(algorithm="uzawa", max_steps=1)))
     assert len(found) == 1
     assert not found[0].certified
 
@@ -341,7 +340,7 @@ def test_no_multiplier_at_all_is_exact(problem_of):
     """Every side is left out, so lambda = lambda_H = 0."""
     idle = problem_of(f="1 + x", g=0)
     assert idle.idle_sides() == (0, 1, 2, 3)
-    found = list(levels(idle.without_idle_sides(), Goal(0.1, "hm12")))
+    found = levels(idle.without_idle_sides(), Goal(0.1, "hm12"))
     assert len(found) == 1
     assert found[0].certified
     assert found[0].solved.total("hm12") == 0
@@ -358,22 +357,22 @@ def falsified(level, factor):
 @pytest.mark.parametrize("name", ["natural", "full_contact"])
 def test_bounds_that_contradict_each_other_are_withdrawn(name):
     """One's is 1000 times too small, and nobody knows which; control: as they are, all stand."""
-    done = list(levels(load(name).problem, Goal(0.02)))
-    assert standing(done) == done
-    assert standing([falsified(done[0], 1e-3), done[-1]]) == []
+    done = levels(load(name).problem, Goal(0.02))
+    assert uncontradicted(done) == done
+    assert uncontradicted([falsified(done[0], 1e-3), done[-1]]) == []
 
 
 def test_the_time_of_a_level_includes_that_of_its_bound(monkeypatch):
     """Also where the level was iterated further, so that its bound is another one: all are known before."""
     known = []
-    made = of_levels.Level
+    made = loop.Level
 
     def recorded(solved, *others):
         known.append("local_bound" in vars(solved))
         return made(solved, *others)
 
-    monkeypatch.setattr(of_levels, "Level", recorded)
-    assert len(list(levels(load("natural").problem, Goal(0.2)))) == len(known) > 1
+    monkeypatch.setattr(loop, "Level", recorded)
+    assert len(levels(load("natural").problem, Goal(0.2))) == len(known) > 1
     assert all(known)
 
 
@@ -384,8 +383,8 @@ def test_lambda_is_certified_on_adapted_meshes(problem_of):
     """
     corner = "[[-1, -1], [0, -1], [0, 0], [1, 0], [1, 1], [-1, 1]]"
     of = problem_of(polygon=corner, f=-1, g=0, free_sides="[1, 2]")
-    goal = Goal(0.0025, "hm12", 4_000, sharp=True)
-    found = [list(levels(of, goal, kind=kind))[-1] for kind in ("", "structured")]
+    goals = (Goal(0.0025, "hm12", 4_000, sharp=True, kind=kind) for kind in ("", "structured"))
+    found = [levels(of, goal)[-1] for goal in goals]
     assert [level.certified for level in found] == [True, False]
     assert found[0].unknowns < found[1].unknowns
     assert found[0].solved.mesh.adapted
@@ -394,9 +393,9 @@ def test_lambda_is_certified_on_adapted_meshes(problem_of):
 def test_lambda_is_certified_by_multigrid():
     """No beta is known then. The bound is above the true error, the iteration at a tenth of the target."""
     of = load("natural")
-    last = list(levels(of, Goal(0.002, "hm12", sharp=True), kind="structured"))[-1]
+    last = levels(of.problem, Goal(0.002, "hm12", sharp=True, kind="structured"))[-1]
     assert last.solved.result.algorithm == "multigrid"
     assert last.certified
     error = dual_norm(last.partition, [of]).of_error(of, last.solved.lambda_H[None])
     assert error.lower[0] <= last.total <= last.target
-    assert 0 < last.algebraic <= SHARE * last.target
+    assert 0 < last.algebraic <= ALGEBRAIC_SHARE * last.target

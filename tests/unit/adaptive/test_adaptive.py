@@ -6,13 +6,18 @@ from conftest import load
 from hand_made import Manufactured
 from known_solutions import Feature
 from nested import multilevel
-from searched import FILES, problem
+from searched import FILES, levels, problem
 
-from unilateral.accuracy.goal import Goal
-from unilateral.accuracy.halvings import MOST_HALVINGS, divided, evenness, uniform
-from unilateral.accuracy.level import SHARE, refinement_pays
-from unilateral.accuracy.levels import levels, two_edges_per_cell
-from unilateral.accuracy.search import search
+from unilateral.adaptive.goal import Goal
+from unilateral.adaptive.level import ALGEBRAIC_SHARE
+from unilateral.adaptive.loop import search, two_edges_per_cell
+from unilateral.adaptive.marking import (
+    MAX_HALVINGS,
+    divide_by_shares,
+    divide_uniformly,
+    evenness,
+    refinement_pays,
+)
 from unilateral.discrete.multilevel import refinements
 from unilateral.fem.p1 import h1_norm
 from unilateral.geometry.adapted import adapted, marked
@@ -36,7 +41,7 @@ def on_adapted(done):
 
 def error_of(level):
     solved = level.solved
-    return h1_distance(solved.data, solved.mesh, solved.u_h)
+    return h1_distance(solved.data.exact, solved.mesh, solved.u_h)
 
 
 def steps(of, mesh, times):
@@ -68,18 +73,18 @@ def test_certificates_hold_and_the_search_gets_there(name, accuracy):
     To enclose the f of `reentrant`, which has a cutoff, takes most of the time.
     """
     case = problem(name)
-    done = list(levels(case, Goal(accuracy, max_unknowns=12_000)))
+    done = levels(case, Goal(accuracy, max_unknowns=12_000))
     assert len(on_adapted(done)) > 1
     for level in done:
         assert error_of(level) <= level.total
     assert done[-1].certified
-    assert done[-1].algebraic <= SHARE * done[-1].target
+    assert done[-1].algebraic <= ALGEBRAIC_SHARE * done[-1].target
 
 
 def test_of_a_flux_that_is_not_square_integrable():
     """`rough`, whose f cannot be resolved on coarse meshes, which ends the search: 12 meshes without it."""
     case, errors = load("rough"), []
-    for solved in steps(case, structured(square(), 1 / 8), 12):
+    for solved in steps(case.problem, structured(square(), 1 / 8), 12):
         errors.append(h1_distance(case, solved.mesh, solved.u_h))
         assert errors[-1] <= solved.total("h1")
     assert errors[-1] < 0.75 * errors[0]
@@ -113,17 +118,18 @@ def test_where_triangles_share_the_bound_alike_meshes_stay_uniform():
     """`natural` varies alike everywhere, an L-shape's u does not; a mesh or solver may be asked for."""
     assert not on_adapted(levels(load("natural").problem, Goal(0.06)))
     assert on_adapted(levels(problem(LSHAPE), Goal(0.2)))
-    asked_for = list(levels(problem(LSHAPE), Goal(0.2), None, "structured"))
+    asked_for = levels(problem(LSHAPE), Goal(0.2, kind="structured"))
     assert not on_adapted(asked_for)
     assert refinement_pays(asked_for[-1])
-    assert not on_adapted(levels(problem(LSHAPE), Goal(0.2), Stop(algorithm="nesterov")))
+    assert not on_adapted(levels(problem(LSHAPE), Goal(0.2, stop=Stop(algorithm="nesterov"))))
 
 
 def test_fewer_unknowns_than_on_uniform_meshes():
     """Of `singular` to 10 %, at least four times."""
     case = problem("singular")
-    goal = Goal(0.1, max_unknowns=70_000)
-    adapted, uniform = (list(levels(case, goal, None, kind))[-1] for kind in ("", "structured"))
+    adapted, uniform = (
+        levels(case, Goal(0.1, max_unknowns=70_000, kind=kind))[-1] for kind in ("", "structured")
+    )
     assert adapted.certified
     assert 4 * adapted.unknowns <= uniform.unknowns
 
@@ -145,23 +151,23 @@ def test_triangles_are_divided_as_their_shares_ask(left):
     """
     for seed in range(10):
         shares = 10.0 ** np.random.default_rng(seed).uniform(-3, 0, 5)
-        found = divided(shares, left)
+        found = divide_by_shares(shares, left)
         assert found.left == pytest.approx(np.sqrt((shares / 4.0**found.halvings).sum() / shares.sum()))
         assert found.left <= left
         assert found.times == (4.0**found.halvings).mean()
         if found.halvings.max() <= 2:
             assert found.times <= 1.5 * brute_force(shares, left)
     one = np.array([1, *np.full(99, 1e-9)])
-    assert divided(one, left).times < 0.5 * uniform(100).times
+    assert divide_by_shares(one, left).times < 0.5 * divide_uniformly(100).times
 
 
 def test_a_limit_of_triangles_is_kept_and_spent():
     """What is left is the least then: with the next triangle halved there would be too many."""
     shares = 10.0 ** np.random.default_rng(1).uniform(-6, 0, 1000)
     for times in (1.5, 3.0, 8.0):
-        found = divided(shares, 0.0, times)
+        found = divide_by_shares(shares, 0.0, times)
         assert 0.9 * times < found.times <= times
-    assert divided(shares, 0.0).times == 4.0**MOST_HALVINGS
+    assert divide_by_shares(shares, 0.0).times == 4.0**MAX_HALVINGS
 
 
 def test_even_shares_need_as_many_triangles_as_uniform_meshes():
@@ -199,7 +205,7 @@ def test_an_interrupt_keeps_the_best():
 
     found = search(problem(LSHAPE), Goal(1e-4, max_unknowns=10**6), tell=interrupting)
     assert found.ended == "interrupted"
-    assert found.best is found.done[-1]
+    assert found.best is found.levels[-1]
     assert found.best.solved.mesh.adapted
 
 
@@ -211,7 +217,7 @@ def test_a_solution_known_on_a_polygon_that_is_not_convex(problem_of):
     """
     u = "exp(-60*((x - 0.8)**2 + (y - 0.5)**2)) + ((x - 1.0)**2 + (y - 0.3)**2)"
     exact = Manufactured(Polygon(np.array(RE_ENTRANT)), u)
-    done = list(levels(problem_of(polygon=RE_ENTRANT, f=str(exact.formulas[0]), g=u), Goal(0.05)))
+    done = levels(problem_of(polygon=RE_ENTRANT, f=str(exact.formulas[0]), g=u), Goal(0.05))
     assert done[-1].certified
     assert on_adapted(done)
     for level in done:

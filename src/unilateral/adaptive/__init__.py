@@ -1,0 +1,1 @@
+"""A stated accuracy, certified: solve, bound, mark and refine until the guaranteed bound is small enough."""

@@ -1,0 +1,231 @@
+"""What the next level and the rest take, by the rate that was observed, and what the limits allow."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from unilateral.adaptive.goal import MAX_SECONDS, Goal
+from unilateral.adaptive.level import Level, discrete_norm
+from unilateral.adaptive.marking import LAMBDA_RATE, LARGEST_STEP, LEAST_STEP, TARGET_PART, adapts, evenness
+from unilateral.discrete.choice import SHARP, SPARSE, wants_multigrid
+from unilateral.errors import BudgetError
+from unilateral.geometry.polygon import Polygon
+from unilateral.system.memory import available_mb, peak_mb
+
+NEIGHBOURS = 1.15
+"""A mesh gets this many times the predicted triangles, because neighbours are refined, too."""
+FREE_MEMORY_PART = 0.8
+"""The next level may take this fraction of the free memory, beside what the last one still has."""
+BYTES_BY_MULTIGRID = 1100
+"""Bytes per unknown of a level by multigrid, with its cheap bound, as measured with 1e6 unknowns."""
+BYTES_PER_MB = 2**20
+OVERHEAD_UNKNOWNS = 2000
+"""A level takes as long as one of this many more unknowns would, if time were proportional to these."""
+PLAN_UNKNOWNS = 2000
+"""Levels show what the rest takes from so many unknowns on."""
+BELIEVED_RATES = (0.25, 2.0)
+"""An observed rate is believed only as far as it lies between these two."""
+ADAPTED_OVER_BEST = 1.2
+"""An adapted mesh has this many times the triangles of the best distribution."""
+HOPELESS = 10.0
+"""An accuracy is out of reach if it needs more than this many times the unknowns that the limits allow.
+
+A plan was right within 2 for u, and within 3 for lambda.
+"""
+LARGEST_QUOTIENT = 1e30
+"""Bounds above this many times the wanted error are not told apart, so that their powers are finite."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What an accuracy takes: unknowns of the finest mesh, seconds from the beginning, MB.
+
+    `missed` are the limits below that.
+    """
+
+    adapted: bool
+    unknowns: int
+    seconds: float
+    peak_mb: float
+    missed: tuple[str, ...]
+
+
+def limits(goal: Goal, base_mb: float) -> dict[str, float]:
+    """The limits by their names in messages: unknowns, MB and seconds.
+
+    Beside the `base_mb` that a level takes whatever its size, a part of the free memory may be used.
+    """
+    most_unknowns = math.inf if goal.max_unknowns is None else goal.max_unknowns
+    most_mb = base_mb + FREE_MEMORY_PART * available_mb()
+    memory = f"{most_mb:.0f} MB of this machine's memory"
+    if goal.max_memory is not None and goal.max_memory <= most_mb:
+        most_mb = goal.max_memory
+        memory = f"max_memory={most_mb:g}"
+    most_seconds = MAX_SECONDS if goal.max_seconds is None else goal.max_seconds
+    by_default = " by default" if goal.max_seconds is None else ""
+    return {
+        f"max_unknowns={most_unknowns:.0f}": most_unknowns,
+        memory: most_mb,
+        f"max_seconds={most_seconds:g}{by_default}": most_seconds,
+    }
+
+
+def check_limits(polygon: Polygon, goal: Goal, elapsed: float) -> None:
+    """Raises BudgetError where the memory or the seconds are already used up before the first level."""
+    mb = peak_mb()
+    for (name, most), used in zip(limits(goal, mb).items(), (0.0, mb, elapsed), strict=True):
+        if used >= most:
+            raise BudgetError(f"{name} is not enough to solve on the coarsest mesh of '{polygon.name}'")
+
+
+def allowed_unknowns(levels: Sequence[Level], part: float = 1.0) -> dict[str, float]:
+    """The unknowns that each limit allows the next level to have, by the name of the limit.
+
+    Of those that memory and seconds are predicted to allow it is that `part`.
+    """
+    last = levels[-1]
+    base_mb = predict_mb(levels, 0.0)
+    unknowns, memory, seconds = limits(last.goal, base_mb).items()
+    in_memory = (memory[1] - base_mb) * BYTES_PER_MB / bytes_per_unknown(last.goal)
+    left = seconds[1] - last.elapsed
+    in_time = (left - last.enclosing) / seconds_per_unknown(levels) - OVERHEAD_UNKNOWNS
+    if len(levels) == 1:  # in which code is loaded, so that its time says nothing of the next one
+        in_time = math.inf if left > 0 else 0.0
+    return {
+        unknowns[0]: unknowns[1],
+        memory[0]: part * max(in_memory, 0.0),
+        seconds[0]: part * max(in_time, 0.0),
+    }
+
+
+def exhausted_limits(levels: Sequence[Level]) -> list[str]:
+    """The limits that do not allow a level after the last one; the one that allows least, if all do."""
+    last = levels[-1]
+    allowed = allowed_unknowns(levels)
+    least = NEIGHBOURS * (LEAST_STEP if last.goal.adaptable else 4) * last.unknowns
+    return [name for name, most in allowed.items() if most < least or most == min(allowed.values())]
+
+
+def seconds_per_unknown(levels: Sequence[Level]) -> float:
+    """The seconds that an unknown took, without those to enclose f.
+
+    The first level is left out if there are others, for code is loaded in it.
+    """
+    later = levels[1:] or levels
+    seconds = sum(level.seconds - level.enclosing for level in later)
+    return seconds / sum(level.unknowns + OVERHEAD_UNKNOWNS for level in later)
+
+
+def predict_seconds(levels: Sequence[Level], unknowns: float) -> float:
+    """The seconds of a next level with so many unknowns."""
+    return levels[-1].enclosing + seconds_per_unknown(levels) * (unknowns + OVERHEAD_UNKNOWNS)
+
+
+def bytes_per_unknown(goal: Goal) -> float:
+    """The bytes that an unknown takes in a level."""
+    return (BYTES_BY_MULTIGRID if wants_multigrid(goal.stop, math.inf) else SPARSE) + SHARP * goal.sharp
+
+
+def predict_mb(levels: Sequence[Level], unknowns: float) -> float:
+    """The MB of the process in a next level with so many unknowns."""
+    mb_per_unknown = bytes_per_unknown(levels[-1].goal) / BYTES_PER_MB
+    return max(level.mb + mb_per_unknown * (unknowns - level.unknowns) for level in levels)
+
+
+def plan(levels: Sequence[Level]) -> Plan | None:
+    """The plan, or None if the size of the solution or of the error is not known at all."""
+    last = levels[-1]
+    sizes = predict_sizes(levels)
+    if sizes is None:
+        return None
+    unknowns = max([last.unknowns, *sizes])
+    seconds = last.elapsed + sum(predict_seconds(levels, size) for size in sizes)
+    mb = predict_mb(levels, unknowns)
+    most = limits(last.goal, predict_mb(levels, 0.0)).items()
+    missed = [name for (name, limit), used in zip(most, (unknowns, mb, seconds), strict=True) if used > limit]
+    return Plan(adapts(last), round(unknowns), seconds, mb, tuple(missed))
+
+
+def show_costs(levels: Sequence[Level]) -> bool:
+    """Whether the levels are enough for a plan: large, and more than the first, in which code is loaded."""
+    return len(levels) > 1 and levels[-1].unknowns >= PLAN_UNKNOWNS
+
+
+def is_hopeless(levels: Sequence[Level]) -> bool:
+    """Whether the accuracy needs far more unknowns than the limits allow, where nobody set a limit.
+
+    Bounds are taken to fall like H at least, because on coarse meshes they may seem to stand still.
+    """
+    if levels[-1].goal.limited or levels[-1].certified or not show_costs(levels):
+        return False
+    needed = predict_unknowns(levels, least_rate=1.0)
+    return math.isfinite(needed) and needed > HOPELESS * min(allowed_unknowns(levels).values())
+
+
+def reachable_accuracy(levels: Sequence[Level]) -> float | None:
+    """The least accuracy of 1, 2 or 5 times a power of ten that the limits allow, None if none is known.
+
+    None, too, where none of these is below what is reached.
+    """
+    last = levels[-1]
+    goal = last.goal
+    share = last.total / last.size if last.size > 0 else 1.0
+    reached = min(last.total, LARGEST_QUOTIENT) if goal.absolute else min(share, 1.0)
+    if not reached > 0:
+        return None
+    exponents = range(math.floor(math.log10(goal.accuracy)), 1 + math.ceil(math.log10(reached)))
+    for accuracy in (float(f"{digit}e{k}") for k in exponents for digit in (1, 2, 5)):
+        if goal.accuracy < accuracy < reached:
+            planned = plan([*levels[:-1], replace(last, goal=replace(goal, accuracy=accuracy))])
+            if planned and not planned.missed:
+                return accuracy
+    return None
+
+
+def predict_unknowns(levels: Sequence[Level], least_rate: float = 0.0) -> float:
+    """The unknowns that the last mesh needs, infinite if unknown.
+
+    On uniform meshes the bound is taken to fall on at the rate that was observed, or at the least one.
+    """
+    last = levels[-1]
+    goal = last.goal
+    # The error that will be wanted, for a solution whose norm is the discrete one's less that error
+    wanted = (
+        goal.accuracy
+        if goal.absolute
+        else goal.accuracy * discrete_norm(last.solved, goal) / (1 + goal.accuracy)
+    )
+    if wanted <= 0 or not math.isfinite(last.total):
+        return math.inf
+    quotient = min(last.total / wanted, LARGEST_QUOTIENT)
+    if adapts(last) and goal.norm == "hm12":
+        return last.unknowns * quotient ** (1 / LAMBDA_RATE)
+    if adapts(last):
+        return last.unknowns * quotient**2 * ADAPTED_OVER_BEST * evenness(last.solved.shares)
+    rate = observed_rate(levels)
+    rate = 1.0 if math.isnan(rate) else max(rate, least_rate)
+    return last.unknowns * (quotient / TARGET_PART) ** (2 / rate)
+
+
+def predict_sizes(levels: Sequence[Level]) -> list[float] | None:
+    """The unknowns of the levels that are still to come, None if unknown."""
+    last = levels[-1]
+    if last.certified:
+        return []
+    needed = predict_unknowns(levels)
+    if not math.isfinite(needed):
+        return None
+    step = LARGEST_STEP if adapts(last) else 4.0
+    count = max(math.ceil(math.log(needed / last.unknowns, step)), 1)
+    return [*(last.unknowns * step**k for k in range(1, count)), max(needed, last.unknowns)]
+
+
+def observed_rate(levels: Sequence[Level]) -> float:
+    """The rate between the last two levels, as far as it is believed; NaN without two finite bounds."""
+    if len(levels) < 2 or not all(math.isfinite(level.total) for level in levels[-2:]):
+        return math.nan
+    coarse, fine = levels[-2:]
+    rate = math.log(coarse.total / fine.total) / math.log(coarse.partition.H / fine.partition.H)
+    return min(max(rate, BELIEVED_RATES[0]), BELIEVED_RATES[1])

@@ -1,0 +1,295 @@
+"""Solve, bound, mark, refine: levels up to a stated accuracy, within three limits.
+
+The first level has the coarsest mesh, with H = 2h. Each next mesh is a refinement of the one before, uniform
+or where the bound comes from. Each level starts from the last u_h and lambda_H, and is iterated until the
+algebraic bound is a tenth of the error that is wanted, or that is predicted. The first level whose guaranteed
+bound is small enough is the last one.
+
+Limits are looked at before a level begins. It does not begin if it is predicted to exceed one of them; a
+level that has begun ends, or Ctrl-C ends it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from time import perf_counter
+
+from unilateral.adaptive.forecast import (
+    NEIGHBOURS,
+    Plan,
+    allowed_unknowns,
+    check_limits,
+    exhausted_limits,
+    is_hopeless,
+    plan,
+    predict_seconds,
+    reachable_accuracy,
+    show_costs,
+)
+from unilateral.adaptive.goal import Goal
+from unilateral.adaptive.level import ALGEBRAIC_SHARE, Level, find_fault, uncontradicted, wanted_error
+from unilateral.adaptive.marking import (
+    LEAST_ADAPTED,
+    LEAST_STEP,
+    Division,
+    divide_by_shares,
+    least_unknowns,
+    wanted_division,
+)
+from unilateral.bounds.source import enclosed
+from unilateral.discrete.base import AIM, DiscreteProblem
+from unilateral.discrete.choice import check_condensed, wants_multigrid
+from unilateral.discrete.condensed import discretise
+from unilateral.discrete.solution import DiscreteSolution
+from unilateral.errors import InputError
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
+from unilateral.geometry.adapted import AdaptedMesh, adapted
+from unilateral.geometry.adapted import divided as divided_mesh
+from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.polygon import Polygon
+from unilateral.geometry.structured import halved_cells, natural_kind
+from unilateral.problems.scaled import Data
+from unilateral.system.memory import forget_peak, peak_mb
+
+INTERRUPTED = "interrupted"
+WITHDRAWN = "withdrawn, because they contradict each other; please report it"
+OUT_OF_REACH = "out of reach"
+REFUSED = "the next level is refused"
+BOUNDARY_GROWTH = 0.4
+"""Where all sides are short, triangles grow by this factor times their distance from the boundary.
+
+If they grow faster, gmsh makes flat ones.
+"""
+LIMIT_PART = 0.7
+"""If seconds or memory allow less than is wanted, this fraction of the unknowns that they allow is used.
+
+What these unknowns are predicted to be was right within 1.5.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """The finished levels, and what `ended` the loop; that is empty if the accuracy was reached.
+
+    `refusal` says why the next mesh was refused, if it was. `plan` predicts what the accuracy takes if a
+    limit ended the loop and that can be told. `reach` is a larger accuracy that the limits allow, where the
+    plan shows that they do not allow this one.
+    """
+
+    levels: list[Level]
+    ended: str = ""
+    refusal: InputError | None = None
+    plan: Plan | None = None
+    reach: float | None = None
+
+    def __repr__(self) -> str:
+        outcome = "certified" if self.certified else f"not certified: {self.ended}"
+        return f"Search: {len(self.levels)} levels, {outcome}"
+
+    @cached_property
+    def believed(self) -> list[Level]:
+        """The levels that no other one contradicts."""
+        return uncontradicted(self.levels)
+
+    @cached_property
+    def best(self) -> Level:
+        """The last believed level that is certified, or else the one with the smallest bound.
+
+        If no level is believed, it is the finest one.
+        """
+        candidates = reversed(self.believed or self.levels[-1:])
+        return min(candidates, key=lambda level: (not level.certified, level.total))
+
+    @property
+    def certified(self) -> bool:
+        """Whether a believed level is certified."""
+        return bool(self.believed) and self.best.certified
+
+
+def search(
+    problem: Data,
+    goal: Goal,
+    tell: Callable[[Level], None] | None = None,
+    dry_run: bool = False,
+    begin: float | None = None,
+) -> Search:
+    """Solves level after level until one is certified, or nothing more can be done.
+
+    Parameters
+    ----------
+    problem
+        The problem on its scaled domain.
+    goal
+        The accuracy, and the limits. Without a limit of its own, the loop ends as soon as the default ones
+        do not suffice by far.
+    tell : optional
+        A function that is called with each finished level.
+    dry_run
+        The loop ends when the levels are enough for a plan.
+    begin : optional
+        The `time.perf_counter()` from which the seconds of the limit count; by default now.
+
+    Returns
+    -------
+    Search
+        The finished levels, also after Ctrl-C and where memory is refused.
+
+    Raises
+    ------
+    KeyboardInterrupt, MemoryError
+        Before the first level is finished.
+    BudgetError
+        Where a limit does not suffice for the first level.
+    InputError
+        Where the first mesh cannot be made, or has more unknowns than the goal allows.
+    """
+    begin = perf_counter() if begin is None else begin
+    levels: list[Level] = []
+    discrete: DiscreteProblem | None = None
+    predicted = math.inf
+    try:
+        forget_peak()
+        check_limits(problem.polygon, goal, perf_counter() - begin)
+        mesh = first_mesh(problem.polygon, goal)
+        start = perf_counter()
+        while True:
+            # Solve and bound
+            enclosing_start = perf_counter()
+            discrete = discretise_on(mesh, problem, goal, discrete, levels)
+            enclosing = perf_counter() - enclosing_start
+            solved = solve(discrete, goal, levels, predicted)
+            end = perf_counter()
+            levels.append(Level(solved, goal, end - start, end - begin, peak_mb(), enclosing, predicted))
+
+            # Mark, if another level is wanted and within the limits
+            division = next_division(levels, dry_run)
+            if division:
+                unknowns = NEIGHBOURS * division.times * levels[-1].unknowns
+                seconds = predict_seconds(levels, unknowns)
+                levels[-1] = replace(levels[-1], next_unknowns=unknowns, next_seconds=seconds)
+            if tell:
+                tell(levels[-1])
+            if not division:
+                return conclude(levels, dry_run)
+
+            # Refine
+            start = perf_counter()
+            forget_peak()
+            predicted = division.left * levels[-1].total
+            mesh = divided_mesh(mesh, division.halvings)
+    except (KeyboardInterrupt, MemoryError, InputError) as stopped:
+        if not levels:
+            raise
+        if isinstance(stopped, KeyboardInterrupt):
+            return Search(levels, INTERRUPTED)
+        if isinstance(stopped, MemoryError):
+            return Search(levels, "out of budget (the memory of this machine)", plan=plan(levels))
+        return Search(levels, REFUSED, stopped)
+
+
+def conclude(levels: list[Level], dry_run: bool) -> Search:
+    """The search as it ends after its last level."""
+    fault = find_fault(levels)
+    if fault or (levels[-1].certified and not dry_run):
+        return Search(levels, fault)
+    planned = plan(levels)
+    if dry_run or is_hopeless(levels):
+        missed = planned.missed if planned else ()
+        names = f" ({', '.join(missed)})" if missed else ""
+        reach = reachable_accuracy(levels) if missed else None
+        return Search(levels, "" if dry_run else f"{OUT_OF_REACH}{names}", plan=planned, reach=reach)
+    return Search(levels, f"out of budget ({', '.join(exhausted_limits(levels))})", plan=planned)
+
+
+def first_mesh(polygon: Polygon, goal: Goal) -> AdaptedMesh:
+    """The coarsest mesh. Where all sides are short it is graded, if meshes may be so.
+
+    Raises InputError if it has more unknowns than the goal allows, where possible before it is made.
+    """
+    kind = goal.kind or natural_kind(polygon)
+    H = float(polygon.lengths.max())
+    most = math.inf if goal.max_unknowns is None else goal.max_unknowns
+    expected = least_unknowns(polygon, H / 2)
+    graded = expected > LEAST_ADAPTED and kind == "unstructured" and goal.adaptable
+    if graded or expected <= most:
+        mesh = two_edges_per_cell(polygon, H, kind, BOUNDARY_GROWTH if graded else None)
+        if mesh.n_nodes <= most:
+            return adapted(mesh)
+        needed = str(mesh.n_nodes)
+    else:
+        needed = f"at least {expected:.2g}"
+    raise InputError(
+        f"the coarsest mesh of '{polygon.name}' needs {needed} unknowns; "
+        f"max_unknowns={most:.0f} has to be at least that"
+    )
+
+
+def two_edges_per_cell(polygon: Polygon, H: float, kind: str, growth: float | None = None) -> Mesh:
+    """A mesh with two equal boundary edges, h = H/2, in every cell of the size H at most.
+
+    With a `growth` triangles are larger the farther they are from the boundary.
+    """
+    if kind == "structured":
+        return halved_cells(polygon, H)
+    cells = partitions.balanced(partitions.uniform(polygon, H))
+    return meshes.following(cells, 2, growth=growth)[0]
+
+
+def next_division(levels: Sequence[Level], dry_run: bool = False) -> Division | None:
+    """How to divide the triangles for the next level, None if it is not wanted or not within the limits.
+
+    Where the limits do not allow what is wanted, the last level stays away from them.
+    """
+    last = levels[-1]
+    if find_fault(levels) or last.certified or (dry_run and show_costs(levels)) or is_hopeless(levels):
+        return None
+    best = wanted_division(last)
+    if NEIGHBOURS * best.times * last.unknowns <= min(allowed_unknowns(levels).values()):
+        return best
+    times = min(allowed_unknowns(levels, LIMIT_PART).values()) / (NEIGHBOURS * last.unknowns)
+    known = 0 < last.solved.shares.max() < math.inf
+    if not (last.goal.adaptable and known) or times < LEAST_STEP:
+        return None
+    return divide_by_shares(last.solved.shares, 0.0, times)
+
+
+def discretise_on(
+    mesh: AdaptedMesh, problem: Data, goal: Goal, before: DiscreteProblem | None, levels: Sequence[Level]
+) -> DiscreteProblem:
+    """The discrete problem on a mesh, from that `before` and the last level's solution, if there are any."""
+    if wants_multigrid(goal.stop, math.inf):
+        from unilateral.discrete.multilevel import MultilevelProblem, discretise_nested  # and PyAMG
+
+        assert isinstance(before, MultilevelProblem | None)
+        return discretise_nested(problem, mesh, before, levels[-1].solved if levels else None)
+    check_condensed(mesh.mesh, mesh.partition)
+    discrete = discretise(problem, mesh.mesh, mesh.partition)
+    return discrete if discrete.source else replace(discrete, source=enclosed(mesh.mesh, problem))
+
+
+def solve(
+    discrete: DiscreteProblem, goal: Goal, levels: Sequence[Level], predicted: float
+) -> DiscreteSolution:
+    """The solution, with its bound, from that of the last level; its bound will be about as `predicted`."""
+    # The algebraic bound in the goal's norm is that of the iteration, over beta for lambda
+    scale = 1.0 if goal.norm == "h1" else discrete.beta
+    start = None
+    tolerance = None
+    total = math.inf
+    if levels:
+        last = levels[-1]
+        start = last.partition.means(last.solved.lambda_H, discrete.partition.points)[discrete.cells]
+        total = max(last.target, predicted)
+        if math.isfinite(total):
+            tolerance = AIM * ALGEBRAIC_SHARE * total * scale or None
+    solved = discrete.iterated(tolerance, goal.stop, start, total)
+    if levels:
+        wanted = ALGEBRAIC_SHARE * max(wanted_error(solved, goal), predicted) * scale
+        if wanted > 0:
+            solved = discrete.improved(solved, wanted, goal.stop)
+    solved.bound(goal.sharp)  # its time counts, too
+    return solved

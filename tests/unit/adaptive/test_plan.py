@@ -1,0 +1,185 @@
+"""What an accuracy will take: unknowns against those that then come, and costs that agree with themselves."""
+
+import re
+from dataclasses import replace
+
+import pytest
+from conftest import load
+from searched import levels, problem
+
+from unilateral.adaptive import forecast, loop
+from unilateral.adaptive.forecast import (
+    HOPELESS,
+    OVERHEAD_UNKNOWNS,
+    PLAN_UNKNOWNS,
+    allowed_unknowns,
+    is_hopeless,
+    plan,
+    predict_mb,
+    predict_seconds,
+    show_costs,
+)
+from unilateral.adaptive.goal import MAX_SECONDS, Goal
+from unilateral.adaptive.loop import search
+from unilateral.adaptive.marking import TARGET_PART, adapts
+from unilateral.solvers.stop import Stop
+
+
+def towards(goal, done):
+    """The levels as if they were solved towards another goal."""
+    return [replace(level, goal=goal) for level in done]
+
+
+@pytest.fixture
+def soon(monkeypatch):
+    """A plan from few unknowns on."""
+    monkeypatch.setattr(forecast, "PLAN_UNKNOWNS", 400)
+
+
+@pytest.fixture
+def machine(monkeypatch):
+    """One with so much memory whatever else runs on it, on which a level takes a second for 1e5 unknowns."""
+    monkeypatch.setattr(forecast, "available_mb", lambda: 8000.0)
+    monkeypatch.setattr(forecast, "seconds_per_unknown", lambda _: 1e-5)
+
+
+@pytest.mark.usefixtures("soon")
+@pytest.mark.parametrize(
+    ("name", "goal", "adapted"),
+    [
+        ("natural", Goal(0.005), False),
+        ("natural", Goal(0.02, absolute=True), False),
+        ("violates_j", Goal(0.02), True),
+        ("hexagon_jump.yaml", Goal(0.03), True),
+        ("lshape.yaml", Goal(0.02), True),
+    ],
+)
+def test_a_plan_is_right_within_a_factor_of_2(name, goal, adapted):
+    """Of the unknowns, from levels that have many times fewer: what the documents promise."""
+    dry, whole = (search(problem(name), goal, dry_run=dry_run) for dry_run in (True, False))
+    assert whole.certified
+    assert not dry.certified
+    assert dry.levels[-1].unknowns <= whole.best.unknowns / 3
+    assert 0.5 <= dry.plan.unknowns / whole.best.unknowns <= 2
+    assert dry.plan.adapted == adapted
+    assert dry.plan.missed == ()
+
+
+def test_a_dry_run_ends_with_the_first_level_that_is_large_enough():
+    """However long it took, so that two runs say the same of the unknowns."""
+    one, other = (search(problem("lshape.yaml"), Goal(1e-3), dry_run=True) for _ in range(2))
+    *before, last = (level.unknowns for level in one.levels)
+    assert max(before) < PLAN_UNKNOWNS <= last
+    assert one.plan.unknowns == other.plan.unknowns
+
+
+def test_limits_that_do_not_allow_a_plan_are_named():
+    """Each a little below what is planned; control: none a little above it."""
+    done = levels(load("natural").problem, Goal(0.05))
+    free = plan(towards(Goal(0.001), done))
+    for share, missed in ((0.99, ["max_unknowns", "max_memory", "max_seconds"]), (1.01, [])):
+        limits = [share * value for value in (free.unknowns, free.peak_mb)]
+        goal = Goal(0.001, max_unknowns=limits[0], max_seconds=share * free.seconds, max_memory=limits[1])
+        found = plan(towards(goal, done)).missed
+        assert [limit.split("=")[0] for limit in found] == missed
+
+
+@pytest.mark.usefixtures("soon")
+@pytest.mark.parametrize("name", ["natural", "lshape.yaml"])
+def test_an_accuracy_that_is_out_of_reach_ends_the_search_after_the_plan(name, machine):
+    """And the one that is said to be in reach is, by its own plan; the next smaller one is not."""
+    found = search(problem(name), Goal(1e-9))
+    assert found.ended.startswith("out of reach (")
+    assert re.search(r"\d MB of this machine's memory", found.ended)
+    assert not found.certified
+    assert found.best.unknowns <= 5000
+    assert found.plan.unknowns > 1e12
+    digits, k = f"{found.reach:.0e}".split("e")
+    before = {"1": f"5e{int(k) - 1}", "2": f"1e{k}", "5": f"2e{k}"}[digits]
+    missed = [plan(towards(Goal(accuracy), found.levels)).missed for accuracy in (found.reach, float(before))]
+    assert [bool(limits) for limits in missed] == [False, True]
+    assert found.best.total / found.best.size > found.reach
+
+
+@pytest.mark.usefixtures("soon", "machine")
+def test_a_limit_that_somebody_set_is_spent():
+    """The same accuracy; so is one that the plan does not exclude by far."""
+    found = search(load("natural").problem, Goal(1e-9, max_unknowns=2000))
+    assert found.ended == "out of budget (max_unknowns=2000)"
+    assert found.reach is None
+    done = levels(load("natural").problem, Goal(0.02))
+    allowed = min(allowed_unknowns(done).values())
+    for times, far in ((HOPELESS / 2, False), (2 * HOPELESS, True)):
+        last = done[-1]
+        accuracy = last.total / last.solved.u_norm / (times * allowed / last.unknowns) ** 0.5 / TARGET_PART
+        assert is_hopeless(towards(Goal(accuracy), done)) == far
+
+
+@pytest.mark.usefixtures("soon", "machine")
+@pytest.mark.parametrize("limit", [{"max_seconds": MAX_SECONDS}, {"max_memory": 1e9}, {"max_unknowns": 1e9}])
+def test_a_limit_is_spent_even_if_it_is_the_default_or_never_reached(limit):
+    """The plan ends nothing; control: it does so without the limit."""
+    done = levels(load("natural").problem, Goal(0.02))
+    for given, far in ((limit, False), ({}, True)):
+        assert is_hopeless(towards(Goal(1e-9, **given), done)) == far
+
+
+@pytest.mark.usefixtures("soon", "machine")
+def test_out_of_reach_without_a_plan_names_no_limit(monkeypatch):
+    monkeypatch.setattr(loop, "plan", lambda _: None)
+    found = search(load("natural").problem, Goal(1e-9))
+    assert (found.ended, found.reach) == ("out of reach", None)
+
+
+@pytest.mark.usefixtures("soon", "machine")
+def test_bounds_that_stand_still_on_coarse_meshes_end_nothing(monkeypatch):
+    """As if the rate were 1/4: then a plan misses the limits by far, but nothing is concluded from that."""
+    done = levels(load("natural").problem, Goal(0.02, kind="structured"))
+    monkeypatch.setattr(forecast, "observed_rate", lambda *_: 0.25)
+    done = towards(Goal(0.001, kind="structured"), done)
+    assert show_costs(done)
+    assert plan(done).unknowns > 100 * HOPELESS * min(allowed_unknowns(done).values())
+    assert not is_hopeless(done)
+
+
+def test_what_is_certified_needs_nothing_more():
+    found = search(load("natural").problem, Goal(0.2), dry_run=True)
+    assert found.certified
+    assert found.plan.unknowns == found.best.unknowns
+    assert found.plan.missed == ()
+
+
+def test_costs_and_what_they_allow_agree():
+    """The unknowns within the seconds and the MB of a level are its own; none are within no time."""
+    done = levels(load("natural").problem, Goal(0.05))
+    seconds = done[-1].elapsed + predict_seconds(done, 12_345)
+    goal = Goal(0.05, max_seconds=seconds, max_memory=predict_mb(done, 12_345))
+    _, by_memory, by_seconds = allowed_unknowns(towards(goal, done)).values()
+    assert by_memory == pytest.approx(12_345)
+    assert by_seconds == pytest.approx(12_345)
+    assert allowed_unknowns(towards(Goal(0.05, max_seconds=1e-9), done))["max_seconds=1e-09"] == 0.0
+    assert predict_mb(done, done[-1].unknowns) >= max(level.mb for level in done)
+
+
+def test_seconds_are_predicted_by_the_rate_of_the_levels(monkeypatch):
+    """Twice the unknowns and the overhead take twice the time of the last level, beside what encloses f."""
+    done = [
+        replace(level, seconds=1.0, enclosing=0.25) for level in levels(problem("lshape.yaml"), Goal(0.3))
+    ]
+    done = [done[0], done[-1]]
+    twice = 2 * (done[-1].unknowns + OVERHEAD_UNKNOWNS) - OVERHEAD_UNKNOWNS
+    assert predict_seconds(done, twice) == pytest.approx(0.25 + 2 * 0.75)
+
+
+def test_only_what_is_left_free_is_adapted():
+    """The bound comes from the L-shape's corner; a kind or a solver may ask for uniform meshes."""
+    *_, last = levels(problem("lshape.yaml"), Goal(0.3, kind="structured"))
+    (free,) = towards(Goal(0.3), [last])
+    assert adapts(free)
+    for goal in (
+        Goal(0.3, kind="structured"),
+        Goal(0.3, stop=Stop(rho=0.1)),
+        Goal(0.3, stop=Stop(algorithm="nesterov")),
+    ):
+        (bound,) = towards(goal, [last])
+        assert not adapts(bound)
