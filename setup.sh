@@ -3,7 +3,7 @@
 set -eu
 cd "$(dirname "$0")"
 compiled="attr attrs click jsonschema jsonschema_specifications matplotlib meshio mpmath numpy pandas pyamg
-    referencing scipy skfem sympy xarray yaml"
+    referencing scipy skfem xarray yaml"
 libraries="libgl1 libglu1-mesa libxcursor1 libxft2 libxinerama1 libgomp1"
 
 stop() {

@@ -19,7 +19,7 @@ from pathlib import Path
 
 from benchmarks.whole import ROOT, disk, measured
 
-SETS = ("core", "plot", "files", "mesh", "cases", "all")
+SETS = ("core", "plot", "files", "mesh", "all")
 """The core, and the extras for users of the solver."""
 BUILD = "import sys; from setuptools import build_meta; build_meta.build_sdist(sys.argv[1])"
 OWN = {"pip", "setuptools"}

@@ -14,16 +14,13 @@ from jupyter_client import KernelManager
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 
-from unilateral import __version__, api  # noqa: E402
-from unilateral.problems import given  # noqa: E402
-from unilateral.problems.case import Case  # noqa: E402
+from unilateral import __version__  # noqa: E402
 from unilateral.problems.problem import Problem  # noqa: E402
-from unilateral.problems.sampled import Sampled  # noqa: E402
-from unilateral.solution import solution, solver  # noqa: E402
+from unilateral.solution import certificate, solution, solver  # noqa: E402
 
 # What the library imports for types only.
-for module in (api, given, solution, solver):
-    vars(module).update(Case=Case, AnyProblem=Case | Problem | Sampled)
+for module in (certificate, solution, solver):
+    module.Problem = Problem
 
 project = "unilateral"
 author = project_copyright = "The unilateral developers"

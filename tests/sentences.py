@@ -23,12 +23,24 @@ LONG_NUMBER = re.compile(r"\d+\.\d{5,}(e[+-]\d+)?")
 """Its last digits depend on the processor: four are compared."""
 
 
+def function_name(test: str) -> str:
+    """The name of a test without its parameters."""
+    return test.partition("[")[0]
+
+
+def has_test(file: Path, function: str) -> bool:
+    return file.exists() and f"def {function}(" in file.read_text(encoding="utf-8")
+
+
 class Recorder:
     """Compares what the running test says with what is stored, sentence by sentence."""
 
-    rewriting = False
-    temporary = ""
-    """The folder of all temporary folders of this run."""
+    def __init__(self):
+        self.rewriting = False
+        self.temporary = ""
+        """The folder of all temporary folders of this run."""
+        self.rewritten: set[tuple[str, str]] = set()
+        """Files and functions of which sentences are stored anew."""
 
     @cached_property
     def stored(self) -> dict[str, dict[str, list[str]]]:
@@ -36,11 +48,14 @@ class Recorder:
         return yaml.load(FILE.read_text(encoding="utf-8"), yaml.CSafeLoader)
 
     def begin(self, nodeid: str) -> None:
-        """A test starts; when rewriting, its old sentences are dropped."""
+        """A test starts; when rewriting, all old sentences of its function are dropped."""
         self.file, _, self.test = nodeid.partition("::")
         self.count = 0
-        if self.rewriting:
-            self.stored.get(self.file, {}).pop(self.test, None)
+        function = function_name(self.test)
+        if self.rewriting and (self.file, function) not in self.rewritten:
+            self.rewritten.add((self.file, function))
+            tests = self.stored.pop(self.file, {})
+            self.stored[self.file] = {test: tests[test] for test in tests if function_name(test) != function}
 
     def check(self, text: str) -> None:
         """The next sentence of the running test is the stored one; when rewriting, it is stored."""
@@ -55,8 +70,24 @@ class Recorder:
         self.count += 1
         assert text == stored, f"tests/sentences.yaml has another sentence here: {stored}\nbut now: {text}"
 
+    def lost(self) -> list[tuple[str, str]]:
+        """The files and names of stored tests that are no longer there."""
+        return [
+            (file, test)
+            for file, tests in self.stored.items()
+            for test in tests
+            if not has_test(PROJECT / file, function_name(test))
+        ]
+
     def write(self) -> None:
-        files = {file: dict(sorted(tests.items())) for file, tests in sorted(self.stored.items()) if tests}
+        """Sentences of tests that are no longer there are dropped."""
+        files = {
+            file: {test: tests[test] for test in sorted(tests)}
+            for file, tests in sorted(self.stored.items())
+            if tests
+        }
+        for file, test in self.lost():
+            del files[file][test]
         text = yaml.safe_dump(files, width=110, allow_unicode=True, sort_keys=False)
         FILE.write_text(text, encoding="utf-8")
 

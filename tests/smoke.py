@@ -17,8 +17,7 @@ HAS = {
     "plot": {"plot"},
     "files": {"files"},
     "mesh": {"mesh"},
-    "cases": {"cases", "mesh"},
-    "all": {"cases", "files", "mesh", "plot"},
+    "all": {"files", "mesh", "plot"},
 }
 """The extras that each set has."""
 SIZES = ("--h", "1/8", "--H", "1/4")
@@ -38,12 +37,12 @@ TASKS = [
     ("solve corner.yaml --h 1/8 --H 1/4 --out kept", {"files", "plot"}),
     ("solve triangle.yaml --accuracy 0.1", {"mesh"}),
     ("infsup --polygon square --h 1/8 --H 1/4", {"mesh"}),
-    ("cases natural", {"cases"}),
-    ("solve natural --h 1/8 --H 1/4", {"cases"}),
-    ("export natural --h 1/8 --H 1/4 --out natural", {"cases", "files"}),
-    ("solve natural --h 1/8 --H 1/4 -o natural.vtu", {"cases", "files"}),
-    ("score natural natural.vtu", {"cases", "files"}),
-    ("score natural natural.vtu --html natural.html", {"cases", "files", "plot"}),
+    ("cases natural", set()),
+    ("solve natural --h 1/8 --H 1/4", set()),
+    ("export natural --h 1/8 --H 1/4 --out natural", {"files"}),
+    ("solve natural --h 1/8 --H 1/4 -o natural.vtu", {"files"}),
+    ("score natural natural.vtu", {"files"}),
+    ("score natural natural.vtu --html natural.html", {"files", "plot"}),
 ]
 """Commands, one after the other, and the extras that each needs."""
 PROBLEMS = {
@@ -105,9 +104,7 @@ def python(has):
         ({"files"}, s.cells),
         ({"files"}, s.dataset),
         ({"files"}, lambda: ul.mesh("corner.vtu")),
-        ({"files"}, lambda: ul.open("corner.nc")),
         ({"plot"}, s.plot),
-        ({"cases"}, lambda: ul.case("natural")),
     ):
         refused = LINE.fullmatch(f"unilateral: {refusal(call)}\n")
         assert bool(refused) == (not needs <= has), (needs, refused)

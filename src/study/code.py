@@ -1,4 +1,4 @@
-"""What a program does, as one digest: of its own code, and of what it imports of this project.
+"""What a program does, as one digest: of its own code, and of all that it imports of this project.
 
 Docstrings, comments and layout are no part of it, nor is code that the program does not import. So the
 workflow makes anew what a change of the sources may change, and nothing else.
@@ -18,16 +18,21 @@ DATA = (".yaml", ".html", ".txt")
 
 
 def digest(program: str) -> str:
-    """The SHA-256 of what a program uses, in the project's folder: each file's path and content."""
-    lines: dict[Path, str] = {}
+    """The SHA-256 of all files that a program uses, each with its path, in the project's folder."""
+    lines = [f"{file.as_posix()} {_read(file)[0]}" for file in sorted(used_files(program))]
+    return sha256("\n".join(lines).encode()).hexdigest()
+
+
+def used_files(program: str) -> set[Path]:
+    """The program's file, those of the modules of this project that it imports, and their data files."""
+    files: set[Path] = set()
     waiting = [Path(program)]
     while waiting:
         file = waiting.pop()
-        if file not in lines:
-            content, used = _read(file)
-            lines[file] = f"{file.as_posix()} {content}"
-            waiting += used
-    return sha256("\n".join(sorted(lines.values())).encode()).hexdigest()
+        if file not in files:
+            files.add(file)
+            waiting += _read(file)[1]
+    return files
 
 
 @cache

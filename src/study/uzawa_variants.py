@@ -7,9 +7,13 @@ import numpy as np
 from unilateral.arrays import Array
 from unilateral.fem.spaces import DualOperator
 
-VARIANTS = ("as meant", "as printed", "without the clip")
-"""(5.1)-(5.3) with u^n from lambda^n; with u^n from lambda^(n-1), as the printed index reads; and with u^n
-from lambda^n but without max(0, .)."""
+AS_MEANT = "as meant"
+"""(5.1)-(5.3) with u^n from lambda^n."""
+AS_PRINTED = "as printed"
+"""With u^n from lambda^(n-1), as the printed index reads."""
+UNCLIPPED = "without the clip"
+"""With u^n from lambda^n, but without max(0, .)."""
+VARIANTS = (AS_MEANT, AS_PRINTED, UNCLIPPED)
 
 
 def iterate(operator: DualOperator, offset: Array, rho: float, steps: int, variant: str) -> Array:
@@ -17,7 +21,7 @@ def iterate(operator: DualOperator, offset: Array, rho: float, steps: int, varia
     now = before = np.zeros(len(offset))
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(steps):
-            of = before if variant == "as printed" else now
-            new = now - rho * operator.gap(of, offset)
-            now, before = (new if variant == "without the clip" else np.maximum(0, new)), now
+            seen = before if variant == AS_PRINTED else now
+            new = now - rho * operator.gap(seen, offset)
+            now, before = (new if variant == UNCLIPPED else np.maximum(0, new)), now
     return now

@@ -14,6 +14,7 @@ from __future__ import annotations
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from time import perf_counter
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,9 +36,10 @@ from unilateral.problems.problem_file import polygon_of
 from unilateral.problems.reading import Given
 from unilateral.problems.scaled import scaled
 from unilateral.solution import certification
+from unilateral.solution.faults import tell_faults
 from unilateral.solution.sizes import KINDS, Size, check_kind, number
-from unilateral.solution.solution import Solution
-from unilateral.solution.solver import Solver, check_stop, tell_faults
+from unilateral.solution.solution import Solution, make_solution
+from unilateral.solution.solver import Solver, check_stop
 from unilateral.solution.summary import LINEAR
 from unilateral.solvers.stop import Stop
 from unilateral.system.files import path_of
@@ -88,6 +90,8 @@ def Problem(
     >>> ul.Problem([(0, 0), (1, 0), (0, 1)], f=-1, g="-y/4", c=0, u={0: "x*(1 - x)"}).clamped_sides
     (0,)
     """
+    if f is None:
+        raise InputError(f"{name}, field f: there is no formula; write 0 where there is none")
     return problem_of_arguments(polygon, f, g, free_sides=free_sides, name=name, k=k, c=c, q=q, u=u)
 
 
@@ -200,11 +204,11 @@ def solve(
     >>> ul.solve(ul.case("natural"), accuracy=0.1).certified
     True
     """
+    begin = perf_counter() if begin is None else number("begin", begin)
     problem = _problem(problem)
     h = number("h", h)
     H = number("H", H)
     accuracy = number("the accuracy", accuracy)
-    begin = number("begin", begin)
     check_kind(mesh)
     check_stop(stop)
     arguments.check_flags(sharp=sharp, absolute=absolute, dry_run=dry_run)
@@ -249,7 +253,7 @@ def solve(
     )
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
         levels = search(scaled(problem), goal, tell, dry_run, begin)
-    found = Solution(levels.best.solved, problem, levels)
+    found = make_solution(levels.best.solved, problem, levels)
     if not dry_run:
         tell_faults(found)
     return found

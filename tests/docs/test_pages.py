@@ -105,16 +105,42 @@ def test_without_the_typeset_paper_links_lead_to_the_page_that_says_how_to_make_
     assert not any(link.startswith("../") and link.endswith("#sec-total") for link in links)
 
 
-def test_links_of_the_repository_to_what_is_no_page_are_text(tmp_path):
-    """A folder, and Markdown that is no page; what is not there at all is refused, see below."""
-    (tmp_path / "sources/docs").mkdir(parents=True)
-    (tmp_path / "sources/README.md").write_text("# Other\n")
+NOTEBOOK = """---
+file_format: mystnb
+kernelspec: { name: python3 }
+---
+# Own
+
+```{code-cell}
+print(6 * 7)
+```
+"""
+
+
+@pytest.fixture(scope="module")
+def own_pages(tmp_path_factory):
+    """A page with links of the repository, and a notebook: built without a warning."""
+    folder = tmp_path_factory.mktemp("own")
+    (folder / "sources/docs").mkdir(parents=True)
+    (folder / "sources/README.md").write_text("# Other\n")
     links = "[a folder](../docs), [another text](../README.md), [this page](index.md#home)"
-    (tmp_path / "sources/docs/index.md").write_text(f"# Home\n\n{links}\n")
-    run = built(tmp_path / "pages", tmp_path / "sources")
+    contents = "```{toctree}\nnotebook\n```\n"
+    (folder / "sources/docs/index.md").write_text(f"# Home\n\n{links}\n\n{contents}")
+    (folder / "sources/docs/notebook.md").write_text(NOTEBOOK)
+    run = built(folder / "pages", folder / "sources")
     assert (run.returncode, run.stderr) == (0, "")
-    text = (tmp_path / "pages/docs/index.html").read_text(encoding="utf-8")
+    return folder / "pages/docs"
+
+
+def test_links_of_the_repository_to_what_is_no_page_are_text(own_pages):
+    """A folder, and Markdown that is no page; what is not there at all is refused, see below."""
+    text = (own_pages / "index.html").read_text(encoding="utf-8")
     assert "<p>a folder, another text, <a " in text
+
+
+def test_a_notebook_shows_what_it_prints(own_pages):
+    """Control of the notebook that fails, below."""
+    assert ">42\n" in (own_pages / "notebook.html").read_text(encoding="utf-8")
 
 
 SPOILT = {
@@ -184,7 +210,7 @@ def test_a_page_with_a_fault_is_not_built(refused, told):
     assert re.search(told, refused)
 
 
-NOTEBOOKS = ("first-solution", "own-solver", "study-tables")
+NOTEBOOKS = sorted(file.stem for file in (ROOT / "docs/notebooks").glob("*.md"))
 
 
 @pytest.mark.parametrize("name", NOTEBOOKS)
@@ -196,18 +222,11 @@ def test_a_notebook_was_run(site, name):
     assert UNREAD not in page
 
 
-@pytest.mark.parametrize(("cell", "refused"), [("print(6 * 7)", False), ("1 / 0", True)])
-def test_a_notebook_that_fails_refuses_the_pages(tmp_path, cell, refused):
-    """Control: one that works. A kernel takes seconds to start."""
-    folder = tmp_path / "sources/docs/notebooks"
-    folder.mkdir(parents=True)
-    (folder.parent / "index.md").write_text("# Home\n\n```{toctree}\nnotebooks/own\n```\n")
-    head = "---\nfile_format: mystnb\nkernelspec: { name: python3 }\n---\n# Own\n\n"
-    (folder / "own.md").write_text(f"{head}```{{code-cell}}\n{cell}\n```\n")
-    run = built(tmp_path / "pages", tmp_path / "sources")
-    assert (run.returncode != 0) == refused
-    if not refused:
-        assert ">42\n" in (tmp_path / "pages/docs/notebooks/own.html").read_text(encoding="utf-8")
+def test_a_notebook_that_fails_refuses_the_pages(tmp_path):
+    """The first one that fails ends the build."""
+    (tmp_path / "sources/docs").mkdir(parents=True)
+    (tmp_path / "sources/docs/index.md").write_text(NOTEBOOK.replace("6 * 7", "1 / 0"))
+    assert built(tmp_path / "pages", tmp_path / "sources").returncode != 0
 
 
 UNREAD = "This page was built without the study"

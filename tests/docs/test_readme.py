@@ -55,20 +55,22 @@ def test_the_first_command_prints_what_is_quoted(run):
 
 
 def test_the_first_solution_imports_the_solver_only(tmp_path):
-    """Control: of these packages, those for pictures are imported by the command that draws one."""
-
-    def imported(*more):
-        program = (
-            "import sys; from unilateral.cli import main; assert main(sys.argv[1:]) == 0; print(*sys.modules)"
-        )
-        run = subprocess.run(
-            [sys.executable, "-c", program, *FIRST.split()[1:], *more],
-            cwd=ROOT, capture_output=True, text=True, check=True,
-        )  # fmt: skip
-        return {*NOT_FIRST} & {*run.stdout.split()}
-
-    assert imported() == set()
-    assert "matplotlib" in imported("-o", str(tmp_path / "arch.svg"))
+    """Control: of these packages, those for pictures are imported by the command that draws one, run next."""
+    arguments = FIRST.split()[1:]
+    program = (
+        "import sys; from unilateral.cli import main\n"
+        f"assert main({arguments}) == 0; print('FIRST', *sys.modules)\n"
+        f"assert main({[*arguments, '-o', str(tmp_path / 'arch.svg')]}) == 0; print('NEXT', *sys.modules)"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+    first, following = (
+        {*NOT_FIRST} & {*re.search(f"^{name} (.*)$", run.stdout, re.MULTILINE)[1].split()}
+        for name in ("FIRST", "NEXT")
+    )
+    assert first == set()
+    assert "matplotlib" in following
 
 
 def test_every_example_is_on_a_page():

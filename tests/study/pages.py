@@ -13,8 +13,6 @@ from conftest import ROOT
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from study import config, figure_entries, registry
-
 NUMBERS = {
     "adaptive": ["error", "bound", "beta", "beta_of_edges"],
     "benchmarks": ["y"],
@@ -33,22 +31,32 @@ NUMBERS = {
 """By the modules of figures, the columns that are drawn as they are; of any other module, all numbers are."""
 
 
+FIGURES = [file.stem for file in sorted((ROOT / "figures").glob("*.svg"))]
+"""The names of the figures in git."""
+NAMES = {"grid": "grid_square", "dual_norm": "dual_square", "portrait": "solution", "rates": "rates_cantor"}
+"""The figures of modules, where a figure has another name than its module; of `rates` the first one."""
+
+
 @cache
-def in_git():
-    """What is drawn, by the names of the files."""
-    study, sources = config.read([str(file) for file in sorted((ROOT / "workflow/config").glob("*.yaml"))])
-    config.check(study, sources, str(ROOT / "workflow/schemas/study.schema.yaml"))
-    return figure_entries.drawings(study)
+def modules():
+    """The modules that draw figures, by their names without the end `_figure`."""
+    files = [
+        (folder, file)
+        for folder, package in ((ROOT / "src", "study"), (ROOT, "benchmarks"))
+        for file in sorted((folder / package).rglob("*_figure.py"))
+    ]
+    dotted = [".".join(file.relative_to(folder).with_suffix("").parts) for folder, file in files]
+    return {name.rpartition(".")[2].removesuffix("_figure"): import_module(name) for name in dotted}
 
 
-def first_of_each():
-    """The first figure of every module, by the module's name."""
-    modules = {module: name for name, module in registry.figures().items()}
-    return {modules[drawing.module]: name for name, drawing in reversed(in_git().items())}
+def module_of(figure):
+    """The module that draws a figure in git."""
+    names = {file: name for name, file in NAMES.items()}
+    return modules()["rates" if figure.startswith("rates_") else names.get(figure, figure)]
 
 
 def committed(figure):
-    return pd.read_csv(ROOT / f"figures/{first_of_each()[figure]}.csv")
+    return pd.read_csv(ROOT / f"figures/{NAMES.get(figure, figure)}.csv")
 
 
 def table(figure):
@@ -80,7 +88,7 @@ def drawn(figure, table):
     with TemporaryDirectory() as folder, recorded() as pages:
         path, target = Path(folder) / "table.csv", Path(folder) / "figure.svg"
         table.to_csv(path, index=False)
-        import_module(f"study.{registry.figures()[figure]}").draw(path, target)
+        modules()[figure].draw(path, target)
         return pages[0], target.read_bytes()
 
 

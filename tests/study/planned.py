@@ -1,6 +1,7 @@
 """The jobs that targets need where nothing is made yet, as JSON.
 
-Of each what its rule says: script, input, output, params, log and benchmark, and the memory that it asks for.
+Of each what its rule says: script, input, output, wildcards, params, log and benchmark, and the memory that
+it asks for.
 
 `python planned.py TARGET ...`, in a folder with a Snakefile. One process plans for all tests. Snakemake's
 public interface runs or prints jobs and does not list them, so `_workflow.dag`, a private name, is read.
@@ -32,7 +33,8 @@ def described(job):
         "output": list(map(str, job.output)),
         "params": params,
         "unnamed": [value for value in job.params if value not in params.values()],
-        "names": [*named, *dict(job.output.items()), *params],
+        "wildcards": dict(job.wildcards_dict),
+        "names": {"input": [*named], "output": [*dict(job.output.items())], "params": [*params]},
         "log": list(map(str, job.log)),
         "benchmark": job.benchmark and str(job.benchmark),
         "mem_mb": job.resources.get("mem_mb"),

@@ -18,9 +18,10 @@ from conftest import copy_project
 from documents import blocks
 
 CASE = next(block.text for block in blocks("manufactured/README.md") if block.kind == "yaml")
-POLYGON, RATES, SCENE, SURVEY, MEASURE, SCHEMA, FIELDS, RULE, DRAWING, FIGURE, CLAIM, AXIS = (
+POLYGON, RATES, SCENE, SURVEY, MEASURE, SCHEMA, FIELDS, RULE, SCRIPT, *OTHERS = (
     block.text for block in blocks("docs/adding.md")
 )
+DRAWING, DRAWING_RULE, DRAWING_SCRIPT, FIGURE, CLAIM, AXIS = OTHERS
 COUNTED = """claims:
 - id: "V.h"
   title: "as many unknowns as nodes"
@@ -53,9 +54,12 @@ PLACES = [
     (f"{COUNTS}/schema.yaml", "", SCHEMA),
     (f"{COUNTS}/claims.yaml", "", COUNTED),
     ("workflow/config/study.yaml", "", FIELDS),
-    ("workflow/rules/experiments.smk", "EXPERIMENTS = {\n", RULE),
+    ("workflow/rules/experiments.smk", "", f"\n\n{RULE}"),
+    ("workflow/scripts/counts.py", "", SCRIPT),
     ("src/study/ledger/sections.yaml", "extremes: [", '"V.h", '),
     (f"{COUNTS}/counts_figure.py", "", DRAWING),
+    ("workflow/rules/figures.smk", "which is made from results.\n", f"\n\n{DRAWING_RULE}"),
+    ("workflow/scripts/draw_counts.py", "", DRAWING_SCRIPT),
     ("workflow/config/figures.yaml", "figures:\n", FIGURE),
     (f"{STABILITY}/claims.yaml", "", "\n" + CLAIM),
     ("src/study/ledger/sections.yaml", "stability: [", '"3.1d", '),
@@ -68,16 +72,17 @@ PLACES = [
 USED = """
 from study.experiments.counts.measure import measure_counts
 from study.experiments.extremes.measure import AXES
-from study.figure_entries import make_figure
 from study.ledger.claims import find
-from study.tables import load
+from study.experiments.counts.counts_figure import draw, table
+from study.tables import load, save_csv
 
 measure_counts({"polygon": "square", "h": ["1/8", "1/16"]}, "counts/counts.nc")
 print(find("V.h").measure({"counts/counts": load("counts/counts.nc")}).observed)
 print(find("3.1d").reads)
 print(AXES["calm"].__module__)
 files = "counts/counts.csv", "counts/counts.svg"
-make_figure("experiments.counts.counts_figure", {}, *files, counts="counts/counts.nc")
+save_csv(table("counts/counts.nc"), files[0])
+draw(*files)
 print(*open(files[0]).read().split())
 print(open(files[1]).read().count("<svg"))
 """
@@ -86,7 +91,10 @@ print(open(files[1]).read().count("<svg"))
 
 def run(folder: Path, *arguments: str) -> str:
     """What a program says that uses the library in that folder."""
-    command, environment = [sys.executable, *arguments], {**os.environ, "PYTHONPATH": str(folder / "src")}
+    command, environment = (
+        [sys.executable, *arguments],
+        {**os.environ, "PYTHONPATH": f"{folder / 'src'}:{folder}"},
+    )
     found = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=60)
     assert found.returncode == 0, found.stderr
     return found.stdout + found.stderr
@@ -104,7 +112,9 @@ def test_what_is_added_is_planned_and_needs_no_other_change(tmp_path: Path) -> N
         file.write_text(old[:at] + text + old[at:], encoding="utf-8")
     targets = ["results/myscene/rates.nc", "results/mysurvey/infsup.nc", "figures/counts.svg"]
     table = run(project, "-m", "snakemake", "-n", "-c1", *targets).partition("Job stats:")[2]
-    jobs = dict.fromkeys(["dual_norm", "solve", "rates", "surveys", "counts", "figure"], 1) | {"total": 6}
+    jobs = dict.fromkeys(["dual_norm", "solve", "rates", "surveys", "counts", "draw_counts"], 1) | {
+        "total": 6
+    }
     assert {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)} == jobs
     (project / "counts").mkdir()
     said = ["0.0", "('square/infsup',)", "study.experiments.extremes.data_axes"]

@@ -11,6 +11,7 @@ from pathlib import Path
 import jsonschema
 import numpy as np
 import pytest
+import sentences
 import yaml
 from conftest import ROOT
 
@@ -155,7 +156,7 @@ REFUSED = {
     "sharpness.fixed.H": [["1/8", "1/16"]],
     "sharpness.fixed.h": [0],
     "cost.base.algebra": ["A_2"],
-    "cost.axes": [{}],
+    "cost.axes": [{}, {"../scene": {"scene": ["lshape"]}}],
     "cost.axes.case.speed": [[1]],
     "cost.axes.case.H_over_h": [["0"]],
     "cost.axes.algorithm.algorithm": [["fast"]],
@@ -244,7 +245,8 @@ SAID = [
     ),
     (
         ("finds.betaworst", [STUDY["finds"]["betaworst"][0] | {"polygon": [[0, 0], [0, 1], [1, 0]]}]),
-        "finds.betaworst[0].polygon: polygon 'betaworst' is listed clockwise; list its vertices anticlockwise",
+        "finds.betaworst[0].polygon: polygon 'betaworst' is listed clockwise; list its vertices "
+        "anticlockwise",
     ),
     (
         ("surveys.betathin.mesh", {"kind": "structured"}),
@@ -366,20 +368,20 @@ def test_a_pattern_holds_to_the_very_end_and_says_what_it_asks_for():
 
 
 @pytest.mark.parametrize(
-    ("contents", "said"),
+    "contents",
     [
-        (("stop: 1\n", "stop: 1\n"), r"1\.yaml, field stop: .*0\.yaml has it, too; leave one of them out"),
-        (("stop: 1\nstop: 2\n",), r"0\.yaml: 'stop' is given twice, again in line 2; give it once"),
-        (("stop: [1\n",), r"0\.yaml is not a YAML file: "),
-        (("",), r"0\.yaml has no fields; it has to hold a mapping"),
-        (("- 1\n",), r"0\.yaml has no fields; it has to hold a mapping"),
+        ("stop: 1\n", "stop: 1\n"),
+        ("stop: 1\nstop: 2\n",),
+        ("stop: [1\n",),
+        ("",),
+        ("- 1\n",),
     ],
 )
-def test_files_that_are_refused(tmp_path, contents, said):
+def test_files_that_are_refused(tmp_path, contents):
     files = [tmp_path / f"{i}.yaml" for i in range(len(contents))]
     for file, content in zip(files, contents, strict=True):
         file.write_text(content)
-    with pytest.raises(InputError, match=said):
+    with sentences.raises(InputError):
         configuration.read(map(str, files))
 
 

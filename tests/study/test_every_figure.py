@@ -4,32 +4,33 @@ import os
 import re
 import subprocess
 import sys
-from importlib import import_module
 
 import pytest
-from conftest import ROOT
+from conftest import ROOT, config
 from matplotlib import rc_context
 from matplotlib.text import Text
-from pages import first_of_each, in_git, page, recorded
+from pages import FIGURES, NAMES, module_of, modules, page, recorded
 
-from study import registry
 from unilateral.errors import InputError
 
-FIGURES = first_of_each()
 ODD = {"lines.linewidth": 9, "axes.facecolor": "red", "svg.hashsalt": None, "savefig.bbox": "tight"}
 
 
 def test_every_committed_figure_is_drawn_and_nothing_else_is_there():
-    files = {f"{name}.{kind}" for name in in_git() for kind in ("csv", "svg")}
+    """By the entries of the configuration; a module draws each."""
+    names = []
+    for entry, figure in config("figures")["figures"].items():
+        names += [f"{entry}_{scene}" for scene in figure["scenes"]] if "scenes" in figure else [entry]
+    files = {f"{name}.{kind}" for name in names for kind in ("csv", "svg")}
     assert files == {file.name for file in (ROOT / "figures").iterdir()}
-    assert sorted(FIGURES) == list(registry.figures())
+    assert {module_of(name) for name in names} == set(modules().values())
 
 
-@pytest.mark.parametrize("name", in_git())
+@pytest.mark.parametrize("name", FIGURES)
 def test_a_committed_figure_is_what_its_table_gives_and_on_the_page(name, tmp_path):
     """Whatever settings a user has. Text is drawn as paths, and there is no date."""
     target = tmp_path / "figure.svg"
-    draw = import_module(f"study.{in_git()[name].module}").draw
+    draw = module_of(name).draw
     with rc_context(ODD), recorded() as pages:
         draw(ROOT / f"figures/{name}.csv", target)
     svg = target.read_bytes()
@@ -68,26 +69,27 @@ def test_another_process_gives_the_same_bytes(tmp_path):
     Takes seconds, for it draws a figure of every module.
     """
     program = "import sys\nfrom importlib import import_module\n"
-    for module, name in FIGURES.items():
+    drawn = {module: NAMES.get(name, name) for name, module in modules().items()}
+    for module, name in drawn.items():
         files = str(ROOT / f"figures/{name}.csv"), f"{name}.svg"
-        program += f"import_module('study.{registry.figures()[module]}').draw(*{files})\n"
+        program += f"import_module('{module.__name__}').draw(*{files})\n"
     program += "assert 'matplotlib.pyplot' not in sys.modules"
     environment = {**os.environ, "PYTHONHASHSEED": "12345", "TZ": "Asia/Tokyo"}
     subprocess.run([sys.executable, "-c", program], cwd=tmp_path, env=environment, check=True)
-    for name in FIGURES.values():
+    for name in drawn.values():
         assert (tmp_path / f"{name}.svg").read_bytes() == (ROOT / f"figures/{name}.svg").read_bytes()
 
 
-@pytest.mark.parametrize("figure", FIGURES)
+@pytest.mark.parametrize("figure", modules())
 def test_another_table_gives_another_figure(figure):
     """Control."""
-    others = {(ROOT / f"figures/{name}.svg").read_bytes() for name in in_git()}
+    others = {(ROOT / f"figures/{name}.svg").read_bytes() for name in FIGURES}
     assert page(figure)[1] not in others
 
 
-@pytest.mark.parametrize("figure", FIGURES)
+@pytest.mark.parametrize("figure", modules())
 def test_a_table_that_is_missing_is_named(figure, tmp_path):
     given = tmp_path / "missing.csv"
     with pytest.raises(InputError, match=r"there is no table .*missing\.csv"):
-        import_module(f"study.{registry.figures()[figure]}").draw(given, tmp_path / "figure.svg")
+        modules()[figure].draw(given, tmp_path / "figure.svg")
     assert list(tmp_path.iterdir()) == []

@@ -13,20 +13,17 @@ SCRIPTS = ROOT / "workflow/scripts"
 
 
 def ended(statements, folder, given=(), config=None):
-    """How a job ends that calls a function of these statements, and its log.
+    """How a job ends that runs these statements, and its log.
 
     Its rule is named `made`; its input is `given`, and the configuration is `config`.
     """
     log, files = folder / "job.log", [str(file) for file in given]
-    code = "import os, signal, warnings; from types import SimpleNamespace; from job import run\n"
-    code += "import study; from unilateral import errors\nclass Input(list): items = lambda _: []\n"
-    code += f"def function():\n    {statements}\n"
-    code += f"job = SimpleNamespace(input=Input({files}), output={{}}, log=[{str(log)!r}])\n"
-    code += f"job.rule, job.config, job.params = 'made', {config or {}}, {{'job': 'manifest.function'}}\n"
-    code += "study.manifest.function = function\nrun(job)"
-    code = "from study import manifest\n" + code
-    command = [sys.executable, "-c", code]
-    found = subprocess.run(command, cwd=SCRIPTS, capture_output=True, text=True, timeout=60)
+    code = f"import os, signal, sys, warnings; sys.path.append({str(SCRIPTS)!r})\n"
+    code += "from types import SimpleNamespace; from job import run; from unilateral import errors\n"
+    code += f"snakemake = SimpleNamespace(input={files}, log=[{str(log)!r}])\n"
+    code += f"snakemake.rule, snakemake.config = 'made', {config or {}}\n"
+    code += f"with run(snakemake):\n    {statements}\n"
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert found.stdout == ""
     return found, log.read_text()
 

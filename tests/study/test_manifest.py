@@ -33,7 +33,7 @@ def written(tmp_path, monkeypatch):
     def write(study):
         made = {"solve": ["results/errors.nc", "results/timings.nc"], "claims": ["results/claims.json"]}
         paths = {"manifest": tmp_path / "results/manifest.json", "sums": tmp_path / "results/SHA256SUMS"}
-        manifest.write_manifest(study, **paths, **made)
+        manifest.write_manifest(study, made, **paths)
         return (tmp_path / "results/manifest.json").read_bytes()
 
     return write

@@ -76,7 +76,7 @@ def test_a_figure_says_what_it_was_drawn_from(opened):
     row = next(row for row in listed(opened, "Figures") if row.text.startswith("verdict"))
     row.find_elements(By.TAG_NAME, "a")[-1].click()
     told = wait(opened, lambda d: d.find_element(By.TAG_NAME, "nav").text)
-    assert "figures/verdict.csv by src/study/ledger/verdict_figure.py" in " ".join(told.split())
+    assert "figures/verdict.csv by workflow/scripts/draw_verdict.py" in " ".join(told.split())
 
 
 def test_the_judged_claims_are_in_it(opened):

@@ -99,8 +99,8 @@ def test_one_command_makes_a_damaged_file_anew(plan, computed, name, rule):
 REFUSED = [
     (
         ("study", "levels: 4 }\n    H:", "levels: four }\n    H:"),
-        "workflow/config/study.yaml, field scenes.quick.mesh.levels: it is 'four'; it has to be a whole "
-        "number, at least 1, at most 9",
+        "workflow/config/study.yaml, field scenes.quick.mesh.levels: 'four' is not of type "
+        "'integer'; write a whole number such as 3",
     ),
     (
         ("study", "judged: false", "judged: false\n    judged: true"),
@@ -126,7 +126,7 @@ def test_a_bad_configuration_is_refused_in_one_line_before_anything_runs(tree, d
 def test_a_parameter_from_the_command_line_is_checked_too(dry_run):
     code, _, err = dry_run("quick", "--config", "stop=4")
     assert code == 2
-    assert "field stop: it is 4; it has to be a mapping" in err
+    assert "field stop: 4 is not of type 'object'; write a mapping" in err
 
 
 def test_a_failing_job_says_why_and_leaves_nothing_half_written(tree, computed):

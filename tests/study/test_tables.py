@@ -167,14 +167,13 @@ def test_a_full_disk_ends_in_one_sentence(tmp_path, size):
     """A limit on the size of files stands for the disk; netCDF says "Permission denied" or "HDF error"."""
     code = (
         f"import resource; resource.setrlimit(resource.RLIMIT_FSIZE, ({size}, {size}))\n"
-        "import job, types, xarray; from study import tables\n"
-        f"path, table = {str(tmp_path / 'errors.nc')!r}, xarray.Dataset({{'x': [1.0]}})\n"
-        "tables.made = lambda: tables.save(table, path, 'scene')\n"
-        "given = {'input': {}, 'output': {}, 'params': {'job': 'tables.made'}, 'log': ['/dev/null']}\n"
-        "job.run(types.SimpleNamespace(**given, rule='', config={}))"
+        f"import sys, types, xarray; sys.path.append({str(SCRIPTS)!r}); from job import run\n"
+        "from study import tables\n"
+        "with run(types.SimpleNamespace(input=[], rule='', config={}, log=['/dev/null'])):\n"
+        f"    tables.save(xarray.Dataset({{'x': [1.0]}}), {str(tmp_path / 'errors.nc')!r}, 'scene')"
     )
     command = [sys.executable, "-c", code]
-    found = subprocess.run(command, cwd=SCRIPTS, capture_output=True, text=True, timeout=60)
+    found = subprocess.run(command, capture_output=True, text=True, timeout=60)
     assert re.fullmatch(r"unilateral: .*errors\.nc cannot be written: File too large\n", found.stderr)
     assert found.returncode == 4
     assert list(tmp_path.iterdir()) == []

@@ -21,7 +21,7 @@ from unilateral.formulas.decimals import up
 from unilateral.geometry.files import write_mesh
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
-from unilateral.solution.certificate import record
+from unilateral.solution.record import record
 from unilateral.solvers.stop import ALGORITHMS
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
@@ -317,7 +317,7 @@ def test_a_name_stays_what_it_is():
 
 def test_bounds_that_do_not_fit_into_the_memory_are_warned_of(monkeypatch):
     """289 unknowns take 0.1 MB, sharply 1.4 MB; control: those that are known."""
-    monkeypatch.setattr("unilateral.solution.certificate.available_mb", lambda: 1.0)
+    monkeypatch.setattr("unilateral.solution.bounds.available_mb", lambda: 1.0)
     s = ul.solve("natural", **SIZES)
     with pytest.warns(ul.SolutionWarning) as told:
         assert s.sharp_bounds is None
@@ -325,7 +325,7 @@ def test_bounds_that_do_not_fit_into_the_memory_are_warned_of(monkeypatch):
     assert [(str(each.message), each.filename) for each in told] == [(said, __file__)]
     with warnings.catch_warnings(action="error"):
         assert s.bounds.u > 0
-        monkeypatch.setattr("unilateral.solution.certificate.available_mb", lambda: 0.0)
+        monkeypatch.setattr("unilateral.solution.bounds.available_mb", lambda: 0.0)
         assert s.bounds.u > 0
 
 

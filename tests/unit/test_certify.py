@@ -299,14 +299,13 @@ def test_shares_say_where_the_error_is(natural, other):
     assert ul.certify(natural, mesh, u).error_shares[there].sum() < 0.1  # control
 
 
-def test_it_is_kept_as_what_it_is(natural, other, tmp_path):
+def test_it_is_kept_as_what_it_is(natural, other):
     mesh, solver = other
     found = ul.certify(natural, mesh, solver.constrained(0.5))
-    found.save(tmp_path / "u.nc")
-    for again in (ul.open(tmp_path / "u.nc"), copy.deepcopy(found)):
-        assert "\n  u                of another program\n" in repr(again)
-        assert again.bounds.u == pytest.approx(found.bounds.u, rel=1e-12)
-        assert np.array_equal(again.flux_at((0.5, 0.5)), found.flux_at((0.5, 0.5)))
+    again = copy.deepcopy(found)
+    assert "\n  u                of another program\n" in repr(again)
+    assert again.bounds == found.bounds
+    assert np.array_equal(again.flux_at((0.5, 0.5)), found.flux_at((0.5, 0.5)))
     record = found.certificate()
     assert record["foreign"]
     assert math.isnan(record["algebraic_bound"])

@@ -47,7 +47,6 @@ PLACES = {
     "case(side)": lambda odd: ul.case("natural", side=odd),
     "case(free_sides)": lambda odd: ul.case("natural", free_sides=odd),
     "load": ul.load,
-    "open": ul.open,
     "solve(problem)": lambda odd: ul.solve(odd, **SIZES),
     "solve(h)": lambda odd: ul.solve("natural", h=odd, H=1 / 2),
     "solve(H)": lambda odd: ul.solve("natural", h=1 / 4, H=odd),

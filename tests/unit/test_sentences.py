@@ -2,18 +2,12 @@
 
 import pytest
 import sentences
-from conftest import ROOT
 
 from unilateral.errors import InputError, StorageError
 
 
 def test_each_stored_sentence_is_of_a_test_that_is_there():
-    """Of those that are gone `pytest --rewrite-sentences` knows nothing."""
-    gone = []
-    for file, tests in sentences.recorder.stored.items():
-        text = (ROOT / file).read_text(encoding="utf-8") if (ROOT / file).exists() else ""
-        gone += [f"{file}::{test}" for test in tests if f"def {test.partition('[')[0]}(" not in text]
-    assert gone == []
+    assert sentences.recorder.lost() == []
 
 
 @pytest.mark.parametrize(
@@ -39,13 +33,24 @@ def test_another_sentence_name_or_kind_fails(error, names, message, monkeypatch)
 
 
 def test_a_rewrite_stores_what_the_tests_say_now(tmp_path, monkeypatch):
-    """Of the tests that run, and of no other; folders and digits that depend on the processor go."""
+    """Of the functions that run; others keep theirs, and those that are gone lose them.
+
+    Folders, and digits that depend on the processor, are left out.
+    """
     monkeypatch.setattr(sentences, "FILE", tmp_path / "sentences.yaml")
+    monkeypatch.setattr(sentences, "PROJECT", tmp_path / "project")
+    (tmp_path / "project").mkdir()
+    (tmp_path / "project/a.py").write_text("def test_1(): ...\ndef test_2(): ...\n")
     recorder = sentences.Recorder()
-    recorder.stored = {"a.py": {"test_1": ["old"], "test_2": ["kept"]}}
-    recorder.rewriting, recorder.temporary = True, str(tmp_path)
-    recorder.begin("a.py::test_1")
-    recorder.check(f"{tmp_path}/test_0/u.csv: 0.123456789 at {ROOT}/src")
+    recorder.stored = {
+        "a.py": {"test_1[x]": ["old"], "test_1[y]": ["old"], "test_2": ["kept"], "test_3": ["lost"]}
+    }
+    recorder.rewriting, recorder.temporary = True, str(tmp_path / "run")
+    assert recorder.lost() == [("a.py", "test_3")]
+    recorder.begin("a.py::test_1[x]")
+    recorder.check(f"{tmp_path}/run/test_0/u.csv: 0.123456789 at {tmp_path}/project/src")
     recorder.write()
     again = sentences.Recorder()
-    assert again.stored == {"a.py": {"test_1": ["<tmp>/u.csv: 0.1235 at <project>/src"], "test_2": ["kept"]}}
+    assert again.stored == {
+        "a.py": {"test_1[x]": ["<tmp>/u.csv: 0.1235 at <project>/src"], "test_2": ["kept"]}
+    }

@@ -11,6 +11,7 @@ SCENES = config["scenes"]
 JUDGED = [name for name, scene in SCENES.items() if scene["judged"]]
 SURVEYS = config["surveys"]
 TOTALS = config["totals"]["scenes"]
+SHOWN = config["figures"]
 
 
 wildcard_constraints:
@@ -66,6 +67,19 @@ def files_by_rule(scenes):
         "dual_norm": expand(rules.dual_norm.output, scene=filter(has_norm, scenes)),
         "solve": expand(rules.solve.output, scene=scenes),
         "rates": expand(rules.rates.output, scene=scenes),
+    }
+
+
+def figure(name, entry=None):
+    """The files of a figure, which are in git, and how the report shows it, by its entry in the configuration."""
+    return {
+        "csv": update(f"figures/{name}.csv"),
+        "svg": report(
+            update(f"figures/{name}.svg"),
+            category="Figures",
+            caption="../report/figure.rst",
+            labels={"figure": name, "shows": SHOWN[entry or name]["shows"]},
+        ),
     }
 
 

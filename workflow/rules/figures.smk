@@ -1,26 +1,5 @@
 # The figures: each is drawn from a table of its own, figures/NAME.csv, which is made from results.
 
-SHOWN = config["figures"]
-# The figures by name: those of `rates` are one of each of its scenes.
-FIGURE_NAMES = [
-    *(f"rates_{scene}" for scene in SHOWN["rates"]["scenes"]),
-    *(name for name in SHOWN if name != "rates"),
-]
-FIGURES = expand("figures/{name}.{kind}", name=FIGURE_NAMES, kind=["csv", "svg"])
-
-
-def figure(name, entry=None):
-    """The files of a figure, which are in git, and how the report shows it, by its entry in the configuration."""
-    return {
-        "csv": update(f"figures/{name}.csv"),
-        "svg": report(
-            update(f"figures/{name}.svg"),
-            category="Figures",
-            caption="../report/figure.rst",
-            labels={"figure": name, "shows": SHOWN[entry or name]["shows"]},
-        ),
-    }
-
 
 rule draw_rates:
     input:
@@ -262,3 +241,11 @@ rule draw_benchmarks:
         "The figure figures/benchmarks.svg and its table"
     script:
         "../scripts/draw_benchmarks.py"
+
+
+# The files of each rule: those of `draw_rates` are of each of its scenes.
+DRAWN = {
+    "draw_rates": expand(rules.draw_rates.output, scene=SHOWN["rates"]["scenes"]),
+    **{f"draw_{name}": getattr(rules, f"draw_{name}").output for name in SHOWN if name != "rates"},
+}
+FIGURES = [file for files in DRAWN.values() for file in files]

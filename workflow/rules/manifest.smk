@@ -5,19 +5,11 @@ MADE = {
     **files_by_rule(JUDGED),
     "floors": expand(rules.floors.output, scene=config["floors"]),
     "totals": expand(rules.totals.output, scene=TOTALS),
-    "surveys": rules.surveys.output,
-    "cost": rules.cost.output,
-    "adaptive": rules.adaptive.output,
-    "algorithm": rules.algorithm.output,
-    "cells": rules.cells.output,
-    "certify": rules.certify.output,
-    "extremes": rules.extremes.output,
-    "graded": rules.graded.output,
-    "sharpness": rules.sharpness.output,
+    # The rule of an experiment has the name of its fields in the configuration.
+    **{rule.name: rule.output for rule in workflow.rules if rule.name in config and not rule.has_wildcards()},
     "claims": rules.claims.output,
     "document_numbers": rules.document_numbers.output,
-    "figures": FIGURES,
-    "documents": DOCUMENTS,
+    **DRAWN,
     "typeset": expand(rules.typeset.output, paper=PAPERS),
 }
 

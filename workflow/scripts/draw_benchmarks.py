@@ -2,7 +2,7 @@
 
 from job import run
 
-from benchmarks.figure import draw, table
+from benchmarks.benchmarks_figure import draw, table
 from study.tables import save_csv
 
 with run(snakemake):

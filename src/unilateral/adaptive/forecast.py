@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from unilateral.adaptive.goal import MAX_SECONDS, Goal
 from unilateral.adaptive.level import Level, discrete_norm
-from unilateral.adaptive.marking import LAMBDA_RATE, LARGEST_STEP, LEAST_STEP, TARGET_PART, adapts, evenness
+from unilateral.adaptive.marking import LAMBDA_RATE, LARGEST_STEP, TARGET_PART, adapts, evenness
 from unilateral.discrete.choice import SHARP, SPARSE, wants_multigrid
 from unilateral.errors import BudgetError
 from unilateral.geometry.polygon import Polygon
@@ -52,8 +52,8 @@ class Plan:
     missed: tuple[str, ...]
 
 
-def limits(goal: Goal, base_mb: float) -> dict[str, float]:
-    """The limits by their names in messages: unknowns, MB and seconds.
+def find_limits(goal: Goal, base_mb: float) -> tuple[tuple[str, float], ...]:
+    """The limits of unknowns, MB and seconds, each with its name in messages.
 
     Beside the `base_mb` that a level takes whatever its size, a part of the free memory may be used.
     """
@@ -65,17 +65,17 @@ def limits(goal: Goal, base_mb: float) -> dict[str, float]:
         memory = f"max_memory={most_mb:g}"
     most_seconds = MAX_SECONDS if goal.max_seconds is None else goal.max_seconds
     by_default = " by default" if goal.max_seconds is None else ""
-    return {
-        f"max_unknowns={most_unknowns:.0f}": most_unknowns,
-        memory: most_mb,
-        f"max_seconds={most_seconds:g}{by_default}": most_seconds,
-    }
+    return (
+        (f"max_unknowns={most_unknowns:.0f}", most_unknowns),
+        (memory, most_mb),
+        (f"max_seconds={most_seconds:g}{by_default}", most_seconds),
+    )
 
 
 def check_limits(polygon: Polygon, goal: Goal, elapsed: float) -> None:
     """Raises BudgetError where the memory or the seconds are already used up before the first level."""
     mb = peak_mb()
-    for (name, most), used in zip(limits(goal, mb).items(), (0.0, mb, elapsed), strict=True):
+    for (name, most), used in zip(find_limits(goal, mb), (0.0, mb, elapsed), strict=True):
         if used >= most:
             raise BudgetError(f"{name} is not enough to solve on the coarsest mesh of '{polygon.name}'")
 
@@ -87,40 +87,40 @@ def allowed_unknowns(levels: Sequence[Level], part: float = 1.0) -> dict[str, fl
     """
     last = levels[-1]
     base_mb = predict_mb(levels, 0.0)
-    unknowns, memory, seconds = limits(last.goal, base_mb).items()
-    in_memory = (memory[1] - base_mb) * BYTES_PER_MB / bytes_per_unknown(last.goal)
-    left = seconds[1] - last.elapsed
-    in_time = (left - last.enclosing) / seconds_per_unknown(levels) - OVERHEAD_UNKNOWNS
+    (unknowns, most), (memory, most_mb), (time, most_seconds) = find_limits(last.goal, base_mb)
+    in_memory = (most_mb - base_mb) * BYTES_PER_MB / bytes_per_unknown(last.goal)
+    left = most_seconds - last.elapsed
+    start, seconds_per_unknown = observe_seconds(levels)
+    in_time = (left - start) / seconds_per_unknown
     if len(levels) == 1:  # in which code is loaded, so that its time says nothing of the next one
         in_time = math.inf if left > 0 else 0.0
-    return {
-        unknowns[0]: unknowns[1],
-        memory[0]: part * max(in_memory, 0.0),
-        seconds[0]: part * max(in_time, 0.0),
-    }
+    return {unknowns: most, memory: part * max(in_memory, 0.0), time: part * max(in_time, 0.0)}
 
 
-def exhausted_limits(levels: Sequence[Level]) -> list[str]:
-    """The limits that do not allow a level after the last one; the one that allows least, if all do."""
-    last = levels[-1]
-    allowed = allowed_unknowns(levels)
-    least = NEIGHBOURS * (LEAST_STEP if last.goal.adaptable else 4) * last.unknowns
-    return [name for name, most in allowed.items() if most < least or most == min(allowed.values())]
-
-
-def seconds_per_unknown(levels: Sequence[Level]) -> float:
-    """The seconds that an unknown took, without those to enclose f.
+def observe_seconds(levels: Sequence[Level]) -> tuple[float, float]:
+    """The seconds that a level takes whatever its size, and those per unknown.
 
     The first level is left out if there are others, for code is loaded in it.
     """
+    last = levels[-1]
+    # Solving and bounding: proportional to the unknowns and those of the overhead
     later = levels[1:] or levels
-    seconds = sum(level.seconds - level.enclosing for level in later)
-    return seconds / sum(level.unknowns + OVERHEAD_UNKNOWNS for level in later)
+    solving = sum(level.seconds - level.enclosing for level in later)
+    solving /= sum(level.unknowns + OVERHEAD_UNKNOWNS for level in later)
+    # Enclosing f: it goes on to grow as it did with the last level, at least not to fall
+    enclosing = 0.0
+    if len(levels) > 1:
+        before = levels[-2]
+        growth = (last.enclosing - before.enclosing) / (last.unknowns - before.unknowns)
+        enclosing = max(growth, 0.0)
+    start = last.enclosing - enclosing * last.unknowns + solving * OVERHEAD_UNKNOWNS
+    return start, solving + enclosing
 
 
 def predict_seconds(levels: Sequence[Level], unknowns: float) -> float:
     """The seconds of a next level with so many unknowns."""
-    return levels[-1].enclosing + seconds_per_unknown(levels) * (unknowns + OVERHEAD_UNKNOWNS)
+    start, per_unknown = observe_seconds(levels)
+    return start + per_unknown * unknowns
 
 
 def bytes_per_unknown(goal: Goal) -> float:
@@ -143,8 +143,8 @@ def plan(levels: Sequence[Level]) -> Plan | None:
     unknowns = max([last.unknowns, *sizes])
     seconds = last.elapsed + sum(predict_seconds(levels, size) for size in sizes)
     mb = predict_mb(levels, unknowns)
-    most = limits(last.goal, predict_mb(levels, 0.0)).items()
-    missed = [name for (name, limit), used in zip(most, (unknowns, mb, seconds), strict=True) if used > limit]
+    limits = find_limits(last.goal, predict_mb(levels, 0.0))
+    missed = [name for (name, most), used in zip(limits, (unknowns, mb, seconds), strict=True) if used > most]
     return Plan(adapts(last), round(unknowns), seconds, mb, tuple(missed))
 
 
@@ -191,12 +191,9 @@ def predict_unknowns(levels: Sequence[Level], least_rate: float = 0.0) -> float:
     """
     last = levels[-1]
     goal = last.goal
-    # The error that will be wanted, for a solution whose norm is the discrete one's less that error
-    wanted = (
-        goal.accuracy
-        if goal.absolute
-        else goal.accuracy * discrete_norm(last.solved, goal) / (1 + goal.accuracy)
-    )
+    wanted = goal.accuracy
+    if not goal.absolute:  # of a solution whose norm is the discrete one's less the error that is wanted
+        wanted *= discrete_norm(last.solved, goal) / (1 + goal.accuracy)
     if wanted <= 0 or not math.isfinite(last.total):
         return math.inf
     quotient = min(last.total / wanted, LARGEST_QUOTIENT)

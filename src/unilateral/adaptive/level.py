@@ -41,7 +41,7 @@ class Level:
     mb
         The peak memory of the process during the level.
     enclosing
-        The part of the seconds in which f is enclosed, which hardly depends on the number of unknowns.
+        The part of the seconds in which f is enclosed, which may grow much slower than the unknowns.
     predicted
         The bound as the level before predicted it, infinite for the first level.
     next_unknowns, next_seconds

@@ -22,7 +22,6 @@ from unilateral.adaptive.forecast import (
     Plan,
     allowed_unknowns,
     check_limits,
-    exhausted_limits,
     is_hopeless,
     plan,
     predict_seconds,
@@ -202,7 +201,8 @@ def conclude(levels: list[Level], dry_run: bool) -> Search:
         names = f" ({', '.join(missed)})" if missed else ""
         reach = reachable_accuracy(levels) if missed else None
         return Search(levels, "" if dry_run else f"{OUT_OF_REACH}{names}", plan=planned, reach=reach)
-    return Search(levels, f"out of budget ({', '.join(exhausted_limits(levels))})", plan=planned)
+    allowed = allowed_unknowns(levels)
+    return Search(levels, f"out of budget ({min(allowed, key=lambda name: allowed[name])})", plan=planned)
 
 
 def first_mesh(polygon: Polygon, goal: Goal) -> AdaptedMesh:

@@ -31,13 +31,13 @@ of the polygon itself. What that changes of differences is added like rounding, 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from unilateral.arrays import Array, blocks
 from unilateral.bounds.boundary_flux import Given, edge_flux
-from unilateral.bounds.clamped_ends import ClampedEnds, clamped_ends, outflows
+from unilateral.bounds.clamped_ends import ClampedEnds, clamped_ends, none, outflows
 from unilateral.bounds.equilibrated_flux import equilibrated
 from unilateral.bounds.feasible import lifting
 from unilateral.bounds.flux_residuals import SUMS, defects, misfit, root, underflow
@@ -53,14 +53,34 @@ from unilateral.problems.obstacle_and_flux import Obstacle
 
 @dataclass(frozen=True)
 class Bound:
-    """u >= ||u - u_h||_1 and lambda_ >= ||lambda - lambda_H||_{-1/2}, and what they are made of.
+    """Guaranteed bounds on the errors of (u_h, lambda_H), and what they are made of.
 
-    `lifting` bounds ||d||_1, and `data` bounds what f - f~ and tau - tau~ can add. `unknown` is the part that
-    would be 0 if f, g and tau were the polynomials by which they are enclosed; the part of that which is
-    `irreducible` hardly falls on finer meshes. `outflows` (2, n) are those of `clamped_ends`.
-    `of_fluxes` bounds lambda - lambda_H and, on these, du/dn - q.n, as one functional on H^1: f - f~ and tau
-    - tau~ count once more for u - u~. The square of its norm there is |v|_1^2 + ||v||_0^2 / C^2, C that of
-    `Form.friedrichs`.
+    Parameters
+    ----------
+    u, lambda_
+        Bounds on ||u - u_h||_1 and on ||lambda - lambda_H||_{-1/2}.
+    lifting, data
+        Bounds on ||d||_1, and on what f - f~ and tau - tau~ can add.
+    unknown, irreducible
+        The part of both bounds that would be 0 if f, g and tau were the polynomials by which they are
+        enclosed, and the part of that which hardly falls on finer meshes.
+    outflows : (2, sides)
+        Those of `clamped_ends`.
+    of_fluxes
+        A bound on lambda - lambda_H and, on clamped sides, du/dn - q.n, as one functional on H^1: f - f~ and
+        tau - tau~ count once more for u - u~. The square of its norm there is |v|_1^2 + ||v||_0^2 / C^2, C
+        that of `Form.friedrichs`.
+    flux, residual
+        Of the cheap bound: ||grad u_h - q|| and ||u_h - f~ - div q||.
+    shares : (triangles,)
+        Of the cheap bound: the triangles' parts of u^2, which are the squares of flux, residual, lifting and
+        data, and 2 <sigma, u_h + d - g>. Their sum is at most u^2 and, but for rounding, at least u^2 / 6.
+    lift : (2, boundary edges)
+        Of the cheap bound: the coefficients of d at boundary nodes, and of the bubbles of boundary edges.
+    ends
+        Of the cheap bound: what is known of lambda at the ends of clamped sides.
+    eta, steps
+        Of the sharp bound: those of v and q, see `sharp_bounds`.
     """
 
     u: float
@@ -71,22 +91,13 @@ class Bound:
     irreducible: float
     outflows: Array
     of_fluxes: float
-
-
-@dataclass(frozen=True)
-class LocalBound(Bound):
-    """The cheap bound: `flux` is ||grad u_h - q||, and `residual` is ||u_h - f~ - div q||.
-
-    `shares` (m,) are the triangles' parts of u^2: of the squares of flux, residual, lifting and data, and of
-    2 <sigma, u_h + d - g>. Their sum is at most u^2 and, but for rounding, at least u^2 / 6. `lift` (2, nb)
-    has the coefficients of d at boundary nodes, and of the bubbles of boundary edges.
-    """
-
-    flux: float
-    residual: float
-    shares: Array
-    lift: Array
-    ends: ClampedEnds
+    flux: float = math.nan
+    residual: float = math.nan
+    shares: Array = field(default_factory=lambda: np.zeros(0))
+    lift: Array = field(default_factory=lambda: np.zeros((2, 0)))
+    ends: ClampedEnds = field(default_factory=lambda: none(0))
+    eta: float = math.nan
+    steps: int = 0
 
 
 def local_bound(
@@ -98,7 +109,7 @@ def local_bound(
     tau: Given,
     form: Form,
     potential: Array | None = None,
-) -> LocalBound:
+) -> Bound:
     """Bounds for any u_h (n,) in V_h and lambda_H (m,) in Lambda_H, which is 0 on free and on clamped sides.
 
     On the free ones the flux is tau. The flux q is made from the `potential` (n,), by default u_h. Around
@@ -139,7 +150,7 @@ def local_bound(
     shares[of.triangles] += of_d + of_added
     np.add.at(shares, mesh.boundary_triangles, short.squares + 2 * short.slack + tau.squares.sum(axis=0))
     of_lambda = mesh.growth * (min(distance + of_u, eta) + flux.distance(mesh) + data)
-    return LocalBound(
+    return Bound(
         u=mesh.growth * (of_u + data),
         lambda_=of_lambda if form.held(mesh.side).any() else 0.0,
         lifting=distance,

@@ -70,14 +70,6 @@ That sum is like ||u - w||_0^2.
 """
 
 
-@dataclass(frozen=True)
-class SharpBound(Bound):
-    """The sharp bound, f_h being its f~; `eta` and `steps` are those of v and q."""
-
-    eta: float
-    steps: int
-
-
 def sharp_bound(
     source: Source,
     obstacle: Obstacle,
@@ -87,7 +79,7 @@ def sharp_bound(
     tau: Given,
     form: Form,
     potential: Array | None = None,
-) -> SharpBound:
+) -> Bound:
     """Bounds for what `local_bound` takes, which raises InputError likewise.
 
     w is the `potential`, by default u_h, or near it. The nearer it and lambda_H are to the discrete solution,
@@ -112,7 +104,7 @@ def sharp_bound(
     data = source.distance(form) + tau.distance + away.unbalanced
     data = (1 + SUMS) * data + underflow(mesh, form)
     of_lambda = min(distance + most, eta) + flux.distance(mesh) + data
-    return SharpBound(
+    return Bound(
         u=mesh.growth * (_leg(most, max(distance - eta, 0.0)) + data),
         lambda_=mesh.growth * of_lambda if form.held(mesh.side).any() else 0.0,
         lifting=distance,

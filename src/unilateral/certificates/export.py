@@ -20,7 +20,6 @@ import numpy as np
 import unilateral
 from unilateral.arrays import Array, Index
 from unilateral.bounds.equilibrated_flux import equilibrated, flows
-from unilateral.bounds.local_bounds import LocalBound
 from unilateral.certificates.statement import has_formulas, state_problem
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.form import Form, decoupled
@@ -67,8 +66,8 @@ def judge_solution(solved: DiscreteSolution, mesh: Mesh, units: Units) -> Judged
     If c = 0, the flux is balanced: a checker multiplies the mean of f + div p on triangles by a constant that
     is less sharp than the program's. It is what the iteration left of the discrete equations.
     """
-    bound, flux, source = solved.bound(), solved.flux, solved.source
-    assert isinstance(bound, LocalBound)  # the data of a user's problem are known
+    bound, flux, source = solved.local_bound, solved.flux, solved.source
+    assert bound is not None  # the data of a user's problem are known
     assert flux is not None
     assert source is not None
     scaled, form = solved.mesh, solved.form

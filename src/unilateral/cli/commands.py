@@ -90,7 +90,6 @@ def cases(name: str | None, form: str, polygon: str | None, side: int | None) ->
 
     The formats python and ufl are for one polygon, by default the first that the case is made for.
     """
-    require("'unilateral cases' needs", "sympy")
     if name is None:
         of_one_case = {
             "--polygon": polygon is not None,
@@ -158,7 +157,7 @@ def export(h: float | None, mesh: str | None, **options: Any) -> None:
 
     They are meshes, data and formulas.
     """
-    require("'unilateral export' needs", "sympy", "meshio", "pandas", "xarray")
+    require("'unilateral export' needs", "meshio", "pandas", "xarray")
     if (h is None) == (mesh is None):
         raise click.UsageError("export needs either --h or --mesh")
     from unilateral.cli import exchange
@@ -192,7 +191,7 @@ def score(**options: Any) -> int:
 
     Printed are errors, rates, and what is wrong.
     """
-    require("'unilateral score' needs", "sympy", "meshio", "pandas", "xarray")
+    require("'unilateral score' needs", "meshio", "pandas", "xarray")
     from unilateral.cli import exchange
 
     return exchange.score(**options)

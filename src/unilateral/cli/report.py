@@ -20,7 +20,7 @@ from unilateral.cli.guard import as_options
 from unilateral.errors import counted
 from unilateral.formulas.decimals import down, guaranteed, interval, up
 from unilateral.problems.units import Units
-from unilateral.solution.certificate import Bounds, Named, energy, relative, sizes
+from unilateral.solution.bounds import Bounds, Named, energy, relative, sizes
 from unilateral.solution.summary import LINEAR
 from unilateral.system.files import sized
 

@@ -40,16 +40,11 @@ from unilateral.errors import InputError, counted
 from unilateral.formulas.decimals import fields, interval
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
-from unilateral.solution.certificate import Bounds, energy, too_large
-from unilateral.solution.certificate import record as record_of
-from unilateral.solution.solution import (
-    ENDINGS,
-    Solution,
-    flat_triangles,
-    lift_dominates,
-    not_converged,
-    not_unique,
-)
+from unilateral.solution.bounds import Bounds, energy, too_large
+from unilateral.solution.faults import flat_triangles, lift_dominates, not_converged, not_unique
+from unilateral.solution.files import ENDINGS
+from unilateral.solution.record import record as record_of
+from unilateral.solution.solution import Solution
 from unilateral.solvers.stop import Stop
 from unilateral.system import as_json
 from unilateral.system.files import check_target, writing_failed

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -14,8 +13,8 @@ from unilateral.arrays import Array, Index
 from unilateral.bounds.boundary_flux import Given, edge_flux, given
 from unilateral.bounds.flux_residuals import SUMS
 from unilateral.bounds.forces import balance
-from unilateral.bounds.local_bounds import LocalBound, flux_of, local_bound
-from unilateral.bounds.sharp_bounds import SharpBound, sharp_bound
+from unilateral.bounds.local_bounds import Bound, flux_of, local_bound
+from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.bounds.source import Source, source_of
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import coupling, h1_norm
@@ -34,7 +33,7 @@ class DiscreteSolution:
     Parameters
     ----------
     data
-        f, g and q, by which errors are bounded; None where they are no formulas.
+        f, g and q, by which errors are bounded; None if only a load of them is known.
     mesh, partition, form
         The spaces, and the bilinear form with its clamped and free sides.
     cells : (m,)
@@ -111,13 +110,13 @@ class DiscreteSolution:
 
     @cached_property
     def source(self) -> Source | None:
-        """The enclosure of f; None where f, g and q are no formulas."""
+        """The enclosure of f; None without data."""
         if self.data is None:
             return None
         return self.known_source or source_of(self.mesh, self.data)
 
-    def bound(self, sharp: bool = False) -> LocalBound | SharpBound | None:
-        """The guaranteed bounds on the errors, where f, g and q are formulas; sharp ones take more time."""
+    def bound(self, sharp: bool = False) -> Bound | None:
+        """The guaranteed bounds on the errors, if there are data; sharp ones take more time."""
         return self.sharp_bound if sharp else self.local_bound
 
     def known(self, sharp: bool = False) -> bool:
@@ -125,16 +124,16 @@ class DiscreteSolution:
         return ("sharp_bound" if sharp else "local_bound") in vars(self)
 
     @cached_property
-    def local_bound(self) -> LocalBound | None:
-        """The cheap bounds, where f, g and q are formulas."""
+    def local_bound(self) -> Bound | None:
+        """The cheap bounds; None without data."""
         return self._bounded_by(local_bound)
 
     @cached_property
-    def sharp_bound(self) -> SharpBound | None:
-        """The sharp bounds, where f, g and q are formulas."""
+    def sharp_bound(self) -> Bound | None:
+        """The sharp bounds; None without data."""
         return self._bounded_by(sharp_bound)
 
-    def _bounded_by(self, estimate: Callable[..., Any]) -> Any:
+    def _bounded_by(self, estimate: Callable[..., Bound]) -> Bound | None:
         if self.data is None:
             return None
         return estimate(
@@ -150,7 +149,7 @@ class DiscreteSolution:
 
     @cached_property
     def flux(self) -> Array | None:
-        """(2, E) the flux of the cheap bound, as `equilibrated` gives it, where f, g and q are formulas."""
+        """(2, E) the flux of the cheap bound, as `equilibrated` gives it; None without data."""
         if self.data is None or self.source is None:
             return None
         potential = self.u_h if self.potential is None else self.potential
@@ -170,7 +169,7 @@ class DiscreteSolution:
     def force_balance(self) -> tuple[float, float] | None:
         """Two numbers between which the sum of all forces and reactions lies.
 
-        None if c > 0, or where f and q are no formulas.
+        None if c > 0, or without data.
         """
         if self.data is None or self.source is None or self.form.reaction:
             return None

@@ -6,16 +6,23 @@ They are Python in x and y, or a module for numpy or UFL. Beside sin, cos and th
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
+from fractions import Fraction
 from importlib import resources
 from typing import Any
 
-import sympy
+import numpy as np
 
+from unilateral.arrays import Array
 from unilateral.errors import InputError
-from unilateral.problems.atoms import D, Smooth, T, Tensor, X, Y
+from unilateral.formulas.derivative import derivative
+from unilateral.formulas.exact_numbers import apply
+from unilateral.formulas.expression import ZERO, Atom, Expression, expression, number, variable
+from unilateral.formulas.formula import Formulas
+from unilateral.problems.atoms import Smooth, Tensor, X, Y, laplacian
 from unilateral.problems.case import ExactSolution
 from unilateral.problems.fields import listed
-from unilateral.problems.polar_atoms import THETA, Polar, R
+from unilateral.problems.polar_atoms import THETA, Polar
 
 DEFINITIONS = (
     "from numpy import *\n"
@@ -31,7 +38,7 @@ ARGUMENTS = {"python": "x, y", "ufl": "x"}
 SIMPLE = 1024
 """Fractions with a denominator up to this are written as fractions."""
 Closed = Smooth | Tensor | Polar
-ANGLE = sympy.Function("angle", real=True)
+HALF = Fraction(1, 2)
 
 
 def formulas(case: ExactSolution, coordinates: tuple[str, str] = COORDINATES["python"]) -> dict[str, Any]:
@@ -44,19 +51,19 @@ def formulas(case: ExactSolution, coordinates: tuple[str, str] = COORDINATES["py
     if len(atoms) < len(case.atoms):
         per_side = {name: [None for _ in sides] for name in ("g", "gap", "lambda")}
         return {"u": None, "f": None, "grad_u": [None, None], **per_side}
-    u, f = (sympy.Add(*map(of, atoms)) for of in (_value, _source))
-    f = f if case.reaction else f - u
-    gradient, flux = (
-        [sympy.Add(*(_flux(atom, *direction) for atom in atoms)) for direction in directions]
-        for directions in (((1.0, 0.0), (0.0, 1.0)), case.polygon.normals)
-    )
-    flux = [sympy.S.Zero if i in case.clamped_sides else flux[i] for i in sides]
-    gap = [case.gaps[i].xreplace({T: _along(case, i)}) for i in sides]
-    found = {"u": u, "f": f, "grad_u": gradient, "g": [u - each for each in gap], "gap": gap, "lambda": flux}
-    names = dict(zip((X, Y), sympy.symbols(coordinates), strict=True))
+    u = sum((_value(atom) for atom in atoms), ZERO)
+    f = sum((_source(atom) for atom in atoms), ZERO)
+    gradient = [sum((_slope(atom, direction) for atom in atoms), ZERO) for direction in np.eye(2)]
+    flux = [sum((_slope(atom, normal) for atom in atoms), ZERO) for normal in case.polygon.normals]
+    flux = [ZERO if i in case.clamped_sides else flux[i] for i in sides]
+    gap = [_on_side(case, i) for i in sides]
     return {
-        name: [_text(each, names) for each in value] if isinstance(value, list) else _text(value, names)
-        for name, value in found.items()
+        "u": _text(u, coordinates),
+        "f": _text(f if case.reaction else f - u, coordinates),
+        "grad_u": [_text(each, coordinates) for each in gradient],
+        "g": [_text(u - each, coordinates) for each in gap],
+        "gap": [_text(each, coordinates) for each in gap],
+        "lambda": [_text(each, coordinates) for each in flux],
     }
 
 
@@ -89,62 +96,71 @@ def module(case: ExactSolution, kind: str) -> str:
     )
 
 
-def _text(expression: sympy.Expr, names: dict[sympy.Symbol, sympy.Symbol]) -> str:
-    """An expression as Python has it; numbers with all their digits."""
-    return str(sympy.sstr(expression.xreplace(names), full_prec=True))
+class _Written(Formulas):
+    """A formula with its coordinates and unwieldy numbers as names, for its text."""
+
+    def number(self, value: Fraction) -> Expression:
+        if value.denominator <= SIMPLE and abs(value.numerator) < 1 << 53:
+            return number(value)
+        return variable(repr(abs(float(value)))).scaled(1 if value > 0 else -1)
 
 
-def _along(case: ExactSolution, side: int) -> sympy.Expr:
-    """t, the arc length from the side's start over the length of the side."""
-    (a, b), (p, q) = case.polygon.vertices[side], case.polygon.tangents[side]
-    s = (X - _number(a)) * _number(p) + (Y - _number(b)) * _number(q)
-    return s / _number(case.polygon.lengths[side])
+def _text(e: Expression, coordinates: tuple[str, str]) -> str:
+    """A formula in x and y as Python has it; numbers with all their digits."""
+    names = {Atom(old): variable(new) for old, new in zip("xy", coordinates, strict=True)}
+    return str(_Written((e,), names).of(e))
 
 
-def _number(value: float) -> sympy.Expr:
-    """A number, exactly; a simple fraction is written as a fraction."""
-    numerator, denominator = float(value).as_integer_ratio()
-    simple = denominator <= SIMPLE
-    return sympy.Rational(numerator, denominator) if simple else sympy.Float(float(value), 17)
+def _on_side(case: ExactSolution, side: int) -> Expression:
+    """The gap on a side in x and y; t is the arc length from the side's start over the side's length."""
+    (a, b), (p, q) = _exact(case.polygon.vertices[side]), _exact(case.polygon.tangents[side])
+    t = ((X - a) * p + (Y - b) * q) / Fraction(case.polygon.lengths[side])
+    return _with_values(case.gaps[side], {"t": t})
 
 
-def _local(atom: Tensor | Polar) -> dict[sympy.Expr, sympy.Expr]:
-    """The atom's own coordinates in x and y."""
-    shifted = [z - _number(centre) for z, centre in zip((X, Y), atom.centre, strict=True)]
-    along, into = (
-        sympy.Add(*(z * _number(e) for z, e in zip(shifted, row, strict=True))) / _number(atom.length)
-        for row in atom.frame
-    )
-    return {T: along, D: into, R: sympy.sqrt(along**2 + into**2), THETA: ANGLE(into, along)}
+def _exact(values: Iterable[float]) -> list[Fraction]:
+    return [Fraction(float(value)) for value in values]
 
 
-def _value(atom: Closed) -> sympy.Expr:
+def _in_xy(atom: Tensor | Polar, e: Expression) -> Expression:
+    """A formula in the atom's own coordinates, in x and y."""
+    a, b = _exact(atom.centre)
+    along, into = (((X - a) * p + (Y - b) * q) / Fraction(atom.length) for p, q in map(_exact, atom.frame))
+    radius, angle = (along**2 + into**2) ** HALF, expression(Atom("angle", (into, along)))
+    return _with_values(e, {"t": along, "d": into, "r": radius, "theta": angle})
+
+
+def _with_values(e: Expression, values: Mapping[str, Expression]) -> Expression:
+    """The formula with other formulas for its variables."""
+    return Formulas((e,), {Atom(name): value for name, value in values.items()}).of(e)
+
+
+def _value(atom: Closed) -> Expression:
     if isinstance(atom, Smooth):
         return atom.u
-    v = atom.symbolic[0] if isinstance(atom, Polar) else atom.v
-    return _number(atom.length) * v.xreplace(_local(atom))
+    v = atom.derived[0] if isinstance(atom, Polar) else atom.v
+    return Fraction(atom.length) * _in_xy(atom, v)
 
 
-def _source(atom: Closed) -> sympy.Expr:
+def _source(atom: Closed) -> Expression:
+    """-Delta u + u."""
     if isinstance(atom, Smooth):
-        return atom.u - sympy.diff(atom.u, X, 2) - sympy.diff(atom.u, Y, 2)
-    length = _number(atom.length)
-    laplacian = (
-        atom.symbolic[3] if isinstance(atom, Polar) else sympy.diff(atom.v, T, 2) + sympy.diff(atom.v, D, 2)
-    )
-    return _value(atom) - laplacian.xreplace(_local(atom)) / length
+        return atom.u - laplacian(atom.u, "x", "y")
+    laplacian_v = atom.derived[3] if isinstance(atom, Polar) else laplacian(atom.v, "t", "d")
+    return _value(atom) - _in_xy(atom, laplacian_v) / Fraction(atom.length)
 
 
-def _flux(atom: Closed, *normal: float) -> sympy.Expr:
-    """grad u . n, from the derivatives in the atom's own coordinates."""
-    n = [_number(each) for each in normal]
+def _slope(atom: Closed, direction: Array) -> Expression:
+    """The derivative of u in a direction."""
+    n_x, n_y = _exact(direction)
     if isinstance(atom, Smooth):
-        return sympy.diff(atom.u, X) * n[0] + sympy.diff(atom.u, Y) * n[1]
+        return derivative(atom.u, "x") * n_x + derivative(atom.u, "y") * n_y
     if isinstance(atom, Tensor):
-        slope = [sympy.diff(atom.v, z) for z in (T, D)]
+        along, into = derivative(atom.v, "t"), derivative(atom.v, "d")
     else:
-        _, radial, angular, _ = atom.symbolic
-        cos, sin = sympy.cos(THETA), sympy.sin(THETA)
-        slope = [radial * cos - angular * sin, radial * sin + angular * cos]
-    into_xy = [sum(s * _number(row[i]) for s, row in zip(slope, atom.frame, strict=True)) for i in range(2)]
-    return sympy.Add(*(part * each for part, each in zip(into_xy, n, strict=True))).xreplace(_local(atom))
+        _, radial, angular, _ = atom.derived
+        cos, sin = apply("cos", THETA), apply("sin", THETA)
+        along, into = radial * cos - angular * sin, radial * sin + angular * cos
+    (along_x, along_y), (into_x, into_y) = map(_exact, atom.frame)
+    slope = along * (along_x * n_x + along_y * n_y) + into * (into_x * n_x + into_y * n_y)
+    return _in_xy(atom, slope)

@@ -33,7 +33,7 @@ from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.fields import listed
 from unilateral.problems.problem import Problem
-from unilateral.solution.certificate import energy
+from unilateral.solution.bounds import energy
 from unilateral.solution.tables import of_cells, write_csv
 from unilateral.system.files import check_writable, hidden_beside, write_netcdf, writing_failed
 

@@ -23,6 +23,7 @@ from unilateral.geometry.files import read_content, read_mesh, read_partition
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
+from unilateral.problems import case as cases
 
 if TYPE_CHECKING:
     from unilateral.problems.problem import Problem
@@ -58,8 +59,6 @@ class Foreign:
 
 def exported(folder: str | os.PathLike[str]) -> tuple[Problem, list[ExportedLevel]]:
     """What `export` wrote. Raises InputError with the file that is missing or damaged."""
-    from unilateral.problems import case as cases  # and with it sympy
-
     folder = Path(folder)
     try:
         problem = json.loads((folder / "problem.json").read_text(encoding="utf-8"))

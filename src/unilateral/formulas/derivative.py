@@ -6,7 +6,7 @@ from collections.abc import Callable
 from fractions import Fraction
 
 from unilateral.formulas.exact_numbers import apply
-from unilateral.formulas.expression import ONE, ZERO, Atom, Expression, Power, number, product
+from unilateral.formulas.expression import ONE, ZERO, Atom, Expression, Power, product
 
 OUTER: dict[str, Callable[..., Expression]] = {
     "sin": lambda a: apply("cos", a),
@@ -14,8 +14,8 @@ OUTER: dict[str, Callable[..., Expression]] = {
     "exp": lambda a: apply("exp", a),
     "sinh": lambda a: apply("cosh", a),
     "cosh": lambda a: apply("sinh", a),
-    "tanh": lambda a: ONE - apply("tanh", a) ** 2,
-    "pos": lambda a, k: k * apply("pos", a, k - ONE) if k.rational else ZERO,
+    "tanh": lambda a: 1 - apply("tanh", a) ** 2,
+    "pos": lambda a, k: k * apply("pos", a, k - 1) if k.rational else ZERO,
 }
 """The derivatives of functions by their first argument."""
 
@@ -37,4 +37,4 @@ def _of_product(c: Fraction, powers: tuple[Power, ...], name: str) -> Expression
 def _of_base(base: Atom | Expression, name: str) -> Expression:
     if isinstance(base, Expression):
         return derivative(base, name)
-    return OUTER[base.name](*base.args) * derivative(base.args[0], name) if base.args else number(1)
+    return OUTER[base.name](*base.args) * derivative(base.args[0], name) if base.args else ONE

@@ -7,11 +7,11 @@ from fractions import Fraction
 from functools import cache, lru_cache
 from typing import Any
 
-from unilateral.formulas.expression import ZERO, Atom, Expression, expression, number, variable
+from unilateral.formulas.expression import PI, ZERO, Atom, Expression, Number, expression, number
 from unilateral.formulas.formula_walk import Evaluation
-from unilateral.system.optional import require
 
-BITS = 160
+PRECISIONS = (160, 640, 2560, 6656)
+"""The bits that intervals have, one after the other until a number is known; the last are 2000 digits."""
 SHARP = 2.0**-62
 """The middle of an interval has 17 digits if the interval's relative width is at most this."""
 AT_ZERO = {"sin": 0, "cos": 1, "exp": 1, "sinh": 0, "cosh": 1, "tanh": 0}
@@ -46,41 +46,43 @@ def magnitude(e: Expression) -> int:
     """log2 |e| as a whole number, up to an error of 1, for a number e that is not 0; raises as `rounded`."""
     if e.rational is not None:
         return e.rational.numerator.bit_length() - e.rational.denominator.bit_length()
-    return int(math.log2(math.e) * float(_intervals().log(abs(_value(e))).mid))
+    return int(math.log2(math.e) * float(_intervals(PRECISIONS[0]).log(abs(_value(e))).mid))
 
 
 @lru_cache(maxsize=1024)
 def _value(e: Expression) -> Any:
-    """The value, of any size: the middle of an interval that contains it, or by sympy if that is wide."""
-    iv, enclosure = _intervals(), _Intervals((e,), {}).of(e)
-    if abs(enclosure).a > 0 and enclosure.delta <= SHARP * abs(enclosure).a:
-        return enclosure.mid
-    require("formulas with a number whose terms cancel need", "sympy")
-    from unilateral.formulas import symbolic  # whose import takes longer than a small problem
-
-    return symbolic.value(e, iv)
+    """The value, of any size: the middle of an interval that contains it."""
+    for bits in PRECISIONS:
+        enclosure = _Intervals(e, _intervals(bits)).of(e)
+        if abs(enclosure).a > 0 and enclosure.delta <= SHARP * abs(enclosure).a:
+            return enclosure.mid
+    raise ValueError(f"'{e}' cannot be distinguished from 0; write it as a single number")
 
 
 @cache
-def _intervals() -> Any:
+def _intervals(bits: int) -> Any:
     from mpmath.ctx_iv import MPIntervalContext  # which most formulas can do without
 
     context = MPIntervalContext()
-    context.prec = BITS
+    context.prec = bits
     return context
 
 
 class _Intervals(Evaluation[Any]):
     """The values of numbers as intervals, each of which contains its number."""
 
+    def __init__(self, e: Expression, context: Any) -> None:
+        super().__init__((e,), {})
+        self.context = context
+
     def number(self, value: Fraction) -> Any:
-        return _intervals().mpf(value.numerator) / value.denominator
+        return self.context.mpf(value.numerator) / value.denominator
 
     def power(self, base: Any, k: Fraction) -> Any:
-        return base ** int(k) if k.denominator == 1 else _intervals().exp(self._log(base) * self.number(k))
+        return base ** int(k) if k.denominator == 1 else self.context.exp(self._log(base) * self.number(k))
 
     def function(self, of: Atom) -> Any:
-        iv = _intervals()
+        iv = self.context
         if of.name == "pi":
             return +iv.pi
         a = self.of(of.args[0])
@@ -95,7 +97,7 @@ class _Intervals(Evaluation[Any]):
     def _log(self, a: Any) -> Any:
         if a.b <= 0:
             raise ArithmeticError("no real number")
-        return _intervals().log(a) if a.a > 0 else _intervals().mpf(["-inf", "inf"])
+        return self.context.log(a) if a.a > 0 else self.context.mpf(["-inf", "inf"])
 
 
 def apply(name: str, *args: Expression) -> Expression:
@@ -111,10 +113,15 @@ def apply(name: str, *args: Expression) -> Expression:
         return number(AT_ZERO[name])
     if a.rational == 1 and name == "log":
         return ZERO
-    turns = (a / variable("pi")).rational
+    turns = (a / PI).rational
     if name in ("sin", "cos") and turns is not None:
         n = 12 * turns + (6 if name == "cos" else 0)
         if min(n % 12, -n % 12) in SQUARES:
             root = number(SQUARES[min(n % 12, -n % 12)]) ** Fraction(1, 2)
             return root.scaled(-1 if n % 24 > 12 else 1)
     return expression(Atom(name, args))
+
+
+def pos(a: Expression, k: Number) -> Expression:
+    """The power a_+^k of the positive part."""
+    return apply("pos", a, number(k))

@@ -111,21 +111,29 @@ class Expression(Node):
     def scaled(self, c: Number) -> Expression:
         return total((of, c * each) for of, each in self.terms)
 
-    def __add__(self, other: Expression) -> Expression:
-        return total([*self.terms, *other.terms])
+    def __add__(self, other: Expression | Number) -> Expression:
+        return total([*self.terms, *as_expression(other).terms])
 
     def __neg__(self) -> Expression:
         return self.scaled(-1)
 
-    def __sub__(self, other: Expression) -> Expression:
-        return self + -other
+    def __sub__(self, other: Expression | Number) -> Expression:
+        return self + -as_expression(other)
 
-    def __mul__(self, other: Expression) -> Expression:
-        (a, of_a), (b, of_b) = self.factors, other.factors
+    def __rsub__(self, other: Number) -> Expression:
+        return -self + other
+
+    def __mul__(self, other: Expression | Number) -> Expression:
+        (a, of_a), (b, of_b) = self.factors, as_expression(other).factors
         return product(a * b, [*of_a, *of_b])
 
-    def __truediv__(self, other: Expression) -> Expression:
-        return self * other**-1
+    def __truediv__(self, other: Expression | Number) -> Expression:
+        return self * as_expression(other) ** -1
+
+    def __rtruediv__(self, other: Number) -> Expression:
+        return self**-1 * other
+
+    __radd__, __rmul__ = __add__, __mul__
 
     def __pow__(self, k: Number) -> Expression:
         """Raises ArithmeticError for a negative power of 0, and for a root of a negative rational number."""
@@ -146,6 +154,10 @@ Part = Expression | Power
 
 def number(value: Number) -> Expression:
     return total([((), Fraction(value))])
+
+
+def as_expression(value: Expression | Number) -> Expression:
+    return value if isinstance(value, Expression) else number(value)
 
 
 def expression(atom: Atom) -> Expression:
@@ -214,7 +226,7 @@ def product(c: Number, powers: Iterable[Power]) -> Expression:
     return total([(tuple(sorted(collected.items(), key=lambda power: power[0].key)), c)])
 
 
-ZERO, ONE = number(0), number(1)
+ZERO, ONE, PI = number(0), number(1), variable("pi")
 
 
 @lru_cache(maxsize=1024)
@@ -274,6 +286,8 @@ def _root(c: Fraction, k: Fraction) -> list[Power]:
 
 def _prime_factors(n: int) -> Iterator[tuple[int, int]]:
     for p in range(2, SMALL):
+        if p * p > n:
+            break
         times = 0
         while n % p == 0:
             n, times = n // p, times + 1

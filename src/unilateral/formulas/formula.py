@@ -8,7 +8,8 @@ to write a kink or a singularity, so that both can be found again (see `kinks`).
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache, reduce
 
@@ -30,9 +31,7 @@ from unilateral.formulas.expression import (
 from unilateral.formulas.expression import number as exact
 from unilateral.formulas.formula_walk import Evaluation
 from unilateral.formulas.interval import positive_power
-from unilateral.system.optional import require
-
-Compiled = Callable[..., list[Array]]
+from unilateral.formulas.roots import real_roots
 
 
 def parse(
@@ -73,7 +72,9 @@ def substituted(formula: Expression, values: Mapping[str, Expression], where: st
     return result
 
 
-class _Formulas(Evaluation[Expression]):
+class Formulas(Evaluation[Expression]):
+    """Formulas with other formulas for the `known` variables."""
+
     def number(self, value: Fraction) -> Expression:
         return exact(value)
 
@@ -84,12 +85,12 @@ class _Formulas(Evaluation[Expression]):
         return apply(of.name, *map(self.of, of.args)) if of.args else expression(of)
 
 
-class _Substituted(_Formulas):
+class _Substituted(Formulas):
     def constant(self, e: Expression) -> Expression:
         return e
 
 
-class _Expanded(_Formulas):
+class _Expanded(Formulas):
     """Formulas that are multiplied out, numbers too."""
 
     def product(self, a: Expression, b: Expression) -> Expression:
@@ -106,21 +107,37 @@ def number(text: object, where: str) -> Expression:
     return parse(text, (), where, least_power=None)
 
 
+def fraction(text: object, where: str) -> Fraction:
+    """An exact fraction such as 1/3 or 0.05. Raises InputError for a number that is none, such as sqrt(2)."""
+    value = number(text, where).rational
+    if value is None:
+        raise InputError(f"{where}: {shown(text)} must be a fraction")
+    return value
+
+
 def real(text: object, where: str) -> float:
     """A number such as 1/64, in floating point."""
     return rounded(number(text, where))
 
 
+@dataclass(frozen=True, eq=False)
+class Compiled:
+    """Formulas as a function of arrays, one per variable, which returns the values of all of them."""
+
+    formulas: tuple[Expression, ...]
+    variables: tuple[str, ...]
+
+    def __call__(self, *arrays: Array) -> list[Array]:
+        values = (np.asarray(a, dtype=float) for a in arrays)
+        known = {Atom(name): a for name, a in zip(self.variables, values, strict=True)}
+        shape = np.broadcast_shapes(*(a.shape for a in known.values()))
+        read = _Arrays(self.formulas, known)
+        return [np.broadcast_to(np.asarray(read.of(e), dtype=float), shape) for e in self.formulas]
+
+
 def compile_numpy(formulas: Sequence[Expression], names: Sequence[str]) -> Compiled:
     """A function of arrays, one per variable, that returns the values of all the formulas as arrays."""
-    of = tuple(formulas)
-
-    def evaluate(*arrays: Array) -> list[Array]:
-        known = {Atom(name): np.asarray(a, dtype=float) for name, a in zip(names, arrays, strict=True)}
-        shape, read = np.broadcast_shapes(*(a.shape for a in known.values())), _Arrays(of, known)
-        return [np.broadcast_to(np.asarray(read.of(e), dtype=float), shape) for e in of]
-
-    return evaluate
+    return Compiled(tuple(formulas), tuple(names))
 
 
 class _Arrays(Evaluation[Array]):
@@ -190,9 +207,6 @@ def _real_roots(of: Sequence[Expression]) -> list[float]:
     if len(of) == 2:
         return [nearest(-of[1] / of[0])]
     if len(of) > 3:
-        require("roots of a polynomial whose degree is above 2 need", "sympy")
-        from unilateral.formulas.symbolic import real_roots  # whose import takes longer than a small problem
-
         return real_roots([c.rational or Fraction(0) for c in of])
     a, b, c = of
     if any(each.rational is None for each in of):

@@ -21,7 +21,7 @@ MAX_NESTING = 30
 MAX_OPERATIONS = 500
 """A formula may have this many signs, functions and operators."""
 MAX_FUNCTIONS = 6
-"""Functions may be nested this deep; with two of them sympy's time may grow sixteenfold."""
+"""Functions may be nested this deep."""
 MAX_DEGREE = 100
 """The largest degree of a product or a power if it were multiplied out, and the largest exponent."""
 MAX_KINK_DEGREE = 20

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +16,6 @@ from unilateral.geometry.partition import Partition
 from unilateral.geometry.plane import circles, longest_edges, signed_areas
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.refinement import Step, Triangulation
-from unilateral.system.copies import Rebuilt
 from unilateral.system.optional import require
 
 ROUNDED = 1e-6
@@ -28,7 +25,7 @@ SHORTEST = exact_mesh.MOST
 
 
 @dataclass(frozen=True, eq=False)
-class Mesh(Rebuilt):
+class Mesh:
     """A triangulation of a polygon, as `conforming` makes it.
 
     `points` (n, 2); `triangles` (m, 3), anticlockwise, in the order of `refinement`; `boundary` (nb,) the
@@ -46,13 +43,6 @@ class Mesh(Rebuilt):
     coarse: Mesh | None = None
     steps: tuple[Step, ...] = ()
     known: Triangulation | None = None
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """A copy or a pickle of a mesh that was refined is refined again: its edges would be most of it."""
-        if self.coarse is None:
-            return super().__reduce__()
-        halved = [step.ends for step in self.steps]
-        return replayed, (self.polygon, self.points, self.s, self.coarse, halved)
 
     def __post_init__(self) -> None:
         for array in (self.points, self.triangles, self.boundary, self.s):
@@ -295,20 +285,6 @@ def refine_some(mesh: Mesh, chosen: Index | None = None) -> Mesh:
     s = _arc_lengths(mesh.polygon, side, s[:-1])
     _check_rounding(mesh.polygon, float(np.diff(s).max()), "mesh")
     return Mesh(mesh.polygon, points, of.nodes, boundary, s, mesh.coarse or mesh, (*mesh.steps, step), of)
-
-
-def replayed(polygon: Polygon, points: Array, s: Array, coarse: Mesh, halved: Sequence[Int32]) -> Mesh:
-    """The mesh with the nodes (n, 2) and the boundary's arc lengths s, refined from the `coarse` one.
-
-    Each step `halved` the edges between those nodes (k, 2). Raises KeyError where there is no such edge, or
-    where the new nodes are numbered in another order.
-    """
-    of, steps = coarse.triangulation, list[Step]()
-    for ends in halved:
-        of, step = refinement.refined_at(of, refinement.edges_between(of, ends))
-        steps.append(step)
-    boundary = of.ends[of.boundary, 0].astype(np.intp)
-    return Mesh(polygon, points, of.nodes, boundary, s, coarse, tuple(steps), of)
 
 
 def halved(boundary: Index, n: int) -> Index:

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 from unilateral.arrays import Array, Index, Mask, floats
 from unilateral.errors import InputError
 from unilateral.geometry.polygon import Polygon
-from unilateral.system.copies import Rebuilt
 
 VERTEX_TOLERANCE = 1e-12
 """Arc lengths that differ by this part of the perimeter are the same place, for they are rounded like it.
@@ -22,7 +21,7 @@ In `balanced` it is the part of a cell's length that rounding may add to it.
 
 
 @dataclass(frozen=True, eq=False)
-class Partition(Rebuilt):
+class Partition:
     """The paper's T_H: cell i is the part of the boundary between points[i] and points[i + 1].
 
     `points` (m + 1,) are arc lengths, strictly increasing from 0 to the perimeter; the polygon's

@@ -12,7 +12,6 @@ from unilateral.arrays import Array, Index, Mask, floats
 from unilateral.errors import InputError, meant
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.plane import cross, first_crossing
-from unilateral.system.copies import Rebuilt
 from unilateral.system.declarations import own
 
 MAX_VERTICES = 1000
@@ -26,7 +25,7 @@ MOST = 10_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class Polygon(Rebuilt):
+class Polygon:
     """A simple polygon, not necessarily convex: the paper's Omega.
 
     Side i runs from vertex i to vertex i + 1, and the arc length s along the boundary grows from 0 at vertex

@@ -104,22 +104,9 @@ class Step:
 
 def refined(of: Triangulation, chosen: Index | None = None) -> tuple[Triangulation, Step]:
     """The triangulation with the chosen triangles, by default all, cut in four, and others as that needs."""
-    return refined_at(of, np.arange(len(of.ends), dtype=np.int32) if chosen is None else _closure(of, chosen))
-
-
-def edges_between(of: Triangulation, ends: Int32) -> Int32:
-    """(k,) the edges that run between those nodes (k, 2). Raises KeyError where there is none."""
-    keys, wanted = (each[:, 0].astype(np.int64) * of.n + each[:, 1] for each in (of.ends, ends))
-    order = np.argsort(keys)
-    found = order[np.minimum(np.searchsorted(keys, wanted, sorter=order), len(order) - 1)]
-    if not np.array_equal(keys[found], wanted):
-        raise KeyError("there are no such edges")
-    return found.astype(np.int32)
-
-
-def refined_at(of: Triangulation, cut: Int32) -> tuple[Triangulation, Step]:
-    """The triangulation with the edges `cut` (k,) halved: with any edge of a triangle its reference edge."""
     E = len(of.ends)
+    # the edges (k,) that are halved: with any edge of a triangle its reference edge
+    cut = np.arange(E, dtype=np.int32) if chosen is None else _closure(of, chosen)
     n, k, uniform = of.n, len(cut), len(cut) == E
     ends, at = (of.ends, of.sides) if uniform else (of.ends[cut], of.sides[cut])
     middle = np.full(E, -1, dtype=np.int32)

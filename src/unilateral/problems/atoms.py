@@ -15,18 +15,20 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-import sympy
 
 from unilateral.arrays import Array, Mask
-from unilateral.formulas.formula import Compiled
-from unilateral.formulas.symbolic import compile_numpy, evaluate, kinks, pos
+from unilateral.formulas.derivative import derivative
+from unilateral.formulas.exact_numbers import pos, rounded
+from unilateral.formulas.expression import Expression, variable
+from unilateral.formulas.formula import Compiled, compile_numpy, kinks
 from unilateral.formulas.taylor import Model, by_part, number
+from unilateral.formulas.taylor_enclosures import evaluate
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
 
 ON_SIDE = 1e-12
 """A point counts as on a side up to this distance from it, in side lengths."""
-T, D, X, Y = (sympy.Symbol(name, real=True) for name in ("t", "d", "x", "y"))
+T, D, X, Y = variable("t"), variable("d"), variable("x"), variable("y")
 
 
 class Along(NamedTuple):
@@ -54,12 +56,17 @@ class Regularity(NamedTuple):
     finite: bool = True
 
 
+def laplacian(u: Expression, x: str, y: str) -> Expression:
+    """The sum of the second derivatives of u by two variables."""
+    return derivative(derivative(u, x), x) + derivative(derivative(u, y), y)
+
+
 class OfFormulas(ABC):
     """An atom that is given by formulas."""
 
     @property
     @abstractmethod
-    def _formulas(self) -> tuple[list[sympy.Expr], tuple[sympy.Symbol, sympy.Symbol]]:
+    def _formulas(self) -> tuple[list[Expression], tuple[str, str]]:
         """u and its two derivatives, and -Delta u + u, in two variables."""
 
     @cached_property
@@ -86,24 +93,24 @@ class OfFormulas(ABC):
 class Smooth(OfFormulas):
     """A formula in x, y; the case's `u` where no atom is needed."""
 
-    u: sympy.Expr
+    u: Expression
     regularity = Regularity()
 
     @cached_property
-    def _f(self) -> sympy.Expr:
-        return self.u - sympy.diff(self.u, X, 2) - sympy.diff(self.u, Y, 2)
+    def _f(self) -> Expression:
+        return self.u - laplacian(self.u, "x", "y")
 
     @property
-    def _formulas(self) -> tuple[list[sympy.Expr], tuple[sympy.Symbol, sympy.Symbol]]:
-        return [self.u, sympy.diff(self.u, X), sympy.diff(self.u, Y), self._f], (X, Y)
+    def _formulas(self) -> tuple[list[Expression], tuple[str, str]]:
+        return [self.u, derivative(self.u, "x"), derivative(self.u, "y"), self._f], ("x", "y")
 
     def value_model(self, x: Model, y: Model) -> Model:
         """u on the boxes of x and y."""
-        return evaluate(self.u, {X: x, Y: y})
+        return evaluate(self.u, {"x": x, "y": y})
 
     def source_model(self, x: Model, y: Model) -> Model:
         """-Delta u + u on the boxes of x and y."""
-        return evaluate(self._f, {X: x, Y: y})
+        return evaluate(self._f, {"x": x, "y": y})
 
     def _at(self, formulas: Compiled, points: Array, offset: Array | float) -> tuple[Array, ...]:
         value, dx, dy, *f = formulas(*(points + offset).T)
@@ -179,32 +186,32 @@ class Local:
 class Tensor(Local, OfFormulas):
     """-d l(t) (1 - (d / cutoff)^2)_+^4, d the distance to the side in side lengths, l in H2."""
 
-    profile: sympy.Expr
-    cutoff: sympy.Expr
+    profile: Expression
+    cutoff: Expression
     regularity = Regularity()
 
     @cached_property
-    def v(self) -> sympy.Expr:
+    def v(self) -> Expression:
         return -D * self.profile * pos(1 - (D / self.cutoff) ** 2, 4)
 
     @cached_property
-    def _f(self) -> sympy.Expr:
-        laplacian, scale = sympy.diff(self.v, T, 2) + sympy.diff(self.v, D, 2), sympy.Float(self.length, 17)
-        return scale * self.v - laplacian / scale
+    def _f(self) -> Expression:
+        length = Fraction(self.length)
+        return length * self.v - laplacian(self.v, "t", "d") / length
 
     @property
-    def _formulas(self) -> tuple[list[sympy.Expr], tuple[sympy.Symbol, sympy.Symbol]]:
-        return [self.v, sympy.diff(self.v, T), sympy.diff(self.v, D), self._f], (T, D)
+    def _formulas(self) -> tuple[list[Expression], tuple[str, str]]:
+        return [self.v, derivative(self.v, "t"), derivative(self.v, "d"), self._f], ("t", "d")
 
     def value_model(self, x: Model, y: Model) -> Model:
         t, d = self.local_models(x, y)
-        return evaluate(self.v, {T: t, D: d}).scaled(self.length)
+        return evaluate(self.v, {"t": t, "d": d}).scaled(self.length)
 
     def source_model(self, x: Model, y: Model) -> Model:
         t, d = self.local_models(x, y)
-        profile = evaluate(self.profile, {T: t}).range
-        support = (d.range[0] < float(self.cutoff)) & ((profile[0] < 0) | (profile[1] > 0))
-        return by_part([(lambda t, d: evaluate(self._f, {T: t, D: d}), support)], t, d)
+        profile = evaluate(self.profile, {"t": t}).range
+        support = (d.range[0] < rounded(self.cutoff)) & ((profile[0] < 0) | (profile[1] > 0))
+        return by_part([(lambda t, d: evaluate(self._f, {"t": t, "d": d}), support)], t, d)
 
     def _at(self, formulas: Compiled, points: Array, offset: Array | float) -> tuple[Array, ...]:
         v, v_t, v_d, *f = formulas(*self.local(points, offset))
@@ -216,16 +223,16 @@ class Tensor(Local, OfFormulas):
         return self.length * v, -v_d
 
     def vanishes(self, centre: Array, radius: Array) -> Mask:
-        return self.local(centre)[1] - radius / self.length > float(self.cutoff)
+        return self.local(centre)[1] - radius / self.length > rounded(self.cutoff)
 
     @cached_property
     def _profile_kinks(self) -> list[tuple[float, Fraction]]:
-        return kinks(self.profile, T)
+        return kinks(self.profile, "t")
 
     def kinks(self) -> list[Kink]:
         along, into = self.frame[0], self.frame[1]
         middle = self.centre + 0.5 * self.length * along
-        lines = [Kink(tuple(middle + float(self.cutoff) * self.length * into), 0.0, tuple(along))]
+        lines = [Kink(tuple(middle + rounded(self.cutoff) * self.length * into), 0.0, tuple(along))]
         for t, _ in self._profile_kinks:
             lines.append(Kink(tuple(self.centre + t * self.length * along), 0.0, tuple(into)))
         return lines

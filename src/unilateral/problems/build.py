@@ -62,8 +62,6 @@ def problem_of_arguments(
     """The problem with the arguments of `api.Problem`. Raises InputError with the argument."""
     if not isinstance(name, str) or not name:
         raise InputError(f"name is {shown(repr(name))}; it has to be a text")
-    if f is None:
-        raise InputError(f"{name}, field f: there is no formula; write 0 where there is none")
     if not isinstance(u, Mapping | None):
         raise InputError(f"{name}, field u: it is {shown(repr(u))}; it has to be a dict such as {{3: 0}}")
     mesh = polygon if isinstance(polygon, Mesh) else None

@@ -13,23 +13,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from fractions import Fraction
 from functools import cached_property
+from math import log
 from typing import NamedTuple
 
 import numpy as np
-import sympy
 
 from unilateral.arrays import Array, Index, Mask
-from unilateral.formulas.formula import Compiled
-from unilateral.formulas.interval import total
-from unilateral.formulas.symbolic import compile_numpy, pos
+from unilateral.formulas import interval
+from unilateral.formulas.exact_numbers import pos
+from unilateral.formulas.expression import ONE, Expression, number, total
+from unilateral.formulas.formula import Compiled, compile_numpy
 from unilateral.formulas.taylor import EPS, Model, settled
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.problems.atoms import Along, Local, Regularity, T
-from unilateral.problems.polar_atoms import THETA, Polar, R, harmonic
+from unilateral.problems.polar_atoms import Polar, harmonic
 
-Interval = tuple[sympy.Expr, sympy.Expr]
-DUST = sympy.Rational(1, 100)
+Interval = tuple[Fraction, Fraction]
+DUST = Fraction(1, 100)
 """The gap on the intervals that are left is multiplied by this.
 
 They are no part of the set, which has measure 0, and their gap must not outweigh that of the removed ones.
@@ -40,16 +42,16 @@ Parts = tuple[Index, Array, Array, list[Array]]
 class Family(NamedTuple):
     """The set between t = inset and t = 1 - inset: the share kept at either end, and how many generations."""
 
-    keep: sympy.Expr
+    keep: Fraction
     generations: int
-    inset: sympy.Expr
+    inset: Fraction
 
     @property
     def dimension(self) -> float:
         """The dimension of the set that is not truncated."""
-        return float(sympy.log(2) / sympy.log(1 / self.keep))
+        return log(2) / log(1 / self.keep)
 
-    def order(self, power: sympy.Expr) -> float:
+    def order(self, power: Fraction) -> float:
         """A function that is like s^power on the removed intervals is in H^tau for every tau below this."""
         return float(power) + (1 - self.dimension) / 2
 
@@ -64,15 +66,16 @@ class Family(NamedTuple):
         return *removed, left
 
 
-def gap(family: Family, gamma: sympy.Expr) -> sympy.Expr:
+def gap(family: Family, gamma: Fraction) -> Expression:
     """u - g as a formula in t: ((t - c)(d - t)/(d - c))^gamma on what even generations remove.
 
     On what is left it is DUST times that. From the set's ends it grows like s^gamma to the vertices.
     """
     _, removed, left = family.divided()
-    tents = [pos((T - c) * (d - T), gamma) / (d - c) ** gamma for c, d in removed]
-    tents += [DUST * pos((T - c) * (d - T), gamma) / (d - c) ** gamma for c, d in left]
-    return sympy.Add(pos(family.inset - T, gamma), pos(T - 1 + family.inset, gamma), *tents)
+    parts = [pos(family.inset - T, gamma), pos(T - 1 + family.inset, gamma)]
+    parts += [pos((T - c) * (d - T), gamma) / number(d - c) ** gamma for c, d in removed]
+    parts += [DUST * pos((T - c) * (d - T), gamma) / number(d - c) ** gamma for c, d in left]
+    return total(term for part in parts for term in part.terms)
 
 
 def _summed(index: Index, values: Array, points: Array) -> Array:
@@ -85,7 +88,7 @@ class Cantor(Local):
     """The atom on a side; its place t is the side's start."""
 
     family: Family
-    alpha: sympy.Expr
+    alpha: Fraction
 
     @property
     def flux_order(self) -> float:
@@ -94,7 +97,7 @@ class Cantor(Local):
 
     @property
     def regularity(self) -> Regularity:
-        bounded, order = bool(self.alpha >= 0), self.flux_order
+        bounded, order = self.alpha >= 0, self.flux_order
         return Regularity(order > 1 / 2, bounded, order > 0, bounded, finite=False)
 
     @cached_property
@@ -105,8 +108,8 @@ class Cantor(Local):
     @cached_property
     def _unit(self) -> Compiled:
         """v, dv/dr, (dv/dtheta)/r and Delta v of the atom whose contact is [0, 1], in r and theta."""
-        one = harmonic(self.polygon, self.side, sympy.S.Zero, self.alpha, sympy.S.One)
-        return compile_numpy(list(one.symbolic), (R, THETA))
+        one = harmonic(self.polygon, self.side, 0.0, self.alpha, cutoff=ONE)
+        return compile_numpy(one.derived, ("r", "theta"))
 
     def _parts(self, along: Array, into: Array) -> Parts:
         """The points (m,), one support after another, and there l and theta (m,) and the unit atom at r/l."""
@@ -153,14 +156,14 @@ class Cantor(Local):
                 more = of(atom, x.on(at), y.on(at))
                 c[:, at] += more.c
                 rad[at] += more.rad + EPS * np.abs(c[:, at]).sum(axis=0)
-                lower[at], upper[at] = total((lower[at], upper[at]), more.range)
+                lower[at], upper[at] = interval.total((lower[at], upper[at]), more.range)
         return settled(x.basis, c, rad, (lower, upper))
 
     @cached_property
     def _atoms(self) -> list[Polar]:
         """The harmonic atoms of the contact intervals."""
         intervals = sorted(self.family.divided()[0])
-        return [harmonic(self.polygon, self.side, a, self.alpha, b - a) for a, b in intervals]
+        return [harmonic(self.polygon, self.side, float(a), self.alpha, number(b - a)) for a, b in intervals]
 
     def trace_and_flux(self, side: int, along: Along) -> tuple[Array, Array]:
         """(k,) values of u and of its outward normal derivative on the side."""
@@ -175,6 +178,6 @@ class Cantor(Local):
         return [Kink((x, y), length) for (x, y), length in zip(centres.tolist(), lengths, strict=True)]
 
     def singular(self) -> list[Singular]:
-        kinds = (int(sympy.Rational(self.alpha).q), 1)
+        kinds = (self.alpha.denominator, 1)
         ends = self._contact.tolist()
         return [Singular(self.side, t, k) for pair in ends for t, k in zip(pair, kinds, strict=True)]

@@ -18,18 +18,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import sympy
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.errors import InputError, meant, shown
 from unilateral.formulas.expression import ZERO, Expression, number
-from unilateral.formulas.formula import Compiled
-from unilateral.formulas.symbolic import compile_numpy, kinks, plain
+from unilateral.formulas.formula import Compiled, compile_numpy, kinks
 from unilateral.formulas.taylor import Model
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import arguments
-from unilateral.problems.atoms import Along, Smooth, T
+from unilateral.problems.atoms import Along, Smooth
 from unilateral.problems.cantor_atom import Cantor
 from unilateral.problems.case_builder import Atom, Builder, constants_of
 from unilateral.problems.catalogue import folder, names
@@ -52,7 +50,7 @@ class ExactSolution:
     declaration: Mapping[str, Any]
     polygon: Polygon
     atoms: tuple[Atom, ...]
-    gaps: tuple[sympy.Expr, ...]
+    gaps: tuple[Expression, ...]
     side: int = 0
     values: Mapping[int, Expression] = field(default_factory=dict)
 
@@ -89,10 +87,6 @@ class ExactSolution:
     def __repr__(self) -> str:
         return f"Exact solution of case '{self.name}' on '{self.polygon.name}'"
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Copies and pickles are made of the declaration."""
-        return exact_solution, (self.declaration, self.name, self.polygon, self.side)
-
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
         """u (k,) and grad u (k, 2) at the places points + offset (k, 2) of Omega.
 
@@ -125,7 +119,7 @@ class ExactSolution:
     def obstacle_model(self, side: Index, t: Model) -> Model:
         """g = u - gap on intervals of the sides (k,), t the arc length in side lengths."""
         u = self._value_model(*places(self.polygon, side, t))
-        return u + on_sides([plain(-gap) for gap in self.gaps], side, {T.name: t})
+        return u + on_sides([-gap for gap in self.gaps], side, {"t": t})
 
     def boundary(
         self, side: Index, s: Array, near: tuple[Array, Array] | None = None
@@ -167,12 +161,12 @@ class ExactSolution:
 
     @cached_property
     def _gap_functions(self) -> list[Compiled]:
-        return [compile_numpy([gap], (T,)) for gap in self.gaps]
+        return [compile_numpy([gap], "t") for gap in self.gaps]
 
     @cached_property
     def gap_kinks(self) -> list[list[tuple[float, Fraction]]]:
         """Per side, the places t at which the gap has a power of a positive part, each with the exponent."""
-        return [kinks(gap, T) for gap in self.gaps]
+        return [kinks(gap, "t") for gap in self.gaps]
 
     @cached_property
     def gap_order(self) -> float:
@@ -252,7 +246,7 @@ def exact_solution(
     build = Builder(where, polygon, side, constants)
     atoms = tuple(build.atom(entry, f"{where}, u[{i}]") for i, entry in enumerate(declaration["u"]))
     values = build.values(declaration.get("clamped", []))
-    gaps = tuple(sympy.S.Zero if i in values else gap for i, gap in enumerate(build.gaps(declaration["gap"])))
+    gaps = tuple(ZERO if i in values else gap for i, gap in enumerate(build.gaps(declaration["gap"])))
     return ExactSolution(name, declaration, polygon, atoms, gaps, side, values)
 
 

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems import arguments, problem_file
+from unilateral.problems import case as cases
+from unilateral.problems.case_certificate import certify, with_free_sides
 from unilateral.problems.problem import Problem
 from unilateral.system.files import path_of
-from unilateral.system.optional import require
 
 
 def case(
@@ -28,12 +29,6 @@ def case(
     >>> ul.case("natural").polygon.name
     'square'
     """
-    require("cases with known solutions need", "sympy")
-    from unilateral.problems import (
-        case as cases,  # sympy, on which they rest, takes longer than a small problem
-    )
-    from unilateral.problems.case_certificate import certify, with_free_sides
-
     given = str(path_of(name, "natural"))
     if polygon is None:
         polygons = cases.declared(given)[0]["polygons"]

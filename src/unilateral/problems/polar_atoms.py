@@ -14,47 +14,49 @@ from fractions import Fraction
 from functools import cache, cached_property
 
 import numpy as np
-import sympy
 
 from unilateral.arrays import Array, Mask
 from unilateral.errors import InputError
+from unilateral.formulas.derivative import derivative
+from unilateral.formulas.exact_numbers import apply, pos, rounded
+from unilateral.formulas.expression import ONE, PI, Expression, variable
 from unilateral.formulas.formula import Compiled
 from unilateral.formulas.grammar import MAX_DENOMINATOR
-from unilateral.formulas.symbolic import evaluate, pos
 from unilateral.formulas.taylor import Model, by_part, number
-from unilateral.formulas.taylor_enclosures import real_power
+from unilateral.formulas.taylor_enclosures import evaluate, real_power
 from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import ON_SIDE, Along, Local, OfFormulas, Regularity
 
-R, THETA, Q = (sympy.Symbol(name, real=True) for name in ("r", "theta", "q"))
+R, THETA, Q = variable("r"), variable("theta"), variable("q")
 
 
 @dataclass(frozen=True, eq=False)
 class Polar(Local, OfFormulas):
     """times * factor rho^beta cos(beta (theta - theta_0)) (1 - (rho / cutoff)^2)_+^4, rho = r / L.
 
-    No cutoff factor where `cutoff` is None. `omega` is Omega's angle at the centre: pi inside the side, or
-    that of the vertex at which the side begins. The side before that may be `clamped`.
+    No cutoff factor where `cutoff` is None. Angles are in units of pi. `omega` is Omega's angle at the
+    centre: 1 inside the side, or that of the vertex at which the side begins. The side before that may be
+    `clamped`.
     """
 
-    beta: sympy.Expr
-    theta_0: sympy.Expr
-    factor: sympy.Expr
-    cutoff: sympy.Expr | None
-    omega: sympy.Expr = sympy.pi
+    beta: Fraction
+    theta_0: Fraction
+    factor: Expression
+    cutoff: Expression | None
+    omega: Fraction = Fraction(1)
     clamped: bool = False
 
     @property
-    def symbolic(self) -> tuple[sympy.Expr, sympy.Expr, sympy.Expr, sympy.Expr]:
+    def derived(self) -> tuple[Expression, Expression, Expression, Expression]:
         """v, dv/dr, (dv/dtheta)/r and Delta v."""
-        return _derived(self.factor, self.beta, self.theta_0, self.cutoff)
+        return _derive(self.factor, self.beta, self.theta_0, self.cutoff)
 
     @property
-    def _formulas(self) -> tuple[list[sympy.Expr], tuple[sympy.Symbol, sympy.Symbol]]:
-        v, v_r, v_theta, laplacian = self.symbolic
-        scale = sympy.Float(self.length, 17)
-        return [v, v_r, v_theta, scale * v - laplacian / scale], (R, THETA)
+    def _formulas(self) -> tuple[list[Expression], tuple[str, str]]:
+        v, v_r, v_theta, laplacian = self.derived
+        length = Fraction(self.length)
+        return [v, v_r, v_theta, length * v - laplacian / length], ("r", "theta")
 
     def value_model(self, x: Model, y: Model) -> Model:
         return self._in_support(x, y, lambda phi, eta, _: (phi * eta).scaled(self.length))
@@ -77,17 +79,17 @@ class Polar(Local, OfFormulas):
         With q = (rho / cutoff)^2, eta = (1 - q)_+^4 and phi_r = beta phi / rho,
         Delta v / phi = (48 q (1 - q)_+^2 - 16 (1 + beta) (1 - q)_+^3) / cutoff^2.
         """
-        beta, omega = float(self.beta), float(self.omega)
-        phi = real_power(along, into, beta, float(self.theta_0), omega).scaled(float(self.factor))
+        theta_0, omega = rounded(PI * self.theta_0), rounded(PI * self.omega)
+        phi = real_power(along, into, float(self.beta), theta_0, omega).scaled(rounded(self.factor))
         if self.cutoff is None:
             return phi, number(along, 1.0), number(along, 0.0)
-        q = (along * along + into * into).scaled(float(self.cutoff) ** -2)
+        q = (along * along + into * into).scaled(self._reach**-2)
         laplacian = (48 * Q * pos(1 - Q, 2) - 16 * (1 + self.beta) * pos(1 - Q, 3)) / self.cutoff**2
-        return phi, evaluate(pos(1 - Q, 4), {Q: q}), evaluate(laplacian, {Q: q})
+        return phi, evaluate(pos(1 - Q, 4), {"q": q}), evaluate(laplacian, {"q": q})
 
     @property
     def _reach(self) -> float:
-        return np.inf if self.cutoff is None else float(self.cutoff)
+        return np.inf if self.cutoff is None else rounded(self.cutoff)
 
     def _in_disc(self, r: Array) -> Mask:
         """(k,) where functions are not 0: not outside the support and not at the centre."""
@@ -126,7 +128,7 @@ class Polar(Local, OfFormulas):
             distance = along.minus(1.0) * (self.polygon.lengths[side] / self.length)
         r, first = np.abs(distance), distance >= 0
         inside = self._in_disc(r)
-        v, _, v_theta = self._values[0](r[inside], np.where(first, 0.0, float(self.omega))[inside])
+        v, _, v_theta = self._values[0](r[inside], np.where(first, 0.0, rounded(PI * self.omega))[inside])
         flux = np.where(first[inside], -v_theta, v_theta)
         return _spread(inside, self.length * v), _spread(inside, flux)
 
@@ -136,29 +138,29 @@ class Polar(Local, OfFormulas):
 
         A clamped side does not count: there is no lambda.
         """
-        sides = (0,) if self.clamped else (0, self.omega)
-        turns = [self.beta * (theta - self.theta_0) / sympy.pi for theta in sides]
-        no_trace = all((2 * turn).is_integer and not turn.is_integer for turn in turns)
-        no_flux = all(turn.is_integer for turn in turns)
+        sides = (Fraction(0),) if self.clamped else (Fraction(0), self.omega)
+        turns = [self.beta * (theta - self.theta_0) for theta in sides]
+        no_trace = all(turn.denominator == 2 for turn in turns)
+        no_flux = all(turn.denominator == 1 for turn in turns)
         return Regularity(
-            in_H2=bool(self.beta > 1),
-            lipschitz=bool(self.beta >= 1) or no_trace,
-            flux_in_L2=bool(2 * self.beta > 1) or no_flux,
-            flux_bounded=bool(self.beta >= 1) or no_flux,
+            in_H2=self.beta > 1,
+            lipschitz=self.beta >= 1 or no_trace,
+            flux_in_L2=2 * self.beta > 1 or no_flux,
+            flux_bounded=self.beta >= 1 or no_flux,
         )
 
     def kinks(self) -> list[Kink]:
         if self.cutoff is None:
             return []
-        return [Kink((self.centre[0], self.centre[1]), float(self.cutoff) * self.length)]
+        return [Kink((self.centre[0], self.centre[1]), self._reach * self.length)]
 
     def singular(self) -> list[Singular]:
         """The centre, and the cutoff's ends on the atom's side, where only smoothness is lost."""
-        points = [Singular(self.side, self.t, int(sympy.Rational(self.beta).q))]
+        points = [Singular(self.side, self.t, self.beta.denominator)]
         if self.at_vertex:
             points.append(Singular(self._before, 1.0, points[0].grading))
         if self.cutoff is not None:
-            points += [Singular(self.side, self.t + sign * float(self.cutoff), 1) for sign in (-1, 1)]
+            points += [Singular(self.side, self.t + sign * self._reach, 1) for sign in (-1, 1)]
         return points
 
 
@@ -172,34 +174,37 @@ def _spread(inside: Mask, values: Array) -> Array:
 
 
 @cache
-def _derived(
-    factor: sympy.Expr, beta: sympy.Expr, theta_0: sympy.Expr, cutoff: sympy.Expr | None
-) -> tuple[sympy.Expr, sympy.Expr, sympy.Expr, sympy.Expr]:
+def _derive(
+    factor: Expression, beta: Fraction, theta_0: Fraction, cutoff: Expression | None
+) -> tuple[Expression, Expression, Expression, Expression]:
     """v, dv/dr, (dv/dtheta)/r and Delta v; the harmonic factor adds nothing to the last."""
-    phi = factor * R**beta * sympy.cos(beta * (THETA - theta_0))
-    eta = sympy.Integer(1) if cutoff is None else pos(1 - (R / cutoff) ** 2, 4)
-    d_phi, d_eta = sympy.diff(phi, R), sympy.diff(eta, R)
-    laplacian = 2 * d_phi * d_eta + phi * (sympy.diff(d_eta, R) + d_eta / R)
-    return phi * eta, d_phi * eta + phi * d_eta, sympy.diff(phi, THETA) / R * eta, laplacian
+    # cos(beta (theta - theta_0)) by the addition theorem, so that whole quarters of a turn are exact
+    shift, turned = beta * theta_0 * PI, beta * THETA
+    cosine = apply("cos", shift) * apply("cos", turned) + apply("sin", shift) * apply("sin", turned)
+    phi = factor * R**beta * cosine
+    eta = ONE if cutoff is None else pos(1 - (R / cutoff) ** 2, 4)
+    phi_r, eta_r = derivative(phi, "r"), derivative(eta, "r")
+    laplacian = 2 * phi_r * eta_r + phi * (derivative(eta_r, "r") + eta_r / R)
+    return phi * eta, phi_r * eta + phi * eta_r, derivative(phi, "theta") / R * eta, laplacian
 
 
 def harmonic(
     polygon: Polygon,
     side: int,
-    t: sympy.Expr,
-    alpha: sympy.Expr,
-    cutoff: sympy.Expr | None = None,
-    times: sympy.Expr = sympy.S.One,
+    t: float,
+    alpha: Fraction,
+    cutoff: Expression | None = None,
+    times: Expression = ONE,
 ) -> Polar:
     """The atom with flux times * s_+^alpha on its side: C rho^(1+alpha) cos((1+alpha)(pi - theta)).
 
     C = 1 / ((1 + alpha) sin(alpha pi)), alpha > -1 not an integer. Raises InputError for other alpha,
     and where it has no cutoff and Omega reaches behind its side, so that theta would not be unique.
     """
-    if alpha.is_integer or alpha <= -1:
+    if alpha.denominator == 1 or alpha <= -1:
         raise InputError(f"a harmonic atom needs alpha > -1 that is not an integer, not {alpha}")
-    factor = times / ((1 + alpha) * sympy.sin(alpha * sympy.pi))
-    atom = Polar(polygon, side, float(t), 1 + alpha, sympy.pi, factor, cutoff)
+    factor = times / ((1 + alpha) * apply("sin", alpha * PI))
+    atom = Polar(polygon, side, t, 1 + alpha, Fraction(1), factor, cutoff)
     if cutoff is None and np.any(atom.local(polygon.vertices)[1] < -ON_SIDE):
         raise InputError(f"a harmonic atom on side {side} of '{polygon.name}' needs a cutoff")
     return atom
@@ -209,9 +214,9 @@ def corner(
     polygon: Polygon,
     side: int,
     kind: str,
-    alpha: sympy.Expr | None = None,
-    cutoff: sympy.Expr | None = None,
-    times: sympy.Expr = sympy.S.One,
+    alpha: Fraction | None = None,
+    cutoff: Expression | None = None,
+    times: Expression = ONE,
 ) -> Polar:
     """An atom at the vertex of angle omega at which the side begins, by its kind.
 
@@ -222,29 +227,31 @@ def corner(
     and u is rho^(pi/(2 omega)) cos(pi theta/(2 omega)).
     Raises InputError where omega is no simple fraction of pi, or lambda would need a logarithm.
     """
-    share = sympy.Rational(Fraction(polygon.angles[side] / np.pi).limit_denominator(MAX_DENOMINATOR))
-    if abs(float(share) * np.pi - polygon.angles[side]) > ON_SIDE:
+    omega = Fraction(polygon.angles[side] / np.pi).limit_denominator(MAX_DENOMINATOR)
+    if abs(float(omega) * np.pi - polygon.angles[side]) > ON_SIDE:
         raise InputError(
             f"the angle at vertex {side} of '{polygon.name}' is no fraction of pi with a denominator of at "
             f"most {MAX_DENOMINATOR}, as an atom there needs"
         )
-    omega = share * sympy.pi
     if kind == "clamped":
-        beta = 1 / (2 * share) if alpha is None else 1 + alpha
-        if alpha is not None and ((beta * share - sympy.Rational(1, 2)).is_integer or alpha <= -1):
+        beta = 1 / (2 * omega) if alpha is None else 1 + alpha
+        if alpha is not None and ((beta * omega).denominator == 2 or alpha <= -1):
             raise InputError(
                 f"at a clamped side lambda needs alpha > -1, (1 + alpha) omega/pi - 1/2 no integer, not "
                 f"{alpha}"
             )
-        theta_0 = omega - sympy.pi / (2 * beta)
-        factor = 1 if alpha is None else 1 / (beta * sympy.cos(beta * omega))
+        theta_0 = omega - 1 / (2 * beta)
+        factor = ONE if alpha is None else 1 / (beta * apply("cos", beta * omega * PI))
         return Polar(polygon, side, 0.0, beta, theta_0, times * factor, cutoff, omega, clamped=True)
-    if kind != "transition":
-        beta, theta_0, factor = (1 / share, sympy.S.Zero, 1) if kind == "free" else (1 / share, omega / 2, -1)
-    elif alpha is None or ((1 + alpha) * share).is_integer or alpha <= -1:
+    if kind == "free":
+        beta, theta_0, factor = 1 / omega, Fraction(0), ONE
+    elif kind == "held":
+        beta, theta_0, factor = 1 / omega, omega / 2, -ONE
+    elif alpha is None or ((1 + alpha) * omega).denominator == 1 or alpha <= -1:
         raise InputError(
             f"a transition at a vertex needs alpha > -1, (1 + alpha) omega/pi no integer, not {alpha}"
         )
     else:
-        beta, theta_0, factor = 1 + alpha, omega, -1 / ((1 + alpha) * sympy.sin(omega * (1 + alpha)))
+        beta, theta_0 = 1 + alpha, omega
+        factor = -1 / (beta * apply("sin", beta * omega * PI))
     return Polar(polygon, side, 0.0, beta, theta_0, times * factor, cutoff, omega)

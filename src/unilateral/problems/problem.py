@@ -28,7 +28,6 @@ from unilateral.problems.nodal import NodalTrace, cuts
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_flux, enclose_obstacle
 from unilateral.problems.side_models import SideData, on_sides, places, slopes_on_sides
 from unilateral.problems.units import Units
-from unilateral.system.copies import Rebuilt
 
 if TYPE_CHECKING:
     from unilateral.problems.case import ExactSolution
@@ -41,7 +40,7 @@ WANTED = "must be linear, or c - (x - a)**2 - (y - b)**2 up to a factor"
 
 
 @dataclass(frozen=True, eq=False)
-class Problem(Rebuilt):
+class Problem:
     """-k lap u + c u = f with contact, but k du/dn = q on `free_sides`; `units` come from k and c.
 
     `g` has an obstacle for each side, which is not used on free sides; on `clamped_sides` it is what u is

@@ -17,11 +17,10 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.problems.nodal import cuts
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_flux, enclose_obstacle
 from unilateral.problems.problem import Problem
-from unilateral.system.copies import Rebuilt
 
 
 @dataclass(frozen=True, eq=False)
-class Scaled(Rebuilt):
+class Scaled:
     """The problem for v, made from the problem `of` u. Vertices are rounded once more."""
 
     of: Problem

@@ -25,7 +25,7 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.build import put_on_mesh
 from unilateral.problems.scaled import Data, scaled
-from unilateral.solution.solution import Solution
+from unilateral.solution.solution import Solution, make_solution
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 
@@ -45,7 +45,7 @@ def certify(problem: Problem, mesh: Mesh, u: ArrayLike, multiplier: ArrayLike | 
     else:
         without = np.isin(mesh.side, (*problem.free_sides, *problem.clamped_sides))
         own = _solve_linear(data, scaled_mesh, _edge_values(multiplier, without) / problem.units.flux)
-    return Solution(replace(own, u_h=values / problem.units.value, potential=own.u_h), problem)
+    return make_solution(replace(own, u_h=values / problem.units.value, potential=own.u_h), problem)
 
 
 def edge_pairs(mesh: Mesh) -> Partition:

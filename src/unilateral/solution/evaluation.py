@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array, Index, floats
 from unilateral.bounds.flux_residuals import misfit
+from unilateral.errors import InputError
 from unilateral.fem.p1 import gradients
 from unilateral.geometry.locate import containing
 from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.triangulation_checks import round_off
+from unilateral.problems import arguments
 
 OUTSIDE = 1e-10
 """A point outside counts as one of the boundary up to this fraction of the polygon's diameter away."""
@@ -32,6 +37,34 @@ class Located(NamedTuple):
         values = np.full((len(inside), *found.shape[1:]), np.nan)
         values[inside] = found
         return values
+
+
+def at_points(mesh: Mesh, points: ArrayLike, evaluate: Callable[[Index, Array], Array]) -> Array:
+    """Values at a point (2,) or at many (k, 2), as an array (...) or (k, ...); NaN outside the polygon.
+
+    `evaluate` is as in `Located.values`. Raises InputError for another shape.
+    """
+    places = floats(points, "points")
+    if places.ndim not in (1, 2) or places.shape[-1] != 2:
+        raise InputError(
+            f"points: their shape {places.shape} must be (2,), a point, or (k, 2), a row for each point"
+        )
+    values = located(mesh, places.reshape(-1, 2)).values(evaluate)
+    return values.reshape((*places.shape[:-1], *values.shape[1:]))
+
+
+def on_side(cells: Partition, values: Array, side: int, t: ArrayLike) -> Array:
+    """What has the `values` (m,) on the cells, at the arc lengths t from the start of a side; NaN beyond it.
+
+    Raises InputError for a side that is not there.
+    """
+    polygon, s = cells.polygon, floats(t, "t")
+    side = arguments.side(side, polygon.n_sides, "side")
+    own = np.flatnonzero(cells.side == side)
+    starts = cells.points[own] - polygon.starts[side]
+    inside = (s >= 0) & (s <= polygon.lengths[side])
+    cell = own[np.searchsorted(starts, np.where(inside, s, 0.0), side="right") - 1]
+    return np.where(inside, values[cell], math.nan)
 
 
 def located(mesh: Mesh, points: Array) -> Located:

@@ -13,6 +13,7 @@ import numpy as np
 from unilateral import __version__
 from unilateral.arrays import Array
 from unilateral.formulas.decimals import guaranteed, interval
+from unilateral.solution.bounds import wants_sharp
 from unilateral.solution.shown import Shown, force, numbered, shown
 
 if TYPE_CHECKING:
@@ -66,9 +67,8 @@ def forces(solution: Solution, of: Shown) -> str:
     """
     if not of.accuracy:
         return ""
-    search, partition = solution.search, of.contact.partition
-    found = solution.forces(search is not None and search.best.goal.sharp)
-    with_contact = np.unique(partition.side[~of.free])[:MOST_FORCES].tolist()
+    found = solution.forces(wants_sharp(solution))
+    with_contact = np.unique(of.contact.partition.side[~of.free])[:MOST_FORCES].tolist()
     rows = {f"force, side {side}": found.sides[side] for side in with_contact}
     for row, reaction in found.reactions.items():
         rows[f"reaction, side{'s' * (len(row) > 1)} {' and '.join(map(str, row))}"] = reaction

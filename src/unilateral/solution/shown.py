@@ -13,7 +13,7 @@ from unilateral.arrays import Array, Index, Mask
 from unilateral.discrete.choice import bound_mb
 from unilateral.formulas.decimals import guaranteed, interval, up
 from unilateral.geometry.mesh import Mesh
-from unilateral.solution.certificate import relative
+from unilateral.solution.bounds import is_believed, relative, wants_sharp
 from unilateral.solution.coarser import clustered
 from unilateral.solution.contact import Contact
 from unilateral.system.memory import available_mb
@@ -140,7 +140,7 @@ def accuracy(solution: Solution) -> str:
     if search is None and bound_mb(solution.mesh, sharp) > available_mb():
         return ""
     total = solved.total(norm, sharp)
-    if not math.isfinite(total) or (search and not search.believed):
+    if not math.isfinite(total) or not is_believed(solution):
         return NO_BOUND
     units = solution.problem.units
     trivial = units.trivial and units.reaction and not solution.problem.clamped_sides
@@ -157,8 +157,7 @@ def force(solution: Solution, of: Shown) -> str:
     """The force over the boundary in words, between guaranteed numbers where there is a bound."""
     if of.accuracy in ("", NO_BOUND) or of.free.all():
         return ""
-    goal = solution.search.best.goal if solution.search else None
-    whole = solution.force(goal is not None and goal.sharp)
+    whole = solution.force(wants_sharp(solution))
     text = interval(whole.lower, whole.upper, whole.value, ".4g")
     return guaranteed(f"force over the boundary, ∫λ: {text}", whole.lower, whole.upper)
 

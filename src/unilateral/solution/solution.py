@@ -1,44 +1,34 @@
-"""A solution as users hold it: arrays, errors or bounds, files and a picture."""
+"""A solution as users hold it, in their units; other modules of this room say what can be made of it."""
 
 from __future__ import annotations
 
 import math
 import os
-import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from pathlib import Path
-from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from unilateral.adaptive.loop import Search
-from unilateral.arrays import Array, Index, floats
-from unilateral.bounds.clamped_ends import Clamps, none
-from unilateral.bounds.forces import Force, forces
-from unilateral.bounds.local_bounds import LocalBound
-from unilateral.certificates import export
+from unilateral.arrays import Array
+from unilateral.bounds.forces import Force
 from unilateral.discrete.solution import DiscreteSolution
-from unilateral.errors import InputError, SolutionWarning
-from unilateral.formulas.decimals import guaranteed, interval, is_bounded, up
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.files import write_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.norms.dual import Errors, errors
 from unilateral.norms.fortin import beta_below
 from unilateral.problems import arguments
-from unilateral.solution import summary, tables
-from unilateral.solution.certificate import Bounds, BoundsWithoutReaction, record, relative, too_large
+from unilateral.solution import evaluation, files, summary, tables
+from unilateral.solution.bounds import Bounds, bound_errors, share_errors, wants_sharp
 from unilateral.solution.contact import Contact
-from unilateral.solution.evaluation import flux, gradient, located, value
-from unilateral.system import as_json
-from unilateral.system.files import check_target, replacing, write_netcdf
+from unilateral.solution.forces import Forces, force_over, forces_on_sides
+from unilateral.solution.record import record
 from unilateral.system.optional import require
 
 if TYPE_CHECKING:
@@ -49,151 +39,30 @@ if TYPE_CHECKING:
 
     from unilateral.problems.problem import Problem
 
-ROUNDING = 4 * float(np.finfo(float).eps)
-"""Rounding a number twice changes it by less than this, relative to the number."""
-
-
-def in_units(force: Force, unit: float) -> Force:
-    """A force in that unit, which is rounded once, as is each product with it; bounds stay bounds."""
-    value, lower, upper = (unit * number for number in force)
-    return Force(value, lower - ROUNDING * abs(lower), upper + ROUNDING * abs(upper))
-
-
-FLAT = 10.0
-"""The cheap bound is a good one on triangles that are at most this many times as long as high.
-
-It is 1.9 times the error then if u varies across them only, and for flatter ones the factor grows in
-proportion: the error is like their height, but the flux of `equilibrated` is off by their length.
-"""
-ENDED_BY_ROUNDING = ("active_set", "multigrid")
-"""Algorithms that end where nothing falls any more, and not after `max_steps`."""
-SHOWN = 12
-"""At most this many sides are printed."""
-
-
-class Forces(NamedTuple):
-    """The forces over all sides with contact, and over each side: 0 where there is none.
-
-    `reactions` are those on clamped sides, by the numbers of the sides that are in a row. If c = 0, the sum
-    of all forces and reactions is known, for it is - int f - int q; else `total` is None.
-    """
-
-    whole: Force
-    sides: list[Force]
-    reactions: Mapping[tuple[int, ...], Force] = MappingProxyType({})
-    total: Force | None = None
-
-    def __repr__(self) -> str:
-        """One "guaranteed" at the end if all have bounds, else one for each that has."""
-        clamped = {side for row in self.reactions for side in row}
-        others = {side: force for side, force in enumerate(self.sides) if side not in clamped}
-        every = [self.whole, *others.values(), *self.reactions.values()]
-        every += [self.total] if self.total else []
-        for_all = all(is_bounded(force.lower, force.upper) for force in every)
-        sides = [f"{side}: {_written(force, not for_all)}" for side, force in others.items()]
-        more = f" and {len(sides) - SHOWN} more" if len(sides) > SHOWN else ""
-        parts = [_written(self.whole, not for_all)]
-        parts += [f"on sides {', '.join(sides[:SHOWN])}{more}"] if sides else []
-        for row, force in self.reactions.items():
-            where = f"side{'s' * (len(row) > 1)} {' and '.join(map(str, row))}"
-            parts.append(f"reaction on {where}: {_written(force, not for_all)}")
-        if self.total:
-            parts.append(f"sum of forces and reactions: {_written(self.total, not for_all)}")
-        return f"Forces: {'; '.join(parts)}{'; guaranteed' if for_all else ''}"
-
-
-def _written(force: Force, alone: bool) -> str:
-    """A force with its bounds; if it stands `alone`, with the word "guaranteed" where it has one."""
-    text = interval(force.lower, force.upper, force.value)
-    return guaranteed(text, force.lower, force.upper) if alone else text
-
-
-def clamped_rows(n: int, clamped: Sequence[int]) -> list[list[int]]:
-    """The clamped ones of n sides, those in a row together."""
-    starts = [side for side in clamped if (side - 1) % n not in clamped] or [*clamped][:1]
-    rows = []
-    for start in starts:
-        row = [start]
-        while (row[-1] + 1) % n in clamped and (row[-1] + 1) % n != start:
-            row.append((row[-1] + 1) % n)
-        rows.append(row)
-    return rows
-
-
-ENDINGS = {
-    ".vtu": ["meshio"],
-    ".csv": [],
-    ".nc": ["netCDF4", "xarray"],
-    ".json": [],
-    ".svg": ["matplotlib"],
-    ".png": ["matplotlib"],
-    ".pdf": ["matplotlib"],
-    ".html": ["plotly"],
-}
-"""The endings of the files that `Solution.save` writes, and the optional packages that each needs."""
-
-
-def not_unique(mesh: Mesh, own: bool) -> str:
-    """Says that lambda_H may not be unique, and how to mend that; a mesh of the user's `own` has no h."""
-    shortest = float(mesh.polygon.lengths.min())
-    advice, alone = "take h < H, such as H = 2h", np.bincount(mesh.side) == 1
-    if own and alone.any():
-        advice = (
-            f"a side of the polygon needs two edges of the mesh or more, and side {alone.argmax()} is one; "
-            "take ul.mesh(mesh, halvings=1)"
-        )
-    elif own:
-        advice = "take larger cells, or refine the mesh at the boundary"
-    elif mesh.h >= shortest:  # whatever h and H were asked for
-        advice = f"a side of the length {shortest:.4g} is one edge; take h <= {shortest / 2:.4g} and H = 2h"
-    return f"may not be unique, because beta is 0 up to rounding; {advice}"
-
-
-def flat_triangles(solved: DiscreteSolution) -> str:
-    """Says that flat triangles make up most of the cheap bound; else empty."""
-    bound, mesh = solved.bound(False), solved.mesh
-    if not isinstance(bound, LocalBound):
-        return ""
-    flatness = mesh.longest_edges**2 / (2 * mesh.areas)  # the longest edge over the height on it
-    flat = flatness > FLAT
-    if not bound.shares[flat].sum() > 0.5 * bound.shares.sum():
-        return ""
-    return (
-        "most of the bound on the error comes from triangles that are up to "
-        f"{flatness.max():.0f} times as long as high, where it may be far above the error; try --sharp, or "
-        "other triangles"
-    )
-
-
-def lift_dominates(solved: DiscreteSolution) -> str:
-    """Says of another program's u that most of its bound is what makes it admissible; else empty."""
-    bound = solved.bound() if solved.foreign and not too_large(solved, False) else None
-    if not isinstance(bound, LocalBound) or bound.lifting**2 <= 0.5 * bound.u**2:
-        return ""
-    return (
-        "most of the bound on the error of u is for u < g, or for other values than the given ones on "
-        "clamped sides; larger penalty parameters, or conditions at the nodes, would make it smaller"
-    )
-
-
-def not_converged(solved: DiscreteSolution) -> str:
-    """Says that an iteration did not converge, with the bound on its algebraic error, and why."""
-    result = solved.result
-    bound = interval(-math.inf, result.bound, spec=".4e")
-    told = f"the iteration did not converge: the algebraic error is {bound}"
-    if 2 * result.rounding > result.bound:
-        return f"{told}, because rounding alone adds {up(result.rounding, '.1e')}; take a larger tolerance"
-    if result.algorithm in ENDED_BY_ROUNDING:
-        return f"{told}, because rounding allows no less; take a larger tolerance"
-    return f"{told} after {result.iterations:.6g} steps; allow more of them, or take another algorithm"
-
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """(u_h, lambda_H) of the `problem`; `search` holds the levels where an accuracy was asked for.
+    """(u_h, lambda_H) as plain data, in the user's units on the user's polygon; it can be copied and pickled.
 
-    What was `solved` is the problem on its scaled domain; all that is shown here is in the user's units, on
-    the user's polygon. Solutions can be copied and pickled.
+    Parameters
+    ----------
+    `problem`
+        What was solved.
+    `solved`
+        The solution of the problem on its scaled domain: what the iteration found, and its bounds.
+    `search`
+        The levels, where an accuracy was asked for; else None.
+    `mesh`
+        `points` (n, 2) and `triangles` (k, 3).
+    `partition`
+        T_H: cell i runs from the arc length `points`[i] to `points`[i + 1].
+    `u` : (n,)
+        u_h at the nodes of the mesh.
+    `multiplier` : (m,)
+        lambda_H, which approximates k du/dn, on the cells of the partition; 0 on free sides, NaN on clamped
+        sides, on which there are no multipliers: their reactions are in `forces`.
+    `gap` : (m,)
+        The means of u_h - g on the cells; NaN on free sides.
 
     >>> import unilateral as ul
     >>> ul.solve("natural", h=1 / 16, H=1 / 8)
@@ -206,10 +75,14 @@ class Solution:
       contact          length 3.5 of 4
     """
 
-    solved: DiscreteSolution
     problem: Problem
-    """What was solved."""
-    search: Search | None = None
+    solved: DiscreteSolution
+    search: Search | None
+    mesh: Mesh
+    partition: Partition
+    u: Array
+    multiplier: Array
+    gap: Array
 
     def __repr__(self) -> str:
         """A few lines; what takes long is left out, see `summary`."""
@@ -223,35 +96,6 @@ class Solution:
     def polygon(self) -> Polygon:
         """The domain, as the user gave it."""
         return self.problem.polygon
-
-    @cached_property
-    def mesh(self) -> Mesh:
-        """`points` (n, 2) and `triangles` (k, 3)."""
-        return meshes.similar(self.solved.mesh, self.polygon)
-
-    @cached_property
-    def partition(self) -> Partition:
-        """T_H: cell i runs from the arc length `points`[i] to `points`[i + 1]."""
-        return partitions.similar(self.solved.partition, self.polygon)
-
-    @property
-    def u(self) -> Array:
-        """(n,) u_h at the nodes of the mesh."""
-        return self.problem.units.value * self.solved.u_h
-
-    @property
-    def multiplier(self) -> Array:
-        """(m,) lambda_H, which approximates k du/dn, on the cells of the partition; 0 on free sides.
-
-        NaN on clamped sides, on which there are no multipliers: their reactions are in `forces`.
-        """
-        clamped = np.isin(self.partition.side, self.problem.clamped_sides)
-        return np.where(clamped, math.nan, self.problem.units.flux * self.solved.lambda_H)
-
-    @property
-    def gap(self) -> Array:
-        """(m,) the means of u_h - g on the cells; NaN on free sides."""
-        return self.problem.units.value * self.solved.gap
 
     @cached_property
     def contact(self) -> Contact:
@@ -268,7 +112,7 @@ class Solution:
         >>> bool(s.u_at(s.mesh.points[7]) == s.u[7]), s.u_at([(1 / 3, 0), (2, 2)]).shape
         (True, (2,))
         """
-        return self._at(points, partial(value, self.mesh, self.u))
+        return evaluation.at_points(self.mesh, points, partial(evaluation.value, self.mesh, self.u))
 
     def grad_at(self, points: ArrayLike) -> Array:
         """grad u_h at a point (2,) or at many (k, 2), as an array (2,) or (k, 2); NaN outside the polygon.
@@ -281,7 +125,9 @@ class Solution:
         >>> s.grad_at((0.3, 0.2)).shape, s.grad_at([(0.3, 0.2), (1, 1)]).shape
         ((2,), (2, 2))
         """
-        return self._at(points, lambda of, _: gradient(self.mesh, self.u, of))
+        return evaluation.at_points(
+            self.mesh, points, lambda triangles, _: evaluation.gradient(self.mesh, self.u, triangles)
+        )
 
     def flux_at(self, points: ArrayLike) -> Array:
         """The equilibrated flux at a point (2,) or at many (k, 2), as an array (2,) or (k, 2); NaN outside.
@@ -299,18 +145,10 @@ class Solution:
         >>> float(s.flux_at((0.3, 0))[1]) == -float(s.lambda_at(0, 0.3))
         True
         """
-        q, of_v = self.solved.flux, self.solved.mesh
-        assert q is not None  # the data of a user's problem are known
-        return self.problem.units.flux * self._at(points, partial(flux, of_v, self.solved.u_h, q))
-
-    def _at(self, points: ArrayLike, of: Callable[[Index, Array], Array]) -> Array:
-        places = floats(points, "points")
-        if places.ndim not in (1, 2) or places.shape[-1] != 2:
-            raise InputError(
-                f"points: their shape {places.shape} must be (2,), a point, or (k, 2), a row for each point"
-            )
-        found = located(self.mesh, places.reshape(-1, 2)).values(of)
-        return found.reshape((*places.shape[:-1], *found.shape[1:]))
+        solved = self.solved
+        assert solved.flux is not None  # the data of a user's problem are known
+        scaled_flux = partial(evaluation.flux, solved.mesh, solved.u_h, solved.flux)
+        return self.problem.units.flux * evaluation.at_points(self.mesh, points, scaled_flux)
 
     def lambda_at(self, side: int, t: ArrayLike) -> Array:
         """lambda_H at the arc lengths t from the start of a side, in the shape of t.
@@ -323,13 +161,7 @@ class Solution:
         >>> s.lambda_at(1, [0.3, 1.1]).round(2)
         array([3.68,  nan])
         """
-        cells, polygon, s = self.partition, self.mesh.polygon, floats(t, "t")
-        side = arguments.side(side, polygon.n_sides, "side")
-        of = np.flatnonzero(cells.side == side)
-        starts = cells.points[of] - polygon.starts[side]
-        on = (s >= 0) & (s <= polygon.lengths[side])
-        at = np.searchsorted(starts, np.where(on, s, 0.0), side="right") - 1
-        return np.where(on, self.multiplier[of[at]], math.nan)
+        return evaluation.on_side(self.partition, self.multiplier, side, t)
 
     @property
     def iterations(self) -> float:
@@ -362,13 +194,10 @@ class Solution:
         >>> 0.4 < ul.solve("natural", h=1 / 16, H=1 / 8).beta < 0.74
         True
         """
-        of = self.solved
-        return beta_below(of.mesh, of.partition, of.form) if len(of.cells) else math.nan
-
-    @property
-    def _believed(self) -> bool:
-        """Whether bounds are believed: only a fault of this program makes those of all levels contradict."""
-        return self.search is None or bool(self.search.believed)
+        solved = self.solved
+        if not len(solved.cells):
+            return math.nan
+        return beta_below(solved.mesh, solved.partition, solved.form)
 
     @property
     def certified(self) -> bool:
@@ -386,11 +215,11 @@ class Solution:
         Without `dual` the one in H^{-1/2} is NaN, because on large meshes it costs more than a solve.
         """
         arguments.check_flags(dual=dual)
-        of, exact = self.solved, self.problem.exact
+        exact = self.problem.exact
         if exact is None:
             return None
-        judged = of.unique and len(of.cells) > 0
-        lambda_H = self.problem.units.flux * self.solved.lambda_H
+        judged = self.solved.unique and len(self.solved.cells) > 0
+        lambda_H = np.nan_to_num(self.multiplier)
         return errors(exact, self.mesh, self.u, self.partition, lambda_H, judged, dual)
 
     @property
@@ -405,7 +234,7 @@ class Solution:
         >>> s.errors.h1 <= s.bounds.u and 0 < s.bounds.relative_u < 0.1
         True
         """
-        return self._bounds(sharp=False)
+        return bound_errors(self, sharp=False)
 
     @property
     def error_shares(self) -> Array | None:
@@ -416,9 +245,7 @@ class Solution:
         >>> round(float(s.error_shares.sum()), 9)
         1.0
         """
-        shares = self.solved.shares if self.bounds else np.zeros(1)
-        whole = float(shares.sum())
-        return shares / whole if 0 < whole < math.inf else None
+        return share_errors(self)
 
     @property
     def sharp_bounds(self) -> Bounds | None:
@@ -429,20 +256,7 @@ class Solution:
         >>> s.sharp_bounds.multiplier < s.bounds.multiplier
         True
         """
-        return self._bounds(sharp=True)
-
-    def _bounds(self, sharp: bool) -> Bounds | None:
-        refused = too_large(self.solved, sharp)
-        if refused:
-            warnings.warn(refused, SolutionWarning, stacklevel=3)
-        bound = self.solved.bound(sharp) if self._believed and not refused else None
-        if bound is None:
-            return None
-        of_u, of_lambda = (self.solved.size(norm, sharp) for norm in ("h1", "hm12"))
-        parts = relative(bound.u, of_u), relative(bound.lambda_, of_lambda)
-        kind = Bounds if self.problem.units.reaction else BoundsWithoutReaction
-        of_multiplier = bound.lambda_ if len(self.solved.cells) else math.nan
-        return kind(bound.u, of_multiplier, bound.unknown, *parts)
+        return bound_errors(self, sharp=True)
 
     def forces(self, sharp: bool = False) -> Forces:
         """The integrals of lambda_H over the boundary and over each side, with guaranteed bounds on lambda's.
@@ -454,52 +268,21 @@ class Solution:
         bounds: see `force`. If c = 0, the `total` of all forces and reactions is known up to the enclosures
         of f and q.
         """
-        clamped, n = self.problem.clamped_sides, self.polygon.n_sides
-        rows = clamped_rows(n, clamped)
-        with_contact = [[side] if side not in clamped else [] for side in range(n)]
-        every = [side for side in range(n) if side not in clamped]
-        whole, total, *each = self._forces(sharp, [every, [*range(n)], *with_contact, *rows])
-        reactions = dict(zip(map(tuple, rows), each[n:], strict=True))
-        return Forces(whole, each[:n], reactions, None if self.problem.units.reaction else total)
+        return forces_on_sides(self, sharp)
 
     def force(self, sharp: bool = False, sides: Sequence[int] | None = None) -> Force:
         """The force over all sides with contact, see `forces`, or over some sides, with their reactions.
 
         Raises InputError for a part of clamped sides in a row.
         """
-        n, clamped = self.polygon.n_sides, self.problem.clamped_sides
-        if sides is None:
-            return self._forces(sharp, [[side for side in range(n) if side not in clamped]])[0]
-        part = arguments.sides(sides, n, "sides")
-        for row in clamped_rows(n, clamped):
-            if 0 < len({*row} & {*part}) < len(row):
-                raise InputError(
-                    f"sides {part}: the clamped sides {row} are in a row; take all or none of them"
-                )
-        return self._forces(sharp, [part])[0]
-
-    def _forces(self, sharp: bool, parts: list[list[int]]) -> list[Force]:
-        arguments.check_flags(sharp=sharp)
-        bounds, of = self._bounds(sharp), self.solved
-        form, n, error = of.form, self.polygon.n_sides, bounds.multiplier if bounds else math.inf
-        unknown = np.where(np.isin(np.arange(n), form.clamped), math.nan, np.zeros((2, n)))
-        clamps = Clamps(form, unknown, none(n), math.inf)
-        if form.clamped and bounds:
-            known, local = of.bound(sharp), of.bound(False)
-            if known and isinstance(local, LocalBound):
-                clamps = Clamps(form, known.outflows, local.ends, known.of_fluxes, of.force_balance)
-        found = forces(of.mesh, of.partition, of.lambda_H, error, parts, clamps)
-        return [in_units(force, self.problem.units.force) for force in found]
+        return force_over(self, sharp, sides)
 
     def cells(self) -> pd.DataFrame:
         """A row per cell: its side, arc lengths and places of its ends, lambda_H, the mean of u_h - g."""
         require("tables of cells need", "pandas")
         import pandas as pd
 
-        return pd.DataFrame(self._columns())
-
-    def _columns(self) -> tables.Columns:
-        return tables.of_cells(self.partition, multiplier=self.multiplier, gap=self.gap)
+        return pd.DataFrame(tables.cell_columns(self))
 
     def certificate(self) -> dict[str, Any]:
         """What is known of the solution: the fields of docs/command-line.md.
@@ -507,17 +290,12 @@ class Solution:
         The bounds are the sharp ones if an accuracy was asked for by them. For a case the true errors are
         included, except the one in H^{-1/2}.
         """
-        sharp = self.search is not None and self.search.best.goal.sharp
-        return record(self, self._bounds(sharp), self.true_errors(dual=False), sharp)
+        sharp = wants_sharp(self)
+        return record(self, bound_errors(self, sharp), self.true_errors(dual=False), sharp)
 
     def dataset(self) -> xr.Dataset:
         """u_h on its mesh, and the columns of `cells`, by the CF conventions."""
-        told = {"h": self.mesh.h, "H": self.partition.H, "algebraic_bound": self.solved.result.bound}
-        bounds = self._bounds(sharp=False)
-        told |= {"h1_bound": bounds.u, "hm12_bound": bounds.multiplier} if bounds else {}
-        if self.solved.foreign:
-            told.pop("algebraic_bound")
-        return tables.dataset(self.mesh, self.u, self._columns(), told)
+        return tables.dataset(self)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes a file, by its ending: .vtu has u_h on its mesh, .csv the cells of the boundary, .nc both.
@@ -527,30 +305,7 @@ class Solution:
         each, NaN on clamped sides, and the triangles their `error_shares`, if there are bounds. Raises
         InputError for another ending.
         """
-        check_target(path, ENDINGS)
-        if Path(path).suffix == ".vtu":
-            on_edges = self.partition.means(self.problem.units.flux * self.solved.lambda_H, self.mesh.s)
-            on_edges[np.isin(self.mesh.side, self.problem.clamped_sides)] = math.nan
-            shares = self.error_shares
-            on_triangles = {} if shares is None else {"error_share": shares}
-            write_mesh(self.mesh, path, {"multiplier": on_edges}, {"u": self.u}, on_triangles)
-            return
-        if Path(path).suffix == ".json":
-            as_json.write(self.certificate(), path)
-            return
-        with replacing(path) as temporary:
-            if temporary.suffix == ".csv":
-                tables.write_csv(self._columns(), temporary)
-            elif temporary.suffix == ".nc":
-                write_netcdf(self.dataset(), temporary)
-            elif temporary.suffix == ".html":
-                from unilateral.solution.interactive import page
-
-                temporary.write_text(page(self), encoding="utf-8", newline="\n")
-            else:
-                from unilateral.solution.plot import draw
-
-                draw(self.plot(), temporary)
+        files.save(self, path)
 
     def save_certificate(self, path: str | os.PathLike[str]) -> None:
         """Writes a file from which `certificate/check.py` proves the cheap bound, without this package.
@@ -568,9 +323,7 @@ class Solution:
             For another ending, and for what no checker reads: functions, arrays, cases, pos, irrational k
             and c, and u that is not quadratic along its side.
         """
-        check_target(path, export.CERTIFICATE_ENDINGS)
-        judged = export.judge_solution(self.solved, self.mesh, self.problem.units)
-        export.write_certificate(export.make_certificate(self.problem, judged), path)
+        files.save_certificate(self, path)
 
     @overload
     def plot(self) -> Figure: ...
@@ -589,3 +342,19 @@ class Solution:
         from unilateral.solution.shown import shown
 
         return figure(shown(self)) if ax is None else on_axes(ax, shown(self))
+
+
+def make_solution(solved: DiscreteSolution, problem: Problem, search: Search | None = None) -> Solution:
+    """What was solved on the scaled domain, in the units of the problem."""
+    units = problem.units
+    clamped = np.isin(solved.partition.side, problem.clamped_sides)
+    return Solution(
+        problem=problem,
+        solved=solved,
+        search=search,
+        mesh=meshes.similar(solved.mesh, problem.polygon),
+        partition=partitions.similar(solved.partition, problem.polygon),
+        u=units.value * solved.u_h,
+        multiplier=np.where(clamped, math.nan, units.flux * solved.lambda_H),
+        gap=units.value * solved.gap,
+    )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import warnings
 from collections.abc import Mapping, Sequence
@@ -11,13 +10,11 @@ from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
-from unilateral.adaptive.loop import WITHDRAWN, Search
 from unilateral.discrete.base import DiscreteProblem
 from unilateral.discrete.choice import cheapest, condensed_spaces, discretised
 from unilateral.discrete.loads import Load, load_of
-from unilateral.errors import InputError, IterationWarning, SolutionWarning, shown
+from unilateral.errors import InputError, IterationWarning, shown
 from unilateral.fem.spaces import DualOperator, MixedSpaces
-from unilateral.formulas.decimals import up
 from unilateral.formulas.expression import Expression
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -28,10 +25,10 @@ from unilateral.problems.named import find_problem
 from unilateral.problems.problem import Problem
 from unilateral.problems.reading import Given
 from unilateral.problems.scaled import Data, scaled
-from unilateral.solution.certificate import relative, sizes
+from unilateral.solution.faults import tell_faults
 from unilateral.solution.matrices import Matrices, matrices
 from unilateral.solution.sizes import Size, check_kind, number, sized
-from unilateral.solution.solution import Solution, lift_dominates, not_converged, not_unique
+from unilateral.solution.solution import Solution, make_solution
 from unilateral.solvers.stop import Stop
 
 if TYPE_CHECKING:
@@ -113,7 +110,7 @@ class Solver:
         """The same without warnings."""
         problem, discrete = self._discrete(f, g, q)
         with warnings.catch_warnings(action="ignore", category=IterationWarning):  # `tell_faults` tells it
-            return Solution(discrete.solved(self.stop), problem)
+            return make_solution(discrete.solved(self.stop), problem)
 
     def matrices(self, f: Given = None, g: OnSides = None, q: OnSides = None) -> Matrices:
         """The discrete problem's matrices, load and means of g, in the units of the problem."""
@@ -178,41 +175,3 @@ def check_stop(stop: Stop | None) -> None:
     """Raises InputError for what is no `Stop`."""
     if not isinstance(stop, Stop | None):
         raise InputError(f"stop is {shown(repr(stop))}; it has to be one such as ul.Stop(tolerance=1e-8)")
-
-
-def tell_faults(found: Solution, own_mesh: bool = False) -> None:
-    """Warns, two calls above, of what is less than what was wanted, or may be."""
-    search = found.search
-    if search and len(search.believed) < len(search.levels):
-        withdrawn = f"{len(search.levels) - len(search.believed)} bounds {WITHDRAWN}"
-        warnings.warn(withdrawn, SolutionWarning, stacklevel=3)
-    if search and not search.certified:
-        warnings.warn(not_certified(search, found), SolutionWarning, stacklevel=3)
-        return
-    if not found.converged:
-        warnings.warn(not_converged(found.solved), SolutionWarning, stacklevel=3)
-    if not found.unique:
-        warnings.warn(f"lambda_H {not_unique(found.mesh, own_mesh)}", SolutionWarning, stacklevel=3)
-    if reason := lift_dominates(found.solved):
-        warnings.warn(reason, SolutionWarning, stacklevel=3)
-
-
-def not_certified(search: Search, found: Solution) -> str:
-    """Why the accuracy is not certified, and what is reached: in the same terms, and as an error."""
-    best = search.best
-    parts = [f"the accuracy {best.goal.accuracy:g} is not certified: {search.ended}"]
-    if not search.believed:
-        parts.append("no bound is left")
-    elif not best.total < math.inf:
-        parts.append("no bound is known")
-    elif best.goal.absolute or not best.size > 0:
-        parts.append(f"reached is {up(best.total, '.4e')}")
-    else:
-        share = up(relative(best.total, best.size), ".3g")
-        size = getattr(sizes(found.problem.units), best.goal.norm)
-        parts.append(f"reached is {share} of {size}, or {up(best.total, '.4e')}")
-    if search.refusal:
-        parts.append(str(search.refusal))
-    if search.reach:
-        parts.append(f"an accuracy of {search.reach:g} is within reach")
-    return "; ".join(parts)

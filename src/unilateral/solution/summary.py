@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 
 from unilateral.formulas.decimals import guaranteed, interval, percent
 from unilateral.problems.fields import LINEAR_BETWEEN_NODES, linear_fields
-from unilateral.solution.certificate import sizes, too_large
+from unilateral.solution.bounds import sizes, too_large, wants_sharp
 
 if TYPE_CHECKING:
-    from unilateral.solution.certificate import Bounds
+    from unilateral.solution.bounds import Bounds
     from unilateral.solution.solution import Solution
 
 LINEAR = "no side carries contact, so the problem is linear and has no multipliers"
@@ -41,7 +41,7 @@ def html(of: Solution) -> str:
 
 def rows(of: Solution) -> dict[str, str]:
     """What is known of the solution, by names."""
-    sharp = of.search is not None and of.search.best.goal.sharp
+    sharp = wants_sharp(of)
     cells, solved = of.solved.cells, of.solved
     found = {"polygon": f"{of.polygon.n_sides} sides"}
     if linear := linear_fields(of.problem):

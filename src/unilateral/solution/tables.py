@@ -10,12 +10,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
+from unilateral.solution.bounds import bound_errors
 from unilateral.system.optional import require
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from unilateral.solution.solution import Solution
 
 Columns = Mapping[str, Array | Index]
 LONG_NAMES = {
@@ -59,15 +61,26 @@ def write_csv(columns: Columns, path: Path) -> None:
         writer.writerows([["" if each != each else each for each in row] for row in rows])
 
 
-def dataset(mesh: Mesh, u_h: Array, cells: Columns, attributes: dict[str, float]) -> xr.Dataset:
-    """u_h (n,) on its mesh, and the columns of `of_cells`, by the CF conventions."""
+def cell_columns(solution: Solution) -> Columns:
+    """The columns of the cells of a solution, with lambda_H and the means of u_h - g."""
+    return of_cells(solution.partition, multiplier=solution.multiplier, gap=solution.gap)
+
+
+def dataset(solution: Solution) -> xr.Dataset:
+    """u_h on its mesh, and the columns of the cells, by the CF conventions."""
     require("datasets need", "xarray")
     import xarray as xr
 
+    mesh, cells = solution.mesh, cell_columns(solution)
+    attributes = {"h": mesh.h, "H": solution.partition.H}
+    if not solution.solved.foreign:
+        attributes["algebraic_bound"] = solution.solved.result.bound
+    if bounds := bound_errors(solution, sharp=False):
+        attributes |= {"h1_bound": bounds.u, "hm12_bound": bounds.multiplier}
     columns = {name: ("cell", column) for name, column in cells.items()}
     found = xr.Dataset(
         {
-            "u": ("node", u_h),
+            "u": ("node", solution.u),
             "triangles": (("triangle", "corner"), mesh.triangles.astype(np.int32)),
             **columns,
             "side": ("cell", cells["side"].astype(np.int32)),

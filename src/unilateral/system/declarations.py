@@ -35,7 +35,12 @@ JOINED = re.compile(r"^\s*([A-Za-z_]\w*):([^\s:].*)$", re.MULTILINE)
 """The name of a field whose colon has no blank after it."""
 DESCRIBED = ("type", "anyOf", "oneOf", "pattern", "minItems", "maxItems")
 """The keywords of a schema for which its description says what would be right."""
-WRITE = {"integer": "a whole number such as 3", "boolean": "true or false"}
+WRITE = {
+    "array": "a list",
+    "boolean": "true or false",
+    "integer": "a whole number such as 3",
+    "object": "a mapping",
+}
 
 
 def file_of(name: str) -> Path | None:

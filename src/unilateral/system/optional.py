@@ -13,7 +13,6 @@ EXTRAS = {
     "netCDF4": "files",
     "pandas": "files",
     "plotly": "plot",
-    "sympy": "cases",
     "xarray": "files",
 }
 """Each optional package, by the name of its module, and the extra of pyproject.toml that has it."""

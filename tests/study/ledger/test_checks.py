@@ -3,7 +3,8 @@
 The controls of the ledger spoil the study's own tables; here numbers are so few that the finding is known. A
 row has a check, the table that stands for all those it asks for, and what it observes: a number and perhaps
 whether it holds, or the reason why it does not judge. A check is a claim's, with the parameters that are
-declared there, or a function with other ones.
+declared there, or a function with other ones. That a bad number fails is what the controls show; here
+something is left out, weighed or not judged, too.
 """
 
 import math
@@ -186,7 +187,6 @@ def on_levels(rate=(NAN,) * 4, share=0.005, index=1.2, asymptotic=1.0):
 ROWS += [
     # Three pairs at least of asymptotic levels, with algebraic bounds of 1 % at most.
     ("A.rate", on_levels([0.5, 0.48, 0.6, NAN]), (0.48, True)),
-    ("A.rate", on_levels([0.5, 0.46, 0.6, NAN]), (0.46, False)),
     ("A.rate", on_levels([0.5, 0.46, 0.6, NAN], 0.02), (0.46, False)),
     ("A.rate", on_levels([0.5, 0.48, 0.6, NAN], 0.02), r"^the algebraic bound is 0\.02 of an error$"),
     ("A.rate", on_levels([0.5, 0.48, 0.6, NAN], NAN), "^the algebraic bound is nan of an error$"),
@@ -195,7 +195,6 @@ ROWS += [
     ("A.rate", on_levels([0.4, NAN, NAN, NAN]), (0.4, False)),
     # How large a bound is counts on asymptotic levels.
     ("A.index", on_levels(index=1.5), (1.5, True)),
-    ("A.index", on_levels(index=1.6), (1.6, False)),
     ("A.index", on_levels(asymptotic=0.0), "the largest bound over .* is not known of reentrant"),
 ]
 
@@ -241,19 +240,15 @@ def uzawa(level):
 
 ROWS += [
     ("5.2a", distances(CONVERGED), (1e-5, True)),
-    ("5.2a", distances(CONVERGED | {0.99: 0.5}), (0.5, False)),
     # A cycle is between 0.1 and 10: the smallest distance counts, but the largest if it is above.
     ("5.2b", distances({1.01: 0.5, 2.0: 3.0}), (0.5, True)),
-    ("5.2b", distances({1.01: 0.01, 2.0: 3.0}), (0.01, False)),
     ("5.2b", distances({1.01: 0.5, 2.0: 11.0}), (11.0, False)),
     ("5.2b", distances({1.01: 0.5, 2.0: INF}), (INF, False)),
     # The printed index has to converge below half the limit, up to a factor of 2; above it is 4000/2.
     ("5.1", distances({0.51: 2.0}, {0.49: 2.0, 0.51: 4000.0}), (2000.0, True)),
-    ("5.1", distances({0.51: 2.0}, {0.49: 2.01, 0.51: 4000.0}), (2.01, False)),
     ("5.3", distances({0.49: 0.001}, clipless={0.49: 2.0}), (2000.0, True)),
     # An eigenvalue above the Steklov bound is no small distance.
     ("5.2c", lambda_max(5e-4), (5e-4, True)),
-    ("5.2c", lambda_max(2e-3), (2e-3, False)),
     ("5.2c", lambda_max(-1e-14), (-1e-14, True)),
     ("5.2c", lambda_max(-1e-4), (-1e-4, False)),
     # A cheaper step has to be the same step.
@@ -324,7 +319,6 @@ ROWS += [
     ("5.F", steps_of(newton=[[1, 2, 3], [7, 5, NAN]]), 7),
     # Steps but one, where the optimal step took any; or the number of levels that only that one met.
     ("5.G", steps_of(safe=SAFE, optimal=[10, 20, 30]), (1.1, True)),
-    ("5.G", steps_of(safe=SLOWER, optimal=[10, 20, 30]), (1.25, False)),
     ("5.G", steps_of(safe=[12, NAN, 34], optimal=[10, 20, 30]), (1.0, False)),
     ("5.G", steps_of(safe=[12, NAN, 34], optimal=[10, NAN, 30]), (1.1, True)),
     ("5.G", steps_of(safe=[12, 99, 34], optimal=[10, 0, 30]), (1.1, True)),
@@ -381,7 +375,6 @@ ROWS += [
     # The smallest rate on asymptotic pairs at the judged ratio, against 0.5 less 0.1. Exact errors have none.
     # A rate that is not judged to hold is no evidence, unless it is slow, as it then is for the claim too.
     ("4.13", rates_table(FAST, RISING), (0.8, True)),
-    ("4.13", rates_table(FAST, LOW), (0.3, False)),
     ("4.13", rates_table(FAST, RISING, verdict="exact"), (0.9, True)),
     (
         "4.13",
@@ -395,10 +388,8 @@ ROWS += [
     ("4.11s", rates_table([9.0, 1.0, 1.02, NAN], [9.0, 1.1, 0.7, 0.9]), (1.02, True)),
     # On the finest pair no rate is far above the expected one, 0.75; in tolerances of 0.1.
     ("T.Vs", rates_table([9.0, 0.1, 0.8, NAN], [9.0, 1.1, 0.1, 0.7], cases=VERTICES), (0.5, True)),
-    ("T.Vs", rates_table([9.0, 0.1, 1.0, NAN], [9.0, 1.1, 0.1, 0.7], cases=VERTICES), (2.5, False)),
     ("T.Vs", rates_table([9.0, 0.1, 1.0, NAN]), "there is nothing"),
     # Rates that fail are compared with the expected ones, too, 0.75; in tolerances of 0.1.
-    ("S.13", rates_table([0.0, 0.8], [0.0, 0.4]), (-3.5, False)),
     ("S.13", rates_table([0.0, 0.8], [0.0, 0.4], verdict="fails"), (-3.5, False)),
     ("S.13", rates_table([0.0, 0.8], [0.0, 0.4], verdict="not judged"), (0.5, True)),
     ("S.13", rates_table(FAST, RISING, verdict="fails"), "^square, natural, l2: fails"),
@@ -497,12 +488,10 @@ ROWS += [
     ("A.G", on_graded(falls=(2, 1), hm12_error_upper=UNKNOWN), (-1 / 2, False)),
     # Only gamma < 3/2 is asked not to be exceeded, on the finest pair, where all multipliers are positive.
     ("A.Gs", on_graded(), (1 - 4 / 3, True)),
-    ("A.Gs", on_graded(falls=(2, 9)), (2 - 4 / 3, False)),
     ("A.Gs", on_graded(least=0), "^lambda_H is 0 in a cell$"),
     ("A.Gs", on_graded(kappa=(1 / 2, 1 / 2)), "^there is nothing of which to find"),
     # The logarithm takes 1/2 from rates here, and is allowed for where gamma > 3/2.
     ("A.Gt", on_graded(falls=(4 / 3, 1)), (0, True)),
-    ("A.Gt", on_graded(falls=(1, 1)), (1 - 4 / 3, False)),
     ("A.Gt", on_graded(falls=(2, 3 / 4)), (-1 / 4, False)),
 ]
 
@@ -797,7 +786,6 @@ ROWS += [
     ("3.5", norm_of_1(0.75, 0.75), (0.25, False)),
     # Bounds that cross have no gap. Errors that are 0 to round-off, or not known, have none that counts.
     ("F.norm", gap(1.0, 1.046875), (0.046875, True)),
-    ("F.norm", gap(1.0, 1.0625), (0.0625, False)),
     ("F.norm", gap(1.0, 0.75), (-0.25, False)),
     ("F.norm", gap(1e-14, 1e-13), (0.03125, True)),
     ("F.norm", gap(1e-10, 2e-10), (1.0, False)),
@@ -1018,7 +1006,6 @@ ROWS += [
     ("A.beta", adapted([1.0, 1, 1], [45.0, 45, 45]), "nothing of which to find the smallest"),
     # The rule of inner nodes asks for delta, comparable cells and no flat triangles.
     ("T.node", inner_nodes([0.5, 0.5, 0.5]), 0.3),
-    ("T.node", inner_nodes([0.5, 0.5, 0.5], beta=(0.9, 0.6, 0.2)), (0.2, False)),
     ("T.node", inner_nodes([0.5, 0.25, 0.1]), 0.6 / 0.75),
     ("T.node", inner_nodes([0.5, 0.25, 0.5], [1.0, 1, 10.1]), 0.6 / 0.75),
     ("T.node", inner_nodes([0.5, 0.25, 0.5], [10.0, 1, 1], [45.0, 20, 19.9]), 0.6 / 0.75),
@@ -1030,19 +1017,15 @@ ROWS += [
     ("T.pair", pairing(0.5, 0.0), 2.0),
     ("T.pair", pairing(0.125, 0.32), 5.0),
     ("T.pair", pairing(0.0, 0.0), "nothing of which"),
-    ("T.pair", table(pairing=[[0.1, 0.4]], delta=[[0.5, 0.32]]), (0.8, False)),
     # A certified constant is judged where there is one.
     ("T.low", table(beta_0_cellwise=[[0.5, 0.4]], beta_0_certified=[[0.25, 0.1]]), 2.0),
     ("T.low", table(beta_0_cellwise=[[0.5, 0.4]], beta_0_certified=[[0.0, 0.1]]), 4.0),
-    ("T.low", table(beta_0_cellwise=[[0.5, 0.4]], beta_0_certified=[[0.25, 0.5]]), (0.8, False)),
     ("T.low", table(beta_0_cellwise=[[0.5, 0.4]], beta_0_certified=[[0.0, 0.0]]), "nothing of which"),
     # The bound without eigenvalues is judged where there is one: that it is below, and how far.
     ("T.fortin", unsolved(0.25, 0.25), 2.0),
     ("T.fortin", unsolved(0.25, 0.0), 3.0),
-    ("T.fortin", unsolved(0.25, 0.625), (0.8, False)),
     ("T.fortin", unsolved(0.0, 0.0), "nothing of which"),
     ("T.near", unsolved(0.25, 0.25), 3.0),
-    ("T.near", unsolved(0.25, 0.1), (5.0, False)),
     ("T.near", unsolved(0.25, 0.1, ratio=10.1), 3.0),
     # Near the ends beta falls with the cells, from both sides.
     ("T.ends", near_ends(0.2), 0.0),

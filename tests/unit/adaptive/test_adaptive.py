@@ -7,6 +7,7 @@ from hand_made import Manufactured
 from known_solutions import Feature
 from nested import multilevel
 from searched import FILES, levels, problem
+from symbolic import X
 
 from unilateral.adaptive.goal import Goal
 from unilateral.adaptive.level import ALGEBRAIC_SHARE
@@ -25,7 +26,6 @@ from unilateral.geometry.adapted import divided as divided_mesh
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import h1_distance
-from unilateral.problems.atoms import X
 from unilateral.solvers.stop import Stop
 
 LSHAPE = "lshape.yaml"

@@ -13,7 +13,7 @@ from unilateral.adaptive.forecast import (
     OVERHEAD_UNKNOWNS,
     allowed_unknowns,
     bytes_per_unknown,
-    limits,
+    find_limits,
     observed_rate,
     predict_seconds,
 )
@@ -209,7 +209,7 @@ def test_a_rate_is_believed_within_its_limits(coarse, fine, rate):
 def test_no_more_memory_than_there_is(monkeypatch, given, free, most):
     """0.8 of what is free beside the 10 MB that the process has; the limit that counts is named."""
     monkeypatch.setattr(forecast, "available_mb", lambda: free)
-    _, (name, mb), _ = limits(Goal(0.1, max_memory=given), 10.0).items()
+    _, (name, mb), _ = find_limits(Goal(0.1, max_memory=given), 10.0)
     assert mb == pytest.approx(most)
     assert ("machine" in name) == (mb != given)
 

@@ -40,7 +40,7 @@ def soon(monkeypatch):
 def machine(monkeypatch):
     """One with so much memory whatever else runs on it, on which a level takes a second for 1e5 unknowns."""
     monkeypatch.setattr(forecast, "available_mb", lambda: 8000.0)
-    monkeypatch.setattr(forecast, "seconds_per_unknown", lambda _: 1e-5)
+    monkeypatch.setattr(forecast, "observe_seconds", lambda _: (0.02, 1e-5))
 
 
 @pytest.mark.usefixtures("soon")
@@ -161,14 +161,24 @@ def test_costs_and_what_they_allow_agree():
     assert predict_mb(done, done[-1].unknowns) >= max(level.mb for level in done)
 
 
-def test_seconds_are_predicted_by_the_rate_of_the_levels(monkeypatch):
+def test_seconds_are_predicted_by_the_rate_of_the_levels():
     """Twice the unknowns and the overhead take twice the time of the last level, beside what encloses f."""
-    done = [
-        replace(level, seconds=1.0, enclosing=0.25) for level in levels(problem("lshape.yaml"), Goal(0.3))
-    ]
-    done = [done[0], done[-1]]
+    first, *_, last = levels(problem("lshape.yaml"), Goal(0.3))
+    done = [replace(first, enclosing=0.25), replace(last, seconds=1.0, enclosing=0.25)]
     twice = 2 * (done[-1].unknowns + OVERHEAD_UNKNOWNS) - OVERHEAD_UNKNOWNS
     assert predict_seconds(done, twice) == pytest.approx(0.25 + 2 * 0.75)
+
+
+def test_what_encloses_f_is_taken_to_grow_on_but_not_to_fall():
+    """Linearly from the last two levels: by 0.1 s with as many new unknowns as it grew by 0.1 s before."""
+    first, *_, last = levels(problem("lshape.yaml"), Goal(0.3))
+    more = last.unknowns - first.unknowns
+    for before, added in ((0.1, 0.1), (0.3, 0.0)):
+        done = [
+            replace(first, seconds=before, enclosing=before),
+            replace(last, seconds=0.2, enclosing=0.2),
+        ]
+        assert predict_seconds(done, last.unknowns + more) == pytest.approx(0.2 + added)
 
 
 def test_only_what_is_left_free_is_adapted():

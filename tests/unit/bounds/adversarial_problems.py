@@ -6,12 +6,11 @@ Peaks, waves and kinks of f that rules do not see, obstacles that touch u in poi
 import numpy as np
 import sympy
 from known_solutions import Feature, Known, Tried, fluxes
+from symbolic import X, Y, pos
 
 import unilateral as ul
 from unilateral.adaptive.goal import Goal
 from unilateral.adaptive.loop import search
-from unilateral.formulas.symbolic import pos
-from unilateral.problems.atoms import X, Y
 
 MOST = 400
 """Unknowns on the finest mesh."""

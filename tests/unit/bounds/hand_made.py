@@ -7,6 +7,7 @@ import numpy as np
 import sympy
 from conftest import discrete
 from known_solutions import Pressed, Trial, h1_errors
+from symbolic import X, Y, evaluate
 
 from unilateral.bounds import source
 from unilateral.bounds.boundary_flux import nothing
@@ -14,15 +15,13 @@ from unilateral.discrete.condensed import solve
 from unilateral.fem.condense import condense
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import coupling, h1_norm, load_vector
-from unilateral.formulas.symbolic import evaluate
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact_errors import cell_means
-from unilateral.problems import data
-from unilateral.problems.atoms import X, Y
 from unilateral.problems.case import ExactSolution
 from unilateral.problems.obstacle_and_flux import enclose_obstacle
+from unilateral.problems.side_models import places
 
 CASES = [
     *[(name, "square") for name in ("natural", "smooth", "thirds", "full_contact", "no_contact", "vertex")],
@@ -77,7 +76,7 @@ class Manufactured:
         return enclose_obstacle(self.polygon, self.obstacle_model, free)
 
     def obstacle_model(self, side, t):
-        x, y = data.places(self.polygon, side, t)
+        x, y = places(self.polygon, side, t)
         return evaluate(self.formulas[1], {X: x, Y: y})
 
     def error(self, mesh, u_h, features=()):

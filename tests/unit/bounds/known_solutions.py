@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import sympy
 from skfem.quadrature import get_quadrature_tri
+from symbolic import X, Y, compile_numpy, plain
 
 from unilateral.bounds.boundary_flux import given as given_flux
 from unilateral.fem.condense import condense
@@ -16,9 +17,7 @@ from unilateral.fem.form import Form
 from unilateral.fem.p1 import coupling
 from unilateral.fem.splitting import quarter
 from unilateral.formulas import formula
-from unilateral.formulas.symbolic import compile_numpy, plain
 from unilateral.norms.ritz import flux_load, h1_distance
-from unilateral.problems.atoms import X, Y
 from unilateral.problems.problem import Problem
 
 SIZE = 1 / 2

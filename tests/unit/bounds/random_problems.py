@@ -14,13 +14,13 @@ import sympy
 from conftest import case_file
 from known_solutions import Catalogued, Feature, Known, Tried, fluxes
 from random_polygons import columns, distances, over_a_base, star, wedge
+from symbolic import X, Y, plain, pos
 
 from unilateral.adaptive.loop import two_edges_per_cell
 from unilateral.discrete.condensed import discretise
 from unilateral.discrete.multilevel import discretise_nested
 from unilateral.fem.p1 import h1_norm
 from unilateral.formulas.expression import ZERO
-from unilateral.formulas.symbolic import plain, pos
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.adapted import adapted, marked, refined
@@ -28,7 +28,6 @@ from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind
 from unilateral.problems import case as cases
-from unilateral.problems.atoms import X, Y
 from unilateral.problems.problem import Problem
 from unilateral.solvers.stop import Stop
 

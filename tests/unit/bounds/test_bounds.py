@@ -16,6 +16,7 @@ from hand_made import (
     u_of,
 )
 from known_solutions import Feature
+from symbolic import X
 
 from unilateral.bounds import feasible, local_bounds, sharp_bounds
 from unilateral.bounds.boundary_flux import nothing
@@ -30,7 +31,6 @@ from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact_errors import cell_means
-from unilateral.problems.atoms import X
 
 BOUNDS = pytest.mark.parametrize("bound", [local_bound, sharp_bound])
 

@@ -13,6 +13,7 @@ import sentences
 import sympy
 from known_solutions import fluxes
 from mpmath import mp, mpf
+from symbolic import X, Y, plain
 
 from unilateral.bounds import local_bounds, sharp_bounds
 from unilateral.bounds.boundary_flux import given, nothing
@@ -27,7 +28,6 @@ from unilateral.fem.form import H1, Form
 from unilateral.fem.p1 import edge_load, load_vector, stiffness_and_mass
 from unilateral.fem.p2 import linear_squares, quadratic
 from unilateral.formulas.expression import number as exact_number
-from unilateral.formulas.symbolic import plain
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry import refinement
@@ -35,7 +35,6 @@ from unilateral.geometry.adapted import adapted, refined
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.triangulation_checks import round_off
-from unilateral.problems.atoms import X, Y
 from unilateral.problems.problem import Problem
 from unilateral.problems.scaled import scaled
 from unilateral.problems.units import Units

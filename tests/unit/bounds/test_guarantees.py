@@ -7,6 +7,7 @@ certifies (`adversarial_problems`). `make fuzz` tries hundreds more of the last 
 import os
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import lru_cache
 
 import adversarial_problems
 import numpy as np
@@ -81,15 +82,21 @@ def of_each(problems):
     return pytest.mark.parametrize("one", problems, indirect=True, ids=ids, scope="module")
 
 
-BOUNDS = pytest.mark.parametrize("bound", [local_bound, sharp_bound])
+METHODS = [local_bound, sharp_bound]
+BOUNDS = pytest.mark.parametrize("bound", METHODS)
 
 
-def violations(one, bound):
+@lru_cache(maxsize=len(METHODS))
+def bounds(method, one):
+    """A bound for each trial, computed once for all tests of a problem."""
+    return [method(*trial.given) for trial in one.trials]
+
+
+def violations(one, bounds):
     """The trials in which a bound is too small."""
-    found = [(bound(*trial.given), trial) for trial in one.trials]
     return [
         (each.u, trial.error, each.lambda_, trial.of_lambda)
-        for each, trial in found
+        for each, trial in zip(bounds, one.trials, strict=True)
         if not (trial.error <= each.u and trial.of_lambda <= each.lambda_)
     ]
 
@@ -103,7 +110,7 @@ def test_no_bound_is_below_a_true_error(one, bound):
     L-shape, where u is singular, as long.
     """
     assert one.trials
-    assert not violations(one, bound)
+    assert not violations(one, bounds(bound, one))
 
 
 @pytest.mark.parametrize(("one", "share"), [(CONTROLS[0], 0.6), (CONTROLS[1], 0.8)], indirect=["one"])
@@ -111,11 +118,7 @@ def test_no_bound_is_below_a_true_error(one, bound):
 @pytest.mark.parametrize("name", ["u", "lambda_"])
 def test_a_bound_that_is_too_small_is_noticed(one, share, bound, name):
     """Control: all are nearer than that to some of the errors."""
-
-    def too_small(*given):
-        right = bound(*given)
-        return replace(right, **{name: share * getattr(right, name)})
-
+    too_small = [replace(right, **{name: share * getattr(right, name)}) for right in bounds(bound, one)]
     assert violations(one, too_small)
 
 
@@ -126,7 +129,7 @@ def test_a_bound_without_what_f_h_leaves_is_noticed(one, bound, monkeypatch):
     monkeypatch.setattr(
         source.Source, "squares", lambda self, form, more=0.0, of=slice(None): 0 * self.rest[None, of]
     )
-    assert violations(one, bound)
+    assert violations(one, [bound(*trial.given) for trial in one.trials])
 
 
 @of_each(ALL)
@@ -135,8 +138,8 @@ def test_the_triangles_shares_add_up_to_the_squared_bound(one):
 
     (a + b)^2 <= 2 (a^2 + b^2) for data and the rest, (a + b + c)^2 <= 3 (..) for the parts of the lifting.
     """
-    for trial in one.trials:
-        bound, mesh = local_bound(*trial.given), trial.given[0].mesh
+    for bound, trial in zip(bounds(local_bound, one), one.trials, strict=True):
+        mesh = trial.given[0].mesh
         assert np.all(bound.shares >= 0)
         assert bound.u**2 / 6 <= bound.shares.sum() * (1 + 1e-6) <= bound.u**2 * (1 + 2e-6)
         inside = np.delete(bound.shares, layer(mesh).triangles)

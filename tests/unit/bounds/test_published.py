@@ -14,15 +14,14 @@ import sympy
 from conftest import ROOT
 from known_solutions import h1_errors
 from skfem.helpers import dot, grad
+from symbolic import X, Y, plain
 
 from unilateral.discrete.condensed import discretise
 from unilateral.formulas.expression import number
-from unilateral.formulas.symbolic import plain
 from unilateral.geometry.mesh import from_arrays
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
-from unilateral.problems.atoms import X, Y
 from unilateral.problems.problem import Problem
 from unilateral.solvers.stop import Stop
 

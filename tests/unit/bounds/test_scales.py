@@ -10,6 +10,7 @@ import pytest
 import sentences
 import sympy
 from known_solutions import h1_errors
+from symbolic import X
 
 import unilateral as ul
 from unilateral.arrays import Array
@@ -18,7 +19,6 @@ from unilateral.bounds.flux_residuals import UNDERFLOW
 from unilateral.errors import InputError
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems import data_checks
-from unilateral.problems.atoms import X
 from unilateral.problems.data_checks import LARGEST, SMALLEST
 
 

@@ -147,7 +147,7 @@ def test_a_small_problem_of_one_s_own_imports_what_it_needs(problem_file_of):
 def test_what_needs_it_is_imported():
     """Control: a command that runs imports what it works with, here to refuse a name."""
     found = slow_imports("import unilateral.cli; unilateral.cli.main(['cases', 'naturall'])")
-    assert {"numpy", "sympy", "yaml"} <= found
+    assert {"numpy", "yaml"} <= found
 
 
 def test_case_names_are_completed_without_what_takes_long_to_import():
@@ -276,7 +276,7 @@ def test_a_failure_in_the_midst_is_code_4(run, monkeypatch, error, message):
 
 
 def test_a_failure_in_code_without_a_file_is_told(run, monkeypatch):
-    """As numpy functions are that sympy makes: their place has no module's name."""
+    """Such as numpy functions that a package makes of a text: their place has no module's name."""
     source = "def failing(*_):\n    raise ArithmeticError('no number')\n"
     made = {"__builtins__": __builtins__}
     exec(compile(source, "<lambdifygenerated-1>", "exec"), made)

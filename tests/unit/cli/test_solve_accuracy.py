@@ -128,7 +128,7 @@ def test_an_accuracy_of_a_problem_in_the_dual_norm(run):
 @pytest.mark.parametrize(("option", "value"), [("--max-unknowns", "100"), ("--max-seconds", "60")])
 def test_a_budget_that_ends_is_code_3(run, monkeypatch, option, value):
     """And what it needs is said: more than the unknowns so far."""
-    monkeypatch.setattr(forecast, "seconds_per_unknown", lambda _: 0.02)
+    monkeypatch.setattr(forecast, "observe_seconds", lambda _: (0.0, 0.02))
     arguments = ("natural", "--accuracy", "1e-3", option, value)
     code, out, err = run("solve", *arguments)
     assert (code, err) == (3, "")

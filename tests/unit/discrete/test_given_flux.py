@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from known_solutions import fluxes, h1_errors
+from symbolic import X, Y, compile_numpy, symbolic
 
 import unilateral as ul
 from unilateral.adaptive.level import contradict
@@ -13,9 +14,7 @@ from unilateral.discrete import condensed, multilevel, solution
 from unilateral.discrete.loads import flux_load, load_of
 from unilateral.fem.p1 import h1_norm
 from unilateral.formulas.formula import parse
-from unilateral.formulas.symbolic import compile_numpy, symbolic
 from unilateral.geometry.adapted import adapted
-from unilateral.problems.atoms import X, Y
 from unilateral.problems.scaled import scaled
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]

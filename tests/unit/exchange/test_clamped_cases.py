@@ -93,7 +93,7 @@ def test_the_files_tell_what_is_given_where(folder, name):
     exec(DEFINITIONS, names)
     np.testing.assert_allclose(nodes.u_D[on], eval(problem["u_D"][side], names), rtol=0, atol=1e-15)
     np.testing.assert_allclose(
-        nodes.u_D[on], case.value_and_gradient(level.mesh.points[on])[0], rtol=0, atol=1e-15
+        nodes.u_D[on], case.exact.value_and_gradient(level.mesh.points[on])[0], rtol=0, atol=1e-15
     )
     others = np.setdiff1d(level.mesh.boundary, on)
     assert (np.flatnonzero(nodes.g.notna()) == others).all()
@@ -111,11 +111,11 @@ def test_the_readme_and_the_modules_tell_the_problem(folder, name):
     assert ("u in |v|_1 = (∫ |∇v|²)^(1/2)." if c == 0 else "u in ||v||_1 = (∫ |∇v|² + v²)^(1/2).") in text
     assert "{" not in text
     for kind in ("python", "ufl"):
-        head = module(exported(folder(name))[0], kind).split('"""')[1]
+        head = module(exported(folder(name))[0].exact, kind).split('"""')[1]
         equation = "-lap u + u = f" if c else "-lap u = f"
         assert f"{equation}; on the boundary" in head
         assert f"but u = g on the sides {side}.\n" in head
-    assert "clamped" not in module(ul.case("natural"), "python")
+    assert "clamped" not in module(ul.case("natural").exact, "python")
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -161,7 +161,7 @@ def test_the_conditions_are_what_they_say():
     for u, reactions, what in solutions_with(on_edges()):
         value = u[mesh.boundary]
         if what == "at the nodes":
-            exact, _, gap = case.boundary(mesh.side, mesh.s[:-1] - starts)
+            exact, _, gap = case.exact.boundary(mesh.side, mesh.s[:-1] - starts)
             gaps = value - (exact - gap)
         else:
             mu = np.linalg.solve(boundary_mass(mesh).toarray(), reactions)
@@ -179,7 +179,7 @@ def moments(mesh, case, value):
     for edge, length in enumerate(np.diff(mesh.s)):
         side = np.full(k, mesh.side[edge])
         s = mesh.s[edge] - mesh.polygon.starts[mesh.side[edge]] + x * length
-        exact, _, gap = case.boundary(side, s)
+        exact, _, gap = case.exact.boundary(side, s)
         after = (edge + 1) % len(value)
         difference = (1 - x) * value[edge] + x * value[after] - (exact - gap)
         found[edge] += length / k * np.sum(difference * (1 - x))

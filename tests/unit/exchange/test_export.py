@@ -127,7 +127,7 @@ def test_a_case_on_a_polygon_of_ones_own_with_free_sides(tmp_path, capsys):
     assert main(["export", "thirds", *options, "--levels", "2", "--out", folder]) == 0
     case, levels = exported(folder)
     np.testing.assert_array_equal(case.polygon.vertices, [[0, 0], [2, 0], [0.5, 1.5], [-1, 1]])
-    assert (case.side, case.free_sides) == (0, (2, 3))
+    assert (case.exact.side, case.free_sides) == (0, (2, 3))
     assert "On the sides 2, 3 there is no obstacle" in (tmp_path / "out/README.md").read_text()
     nodes, cells = (pd.read_csv(f"{folder}/level_1/{name}.csv") for name in ("nodes", "partition"))
     vertices = case.polygon.starts
@@ -147,7 +147,7 @@ def test_a_case_on_a_polygon_of_ones_own_with_free_sides(tmp_path, capsys):
 def test_g_is_asked_for_at_the_ends_of_held_sides(free):
     """Of `no_contact`, by its formula on each side; between two free sides and inside them there is none."""
     case, mesh = ul.case("no_contact", "square", 0, free), structured(polygon.square(), 1 / 4)
-    names, told = {}, formulas(case)
+    names, told = {}, formulas(case.exact)
     exec(DEFINITIONS, names)
     for node, g in zip(mesh.points[mesh.boundary], obstacle(case, mesh), strict=True):
         x, y = node
@@ -162,7 +162,7 @@ def test_a_side_is_where_the_case_is(tmp_path):
     assert main(["export", "thirds", *options, "--out", str(tmp_path / "out")]) == 0
     case, _ = exported(tmp_path / "out")
     t = np.array([0.3, 0.4, 0.57, 0.6])
-    _, flux, _ = case.boundary(np.full(4, 4), 2 * t)
+    _, flux, _ = case.exact.boundary(np.full(4, 4), 2 * t)
     assert (flux > 1e-9).tolist() == [False, True, True, False]  # but for rounding
     problem = json.loads((tmp_path / "out/problem.json").read_text())
     assert {point["side"] for point in problem["lambda_is_a_fractional_power_at"]} == {4}

@@ -29,7 +29,7 @@ from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.norms.dual import Errors
-from unilateral.solution import Solution
+from unilateral.solution.solution import make_solution
 
 LEVELS = {"level_0": (4, 2), "level_1": (8, 4), "level_2": (16, 8)}
 FINEST = (16, 8)
@@ -45,7 +45,7 @@ def folder(tmp_path_factory):
 
 def kept(of):
     """The solution of a discrete problem, in the units of the paper's equation."""
-    return Solution(solve(of), of.data)
+    return make_solution(solve(of), of.data)
 
 
 @cache
@@ -129,7 +129,7 @@ def ladder(*errors, sizes=(1 / 8, 1 / 16, 1 / 32, 1 / 64)):
 def test_no_rate_is_proved_where_a_hypothesis_fails(name, polygon):
     """Neither rate is short then, however slow; control: `natural`, for which all hypotheses hold."""
     case = load(name, polygon).problem
-    assert not all(case.declaration["hypotheses"].values())
+    assert not all(case.exact.declaration["hypotheses"].values())
     slow = ladder(*[1.0] * 8, sizes=0.5 ** np.arange(3, 11))
     found = rates(case, slow)
     assert np.isnan([rate.proved for rate in found.values()]).all()
@@ -152,7 +152,7 @@ def test_the_slowest_pair_counts_and_own_rates_are_apart():
 def test_rates_are_by_the_factor_that_the_case_names():
     """4 for lambda of `thirds`, whose transitions lie at thirds: log 16 / log 4 between levels 4 apart."""
     case = load("thirds").problem
-    assert float(case.declaration["asymptotic"]["l2"]["factor"]) == 4
+    assert float(case.exact.declaration["asymptotic"]["l2"]["factor"]) == 4
     sizes = 0.5 ** np.arange(6, 11)
     found = rates(case, ladder(1.0, 0.9, 1 / 16, 0.05, 1 / 256, sizes=sizes))["l2"]
     assert (found.pairs, found.proved) == (3, 0.5)

@@ -6,8 +6,8 @@ from fractions import Fraction
 import numpy as np
 import sympy
 from flint import arb, ctx, fmpq
+from symbolic import pos
 
-from unilateral.formulas.symbolic import pos
 from unilateral.formulas.taylor import affine, basis
 
 PRECISIONS = (128, 512, 2048, 8192)

@@ -8,12 +8,11 @@ import pytest
 import sympy
 from balls import between, box, certain, exact, holds, polynomial, positive_power, value
 from flint import acb, arb
+from symbolic import X, Y, evaluate, pos, symbolic
 
 from unilateral.formulas import interval, taylor, taylor_enclosures
 from unilateral.formulas.formula import parse
-from unilateral.formulas.symbolic import evaluate, pos, symbolic
 from unilateral.formulas.taylor import Model, affine, basis, constant
-from unilateral.problems.atoms import X, Y
 
 SPECIAL = [0.0, 5e-324, 1e-320, 2.0**-1022, 1e-160, 0.5, 1.0, 1e154, 1e308, np.finfo(float).max]
 EXPONENTS = [1, 2, 3, 10, 31, 100, -1, -2, -3, -7, -100]

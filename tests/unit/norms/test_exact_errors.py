@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 import sentences
 import skfem
-import sympy
 from conftest import condensed, discrete, load
 from skfem.helpers import dot, grad
 
 from unilateral.errors import InputError
+from unilateral.formulas.expression import ONE
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
 from unilateral.norms.exact_errors import cell_means, cell_means_of_gaps
@@ -146,7 +146,7 @@ def test_the_boundary_error_where_u_is_singular():
 def test_means_of_several_gaps_are_those_of_each():
     """Another gap's singular points only cut the rule; u and lambda are the first one's."""
     case, cells = load("thirds"), uniform(square(), 1 / 8)
-    other = replace(case, gaps=(sympy.S.One,) * 4)
+    other = replace(case, gaps=(ONE,) * 4)
     for one, found in zip((case, other), cell_means_of_gaps([case, other], cells), strict=True):
         alone = cell_means(one, cells)
         np.testing.assert_allclose(found.gap_means, alone.gap_means, rtol=0, atol=1e-14)

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 import sympy
+from symbolic import X, plain
 
 from unilateral.formulas.formula import compile_numpy, parse
-from unilateral.formulas.symbolic import plain
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.problems import formula_range
-from unilateral.problems.atoms import X
 from unilateral.problems.formula_range import SHARP, range_in
 
 TRIANGLE = Polygon(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), "triangle")

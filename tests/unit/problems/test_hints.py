@@ -115,7 +115,7 @@ ELSEWHERE = [
 ]
 PAIRS = [*(({"f": bad}, {"f": good}) for bad, good in IN_F.items()), *ELSEWHERE]
 FILES = [
-    *("formulas/grammar.py", "formulas/formula.py", "formulas/symbolic.py", "system/declarations.py"),
+    *("formulas/grammar.py", "formulas/formula.py", "system/declarations.py"),
     *("problems/reading.py", "problems/build.py", "problems/data_checks.py", "problems/problem_file.py"),
 ]
 

@@ -1,15 +1,16 @@
 """The cases at the limits of the hypotheses: fluxes, means and energies, and what their certificates say."""
 
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
-import sympy
 from conftest import home
 from conftest import load as load_on
 
 from unilateral.errors import InputError
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
+from unilateral.formulas.expression import number
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import unstructured
 from unilateral.geometry.polygon import Polygon, named, square
@@ -35,10 +36,10 @@ def load(name):
 
 def polar(kind, alpha=None, vertex=2):
     """Vertex 2 of the L-shape is the re-entrant one, vertex 1 a right angle."""
-    power = None if alpha is None else sympy.Rational(alpha)
-    cutoff = sympy.Rational(1, 4)
+    power = None if alpha is None else Fraction(alpha)
+    cutoff = number(Fraction(1, 4))
     if kind == "harmonic":
-        return harmonic(square(), 0, sympy.Rational(1, 2), power, cutoff)
+        return harmonic(square(), 0, 0.5, power, cutoff)
     return corner(named("lshape"), vertex, kind, power, cutoff)
 
 
@@ -246,7 +247,7 @@ def test_bad_corners_are_refused(atom, message, case_like):
 @pytest.mark.parametrize("name", ["value_and_gradient", "whole"])
 def test_outside_its_support_an_atom_is_not_evaluated(monkeypatch, name):
     """Of 100 x 100 places 1/8 pi lie in the half disc of radius 1/2, to 100 of its boundary's squares."""
-    atom = harmonic(square(), 0, sympy.Rational(1, 2), sympy.Rational(1, 2), sympy.Rational(1, 2))
+    atom = harmonic(square(), 0, 0.5, Fraction(1, 2), number(Fraction(1, 2)))
     seen = []
 
     def counted(numbers):

@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 import sympy
 from conftest import load
+from symbolic import T, X, Y, symbolic
 
 import unilateral as ul
 from unilateral.formulas.expression import ZERO
 from unilateral.formulas.formula import parse
-from unilateral.formulas.symbolic import symbolic
 from unilateral.formulas.taylor_enclosures import evaluate
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.problems import piecewise
-from unilateral.problems.atoms import T, X, Y
 from unilateral.problems.obstacle_and_flux import enclose_flux, enclose_obstacle
 from unilateral.problems.piecewise import ORDER, IntervalPieces, Piecewise
 from unilateral.problems.problem import Problem

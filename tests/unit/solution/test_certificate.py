@@ -6,8 +6,8 @@ from fractions import Fraction
 import pytest
 
 import unilateral as ul
-from unilateral.solution import certificate
-from unilateral.solution.certificate import Bounds, BoundsWithoutReaction, relative
+from unilateral.solution import record
+from unilateral.solution.bounds import Bounds, relative
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 
@@ -28,7 +28,13 @@ def test_nothing_is_relative_to_what_may_be_0(size):
 def test_bounds_print_no_part_that_is_not_known():
     known = Bounds(0.5, math.nan, 0.0)
     assert repr(known) == "Bounds: ||u - u_h||_1 at most 0.5, guaranteed"
-    assert repr(BoundsWithoutReaction(*known)).startswith("Bounds: k^(1/2) |u - u_h|_1 at most 0.5")
+
+
+def test_bounds_are_printed_in_the_norm_of_the_problem(clamped):
+    """That of u is k^(1/2) |.|_1 if c = 0."""
+    assert repr(clamped.bounds).startswith("Bounds: k^(1/2) |u - u_h|_1 at most ")
+    other = ul.solve("natural", h=1 / 8, H=1 / 4)
+    assert repr(other.bounds).startswith("Bounds: ||u - u_h||_1 at most ")
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +58,7 @@ def test_the_algebraic_error_of_lambda_is_divided_by_beta_or_unknown(clamped, mo
     found = clamped.certificate()
     assert 0 < found["beta"] < 1
     assert found["hm12_algebraic_bound"] == found["algebraic_bound"] / found["beta"]
-    monkeypatch.setattr(certificate, "QUICK", 10)
+    monkeypatch.setattr(record, "QUICK", 10)
     unknown = clamped.certificate()
     assert math.isnan(unknown["beta"])
     assert math.isnan(unknown["hm12_algebraic_bound"])

@@ -17,8 +17,9 @@ from unilateral.cli import report
 from unilateral.formulas.decimals import fields, interval
 from unilateral.norms.dual import Errors
 from unilateral.solution import interactive, shown, summary
-from unilateral.solution.certificate import Bounds
-from unilateral.solution.solution import Forces, Solution
+from unilateral.solution.bounds import Bounds
+from unilateral.solution.forces import Forces
+from unilateral.solution.solution import Solution
 from unilateral.system import as_json
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -75,9 +76,9 @@ def places(solution, monkeypatch):
     def texts(force):
         monkeypatch.setattr(Solution, "force", lambda self, sharp=False, sides=None: force)
         none = dict.fromkeys(("iterations", "hm12_algebraic_bound", "h1_error"), math.nan)
-        found = certificate | none | {"forces": {"side_1": fields(*force)}}
-        found |= {"algebraic_bound": math.nan, "seconds": 0.0, "peak_mb": 0.0}
-        table = report.table(found, None, {}, "", solution.problem.units)
+        found = certificate | none | {"algebraic_bound": math.nan, "seconds": 0.0, "peak_mb": 0.0}
+        row = report.ForceRow("side_1", "force, side 1", force)
+        table = report.table(found, None, {}, [row], "", solution.problem.units)
         return {
             "Force": repr(force),
             "Forces": repr(Forces(force, [force, Force(0.0, 0.0, math.inf)])).partition(" on sides")[0],
@@ -131,7 +132,9 @@ def test_bounds_on_errors_say_nothing_where_they_are_infinite(solution, monkeypa
     certificate = solution.certificate()
     for u, multiplier in itertools.product((0.5, math.inf), (0.25, math.inf, math.nan)):
         bounds = Bounds(u, multiplier, 0.0)
-        monkeypatch.setattr(Solution, "_bounds", lambda self, sharp, bounds=bounds: bounds)
+        for module in ("solution", "forces"):
+            name = f"unilateral.solution.{module}.bound_errors"
+            monkeypatch.setattr(name, lambda solution, sharp, bounds=bounds: bounds)
         finite = math.isfinite(u) and not math.isinf(multiplier)
         assert ("guaranteed" in repr(bounds)) == finite
         rows = summary.rows(solution)
@@ -140,7 +143,7 @@ def test_bounds_on_errors_say_nothing_where_they_are_infinite(solution, monkeypa
         for text in (repr(bounds), *rows.values()):
             assert not re.search(r"\b(nan|inf)\b", text)
         found = certificate | {"forces": None, "seconds": 0.0, "peak_mb": 0.0}
-        table = report.table(found, bounds, {"h1": 0.0, "hm12": 0.0}, "", solution.problem.units)
+        table = report.table(found, bounds, {"h1": 0.0, "hm12": 0.0}, [], "", solution.problem.units)
         assert ("\n  guaranteed  " in table) == math.isfinite(u)
         assert ("\n  also guaranteed  " in table) == math.isfinite(multiplier)
     assert repr(Errors(0.1, math.nan, math.nan, 0.3)) == (

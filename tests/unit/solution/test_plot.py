@@ -181,15 +181,6 @@ def test_a_flux_that_is_a_function_is_drawn():
     np.testing.assert_allclose(given.get_data().values[8:16], np.arange(1 / 16, 1, 1 / 8), rtol=1e-12)
 
 
-@pytest.mark.parametrize("ending", ["svg", "html"])
-def test_a_solution_that_is_opened_is_drawn_as_before(tmp_path, adapted, ending):
-    """The title, the bound, the mesh and all values come back from the file."""
-    adapted.save(tmp_path / "s.nc")
-    adapted.save(tmp_path / f"before.{ending}")
-    ul.open(tmp_path / "s.nc").save(tmp_path / f"after.{ending}")
-    assert (tmp_path / f"after.{ending}").read_bytes() == (tmp_path / f"before.{ending}").read_bytes()
-
-
 @pytest.mark.parametrize("width", [1 / 20, 20])
 def test_a_domain_that_would_be_a_line_is_not_drawn_to_scale(width):
     """And says so; a square is."""

@@ -122,7 +122,7 @@ def test_printing_warns_of_nothing_and_tells_what_is_unsure(functions, monkeypat
         assert "lambda_H         may not be unique" in repr(same)
         assert "not converged    the algebraic error is at most " in repr(early)
         assert "f                linear between the nodes of the mesh" in repr(ul.solve(functions, **SIZES))
-        monkeypatch.setattr("unilateral.solution.certificate.available_mb", lambda: 0.0)
+        monkeypatch.setattr("unilateral.solution.bounds.available_mb", lambda: 0.0)
         assert "not bounded yet: see bounds" in repr(ul.solve("natural", **SIZES))
 
 

@@ -81,13 +81,13 @@ def test_the_core_has_none_of_the_optional_packages():
     absent_of_core = set(absent("core"))
     assert set(optional.EXTRAS) <= absent_of_core
     modules = {canonical(name): name for name in optional.EXTRAS}
-    for extra in ("plot", "files", "mesh", "cases"):
-        own = wanted(EXTRAS[extra]) - (wanted(EXTRAS["mesh"]) if extra == "cases" else set())
-        assert own == {name for name, module in modules.items() if optional.EXTRAS[module] == extra}
+    for extra in ("plot", "files", "mesh"):
+        own = {name for name, module in modules.items() if optional.EXTRAS[module] == extra}
+        assert wanted(EXTRAS[extra]) == own
 
 
 def test_all_extras_together_have_what_the_solver_can_use():
-    assert distributions("all") == set().union(*map(distributions, ("plot", "files", "mesh", "cases")))
+    assert distributions("all") == set().union(*map(distributions, ("plot", "files", "mesh")))
     assert distributions("all") < distributions("study")
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 
 from study import operations
-from study.uzawa_variants import VARIANTS, iterate
+from study.uzawa_variants import AS_MEANT, VARIANTS, iterate
 from unilateral.arrays import Array
 from unilateral.discrete.condensed import CondensedProblem, with_solution
 from unilateral.fem.condense import condense
@@ -156,7 +156,7 @@ def certificates(
 def _bounds(of: SolvedCase, steps: int) -> dict[str, float]:
     operator, offset = of.spaces.operator, of.discrete.offset
     rho = 0.9 / operator.lambda_max
-    mu = iterate(operator, offset, rho, steps, VARIANTS[0])
+    mu = iterate(operator, offset, rho, steps, AS_MEANT)
     error = float(np.linalg.norm(operator.half @ (mu - of.lambda_H)))
     R = np.minimum(mu, rho * operator.gap(mu, offset))
     return {

@@ -10,10 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
-import sympy
 import xarray as xr
 
 from study import scenes, tables
@@ -22,8 +22,9 @@ from unilateral.discrete.condensed import solve, with_solution
 from unilateral.errors import InputError
 from unilateral.fem.condense import Condensed, condense
 from unilateral.fem.spaces import mixed_spaces
-from unilateral.formulas.formula import real
-from unilateral.formulas.symbolic import number_of, pos
+from unilateral.formulas.exact_numbers import pos
+from unilateral.formulas.expression import number, total
+from unilateral.formulas.formula import fraction, real
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import Polygon
@@ -37,7 +38,7 @@ from unilateral.problems.polar_atoms import harmonic
 from unilateral.solvers.stop import Stop
 
 MEASURED = ("discrete_error", "consistency", "algebraic_bound", "quadrature_share", "converged")
-INSET = sympy.Rational(1, 4)
+INSET = Fraction(1, 4)
 """Alternating contact lies on side 0 between this share of it and one minus this share."""
 
 
@@ -49,8 +50,8 @@ def measure_cells(study: Mapping[str, Any], stop: Mapping[str, Any], errors: str
     table = measure(mesh, scenes.cases(study), sizes, study["period"], chosen)
     tables.save(table, errors, "cells", given)
     mesh, where = structured(domain, real(of["h"], "cells.alternating.h")), "cells.alternating"
-    exact, gammas = ([number_of(x, where) for x in of[name]] for name in ("H", "gammas"))
-    table = measure_alternating(mesh, exact, number_of(of["alpha"], where), gammas, chosen)
+    exact, gammas = ([fraction(x, where) for x in of[name]] for name in ("H", "gammas"))
+    table = measure_alternating(mesh, exact, fraction(of["alpha"], where), gammas, chosen)
     tables.save(table, alternating, "cells", given)
 
 
@@ -110,7 +111,7 @@ def on_partition(
 
 
 def alternating(
-    polygon: Polygon, H: sympy.Expr, alpha: sympy.Expr, gammas: Sequence[sympy.Expr]
+    polygon: Polygon, H: Fraction, alpha: Fraction, gammas: Sequence[Fraction]
 ) -> list[ExactSolution]:
     """Cases with one u on side 0, and a gap for each exponent; H divides 1/4, in side lengths.
 
@@ -119,18 +120,19 @@ def alternating(
     bounded, and the consistency term is like H^{alpha + gamma}.
     """
     starts = [INSET + k * H for k in range(int((1 - 2 * INSET) / H))]
-    atoms = tuple(harmonic(polygon, 0, start, alpha, H / 2) for start in starts)
+    atoms = tuple(harmonic(polygon, 0, float(start), alpha, number(H / 2)) for start in starts)
     cases = []
     for gamma in gammas:
-        tents = [pos((T - a - H / 2) * (a + H - T), gamma) / (H / 2) ** gamma for a in starts]
-        gap = sympy.Add(pos(INSET - T, gamma), pos(T - 1 + INSET, gamma), *tents)
-        gaps = (gap, *[INSET**gamma] * (polygon.n_sides - 1))
+        parts = [pos(INSET - T, gamma), pos(T - 1 + INSET, gamma)]
+        parts += [pos((T - a - H / 2) * (a + H - T), gamma) / number(H / 2) ** gamma for a in starts]
+        gap = total(term for part in parts for term in part.terms)
+        gaps = (gap, *[number(INSET) ** gamma] * (polygon.n_sides - 1))
         cases.append(ExactSolution(f"gamma {gamma}, H {H}", {}, polygon, atoms, gaps))
     return cases
 
 
 def measure_alternating(
-    mesh: Mesh, sizes: Sequence[sympy.Expr], alpha: sympy.Expr, gammas: Sequence[sympy.Expr], stop: Stop
+    mesh: Mesh, sizes: Sequence[Fraction], alpha: Fraction, gammas: Sequence[Fraction], stop: Stop
 ) -> xr.Dataset:
     """Errors over (partition, gamma), on one mesh."""
     condensed, rows = condense(mesh), []

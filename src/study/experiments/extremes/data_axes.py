@@ -27,7 +27,7 @@ from study.experiments.extremes.problem import (
     structured_square,
     waves,
 )
-from study.uzawa_variants import VARIANTS, iterate
+from study.uzawa_variants import AS_MEANT, AS_PRINTED, iterate
 from unilateral.arrays import Array
 from unilateral.fem.linear_systems import elimination_order, factorise, last_block
 from unilateral.fem.spaces import DualOperator, mixed_spaces
@@ -204,7 +204,7 @@ def _steps_as_meant(problem: ExtremeProblem, budget: Budget) -> Axis:
     """The axis of all algorithms; the number is the relative error left by plain Uzawa after all steps."""
 
     def left(share: float, problem: ExtremeProblem, mu: Array) -> float:
-        return problem.error(_iterate(problem, share, budget, VARIANTS[0])) / problem.size
+        return problem.error(_iterate(problem, share, budget, AS_MEANT)) / problem.size
 
     return Axis(pose=lambda share: problem, measure=left, sets_rho=True, limit=1.0)
 
@@ -215,7 +215,7 @@ def _steps_as_printed(problem: ExtremeProblem, budget: Budget) -> Axis:
         pose=lambda share: problem,
         measure=lambda share, problem, mu: problem.error(mu) / problem.size,
         run=lambda share, problem: _with_bound(
-            problem, _iterate(problem, share, budget, VARIANTS[1]), share, budget
+            problem, _iterate(problem, share, budget, AS_PRINTED), share, budget
         ),
         limit=0.5,
     )

@@ -97,7 +97,10 @@ def outcomes(table: xr.Dataset) -> dict[str, Any]:
         "by_tool": count[RESCUED],
         "allowed": 10.0 ** math.ceil(math.log10(SPARE * np.max(share))),
         "cond_over_law": float(np.max(over_law[np.isfinite(over_law)])),
-        "partial": {axis: _last_and_first(table, f"{axis}_partial") for axis in ("step", "printed")},
+        "partial": {
+            "step": _last_and_first(table, "step_partial"),
+            "printed": _last_and_first(table, "printed_partial"),
+        },
     }
 
 

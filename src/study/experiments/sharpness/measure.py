@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from fractions import Fraction
 from functools import cache
 from typing import Any
 
 import numpy as np
-import sympy
 import xarray as xr
 
 from study import tables
@@ -23,7 +23,9 @@ from unilateral.discrete.condensed import solve, with_solution
 from unilateral.errors import InputError
 from unilateral.fem.condense import Condensed, condense
 from unilateral.fem.spaces import mixed_spaces
-from unilateral.formulas.symbolic import number_of, pos
+from unilateral.formulas.exact_numbers import pos
+from unilateral.formulas.expression import number
+from unilateral.formulas.formula import fraction
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import Polygon, named
 from unilateral.geometry.structured import structured
@@ -36,8 +38,8 @@ from unilateral.problems.case import ExactSolution
 from unilateral.problems.polar_atoms import harmonic
 from unilateral.solvers.stop import Stop
 
-START, CUTOFF = sympy.Rational(1, 4), sympy.Rational(1, 4)
-END = sympy.Rational(3, 2)
+START, CUTOFF = Fraction(1, 4), Fraction(1, 4)
+END = Fraction(3, 2)
 """The exponent of the gap beyond the cutoff. Since lambda ends there like s^4, that transition adds nothing
 of lower order."""
 MEASURED = (
@@ -55,29 +57,30 @@ MEASURED = (
 
 
 def transitions(
-    polygon: Polygon, at: sympy.Expr, alpha: sympy.Expr, gammas: Sequence[sympy.Expr]
+    polygon: Polygon, at: Fraction, alpha: Fraction, gammas: Sequence[Fraction]
 ) -> list[ExactSolution]:
     """Members of the family with one u on side 0, contact from `at` to `at` + CUTOFF, in side lengths."""
     rest = (T - at - CUTOFF) / (1 - at - CUTOFF)
-    atoms = (harmonic(polygon, 0, at, alpha, CUTOFF),)
+    atoms = (harmonic(polygon, 0, float(at), alpha, number(CUTOFF)),)
     members = []
     for gamma in gammas:
-        gap = pos(at - T, gamma) + at**gamma * pos(rest, END)
-        gaps = (gap, *[at**gamma] * (polygon.n_sides - 1))
+        height = number(at) ** gamma
+        gap = pos(at - T, gamma) + height * pos(rest, END)
+        gaps = (gap, *[height] * (polygon.n_sides - 1))
         members.append(ExactSolution(f"alpha {alpha}, gamma {gamma}, at {at}", {}, polygon, atoms, gaps))
     return members
 
 
-def places(H: sympy.Expr, positions: int) -> list[sympy.Expr]:
+def places(H: Fraction, positions: int) -> list[Fraction]:
     """The transitions, inside the cell of size H that begins at START, in side lengths.
 
     Raises InputError where no cell of a uniform partition begins there.
     """
-    if not (START / H).is_integer:
+    if (START / H).denominator > 1:
         raise InputError(
             f"sharpness, H: {H} does not divide {START}, where the cell of the transitions begins"
         )
-    return [START + H * sympy.Rational(2 * k + 1, 2 * positions) for k in range(positions)]
+    return [START + H * Fraction(2 * k + 1, 2 * positions) for k in range(positions)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +91,8 @@ class SeenFamily:
     """
 
     partition: Partition
-    at: Sequence[sympy.Expr]
-    exponents: tuple[Sequence[sympy.Expr], Sequence[sympy.Expr]]
+    at: Sequence[Fraction]
+    exponents: tuple[Sequence[Fraction], Sequence[Fraction]]
     members: list[list[list[ExactSolution]]]
     means: list[list[list[CellMeans]]]
     gram: Gram
@@ -97,8 +100,8 @@ class SeenFamily:
 
 def seen(
     partition: Partition,
-    at: Sequence[sympy.Expr],
-    exponents: tuple[Sequence[sympy.Expr], Sequence[sympy.Expr]],
+    at: Sequence[Fraction],
+    exponents: tuple[Sequence[Fraction], Sequence[Fraction]],
 ) -> SeenFamily:
     """The family with its transitions at these places, as seen from a partition."""
     alphas, gammas = exponents
@@ -156,20 +159,20 @@ def measure_sharpness(
     """Write errors and rates along h/H, and along H at one h. A pair that both have is solved once."""
     domain, fixed = named(study["polygon"]), study["fixed"]
     alphas, gammas = (
-        [number_of(each, f"sharpness.{name}") for each in study[name]] for name in ("alphas", "gammas")
+        [fraction(each, f"sharpness.{name}") for each in study[name]] for name in ("alphas", "gammas")
     )
     chosen, given = Stop(**stop, algorithm=study["algorithm"]), {"sharpness": study, "stop": stop}
 
     @cache
-    def on_mesh(h: sympy.Expr) -> Condensed:
+    def on_mesh(h: Fraction) -> Condensed:
         return condense(structured(domain, float(h)))
 
     @cache
-    def on_partition(H: sympy.Expr) -> SeenFamily:
+    def on_partition(H: Fraction) -> SeenFamily:
         return seen(uniform(domain, float(H)), places(H, study["positions"]), (alphas, gammas))
 
     @cache
-    def level(h: sympy.Expr, H: sympy.Expr) -> xr.Dataset:
+    def level(h: Fraction, H: Fraction) -> xr.Dataset:
         solved = measure(on_mesh(h), on_partition(H), chosen)
         print(f"h = {h}, H = {H} solved")
         return solved
@@ -179,9 +182,9 @@ def measure_sharpness(
         tables.save(table, to_errors, "sharpness", given)
         tables.save(rates_over(table), to_rates, "sharpness", given)
 
-    ratio = number_of(study["h_over_H"], "sharpness.h_over_H")
-    sizes = [number_of(H, "sharpness.H") for H in study["H"]]
+    ratio = fraction(study["h_over_H"], "sharpness.h_over_H")
+    sizes = [fraction(H, "sharpness.H") for H in study["H"]]
     save([level(ratio * H, H) for H in sizes], errors, rates)
-    h = number_of(fixed["h"], "sharpness.fixed.h")
-    sizes = [number_of(H, "sharpness.fixed.H") for H in fixed["H"]]
+    h = fraction(fixed["h"], "sharpness.fixed.h")
+    sizes = [fraction(H, "sharpness.fixed.H") for H in fixed["H"]]
     save([level(h, H) for H in sizes], fixed_errors, fixed_rates)

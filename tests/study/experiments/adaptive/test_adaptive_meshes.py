@@ -28,7 +28,7 @@ STOP = Stop(fraction=0.01)
 @pytest.fixture(scope="module")
 def measured():
     """Of `thirds` from h = 1/4 on, 25 unknowns: errors, constants, timings."""
-    return adaptive.measure(load("thirds"), 1 / 4, LIMITS, STOP)
+    return adaptive.measure(load("thirds").problem, 1 / 4, LIMITS, STOP)
 
 
 def test_both_kinds_start_from_one_mesh_and_keep_the_limit(measured):
@@ -52,7 +52,7 @@ def test_errors_are_those_of_the_condensed_problem_and_below_their_bounds(measur
     errors, case = measured[0], load("thirds")
     mesh = structured(square(), 1 / 8)
     cells = uniform(square(), 1 / 4)
-    alone = discretise(case, mesh, cells)
+    alone = discretise(case.problem, mesh, cells)
     solved = alone.solved(Stop(tolerance=1e-12, algorithm="active_set"))
     found = errors.sel(kind="uniform").isel(level=1)
     assert float(found["h1_error"]) == pytest.approx(exact_errors(alone, solved).h1, rel=1e-3)

@@ -1,6 +1,7 @@
 """Infinitely many transitions on cells of many sizes: runs one by one, and the consistency term."""
 
 from dataclasses import replace
+from fractions import Fraction as Q
 from itertools import pairwise
 
 import numpy as np
@@ -8,7 +9,6 @@ import pytest
 from conftest import load
 from scipy.integrate import quad
 from scipy.special import beta
-from sympy import Rational as Q
 
 from study.experiments.cells.measure import alternating, measure
 from unilateral.discrete.condensed import discretise, solve
@@ -37,7 +37,7 @@ def test_errors_are_those_of_the_cases_solved_one_by_one(table):
     """
     np.testing.assert_allclose(table["H"], [[1, 1 / 2], [1 / 2, 1 / 4]])
     for k, case in enumerate(CASES):
-        discrete = discretise(case, MESH, uniform(square(), 1 / 4))
+        discrete = discretise(case.problem, MESH, uniform(square(), 1 / 4))
         solution = solve(discrete, STOP)
         h1 = discrete.errors(solution.result.lambda_H).h1
         found = table.isel(case=k, start=1, level=1)
@@ -86,7 +86,7 @@ def test_contact_and_a_gap_alternate(gamma):
     that keep both apart.
     """
     (case,) = alternating(square(), Q(1, 8), Q(1, 2), [gamma])
-    declared = {"hypotheses": {"j": True, "jj": bool(gamma >= 1), "jjj": True}}
+    declared = {"hypotheses": {"j": True, "jj": gamma >= 1, "jjj": True}}
     found = certify(replace(case, declaration=declared))
     np.testing.assert_allclose(
         found.contact, [(0, k / 8, k / 8 + 1 / 16) for k in range(2, 6)], rtol=0, atol=1e-14

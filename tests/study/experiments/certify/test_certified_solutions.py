@@ -51,7 +51,7 @@ def test_bounds_are_those_that_users_get_and_errors_are_those_of_the_functions(m
 
     for scheme in ("nodal constraints", "half the load"):
         at = measured.sel(scheme=scheme)
-        certified = ul.certify(case, mesh, found[scheme]).bounds.u
+        certified = ul.certify(case.problem, mesh, found[scheme]).bounds.u
         assert float(at["certified_bound"]) == pytest.approx(certified, rel=1e-12)
         v = fine.project(coarse.interpolator(found[scheme]))
         error = np.sqrt(square_of_error.assemble(fine, v_h=fine.interpolate(v)))

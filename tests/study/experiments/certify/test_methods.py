@@ -9,7 +9,7 @@ from study.experiments.certify import methods
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.norms.ritz import h1_distance
-from unilateral.problems.case import declared_on
+from unilateral.problems.case import exact_solution
 
 P1, P2 = skfem.ElementTriP1(), skfem.ElementTriP2()
 MESH = structured(square(), 1 / 8)
@@ -48,7 +48,7 @@ def test_nodal_constraints_satisfy_what_defines_them(case, element):
 
 def test_a_quadratic_solution_is_in_p2_and_not_in_p1():
     """u is in P2, so the discrete solution is u. P1 is of first order; its distance from u halves with h."""
-    case = declared_on(QUADRATIC, "quadratic", square(), 0)
+    case = exact_solution(QUADRATIC, "quadratic", square(), 0)
     of = methods.nodal_problem(case, MESH, P2)
     found = methods.active_set(of)[: MESH.n_nodes]
     np.testing.assert_allclose(found, case.value_and_gradient(MESH.points)[0], atol=1e-13)

@@ -115,7 +115,7 @@ def test_beside_a_clamped_side_a_run_is_the_solve_of_its_problem(name):
     case, mesh, cells = load(name), structured(SQUARE, 1 / 8), partition.uniform(SQUARE, 1 / 4)
     norm = dual_norm(cells, [case])
     table, _ = sweep(mesh, [case], [cells], norm.gram([case]))
-    alone = discretise(case, mesh, cells)
+    alone = discretise(case.problem, mesh, cells)
     chosen = np.flatnonzero(cells.side != case.clamped_sides[0])
     beta = infsup(alone.spaces.operator, dual_norm(cells, form=alone.form).gram().p0)
     solution, run = solve(alone, beta=beta.beta_lower), table.isel(case=0, mesh=0, partition=0)

@@ -2,12 +2,12 @@
 
 import math
 from dataclasses import replace
+from fractions import Fraction as R
 from functools import cache
 from itertools import product
 
 import numpy as np
 import pytest
-import sympy
 import xarray as xr
 from conftest import condensed, coupled, exact_errors
 
@@ -23,24 +23,25 @@ from study.experiments.sharpness.measure import (
 )
 from unilateral.discrete.condensed import solve, with_solution
 from unilateral.errors import InputError
-from unilateral.formulas.symbolic import pos
+from unilateral.formulas.exact_numbers import pos
+from unilateral.formulas.expression import ZERO
+from unilateral.formulas.formula import substituted
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import named
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.exact_errors import cell_means, exact
-from unilateral.problems.case import Case
+from unilateral.problems.case import ExactSolution
 from unilateral.problems.case_certificate import certify
 from unilateral.problems.polar_atoms import harmonic
 from unilateral.solvers.stop import Stop
 
 SQUARE = named("square")
-R = sympy.Rational
 LEVELS = [R(1, 2**k) for k in range(3, 8)]
 
 
 def thetas(points, H):
     """Positions inside their cells of size H, from 0 to 1, exactly."""
-    return [x / H - sympy.floor(x / H) for x in points]
+    return [x / H % 1 for x in points]
 
 
 @pytest.mark.parametrize("H", LEVELS)
@@ -90,7 +91,7 @@ def test_a_wrong_claim_of_a_hypothesis_is_noticed():
 def test_a_member_with_contact_in_its_gap_is_refused():
     """Control: lambda begins an eighth before the gap ends."""
     case = certified(R(1, 2), R(1), R(2, 5), True, True)
-    moved = replace(case, gaps=(case.gaps[0].subs(T, T - R(1, 8)), *case.gaps[1:]))
+    moved = replace(case, gaps=(substituted(case.gaps[0], {"t": T - R(1, 8)}, "gap"), *case.gaps[1:]))
     with pytest.raises(InputError, match="is not 0"):
         certify(moved)
 
@@ -102,8 +103,8 @@ def without_cutoff(a, c, theta):
     """The consistency term of one transition, at theta of a cell with H = 1/16, the gap before it."""
     alpha, gamma, place = (R(exact).limit_denominator(20) for exact in (a, c, theta))
     at = R(3, 8) + place / 16
-    gaps = (pos(at - T, gamma), *[sympy.S.Zero] * 3)
-    case = Case("no cutoff", {}, SQUARE, (harmonic(SQUARE, 0, at, alpha),), gaps)
+    gaps = (pos(at - T, gamma), *[ZERO] * 3)
+    case = ExactSolution("no cutoff", {}, SQUARE, (harmonic(SQUARE, 0, float(at), alpha),), gaps)
     return cell_means(case, partitions.uniform(SQUARE, 1 / 16)).consistency
 
 
@@ -166,8 +167,8 @@ def test_a_measurement_is_the_solve_of_its_member(a, c, k):
 
 def test_what_depends_on_u_is_found_once_for_all_gaps(monkeypatch):
     """Of 4 u with 2 gaps each: their flux is for the means, the load, and two parts of the dual norm."""
-    names, found = [], Case.boundary
-    monkeypatch.setattr(Case, "boundary", lambda *of: names.append(of[0].name) or found(*of))
+    names, found = [], ExactSolution.boundary
+    monkeypatch.setattr(ExactSolution, "boundary", lambda *of: names.append(of[0].name) or found(*of))
     measured.__wrapped__()
     assert len(names) == 4 * len(ALPHAS) * len(AT)
 

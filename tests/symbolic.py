@@ -1,15 +1,15 @@
-"""Formulas as expressions of sympy: to derive the data of cases, and to evaluate numbers that cancel."""
+"""Formulas as expressions of sympy, and back: the oracle of what `unilateral.formulas` derives."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from functools import lru_cache, reduce
 from operator import mul
 from typing import Any
 
+import mpmath
 import sympy
-from sympy.core.evalf import PrecisionExhausted
 from sympy.core.function import ArgumentIndexError
 
 from unilateral.formulas import formula, taylor_enclosures
@@ -19,7 +19,8 @@ from unilateral.formulas.formula import Compiled
 from unilateral.formulas.formula_walk import Evaluation
 from unilateral.formulas.taylor import Model
 
-DIGITS = 2000
+X, Y, T, D, R, THETA = (sympy.Symbol(name, real=True) for name in ("x", "y", "t", "d", "r", "theta"))
+"""The coordinates of the formulas of cases."""
 
 
 class pos(sympy.Function):
@@ -40,31 +41,6 @@ class pos(sympy.Function):
         return k * pos(a, k - 1)
 
 
-def number_of(text: object, where: str) -> sympy.Expr:
-    """A number of a data file, exactly. Raises InputError as `formula.number`."""
-    return symbolic(formula.number(text, where))
-
-
-def value(e: Expression, context: Any) -> Any:
-    """The value of an expression without variables to 17 digits, as a number of a context of mpmath.
-
-    Raises ArithmeticError where it is no real number, and ValueError where DIGITS digits do not
-    distinguish it from 0.
-    """
-    exact = symbolic(e)
-    if exact.has(sympy.zoo, sympy.nan, sympy.oo, -sympy.oo, sympy.I):
-        raise ArithmeticError("no real number")
-    if exact.is_Rational:
-        return context.mpf(int(exact.p)) / int(exact.q)
-    try:
-        close = exact.evalf(17, maxn=DIGITS, strict=True)
-    except PrecisionExhausted:
-        raise ValueError(f"'{exact}' cannot be distinguished from 0; write it as a single number") from None
-    if not close.is_Float:
-        raise ArithmeticError("no real number")
-    return context.mpf(close)
-
-
 class _Symbolic(Evaluation[sympy.Expr]):
     def number(self, value: Fraction) -> sympy.Expr:
         return sympy.Rational(value.numerator, value.denominator)
@@ -81,6 +57,7 @@ class _Symbolic(Evaluation[sympy.Expr]):
 
 @lru_cache(maxsize=1024)
 def symbolic(e: Expression) -> sympy.Expr:
+    """A formula of the project as one of sympy."""
     return _Symbolic((e,), {}).of(e)
 
 
@@ -114,13 +91,7 @@ def compile_numpy(formulas: Sequence[sympy.Expr], symbols: Sequence[sympy.Symbol
     return formula.compile_numpy([plain(e) for e in formulas], [symbol.name for symbol in symbols])
 
 
-def kinks(e: sympy.Expr, symbol: sympy.Symbol) -> list[tuple[float, Fraction]]:
-    """As `formula.kinks`."""
-    return formula.kinks(plain(e), symbol.name)
-
-
-def real_roots(coefficients: Sequence[Fraction]) -> list[float]:
-    """The real roots of a polynomial, its coefficient of the highest power first; infinite if too large."""
-    x = sympy.Symbol("x")
-    of = sympy.Poly([sympy.Rational(c.numerator, c.denominator) for c in coefficients], x)
-    return [float(root) for root in sympy.real_roots(of)]
+def with_digits(e: sympy.Expr, *symbols: sympy.Symbol) -> Callable[..., Any]:
+    """The formula as a function of mpmath's numbers, with as many digits as mpmath works with."""
+    positive_part = {"pos": lambda a, k: a**k if a > 0 else mpmath.mpf(0)}
+    return sympy.lambdify(symbols, e, [positive_part, "mpmath"])

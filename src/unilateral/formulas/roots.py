@@ -1,0 +1,93 @@
+"""The real roots of polynomials with rational coefficients, by Sturm's theorem: none is missed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from itertools import pairwise
+from math import ceil, inf, lcm
+
+Polynomial = list[Fraction]
+"""The coefficients, that of the highest power first, which is not 0; none for the polynomial 0."""
+ROOT_BITS = 64
+"""The ends of an interval about a root agree in this many bits."""
+
+
+def real_roots(coefficients: Sequence[Fraction]) -> list[float]:
+    """The real roots of a polynomial, each once and in ascending order; infinite if too large.
+
+    The highest power's coefficient comes first, and is not 0.
+    """
+    roots, polynomial = [], [*coefficients]
+    while polynomial[-1] == 0:
+        roots, polynomial = [0.0], polynomial[:-1]
+    degree = len(polynomial) - 1
+    # Fujiwara: no root is larger than 2 max |c_i / c_0|^(1 / i); so those of p(scale x) are in (-1, 1]
+    bits = [_bits_of(c / polynomial[0]) / i for i, c in enumerate(polynomial) if i and c]
+    scale = Fraction(2) ** (1 + ceil(max(bits, default=0)))
+    chain = _sturm_chain([c * scale ** (degree - i) for i, c in enumerate(polynomial)])
+    # (n, k) is the interval from n / 2^k, without it, to (n + 1) / 2^k
+    intervals = [(-1, 0), (0, 0)]
+    while intervals:
+        n, k = intervals.pop()
+        # Sturm: the number of roots in an interval is that of the sign changes that are lost
+        if _sign_changes(chain, n, k) == _sign_changes(chain, n + 1, k):
+            continue
+        if abs(n) >> ROOT_BITS:
+            roots.append(_nearest(scale * Fraction(n + 1, 1 << k)))
+        else:
+            intervals += [(2 * n, k + 1), (2 * n + 1, k + 1)]
+    return sorted(roots)
+
+
+def _bits_of(x: Fraction) -> int:
+    """A whole number above log2 |x|."""
+    return x.numerator.bit_length() - x.denominator.bit_length() + 1
+
+
+def _sturm_chain(polynomial: Polynomial) -> list[list[int]]:
+    """p, p' and the negative remainders after them, over their greatest common divisor.
+
+    So multiple roots become simple, and the theorem holds at every place. Positive factors, which change no
+    sign, make the coefficients whole.
+    """
+    degree = len(polynomial) - 1
+    chain = [polynomial, [c * (degree - i) for i, c in enumerate(polynomial[:-1])]]
+    while chain[-1]:
+        remainder = _divide(chain[-2], chain[-1])[1]
+        chain.append([-c / abs(remainder[0]) for c in remainder])
+    quotients = [_divide(p, chain[-2])[0] for p in chain[:-1]]
+    multiples = [lcm(*(c.denominator for c in p)) for p in quotients]
+    return [[int(c * m) for c in p] for p, m in zip(quotients, multiples, strict=True)]
+
+
+def _divide(dividend: Polynomial, divisor: Polynomial) -> tuple[Polynomial, Polynomial]:
+    """The quotient and the remainder."""
+    quotient, rest = [], [*dividend]
+    while len(rest) >= len(divisor):
+        factor = rest[0] / divisor[0]
+        quotient.append(factor)
+        for i, c in enumerate(divisor):
+            rest[i] -= factor * c
+        rest = rest[1:]
+    while rest and rest[0] == 0:
+        rest = rest[1:]
+    return quotient, rest
+
+
+def _sign_changes(chain: list[list[int]], n: int, k: int) -> int:
+    """How often the sign changes along the chain at n / 2^k, zeros left out."""
+    positive = []
+    for polynomial in chain:
+        value = 0  # 2^(k degree) times that of the polynomial, by Horner's rule
+        for i, c in enumerate(polynomial):
+            value = value * n + (c << k * i)
+        positive += [value > 0] if value else []
+    return sum(a != b for a, b in pairwise(positive))
+
+
+def _nearest(x: Fraction) -> float:
+    try:
+        return float(x)
+    except OverflowError:
+        return inf if x > 0 else -inf

@@ -1,0 +1,131 @@
+"""Guaranteed bounds as users see them, and the names of the norms that they are in."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+from unilateral.arrays import Array
+from unilateral.discrete.choice import bound_mb
+from unilateral.discrete.solution import DiscreteSolution
+from unilateral.errors import SolutionWarning
+from unilateral.formulas.decimals import guaranteed, interval, percent
+from unilateral.formulas.expression import ONE
+from unilateral.problems.units import Units
+from unilateral.system.memory import available_mb
+
+if TYPE_CHECKING:
+    from unilateral.solution.solution import Solution
+
+
+class Named(NamedTuple):
+    """What a norm of u is called, and that of lambda, and of their errors."""
+
+    h1: str
+    hm12: str
+
+
+def energy(units: Units, of: str) -> str:
+    """The name of the norm of a function: k^(1/2) |.|_1 if c = 0."""
+    if units.reaction:
+        return f"||{of}||_1"
+    return f"|{of}|_1" if units.k == ONE else f"k^(1/2) |{of}|_1"
+
+
+def sizes(units: Units) -> Named:
+    """What an accuracy in each norm is relative to."""
+    return Named(energy(units, "u"), "||lambda||_-1/2")
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Guaranteed bounds: ||u - u_h||_1 <= u and ||lambda - lambda_H||_{-1/2} <= multiplier.
+
+    With coefficients ||v||_1 is the energy norm (k |v|_1^2 + c ||v||_0^2)^{1/2}, and the other norm is its
+    dual; `unknown` is the part of both that comes from how well f, g and q could be enclosed. `relative_u` is
+    `u` over a guaranteed lower bound on ||u||_1, rounded up, and `relative_multiplier` is `multiplier` over
+    one on ||lambda||_{-1/2}. Both are NaN where that lower bound is 0: there the error may be as large as the
+    solution. `multiplier` is NaN where no side carries contact. `error` is how the error of u is written, in
+    the norm of the problem.
+    """
+
+    u: float
+    multiplier: float
+    unknown: float
+    relative_u: float = math.nan
+    relative_multiplier: float = math.nan
+    error: str = "||u - u_h||_1"
+
+    def __repr__(self) -> str:
+        """Every number is rounded up.
+
+        >>> Bounds(0.0123456, 0.25, 0.0, 0.045678)
+        Bounds: ||u - u_h||_1 at most 0.01235 (4.6 %), ||lambda - lambda_H||_-1/2 at most 0.25, guaranteed
+        """
+        errors = {self.error: (self.u, self.relative_u)}
+        errors["||lambda - lambda_H||_-1/2"] = self.multiplier, self.relative_multiplier
+        parts = [
+            f"{name} {interval(-math.inf, bound)}" + f" ({percent(part)})" * (part < math.inf)
+            for name, (bound, part) in errors.items()
+            if not math.isnan(bound)
+        ]
+        return f"Bounds: {guaranteed(', '.join(parts), -math.inf, max(self.u, self.multiplier))}"
+
+
+def bound_errors(solution: Solution, sharp: bool) -> Bounds | None:
+    """The cheap or the sharp bounds of a solution; None without formulas.
+
+    None, too, where the bounds of all levels contradict each other, and, with a SolutionWarning two calls
+    above, where they take more memory than is free.
+    """
+    solved, units = solution.solved, solution.problem.units
+    refused = too_large(solved, sharp)
+    if refused:
+        warnings.warn(refused, SolutionWarning, stacklevel=3)
+    bound = solved.bound(sharp) if is_believed(solution) and not refused else None
+    if bound is None:
+        return None
+    return Bounds(
+        u=bound.u,
+        multiplier=bound.lambda_ if len(solved.cells) else math.nan,
+        unknown=bound.unknown,
+        relative_u=relative(bound.u, solved.size("h1", sharp)),
+        relative_multiplier=relative(bound.lambda_, solved.size("hm12", sharp)),
+        error=energy(units, "u - u_h"),
+    )
+
+
+def share_errors(solution: Solution) -> Array | None:
+    """(triangles,) parts of the squares in the cheap bound on u, whose sum is 1. None without bounds."""
+    if bound_errors(solution, sharp=False) is None:
+        return None
+    shares = solution.solved.shares
+    whole = float(shares.sum())
+    return shares / whole if 0 < whole < math.inf else None
+
+
+def is_believed(solution: Solution) -> bool:
+    """Whether bounds are believed: only a fault of this program makes those of all levels contradict."""
+    return solution.search is None or bool(solution.search.believed)
+
+
+def wants_sharp(solution: Solution) -> bool:
+    """Whether an accuracy was asked for by the sharp bounds."""
+    return solution.search is not None and solution.search.best.goal.sharp
+
+
+def relative(bound: float, size: float) -> float:
+    """A bound over a lower bound on the solution's norm, rounded up; NaN where that is 0 or unknown."""
+    return math.nextafter(bound / size, math.inf) if size > 0 else math.nan
+
+
+def too_large(solved: DiscreteSolution, sharp: bool) -> str:
+    """Says that bounds that are not yet computed take more memory than is free; else empty."""
+    if solved.data is None or solved.known(sharp):
+        return ""
+    needed, free = bound_mb(solved.mesh, sharp), available_mb()
+    if needed <= free:
+        return ""
+    return f"no guaranteed bound: it takes about {needed:.0f} MB, and {free:.0f} MB are free"

@@ -1,0 +1,73 @@
+"""A solution as files, by their endings."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from unilateral.certificates import export
+from unilateral.geometry.files import write_mesh
+from unilateral.solution import tables
+from unilateral.solution.bounds import share_errors
+from unilateral.system import as_json
+from unilateral.system.files import check_target, replacing, write_netcdf
+
+if TYPE_CHECKING:
+    from unilateral.solution.solution import Solution
+
+ENDINGS = {
+    ".vtu": ["meshio"],
+    ".csv": [],
+    ".nc": ["netCDF4", "xarray"],
+    ".json": [],
+    ".svg": ["matplotlib"],
+    ".png": ["matplotlib"],
+    ".pdf": ["matplotlib"],
+    ".html": ["plotly"],
+}
+"""The endings of the files that `Solution.save` writes, and the optional packages that each needs."""
+
+
+def save(solution: Solution, path: str | os.PathLike[str]) -> None:
+    """Writes a file, by its ending. Raises InputError for one that is not of ENDINGS."""
+    check_target(path, ENDINGS)
+    ending = Path(path).suffix
+    if ending == ".vtu":
+        _write_vtu(solution, path)
+        return
+    if ending == ".json":
+        as_json.write(solution.certificate(), path)
+        return
+    with replacing(path) as temporary:
+        if ending == ".csv":
+            tables.write_csv(tables.cell_columns(solution), temporary)
+        elif ending == ".nc":
+            write_netcdf(tables.dataset(solution), temporary)
+        elif ending == ".html":
+            from unilateral.solution.interactive import page
+
+            temporary.write_text(page(solution), encoding="utf-8", newline="\n")
+        else:
+            from unilateral.solution.plot import draw
+
+            draw(solution.plot(), temporary)
+
+
+def _write_vtu(solution: Solution, path: str | os.PathLike[str]) -> None:
+    """u_h, the mean of lambda_H on each boundary edge, and the shares of triangles in the bound."""
+    on_edges = solution.partition.means(np.nan_to_num(solution.multiplier), solution.mesh.s)
+    on_edges[np.isin(solution.mesh.side, solution.problem.clamped_sides)] = math.nan
+    shares = share_errors(solution)
+    on_triangles = {} if shares is None else {"error_share": shares}
+    write_mesh(solution.mesh, path, {"multiplier": on_edges}, {"u": solution.u}, on_triangles)
+
+
+def save_certificate(solution: Solution, path: str | os.PathLike[str]) -> None:
+    """Writes a certificate of the cheap bound. Raises InputError as `make_certificate`."""
+    check_target(path, export.CERTIFICATE_ENDINGS)
+    judged = export.judge_solution(solution.solved, solution.mesh, solution.problem.units)
+    export.write_certificate(export.make_certificate(solution.problem, judged), path)

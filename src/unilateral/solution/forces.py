@@ -1,0 +1,123 @@
+"""The forces on sides, and the reactions on clamped ones, with guaranteed bounds, in the user's units."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from unilateral.bounds.clamped_ends import Clamps, none
+from unilateral.bounds.forces import Force, forces
+from unilateral.errors import InputError
+from unilateral.formulas.decimals import guaranteed, interval, is_bounded
+from unilateral.problems import arguments
+from unilateral.solution.bounds import bound_errors
+
+if TYPE_CHECKING:
+    from unilateral.solution.solution import Solution
+
+ROUNDING = 4 * float(np.finfo(float).eps)
+"""Rounding a number twice changes it by less than this, relative to the number."""
+
+
+def in_units(force: Force, unit: float) -> Force:
+    """A force in that unit, which is rounded once, as is each product with it; bounds stay bounds."""
+    value, lower, upper = (unit * number for number in force)
+    return Force(value, lower - ROUNDING * abs(lower), upper + ROUNDING * abs(upper))
+
+
+SHOWN = 12
+"""At most this many sides are printed."""
+
+
+class Forces(NamedTuple):
+    """The forces over all sides with contact, and over each side: 0 where there is none.
+
+    `reactions` are those on clamped sides, by the numbers of the sides that are in a row. If c = 0, the sum
+    of all forces and reactions is known, for it is - int f - int q; else `total` is None.
+    """
+
+    whole: Force
+    sides: list[Force]
+    reactions: Mapping[tuple[int, ...], Force] = MappingProxyType({})
+    total: Force | None = None
+
+    def __repr__(self) -> str:
+        """One "guaranteed" at the end if all have bounds, else one for each that has."""
+        clamped = {side for row in self.reactions for side in row}
+        others = {side: force for side, force in enumerate(self.sides) if side not in clamped}
+        every = [self.whole, *others.values(), *self.reactions.values()]
+        every += [self.total] if self.total else []
+        for_all = all(is_bounded(force.lower, force.upper) for force in every)
+        sides = [f"{side}: {_written(force, not for_all)}" for side, force in others.items()]
+        more = f" and {len(sides) - SHOWN} more" if len(sides) > SHOWN else ""
+        parts = [_written(self.whole, not for_all)]
+        parts += [f"on sides {', '.join(sides[:SHOWN])}{more}"] if sides else []
+        for row, force in self.reactions.items():
+            where = f"side{'s' * (len(row) > 1)} {' and '.join(map(str, row))}"
+            parts.append(f"reaction on {where}: {_written(force, not for_all)}")
+        if self.total:
+            parts.append(f"sum of forces and reactions: {_written(self.total, not for_all)}")
+        return f"Forces: {'; '.join(parts)}{'; guaranteed' if for_all else ''}"
+
+
+def _written(force: Force, alone: bool) -> str:
+    """A force with its bounds; if it stands `alone`, with the word "guaranteed" where it has one."""
+    text = interval(force.lower, force.upper, force.value)
+    return guaranteed(text, force.lower, force.upper) if alone else text
+
+
+def clamped_rows(n: int, clamped: Sequence[int]) -> list[list[int]]:
+    """The clamped ones of n sides, those in a row together."""
+    starts = [side for side in clamped if (side - 1) % n not in clamped] or [*clamped][:1]
+    rows = []
+    for start in starts:
+        row = [start]
+        while (row[-1] + 1) % n in clamped and (row[-1] + 1) % n != start:
+            row.append((row[-1] + 1) % n)
+        rows.append(row)
+    return rows
+
+
+def forces_on_sides(solution: Solution, sharp: bool) -> Forces:
+    """The forces over all sides with contact and over each side, and the reactions."""
+    clamped, n = solution.problem.clamped_sides, solution.polygon.n_sides
+    rows = clamped_rows(n, clamped)
+    each_side = [[side] if side not in clamped else [] for side in range(n)]
+    with_contact = [side for side in range(n) if side not in clamped]
+    whole, total, *each = _forces_over(solution, sharp, [with_contact, [*range(n)], *each_side, *rows])
+    reactions = dict(zip(map(tuple, rows), each[n:], strict=True))
+    return Forces(whole, each[:n], reactions, None if solution.problem.units.reaction else total)
+
+
+def force_over(solution: Solution, sharp: bool, sides: Sequence[int] | None) -> Force:
+    """The force over some sides with their reactions, by default over all sides with contact.
+
+    Raises InputError for a part of clamped sides in a row.
+    """
+    n, clamped = solution.polygon.n_sides, solution.problem.clamped_sides
+    if sides is None:
+        return _forces_over(solution, sharp, [[side for side in range(n) if side not in clamped]])[0]
+    part = arguments.sides(sides, n, "sides")
+    for row in clamped_rows(n, clamped):
+        if 0 < len({*row} & {*part}) < len(row):
+            raise InputError(f"sides {part}: the clamped sides {row} are in a row; take all or none of them")
+    return _forces_over(solution, sharp, [part])[0]
+
+
+def _forces_over(solution: Solution, sharp: bool, parts: list[list[int]]) -> list[Force]:
+    arguments.check_flags(sharp=sharp)
+    bounds, solved = bound_errors(solution, sharp), solution.solved
+    form, n = solved.form, solution.polygon.n_sides
+    # Without bounds nothing is known of reactions
+    outflows = np.where(np.isin(np.arange(n), form.clamped), math.nan, np.zeros((2, n)))
+    clamps = Clamps(form, outflows, none(n), math.inf)
+    bound, local = (solved.bound(sharp), solved.local_bound) if form.clamped and bounds else (None, None)
+    if bound and local:
+        clamps = Clamps(form, bound.outflows, local.ends, bound.of_fluxes, solved.force_balance)
+    error = bounds.multiplier if bounds else math.inf
+    found = forces(solved.mesh, solved.partition, solved.lambda_H, error, parts, clamps)
+    return [in_units(force, solution.problem.units.force) for force in found]

@@ -1,0 +1,116 @@
+"""The digest of a script's code: what changes it, and what does not."""
+
+from functools import cache
+from pathlib import Path
+
+import grimp
+import pytest
+from conftest import ROOT, copy_project
+
+from study import code
+
+SCRIPTS = sorted(file.stem for file in (ROOT / "workflow/scripts").glob("*.py") if file.stem != "job")
+
+
+@pytest.fixture
+def project(tmp_path, monkeypatch):
+    """A copy of the project, as the current folder."""
+    monkeypatch.chdir(copy_project(tmp_path))
+    yield Path()
+    code._read.cache_clear()
+
+
+def digest(script="cells"):
+    code._read.cache_clear()
+    return code.digest(f"workflow/scripts/{script}.py")
+
+
+MEASURE = "src/study/experiments/cells/measure.py"
+UNCHANGED = {
+    "docstring of a module": ("src/unilateral/solvers/uzawa.py", '"""', '"""Edited. ', 0),
+    "docstring of a function": (
+        MEASURE,
+        '"""Write the errors at a',
+        '"""Edited. Write the errors at a',
+        None,
+    ),
+    "comment": (MEASURE, "def measure_cells", "# edited\ndef measure_cells", None),
+    "layout": (MEASURE, "def measure_cells", "\n\ndef measure_cells", None),
+    "another experiment": (
+        "src/study/experiments/graded/measure.py",
+        "def measure_graded",
+        "def other",
+        None,
+    ),
+    "the command line": ("src/unilateral/cli/application.py", "import click", "import click as other", 0),
+    "claims of the experiment": ("src/study/experiments/cells/claims.yaml", "claims:", "claims: ", 0),
+}
+CHANGED = {
+    "the function": (MEASURE, "def measure_cells", "def other"),
+    "the library": ("src/unilateral/solvers/uzawa.py", "def uzawa(", "def other("),
+    "a package": ("src/unilateral/solvers/__init__.py", '"""', 'x = 1\n"""'),
+    "data": ("src/study/variables.yaml", "h:", "h2:"),
+    "the script": ("workflow/scripts/cells.py", "params.stop", "params.other"),
+}
+
+
+def change(file, old, new, first):
+    """Edit a file at the only place of that text, or at the first one."""
+    text = Path(file).read_text()
+    assert text.count(old) == 1 or first is not None
+    Path(file).write_text(text.replace(old, new, 1))
+
+
+@pytest.mark.parametrize("name", UNCHANGED)
+def test_what_no_result_of_a_script_depends_on_leaves_its_digest(project, name):
+    before = digest()
+    change(*UNCHANGED[name])
+    assert digest() == before
+
+
+@pytest.mark.parametrize("name", CHANGED)
+def test_what_a_script_runs_or_reads_changes_its_digest(project, name):
+    """Control."""
+    before = digest()
+    change(*CHANGED[name], 0)
+    assert digest() != before
+
+
+@cache
+def graph():
+    """The project's imports, as import-linter sees them."""
+    return grimp.build_graph("benchmarks", "study", "unilateral", cache_dir=None)
+
+
+def file_of(module):
+    folder = "." if module.startswith("benchmarks") else "src"
+    path = Path(folder, *module.split("."))
+    return path / "__init__.py" if (ROOT / path).is_dir() else path.with_suffix(".py")
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_the_files_of_a_script_are_those_of_the_modules_that_it_imports(monkeypatch, script):
+    """By import-linter's graph from what it imports itself; and the packages that these are in."""
+    monkeypatch.chdir(ROOT)
+    program = f"workflow/scripts/{script}.py"
+    lines = Path(program).read_text().splitlines()
+    own = {line.split()[1] for line in lines if line.startswith(("from benchmarks", "from study"))}
+    assert own
+    modules = own | {module for each in own for module in graph().find_upstream_modules(each)}
+    modules |= {".".join(each.split(".")[:k]) for each in modules for k in range(1, each.count(".") + 1)}
+    found = {file for file in code.used_files(program) if file.suffix == ".py"}
+    assert found == {Path(program), *map(file_of, modules)}
+
+
+def test_the_data_of_the_ledger_are_those_that_its_modules_name(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    found = {file.name for file in code.used_files("workflow/scripts/claims.py") if file.suffix == ".yaml"}
+    assert {"case.schema.yaml", "polygons.yaml", "variables.yaml", "sections.yaml"} <= found
+
+
+def test_a_figure_depends_on_its_own_module_and_on_no_other_figure_s(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    for script in SCRIPTS:
+        if script.startswith("draw_"):
+            files = code.used_files(f"workflow/scripts/{script}.py")
+            assert sum(file.stem.endswith("figure") for file in files) == 1

@@ -1,0 +1,281 @@
+"""What is derived of a case against sympy, from its declaration alone, with 30 digits.
+
+Derivatives are sympy's, in polar coordinates all of them: that the polar factors are harmonic is not used.
+"""
+
+import mpmath
+import numpy as np
+import pytest
+import sympy
+from symbolic import THETA, D, R, T, X, Y, pos, with_digits
+
+from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.problems import case as cases
+from unilateral.problems.cantor_atom import DUST
+from unilateral.problems.catalogue import names
+
+DIGITS = 30
+ROUNDING = 2e-12
+"""Relative to the largest value of a kind. Places are rounded by some 1e-16 of a side, a few times, and
+functions change on the scale of the distance from a singular point, which is 0.003 or more."""
+POLYGONS = ("square", "lshape", "hexagon")
+PLACES = [
+    (name, polygon)
+    for name in names()
+    for polygon in POLYGONS
+    if cases.declared(name)[0]["polygons"] == "any" or polygon in cases.declared(name)[0]["polygons"]
+]
+
+
+class Derived:
+    """v of an atom, its slopes along both coordinates, polar or Cartesian, and its Laplacian."""
+
+    def __init__(self, v, polar):
+        symbols = (R, THETA) if polar else (T, D)
+        first, second = symbols
+        r = R if polar else sympy.Integer(1)
+        along, across = sympy.diff(v, first), sympy.diff(v, second) / r
+        laplacian = sympy.diff(v, first, 2) + sympy.diff(v, second, 2) / r**2
+        if polar:
+            laplacian += along / r
+        self.parts = [with_digits(e, *symbols) for e in (v, along, across, laplacian)]
+
+    def __call__(self, first, second):
+        return [part(first, second) for part in self.parts]
+
+
+def cut_off(v, entry):
+    """With the factor (1 - (r/R)^2)_+^4."""
+    return (
+        v * pos(1 - (R / sympy.sympify(str(entry["cutoff"]), rational=True)) ** 2, 4)
+        if "cutoff" in entry
+        else v
+    )
+
+
+def exact(value):
+    return sympy.sympify(str(value), rational=True)
+
+
+def polar_factor(entry, omega):
+    """By the README: r^beta times a cosine or a sine."""
+    alpha, times = exact(entry.get("alpha", 0)), exact(entry.get("times", 1))
+    beta, kind = 1 + alpha, entry.get("kind", "harmonic")
+    if kind == "harmonic":
+        v = R**beta * sympy.cos(beta * (sympy.pi - THETA)) / (beta * sympy.sin(alpha * sympy.pi))
+    elif kind == "free":
+        v = R ** (sympy.pi / omega) * sympy.cos(sympy.pi * THETA / omega)
+    elif kind == "held":
+        v = -(R ** (sympy.pi / omega)) * sympy.sin(sympy.pi * THETA / omega)
+    elif kind == "transition":
+        v = -(R**beta) * sympy.cos(beta * (omega - THETA)) / (beta * sympy.sin(omega * beta))
+    elif "alpha" in entry:  # clamped, u = 0 at theta = omega and -dv/dtheta = r^beta at 0
+        v = R**beta * sympy.sin(beta * (omega - THETA)) / (beta * sympy.cos(omega * beta))
+    else:
+        v = R ** (sympy.pi / (2 * omega)) * sympy.cos(sympy.pi * THETA / (2 * omega))
+    return times * v
+
+
+class Oracle:
+    """u, grad u, f, lambda and the gap of a case, from its declaration."""
+
+    def __init__(self, name, polygon, side=0):
+        self.declaration, _ = cases.declared(name)
+        self.polygon, self.side, self.atoms = polygon, side, []
+        self.vertices = [[mpmath.mpf(z) for z in vertex] for vertex in polygon.vertices.tolist()]
+        self.constants = {
+            key: exact(value[polygon.name] if isinstance(value, dict) else value)
+            for key, value in self.declaration.get("constants", {}).items()
+        }
+        for entry in self.declaration["u"]:
+            self.add(entry)
+
+    def formula(self, text, **variables):
+        return sympy.sympify(str(text), {"pos": pos, **variables, **self.constants}, rational=True)
+
+    def add(self, entry):
+        n = self.polygon.n_sides
+        if entry["atom"] == "smooth":
+            u = self.formula(entry["formula"], x=X, y=Y)
+            slopes = [sympy.diff(u, z) for z in (X, Y)]
+            parts = [u, *slopes, sympy.diff(slopes[0], X) + sympy.diff(slopes[1], Y)]
+            parts = [with_digits(part, X, Y) for part in parts]
+            self.atoms.append(lambda x, y: [part(x, y) for part in parts])
+            return
+        side = entry["vertex"] if "vertex" in entry else (self.side + entry["side"]) % n
+        if entry["atom"] == "tensor":
+            cutoff = exact(entry["cutoff"])
+            v = -D * self.formula(entry["profile"], t=T) * pos(1 - (D / cutoff) ** 2, 4)
+            self.atoms.append(self.on_side(side, 0, Derived(v, polar=False), polar=False))
+        elif entry["atom"] == "cantor":
+            unit = {"alpha": entry["alpha"], "cutoff": 1}
+            derived = Derived(cut_off(polar_factor(unit, None), unit), polar=True)
+            alpha = exact(entry["alpha"])
+            for a, b in contact_intervals(entry):
+                self.atoms.append(self.on_side(side, a, self.scaled(derived, b - a, alpha), reach=b - a))
+        else:
+            angle = (
+                sympy.nsimplify(self.polygon.angles[side] / np.pi, rational=True, tolerance=1e-9) * sympy.pi
+            )
+            derived = Derived(cut_off(polar_factor(entry, angle), entry), polar=True)
+            self.atoms.append(self.on_side(side, exact(entry.get("at", 0)), derived))
+
+    @staticmethod
+    def scaled(derived, length, alpha):
+        """The unit atom on a contact of another length: v(r) = l^(1 + alpha) v_1(r / l)."""
+        size = mpmath.mpf(length.p) / length.q
+
+        def parts(r, theta):
+            v, along, across, laplacian = derived(r / size, theta)
+            factor = size ** (1 + mpmath.mpf(alpha.p) / alpha.q)
+            return factor * v, factor * along / size, factor * across / size, factor * laplacian / size**2
+
+        return parts
+
+    def on_side(self, side, t, derived, polar=True, reach=None):
+        """u, its two derivatives and its Laplacian by x and y, of L v(x / L)."""
+        a, b = (self.vertices[i % self.polygon.n_sides] for i in (side, side + 1))
+        length = mpmath.hypot(b[0] - a[0], b[1] - a[1])
+        p, q = ((b[i] - a[i]) / length for i in range(2))
+        t = mpmath.mpf(t.p) / t.q if t else mpmath.mpf(0)
+        reach = mpmath.inf if reach is None else mpmath.mpf(reach.p) / reach.q
+
+        def parts(x, y):
+            dx, dy = (x - a[0]) / length - t * p, (y - a[1]) / length - t * q
+            along, into = p * dx + q * dy, p * dy - q * dx
+            into = abs(into) if abs(into) < 1e-12 else into
+            r, theta = mpmath.hypot(along, into), mpmath.atan2(into, along) % (2 * mpmath.pi)
+            if r >= reach:
+                return [mpmath.mpf(0)] * 4
+            v, first, second, laplacian = derived(*((r, theta) if polar else (along, into)))
+            if polar:
+                c, s = mpmath.cos(theta), mpmath.sin(theta)
+                first, second = first * c - second * s, first * s + second * c
+            return length * v, first * p - second * q, first * q + second * p, laplacian / length
+
+        return parts
+
+    def at(self, x, y):
+        """u, u_x, u_y and f = c u - Delta u."""
+        sums = [mpmath.fsum(parts) for parts in zip(*(atom(x, y) for atom in self.atoms), strict=True)]
+        u, u_x, u_y, laplacian = sums
+        return u, u_x, u_y, self.declaration.get("c", 1) * u - laplacian
+
+    def values(self, points):
+        """u, u_x, u_y and f at points (k, 2)."""
+        with mpmath.workdps(DIGITS):
+            return np.array([self.at(*map(mpmath.mpf, point)) for point in points.tolist()], dtype=float).T
+
+    def gap(self, side, t):
+        """The gap at places t (k,) of a side."""
+        n, declared = self.polygon.n_sides, self.declaration["gap"]
+        here = [e for e in declared.get("sides", []) if (self.side + e["side"]) % n == side]
+        if side in self.clamped:
+            gap = sympy.Integer(0)
+        elif here and "cantor" in here[0]:
+            gap = cantor_gap(here[0]["cantor"])
+        else:
+            gap = self.formula(here[0]["formula"] if here else declared["elsewhere"], t=T)
+        value = with_digits(gap, T)
+        with mpmath.workdps(DIGITS):
+            return np.array([value(mpmath.mpf(each)) for each in t.tolist()], dtype=float)
+
+    @property
+    def clamped(self):
+        entries = self.declaration.get("clamped", [])
+        return {(self.side + entry["side"]) % self.polygon.n_sides for entry in entries}
+
+
+def removed(entry):
+    """The intervals that each generation removes, and those that are left."""
+    keep, inset = exact(entry["keep"]), exact(entry["inset"])
+    left, generations = [(inset, 1 - inset)], []
+    for _ in range(entry["generations"]):
+        generations.append([(a + keep * (b - a), b - keep * (b - a)) for a, b in left])
+        left = [piece for a, b in left for piece in ((a, a + keep * (b - a)), (b - keep * (b - a), b))]
+    return generations, left
+
+
+def contact_intervals(entry):
+    return [interval for generation in removed(entry)[0][::2] for interval in generation]
+
+
+def cantor_gap(entry):
+    """By the README: tents on what even generations remove, DUST times such tents on what is left."""
+    generations, left = removed(entry)
+    inset, gamma = exact(entry["inset"]), exact(entry["gamma"])
+    tents = [(1, pair) for generation in generations[1::2] for pair in generation]
+    tents += [(sympy.Rational(DUST), pair) for pair in left]
+    return (
+        pos(inset - T, gamma)
+        + pos(T - 1 + inset, gamma)
+        + sympy.Add(*(times * pos((T - c) * (d - T), gamma) / (d - c) ** gamma for times, (c, d) in tents))
+    )
+
+
+def inside(polygon, numbers, rng):
+    """Random points of a polygon, none within 0.003 of its boundary."""
+    low, high = polygon.vertices.min(axis=0), polygon.vertices.max(axis=0)
+    points = low + (high - low) * rng.random((40 * numbers, 2))
+    a, b = polygon.vertices, np.roll(polygon.vertices, -1, axis=0)
+    dx, dy = points[:, None, 0], points[:, None, 1]
+    crossed = (a[:, 1] > dy) != (b[:, 1] > dy)
+    with np.errstate(all="ignore"):
+        left = dx < a[:, 0] + (dy - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
+    within = np.sum(crossed & left, axis=1) % 2 == 1
+    shift = np.clip(np.sum((points[:, None] - a) * (b - a), axis=2) / np.sum((b - a) ** 2, axis=1), 0, 1)
+    apart = np.linalg.norm(points[:, None] - a - shift[..., None] * (b - a), axis=2).min(axis=1)
+    return points[within & (apart > 0.003)][:numbers]
+
+
+def deviations(name, polygon, times=1.0, numbers=8):
+    """The largest difference of each kind, relative to the largest value of u, grad u or f."""
+    case, rng, oracle = cases.load(name, polygon), np.random.default_rng(47), Oracle(name, polygon)
+    # points inside, as many of them near side 0, where the atoms are
+    near = polygon.at(np.zeros(numbers, dtype=int), polygon.lengths[0] * rng.uniform(0.05, 0.95, numbers))
+    points = np.vstack([inside(polygon, numbers, rng), near - 0.01 * polygon.normals[0]])
+    u, gradient, f = case.whole(points)
+    expected = oracle.values(points)
+    sizes = {
+        "u": np.abs(expected[0]).max(),
+        "grad u": np.abs(expected[1:3]).max(),
+        "f": np.abs(expected[3]).max(),
+    }
+    found = {
+        "u": np.abs(times * u - expected[0]).max() / sizes["u"],
+        "grad u": np.abs(times * gradient.T - expected[1:3]).max() / sizes["grad u"],
+        "f": np.abs(times * f - expected[3]).max() / sizes["f"],
+    }
+    for side in range(polygon.n_sides):
+        t = rng.uniform(0.02, 0.98, numbers)
+        sides, s = np.full(numbers, side), t * polygon.lengths[side]
+        trace, flux, gap = case.boundary(sides, s)
+        exact_trace, *exact_gradient, _ = oracle.values(polygon.at(sides, s))
+        exact_gap, normal = oracle.gap(side, t), polygon.normals[side]
+        exact_flux = (
+            0 * t if side in oracle.clamped else exact_gradient[0] * normal[0] + exact_gradient[1] * normal[1]
+        )
+        of_u = max(sizes["u"], np.abs(exact_gap).max())
+        found[f"lambda on side {side}"] = np.abs(flux - exact_flux).max() / sizes["grad u"]
+        found[f"gap on side {side}"] = np.abs(gap - exact_gap).max() / of_u
+        found[f"g on side {side}"] = np.abs(trace - gap - (exact_trace - exact_gap)).max() / of_u
+    return found
+
+
+@pytest.mark.parametrize(("name", "polygon"), PLACES)
+def test_what_is_derived_is_what_sympy_derives(name, polygon):
+    found = deviations(name, named(polygon))
+    assert max(found.values()) < ROUNDING, found
+
+
+@pytest.mark.parametrize("name", ["thirds", "smooth", "clamped_90"])
+def test_the_size_of_the_side_is_known_to_the_derivation(name):
+    large = Polygon(10 * square().vertices, "square")
+    assert max(deviations(name, large).values()) < ROUNDING
+
+
+@pytest.mark.parametrize("name", ["thirds", "smooth", "full_contact", "violates_jjj"])
+def test_a_deviation_of_1e_10_is_noticed(name):
+    """Control."""
+    found = deviations(name, square(), times=1 + 1e-10)
+    assert min(found["u"], found["grad u"], found["f"]) > 10 * ROUNDING

@@ -1,0 +1,174 @@
+"""Copies and pickles of solutions, which are plain data, and what other programs read in a file."""
+
+import copy
+import pickle
+import warnings
+from functools import cache
+
+import numpy as np
+import pytest
+import xarray as xr
+from conftest import ROOT
+
+import unilateral as ul
+from unilateral.discrete.base import DiscreteProblem
+from unilateral.discrete.solution import DiscreteSolution
+from unilateral.fem.condense import Condensed
+from unilateral.fem.spaces import DualOperator
+from unilateral.solvers.stop import Stop
+
+SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
+SIZES = {"h": 1 / 16, "H": 1 / 8}
+
+
+def source(x, y):
+    return np.cos(5 * x) - 2
+
+
+def obstacle(x, y):
+    return -x * y / 2
+
+
+PROBLEMS = {
+    "case": lambda: ul.solve("natural", **SIZES),
+    "case on another polygon": lambda: ul.solve(ul.case("thirds", "lshape", 1), h=1 / 8, H=1 / 4),
+    "singular case": lambda: ul.solve("singular", h=1 / 8, H=1 / 4),
+    "clamped": lambda: ul.solve("clamped_90", h=1 / 8, H=1 / 4),
+    "multigrid": lambda: ul.solve("natural", h=1 / 48, H=1 / 24, stop=Stop(algorithm="multigrid")),
+    "gmsh": lambda: ul.solve(ul.load(ROOT / "examples/shelter.yaml"), h=1 / 7, H=1 / 3),
+    "accuracy": lambda: ul.solve(ul.load(ROOT / "examples/cog.yaml"), accuracy=0.1),
+    "sharp accuracy": lambda: ul.solve(ul.load(ROOT / "examples/step.yaml"), accuracy=0.3, norm="hm12"),
+    "units": lambda: ul.solve(ul.load(ROOT / "examples/plate.yaml"), h=5e-5, H=1e-4),
+    "flux": lambda: ul.solve(
+        ul.Problem(SQUARE, f="1/3", g=["-x", -1, None, 0], free_sides=[2], q="x", k="1/3"), **SIZES
+    ),
+    "functions": lambda: ul.solve(
+        ul.Problem(SQUARE, f=source, g=[obstacle, "-y/2", "-x/2", 0], k=2), **SIZES
+    ),
+    "arrays": lambda: _of_arrays(),
+    "solver": lambda: ul.Solver("natural", **SIZES)(f="x - 2", g="-x*y/3"),
+    "another program's": lambda: _of_another_program(),
+    "not converged": lambda: _quiet("natural", **SIZES, stop=Stop(algorithm="uzawa", max_steps=3)),
+    "missed": lambda: _quiet("natural", accuracy=1e-3, max_unknowns=100),
+}
+
+
+def _of_arrays():
+    """f, g on two sides and q on another as arrays at the nodes of a mesh that was halved."""
+    mesh = ul.mesh([(0, 0), (1, 0), (1, 1), (0, 1), (0.4, 0.6)], [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)])
+    mesh = ul.mesh(mesh, halvings=3)
+    x, y = mesh.points.T
+    on_sides = [-x * y, -x * y / 2 - y / 2, None, 0]
+    problem = ul.Problem(mesh, f=x - 2, g=on_sides, free_sides=[2], q=[None, None, x - 1, None], k="1/3")
+    return ul.solve(problem, H=1 / 4)
+
+
+def _of_another_program():
+    s = ul.solve("natural", **SIZES)
+    return ul.certify(s.problem, s.mesh, s.u + 0.01)
+
+
+def _quiet(*arguments, **named):
+    with warnings.catch_warnings(action="ignore", category=ul.SolutionWarning):
+        return ul.solve(*arguments, **named)
+
+
+@cache
+def solved(name):
+    """Each of the problems, solved once."""
+    return PROBLEMS[name]()
+
+
+def values(s):
+    """What users see of a solution, as text with all digits."""
+    with np.printoptions(threshold=10**6, floatmode="unique"):
+        arrays = [repr(array) for array in (s.u, s.multiplier, s.gap, s.mesh.points, s.mesh.triangles)]
+    points = np.random.default_rng(1).uniform(*np.array(s.polygon.vertices)[[0, 2]], (20, 2))
+    at_points = [s.u_at(points).tolist(), s.grad_at(points).tolist()]
+    if s.solved.data is not None:
+        at_points.append(s.flux_at(points).tolist())
+    known = [s.bounds, s.sharp_bounds, s.forces().whole, s.forces().reactions, s.certificate()]
+    return [arrays, at_points, repr(known), repr(s), s.contact.intervals]
+
+
+WAYS = {
+    "copy": copy.copy,
+    "deep copy": copy.deepcopy,
+    "pickle": lambda s: pickle.loads(pickle.dumps(s)),
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_copies_and_pickles_are_the_same(name, way):
+    """Bit for bit: what was computed before it was copied, and what is computed from the copy."""
+    s = solved(name)
+    before = WAYS[way](s)
+    expected = values(s)
+    after = WAYS[way](s)
+    assert values(before) == expected
+    assert values(after) == expected
+
+
+def test_another_solution_is_not_the_same():
+    """Control: of finer cells."""
+    assert values(solved("case")) != values(ul.solve("natural", h=1 / 16, H=1 / 4))
+
+
+def test_copies_of_problems_are_solved_alike():
+    for name in ("case", "clamped", "flux"):
+        problem = solved(name).problem
+        again = pickle.loads(pickle.dumps(problem))
+        one, other = (ul.solve(each, h=1 / 8, H=1 / 4) for each in (again, problem))
+        np.testing.assert_array_equal(one.u, other.u)
+
+
+def parts(of, seen):
+    """Everything that an object is made of."""
+    if id(of) in seen or isinstance(of, np.ndarray | str | float | int | type(None)):
+        return
+    seen[id(of)] = of
+    inner = list(of.values()) if isinstance(of, dict) else list(of) if isinstance(of, list | tuple) else []
+    for each in [*inner, *vars(of).values()] if hasattr(of, "__dict__") else inner:
+        parts(each, seen)
+
+
+@pytest.mark.parametrize("name", ["case", "multigrid", "accuracy"])
+def test_a_solution_holds_no_solver(name):
+    """No discrete problem, no factors, no matrices; control: a solver holds them."""
+    kept, solver = {}, {}
+    parts(solved(name), kept)
+    parts(ul.Solver("natural", **SIZES), solver)
+    forbidden = (DiscreteProblem, Condensed, DualOperator)
+    assert any(isinstance(each, DiscreteSolution) for each in kept.values())
+    assert not [each for each in kept.values() if isinstance(each, forbidden)]
+    assert [each for each in solver.values() if isinstance(each, forbidden)]
+    modules = {type(each).__module__.partition(".")[0] for each in kept.values()}
+    assert "scipy" not in modules
+    assert "scipy" in {type(each).__module__.partition(".")[0] for each in solver.values()}
+
+
+def test_withdrawn_bounds_stay_withdrawn(monkeypatch):
+    """Of a solution none of whose levels is believed; control: as it is, it has bounds."""
+    assert solved("accuracy").bounds is not None
+    monkeypatch.setattr("unilateral.adaptive.loop.uncontradicted", lambda levels: [])
+    s = _quiet("natural", accuracy=0.3)
+    assert s.bounds is None
+    for again in (pickle.loads(pickle.dumps(s)), copy.deepcopy(s)):
+        assert again.bounds is None
+        assert not again.certified
+
+
+def test_a_file_is_read_without_this_package(tmp_path):
+    """By xarray, all digits; the two bounds are in it for other readers."""
+    s = solved("flux")
+    s.save(tmp_path / "s.nc")
+    with xr.open_dataset(tmp_path / "s.nc") as table:
+        np.testing.assert_array_equal(table["u"], s.u)
+        np.testing.assert_array_equal(table["multiplier"], s.multiplier)
+        np.testing.assert_array_equal(table["gap"], s.gap)
+        np.testing.assert_array_equal(np.stack([table["x"], table["y"]], axis=1), s.mesh.points)
+        np.testing.assert_array_equal(table["triangles"], s.mesh.triangles)
+        assert table.attrs["Conventions"] == "CF-1.8"
+        assert table.attrs["h1_bound"] == s.bounds.u
+        assert table.attrs["hm12_bound"] == s.bounds.multiplier
