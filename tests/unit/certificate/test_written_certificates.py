@@ -231,8 +231,6 @@ REFUSED = {
     "jump of q": lambda: ul.Problem(
         SQUARE, f=-1, g=0, free_sides=[2], q=[None, None, "pos(x - 1/2, 0)", None]
     ),
-    "function f": lambda: ul.Problem(SQUARE, f=zero, g=0),
-    "function g": lambda: ul.Problem(SQUARE, f=-1, g=[0, 0, zero, 0]),
     "array f": lambda: ul.Problem(NODES, f=NODES.points[:, 0], g=0),
     "array g": lambda: ul.Problem(NODES, f=-1, g=NODES.points[:, 0]),
     "k": lambda: ul.Problem(SQUARE, f=-1, g=0, k="sqrt(2)"),

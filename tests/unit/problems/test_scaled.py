@@ -59,7 +59,8 @@ def test_u_lambda_gap_and_forces_are_in_the_user_s_units(pair):
 def test_bounds_are_those_of_the_scaled_problem(pair):
     """(k |u|_1^2 + c ||u||_0^2)^{1/2} = ||v||_1, and the dual norm likewise."""
     one, other = pair
-    assert other.bounds[:2] == pytest.approx(one.bounds[:2], rel=1e-6)
+    assert other.bounds.u == pytest.approx(one.bounds.u, rel=1e-6)
+    assert other.bounds.multiplier == pytest.approx(one.bounds.multiplier, rel=1e-6)
     assert other.bounds.unknown == pytest.approx(one.bounds.unknown, rel=0.01)
 
 
