@@ -63,19 +63,31 @@ def _of_the_study(
     results: Mapping[str, Any], study: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
     """Parameters, claims and the costs of the whole study; the tables of claims and of figures."""
-    told = {name: study[name] for name in ("adaptive", "cost", "extremes")}
-    told |= {name: study["rates"][name] for name in ("judged_ratio", "norms")}
     claims = results["results/claims"]
     observed = {each["id"]: {"observed": each["observed"]} for each in claims}
     make = results["benchmarks/whole"]
     measured = make | results["benchmarks/installations"]
     whole = {name: taken(each) for name, each in measured.items() if isinstance(each, Mapping)}
     numbers = {
-        "study": told | {"infsup": {"rule": RULE._asdict()}},
+        "study": _parameters(study) | {"infsup": {"rule": RULE._asdict()}},
         "claims": observed | ledger(claims),
         "whole": whole | {name: make[name] for name in ("cores", "date")},
     }
     return numbers, verdicts.claims_tables(claims) | {"figures": figures(study["figures"])}
+
+
+def _parameters(study: Mapping[str, Any]) -> dict[str, Any]:
+    """The parameters that documents name."""
+    cost, extremes, rates = study["cost"], study["extremes"], study["rates"]
+    axes = {axis: {"h": extremes["axes"][axis]["h"]} for axis in ("ratio", "shift")}
+    axes["single"] = {"accuracy": extremes["axes"]["single"]["accuracy"]}
+    return {
+        "adaptive": {name: study["adaptive"][name] for name in ("factor", "h", "most")},
+        "cost": {"base": {"H_over_h": cost["base"]["H_over_h"]}, "fitted_from": cost["fitted_from"]},
+        "extremes": {name: extremes[name] for name in ("h", "H", "accuracy", "max_steps")} | {"axes": axes},
+        "judged_ratio": rates["judged_ratio"],
+        "norms": {norm: {"tolerance": rates["norms"][norm]["tolerance"]} for norm in ("h1", "hm12")},
+    }
 
 
 def ledger(claims: Sequence[Mapping[str, Any]]) -> dict[str, Any]:

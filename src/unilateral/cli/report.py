@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from unilateral.adaptive.forecast import Plan
 from unilateral.adaptive.level import NOT_ENCLOSED, Level
 from unilateral.adaptive.loop import Search
 from unilateral.adaptive.marking import refinement_pays
+from unilateral.bounds.forces import Force
 from unilateral.cli.guard import as_options
 from unilateral.errors import counted
 from unilateral.formulas.decimals import down, guaranteed, interval, up
@@ -45,8 +46,21 @@ def errors_of(units: Units) -> Named:
     return Named(energy(units, "u - u_h"), "||lambda - lambda_H||_-1/2")
 
 
+class ForceRow(NamedTuple):
+    """A force by its `name` in JSON and by the `label` of its row for readers."""
+
+    name: str
+    label: str
+    force: Force
+
+
 def table(
-    found: dict[str, Any], bounds: Bounds | None, least: dict[str, float], doubt: str, units: Units
+    found: dict[str, Any],
+    bounds: Bounds | None,
+    least: dict[str, float],
+    forces: Sequence[ForceRow],
+    doubt: str,
+    units: Units,
 ) -> str:
     """Rows for a reader: what was found with its bounds.
 
@@ -79,13 +93,8 @@ def table(
         enclosed = f"at most {up(bounds.unknown, '.1e')} for approximating f, g and q"
         rows["these bounds include"] = f"all rounding errors, and {enclosed}"
     rows |= _contact(found["contact"]) if found["multipliers"] else {"contact": LINEAR}
-    for name, force in (found["forces"] or {}).items():
-        kind, *row = name.split("_")
-        of_row = f"reaction, side{'s' * (len(row) > 1)} {', '.join(row)}"
-        label = {"reaction": of_row, "forces": "sum of forces, reactions"}.get(
-            kind, f"force, {name.replace('_', ' ')}"
-        )
-        rows[label] = interval(force["lower"], force["upper"], force["value"], DIGITS)
+    for row in forces:
+        rows[row.label] = interval(row.force.lower, row.force.upper, row.force.value, DIGITS)
     if doubt:
         rows["lambda_H"] = doubt
     rows["time and memory"] = f"{found['seconds']:.2f} s, {found['peak_mb']:.0f} MB"

@@ -6,7 +6,7 @@ import math
 import shlex
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -17,7 +17,7 @@ from unilateral import api
 from unilateral.adaptive import loop
 from unilateral.adaptive.goal import ACCURACY, NORMS
 from unilateral.adaptive.level import Level
-from unilateral.adaptive.loop import WITHDRAWN, Search
+from unilateral.adaptive.loop import WITHDRAWN
 from unilateral.certificates.export import CERTIFICATE_ENDINGS, checker_of
 from unilateral.certificates.statement import state_problem
 from unilateral.cli.guard import NOT_CONVERGED, say, tell
@@ -26,6 +26,7 @@ from unilateral.cli.report import (
     NORMS_WITH_COEFFICIENTS,
     SIDES,
     WITHOUT_REACTION,
+    ForceRow,
     ending,
     head,
     level_head,
@@ -42,19 +43,15 @@ from unilateral.problems.problem import Problem
 from unilateral.solution.bounds import Bounds, energy, too_large
 from unilateral.solution.faults import flat_triangles, lift_dominates, not_converged, not_unique
 from unilateral.solution.files import ENDINGS
-from unilateral.solution.record import record
+from unilateral.solution.record import record as record_of
 from unilateral.solution.solution import Solution
 from unilateral.solvers.stop import Stop
 from unilateral.system import as_json
 from unilateral.system.files import check_target, writing_failed
 from unilateral.system.memory import keep_freed, peak_mb
 from unilateral.system.optional import require
+from unilateral.system.signals import INTERRUPTED
 
-INTERRUPTED = 130
-LIMITS = ("max_unknowns", "max_seconds", "max_memory")
-PASSED_ON = ("h", "H", "accuracy", "norm", "sharp", "absolute", "dry_run", *LIMITS)
-OF_STOP = ("tolerance", "max_steps", "algorithm", "rho")
-"""Options that are arguments of `api.solve` and of `Stop`, by the same names."""
 BY_DEFAULT = f"no sizes and no accuracy are given; using --accuracy {ACCURACY:g}"
 TOO_COARSE = (
     "the bound does not rule out an error as large as u itself; "
@@ -69,168 +66,66 @@ KEPT = ("solution.vtu", "boundary.csv", "solution.nc", "certificate.json", "solu
 
 
 def run(options: SimpleNamespace) -> int:
-    """Solve and report; the exit code."""
-    options.sharp = options.sharp or options.norm == "hm12"
-    _targets(options)
+    """Solve and report; the exit code. The `options` are those of the command, as click reads them."""
+    sharp = options.sharp or options.norm == "hm12"
+    files = target_files(options.output, options.out, options.certificate)
     keep_freed()
     problem = _problem(options)
     if options.certificate:
-        state_problem(problem)
-    solution = _solved(options, problem)
-    interrupted = solution.search is not None and solution.search.ended == loop.INTERRUPTED
-    if options.dry_run and solution.search:
-        say(planned(problem.name, solution.search, options.json))
+        state_problem(problem)  # refuses what a certificate cannot state
+    solution = api.solve(
+        problem,
+        options.h,
+        options.H,
+        options.accuracy,
+        norm=options.norm,
+        mesh=_mesh(options.mesh, problem),
+        stop=Stop(
+            tolerance=options.tolerance,
+            max_steps=options.max_steps,
+            algorithm=options.algorithm,
+            rho=options.rho,
+        ),
+        max_unknowns=options.max_unknowns,
+        max_seconds=options.max_seconds,
+        max_memory=options.max_memory,
+        sharp=sharp,
+        absolute=options.absolute,
+        dry_run=options.dry_run,
+        tell=None if options.json else level_printer(problem, options.by_default),
+        begin=options.begin,
+    )
+    search = solution.search
+    interrupted = search is not None and search.ended == loop.INTERRUPTED
+    if search is not None and options.dry_run:
+        say(planned(problem.name, search, options.json))
         return INTERRUPTED if interrupted else 0
-    printed, interrupted = _reported(solution, options, interrupted)
-    _keep(solution, options, printed)  # Ctrl-C ends this at once, also after a search that it has ended
+    on_own_mesh = options.mesh not in (None, *api.KINDS)
+    record, interrupted = report(solution, sharp, options.json, on_own_mesh, options.begin, interrupted)
+    # Ctrl-C ends this at once, also after a search that it has ended
+    write_files(solution, record, files, options.certificate, sharp, options.json)
     if interrupted:
         return INTERRUPTED
-    return 0 if (solution.certified if solution.search else solution.converged) else NOT_CONVERGED
+    return 0 if (solution.certified if search else solution.converged) else NOT_CONVERGED
 
 
 def certify(options: SimpleNamespace) -> int:
     """Bound the errors of another program's solution; the exit code."""
-    vars(options).update(out=None, dry_run=False)
-    _targets(options)
+    files = target_files(options.output, None, options.certificate)
     problem = api.load(options.problem)
     if options.certificate:
-        state_problem(problem)
+        state_problem(problem)  # refuses what a certificate cannot state
     if options.mesh is None and Path(options.solution).suffix in (".csv", ".nc"):
         raise InputError(f"--mesh is missing, because {options.solution} has no triangles")
-    option = "--mesh" if options.mesh else "--solution"
-    options.mesh = options.mesh or options.solution
-    mesh = own_mesh(options.mesh, problem.polygon, option, corners=True)
+    file = options.mesh or options.solution
+    mesh = own_mesh(file, problem.polygon, "--mesh" if options.mesh else "--solution", corners=True)
     from unilateral.exchange.exported_folder import nodal_values_on
 
-    u = nodal_values_on(mesh, options.mesh, options.solution, options.field)
+    u = nodal_values_on(mesh, file, options.solution, options.field)
     solution = api.certify(problem, mesh, u)
-    printed, _ = _reported(solution, options)
-    _keep(solution, options, printed)
-    return 0 if printed["h1_bound"] < math.inf else NOT_CONVERGED
-
-
-def _solved(options: SimpleNamespace, problem: Problem) -> Solution:
-    return api.solve(
-        problem,
-        **{name: getattr(options, name) for name in PASSED_ON},
-        mesh=_mesh(options.mesh, problem),
-        stop=Stop(**{name: getattr(options, name) for name in OF_STOP}),
-        tell=None if options.json else _told(problem, options.by_default),
-        begin=options.begin,
-    )
-
-
-def _reported(
-    found: Solution, options: SimpleNamespace, interrupted: bool = False
-) -> tuple[dict[str, Any], bool]:
-    """Prints what was found; its fields, by the names that --json has, and whether there was an interrupt.
-
-    After an interrupt true errors and forces are left out. One while they are computed ends this only where
-    no accuracy was asked for.
-    """
-    search, sharp = found.search, options.sharp
-    own_mesh = options.mesh not in (None, *api.KINDS)
-    refused = too_large(found.solved, sharp)
-    if refused:
-        tell(refused)
-        bounds = None
-    else:
-        bounds = found.sharp_bounds if sharp else found.bounds
-    if search:
-        _tell_faults(search)
-        if not options.json:
-            say(ending(search, found.problem.units))
-    dual = found.partition.n_cells <= FEW
-    errors = forces = None
-    if not interrupted:
-        try:
-            errors = found.true_errors(dual)
-            forces = _forces(found, sharp) if bounds else None
-        except KeyboardInterrupt:
-            if search is None:
-                raise
-            interrupted = True
-    printed = record(found, bounds, errors, sharp) | {"forces": forces}
-    printed |= {"seconds": time.perf_counter() - options.begin, "peak_mb": peak_mb()}
-    doubt = "" if found.unique else not_unique(found.mesh, own_mesh)
-    if doubt:
-        tell(f"lambda_H {doubt}")
-    certified = bool(search) and found.certified
-    if bounds and not (sharp or certified) and (flat := flat_triangles(found.solved)):
-        tell(flat)
-    if not (search or found.converged):
-        tell(not_converged(found.solved))
-    if reason := lift_dominates(found.solved):
-        tell(reason)
-    if not options.json and not search:
-        say(head(printed))
-    if not options.json and found.solved.foreign:
-        say(f"  {'u':27} of another program; lambda_H and the contact set are this program's")
-    if not options.json and not found.problem.units.reaction:
-        say(f"  {WITHOUT_REACTION.format(energy(found.problem.units, 'v'))}")
-    elif not (options.json or found.problem.units.trivial):
-        say(f"  {NORMS_WITH_COEFFICIENTS}")
-    if options.json:
-        say(as_json.text(printed))
-    else:
-        least = {norm: found.solved.size(norm, sharp) if bounds else math.nan for norm in NORMS}
-        say(table(printed, bounds, least, doubt, found.problem.units))
-        if bounds and not (search or errors or found.solved.foreign) and _too_coarse(found, bounds):
-            say(f"  {'hint':27} {TOO_COARSE}{'; it makes its own meshes' * own_mesh}")
-    return printed, interrupted
-
-
-def _too_coarse(solution: Solution, bounds: Bounds) -> bool:
-    """Whether the mesh alone may be the reason that the bound is not below the norm of u.
-
-    A u_h that is 0 has no relative error, whatever the mesh.
-    """
-    return solution.converged and solution.unique and solution.solved.u_norm > 0 and not bounds.relative_u < 1
-
-
-def _targets(options: SimpleNamespace) -> list[Path]:
-    """The files that are asked for; --out's folder is made. Raises InputError for what cannot be written."""
-    files = [Path(name) for name in options.output]
-    if (files or options.out or options.certificate) and options.dry_run:
-        raise InputError(
-            "--dry-run computes no solution that could be written; leave out -o, --out and --certificate"
-        )
-    if options.certificate:
-        check_target(options.certificate, CERTIFICATE_ENDINGS)
-    for file in files:
-        check_target(file, ENDINGS)
-    if options.out is None:
-        return files
-    require("--out needs", *{package for name in KEPT for package in ENDINGS[Path(name).suffix]})
-    folder = Path(options.out)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise writing_failed(folder, error) from error
-    inside = [folder / name for name in KEPT]
-    for file in inside:
-        check_target(file, ENDINGS)
-    return inside + files
-
-
-def _keep(found: Solution, options: SimpleNamespace, printed: dict[str, Any]) -> None:
-    """Writes the files, each told when it is there; .json has what is printed by --json."""
-    for file in _targets(options):
-        if file.suffix == ".json":
-            as_json.write(printed, file)
-        else:
-            found.save(file)
-        if not options.json:
-            say(written(file))
-    if options.certificate:
-        found.save_certificate(options.certificate)
-        if not options.json:
-            say(written(Path(options.certificate)))
-            check = shlex.join(["python3", str(checker_of(found.problem)), options.certificate])
-            say(f"  {'check it with':27} {check}")
-            if options.sharp:
-                bound = interval(-math.inf, found.solved.total("h1"))
-                say(f"  {'it proves':27} the bound without --sharp: {bound}")
+    record, _ = report(solution, options.sharp, options.json, on_own_mesh=True, begin=options.begin)
+    write_files(solution, record, files, options.certificate, options.sharp, options.json)
+    return 0 if record["h1_bound"] < math.inf else NOT_CONVERGED
 
 
 def _problem(options: SimpleNamespace) -> Problem:
@@ -247,23 +142,25 @@ def _problem(options: SimpleNamespace) -> Problem:
     return api.case(name, options.polygon, options.side or 0, options.free_sides or ())
 
 
-def _mesh(given: str | None, problem: Problem) -> Any:
+def _mesh(kind_or_file: str | None, problem: Problem) -> Any:
     """The kind of mesh, or the mesh in a file of that name."""
-    if given is None or given in api.KINDS:
-        return given or ""
-    if not Path(given).is_file():
-        raise InputError(f"argument --mesh: '{given}' is neither structured nor unstructured nor a file")
-    return own_mesh(given, problem.polygon)
+    if kind_or_file is None or kind_or_file in api.KINDS:
+        return kind_or_file or ""
+    if not Path(kind_or_file).is_file():
+        raise InputError(
+            f"argument --mesh: '{kind_or_file}' is neither structured nor unstructured nor a file"
+        )
+    return own_mesh(kind_or_file, problem.polygon)
 
 
-def _told(problem: Problem, by_default: bool) -> Callable[[Level], None]:
+def level_printer(problem: Problem, by_default: bool) -> Callable[[Level], None]:
     """A function that prints each level, the first one below a line that says what is wanted.
 
     On a terminal it announces a next level that is expected to take long.
     """
     first, units = True, problem.units
 
-    def one(level: Level) -> None:
+    def print_level(level: Level) -> None:
         nonlocal first
         if first and by_default:
             say(BY_DEFAULT)
@@ -272,29 +169,155 @@ def _told(problem: Problem, by_default: bool) -> Callable[[Level], None]:
         if level.next_seconds >= LONG and sys.stderr.isatty():
             print(next_line(level), file=sys.stderr, flush=True)
 
-    return one
+    return print_level
 
 
-def _tell_faults(search: Search) -> None:
-    if search.refusal is not None:
-        tell(search.refusal)
-    withdrawn = len(search.levels) - len(search.believed)
-    if withdrawn:
-        tell(f"{counted(withdrawn, 'bound')} {WITHDRAWN}")
+def report(
+    solution: Solution,
+    sharp: bool,
+    json: bool,
+    on_own_mesh: bool,
+    begin: float,
+    interrupted: bool = False,
+) -> tuple[dict[str, Any], bool]:
+    """Print what was found, as text or as `json`; its record, and whether there was an interrupt.
+
+    After an interrupt true errors and forces are left out. One while they are computed ends this only where
+    no accuracy was asked for. Seconds count from `begin` on.
+    """
+    search, solved, units = solution.search, solution.solved, solution.problem.units
+    refusal = too_large(solved, sharp)
+    bounds = None
+    if refusal:
+        tell(refusal)
+    else:
+        bounds = solution.sharp_bounds if sharp else solution.bounds
+    if search:
+        if search.refusal is not None:
+            tell(search.refusal)
+        withdrawn = len(search.levels) - len(search.believed)
+        if withdrawn:
+            tell(f"{counted(withdrawn, 'bound')} {WITHDRAWN}")
+        if not json:
+            say(ending(search, units))
+    errors, forces = None, []
+    if not interrupted:
+        try:
+            errors = solution.true_errors(solution.partition.n_cells <= FEW)
+            forces = force_rows(solution, sharp) if bounds else []
+        except KeyboardInterrupt:
+            if search is None:
+                raise
+            interrupted = True
+    record = record_of(solution, bounds, errors, sharp) | {
+        "forces": {row.name: fields(*row.force) for row in forces} or None,
+        "seconds": time.perf_counter() - begin,
+        "peak_mb": peak_mb(),
+    }
+    doubt = "" if solution.unique else not_unique(solution.mesh, on_own_mesh)
+    if doubt:
+        tell(f"lambda_H {doubt}")
+    is_certified = search is not None and solution.certified
+    if bounds and not (sharp or is_certified) and (flat := flat_triangles(solved)):
+        tell(flat)
+    if not (search or solution.converged):
+        tell(not_converged(solved))
+    if reason := lift_dominates(solved):
+        tell(reason)
+    if json:
+        say(as_json.text(record))
+        return record, interrupted
+    if not search:
+        say(head(record))
+    if solved.foreign:
+        say(f"  {'u':27} of another program; lambda_H and the contact set are this program's")
+    if not units.reaction:
+        say(f"  {WITHOUT_REACTION.format(energy(units, 'v'))}")
+    elif not units.trivial:
+        say(f"  {NORMS_WITH_COEFFICIENTS}")
+    least = {norm: solved.size(norm, sharp) if bounds else math.nan for norm in NORMS}
+    say(table(record, bounds, least, forces, doubt, units))
+    if bounds and not (search or errors or solved.foreign) and is_too_coarse(solution, bounds):
+        say(f"  {'hint':27} {TOO_COARSE}{'; it makes its own meshes' * on_own_mesh}")
+    return record, interrupted
 
 
-def _forces(found: Solution, sharp: bool) -> dict[str, dict[str, float | str | None]] | None:
+def is_too_coarse(solution: Solution, bounds: Bounds) -> bool:
+    """Whether the mesh alone may be the reason that the bound is not below the norm of u.
+
+    A u_h that is 0 has no relative error, whatever the mesh.
+    """
+    return solution.converged and solution.unique and solution.solved.u_norm > 0 and not bounds.relative_u < 1
+
+
+def force_rows(solution: Solution, sharp: bool) -> list[ForceRow]:
     """The forces over the boundary and over each side with multipliers, and the reactions on clamped sides.
 
-    None for more than SIDES sides, and where all are free.
+    There are none for more than SIDES sides, and where all are free.
     """
-    n_sides, cells = found.mesh.polygon.n_sides, found.partition
-    if n_sides > SIDES:
-        return None
-    held = np.unique(cells.side[found.solved.cells])
-    forces = found.forces(sharp)
-    sides = {f"side_{i}": fields(*forces.sides[i]) for i in held}
-    rows = {"_".join(["reaction", *map(str, row)]): fields(*of) for row, of in forces.reactions.items()}
-    if forces.total and len(sides) + len(rows) > 1:
-        rows["forces_and_reactions"] = fields(*forces.total)
-    return ({"boundary": fields(*forces.whole)} | sides if sides else {}) | rows or None
+    if solution.mesh.polygon.n_sides > SIDES:
+        return []
+    forces = solution.forces(sharp)
+    contact_sides = np.unique(solution.partition.side[solution.solved.cells])
+    rows = [ForceRow("boundary", "force, boundary", forces.whole)] if contact_sides.size else []
+    for side in contact_sides:
+        rows.append(ForceRow(f"side_{side}", f"force, side {side}", forces.sides[side]))
+    for sides, reaction in forces.reactions.items():
+        numbers = [str(side) for side in sides]
+        label = f"reaction, side{'s' * (len(sides) > 1)} {', '.join(numbers)}"
+        rows.append(ForceRow("_".join(["reaction", *numbers]), label, reaction))
+    if forces.total and contact_sides.size + len(forces.reactions) > 1:
+        rows.append(ForceRow("forces_and_reactions", "sum of forces, reactions", forces.total))
+    return rows
+
+
+def target_files(names: Sequence[str], folder: str | None, certificate: str | None) -> list[Path]:
+    """The files of -o and those in the folder of --out, which is made.
+
+    Raises InputError for one of these, or a certificate, that cannot be written.
+    """
+    files = [Path(name) for name in names]
+    if certificate:
+        check_target(certificate, CERTIFICATE_ENDINGS)
+    for file in files:
+        check_target(file, ENDINGS)
+    if folder is None:
+        return files
+    require("--out needs", *{package for name in KEPT for package in ENDINGS[Path(name).suffix]})
+    place = Path(folder)
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise writing_failed(place, error) from error
+    inside = [place / name for name in KEPT]
+    for file in inside:
+        check_target(file, ENDINGS)
+    return inside + files
+
+
+def write_files(
+    solution: Solution,
+    record: dict[str, Any],
+    files: Sequence[Path],
+    certificate: str | None,
+    sharp: bool,
+    json: bool,
+) -> None:
+    """Write the files, each told when it is there unless `json` is printed; .json has the record."""
+    for file in files:
+        if file.suffix == ".json":
+            as_json.write(record, file)
+        else:
+            solution.save(file)
+        if not json:
+            say(written(file))
+    if certificate is None:
+        return
+    solution.save_certificate(certificate)
+    if not json:
+        say(written(Path(certificate)))
+        check = shlex.join(["python3", str(checker_of(solution.problem)), certificate])
+        say(f"  {'check it with':27} {check}")
+        if sharp:
+            bound = interval(-math.inf, solution.solved.total("h1"))
+            say(f"  {'it proves':27} the bound without --sharp: {bound}")

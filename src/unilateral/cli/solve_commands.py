@@ -156,6 +156,10 @@ def _check_alternatives(ctx: click.Context, options: dict[str, Any], given: set[
         wrong, why = {"h", "H", "tolerance"} & given, "is chosen by --accuracy; leave one of the two out"
     for name in sorted(wrong):
         ctx.fail(f"--{name.replace('_', '-')} {why}")
+    if options["dry_run"] and {"output", "out", "certificate"} & given:
+        ctx.fail(
+            "--dry-run computes no solution that could be written; leave out -o, --out and --certificate"
+        )
 
 
 @click.command(

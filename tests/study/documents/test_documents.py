@@ -87,14 +87,14 @@ def test_the_recommendation_rests_on_the_claim_of_its_exception():
 
 
 def test_every_table_is_shown_and_every_number_of_an_experiment_is_named(told):
-    """Parameters, claims and costs of the whole study have numbers by one rule, of which only some are."""
+    """Claims and costs of the whole study have numbers by one rule, of which only some are named."""
     found, tables, _ = told
     everything = "".join(text(document) for document in DOCUMENTS)
     assert set(tables) == set(re.findall(r"^<!-- ([\w-]+): begin -->$", everything, re.MULTILINE))
     used = set(re.findall(r"<!--=([\w.]+)", everything))
     unused = {name for name in found if name not in used}
-    assert {name for name in unused if not name.startswith(("study.", "claims.", "whole."))} == set()
-    assert {name.split(".")[0] for name in unused} == {"study", "claims", "whole"}
+    assert {name for name in unused if not name.startswith(("claims.", "whole."))} == set()
+    assert {name.split(".")[0] for name in unused} == {"claims", "whole"}
 
 
 def test_links_to_other_pages_lead_somewhere():

@@ -17,6 +17,7 @@ import pytest
 import scipy.sparse as sp
 import xarray as xr
 
+from study import evidence
 from study.evidence import Unjudged
 from study.experiments.cells import checks as transitions
 from study.experiments.cost import checks as cost
@@ -26,7 +27,7 @@ from study.experiments.extremes.outcome import NEVER_RIGHT, NOT_CONVERGED, REFUS
 from study.experiments.scenes import checks as scenes
 from study.experiments.sharpness import checks as exponents
 from study.ledger import checks as shared
-from study.ledger import claims, evidence
+from study.ledger import claims
 from unilateral.errors import InputError
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import named, square

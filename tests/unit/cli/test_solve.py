@@ -244,7 +244,7 @@ def test_what_cannot_be_kept_is_told_before_the_solve(refused, tmp_path, monkeyp
     (tmp_path / "file").touch()
     (tmp_path / "folder.vtu").mkdir()
     sizes = ("--accuracy", "0.1") if "--dry-run" in options else SIZES
-    assert refused("solve", "natural", *sizes, *options).startswith(f"unilateral: {message}")
+    assert f": {message}" in refused("solve", "natural", *sizes, *options)
     assert {file.name for file in tmp_path.iterdir()} == {"file", "folder.vtu"}
 
 

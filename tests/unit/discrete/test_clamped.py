@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 import scipy.sparse.linalg as spla
+import sentences
 import sympy
 
 import unilateral as ul
@@ -198,7 +199,7 @@ def test_a_mesh_without_a_node_in_contact_is_refused() -> None:
     """Side 2 is one edge between two clamped sides."""
     g = ["-1" if side == 2 else None for side in range(6)]
     problem = ul.Problem(POLYGONS["lshape"], -1, g, [0, 4, 5], u={1: 0, 3: 0})
-    with pytest.raises(ul.InputError, match="no node in contact that is not on a clamped side; take a sm"):
+    with sentences.raises(ul.InputError):
         ul.solve(problem, h=1, H=1)
     assert ul.solve(problem, h=1 / 2, H=1).solved.result.converged
 
@@ -343,7 +344,7 @@ def test_where_a_clamped_side_meets_contact_the_gap_says_whether_a_force_has_a_b
     assert joined.forces().sides[0].upper == math.inf
     assert joined.forces().reactions[3,].lower == -math.inf
     assert joined.force(sides=[0, 3]).upper < 1
-    with pytest.raises(ul.InputError, match="are in a row; take all or none of them"):
+    with sentences.raises(ul.InputError):
         ul.solve(unseen_row(), h=1 / 4, H=1 / 2).force(sides=[2])
 
 

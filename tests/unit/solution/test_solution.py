@@ -7,6 +7,7 @@ import meshio
 import numpy as np
 import pandas as pd
 import pytest
+import sentences
 import skfem
 import xarray as xr
 from conftest import ROOT
@@ -97,22 +98,20 @@ def test_lambda_along_a_side(shelter):
 
 
 def test_what_cannot_be_evaluated_is_refused(shelter):
-    for of, shape in ((0, r"\(\)"), ((0, 0, 0), r"\(3,\)"), (np.ones((2, 5)), r"\(2, 5\)")):
-        with pytest.raises(ul.InputError, match=rf"points: their shape {shape} must be \(2,\), a point"):
+    for of, shape in ((0, "()"), ((0, 0, 0), "(3,)"), (np.ones((2, 5)), "(2, 5)")):
+        with sentences.raises(ul.InputError, shape):
             shelter.u_at(of)
     for of in ("a", [("a", "b")], [(1j, 0)], [(0, 0), (1,)], {}):
         for at in (shelter.u_at, shelter.grad_at, shelter.flux_at):
-            with pytest.raises(ul.InputError, match=r"points: .*; it has to be an array of real numbers"):
+            with sentences.raises(ul.InputError):
                 at(of)
     for side in ("a", None, 1.5, True, [0, 1]):
-        with pytest.raises(
-            ul.InputError, match=r"side: the polygon has .* 0 to 4, not .*; a side is a whole n"
-        ):
+        with sentences.raises(ul.InputError):
             shelter.lambda_at(side, 0)
     for t in ("a", 1j, [[0], [0, 1]]):
-        with pytest.raises(ul.InputError, match=r"t: .*; it has to be an array of real numbers"):
+        with sentences.raises(ul.InputError):
             shelter.lambda_at(0, t)
-    with pytest.raises(ul.InputError, match="side: the polygon has the sides 0 to 4, not 5"):
+    with sentences.raises(ul.InputError):
         shelter.lambda_at(5, 0)
 
 
@@ -132,7 +131,7 @@ def test_files_hold_the_solution(tmp_path):
     with xr.open_dataset(tmp_path / "s.nc") as table:
         np.testing.assert_array_equal(table["u"], s.u)
         np.testing.assert_array_equal(table["triangles"], s.mesh.triangles)
-    with pytest.raises(ul.InputError, match=r"the ending must be \.vtu, \.csv, .* or \.html"):
+    with sentences.raises(ul.InputError):
         s.save(tmp_path / "s.txt")
     assert sorted(file.name for file in tmp_path.iterdir()) == ["s.csv", "s.nc", "s.vtu"]
 

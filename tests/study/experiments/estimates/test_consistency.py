@@ -14,7 +14,7 @@ from unilateral.problems import case as cases
 
 SQUARE, LSHAPE = named("square"), named("lshape")
 REGULAR = ("smooth", "natural", "thirds", "vertex", "borderline_0.1", "violates_jj", "singular", "rough")
-DRAWN = config("figures")["figures"]["consistency"]["parameters"]["cases"]
+DRAWN = config("figures")["figures"]["consistency"]["cases"]
 ZERO = 1e-15
 
 
