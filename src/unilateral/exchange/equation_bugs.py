@@ -69,7 +69,7 @@ def with_load(case: Problem, exported: Residual, mu: Array | None, allowed: floa
     if left <= NOTHING * allowed:
         return exported, ""
     best, of_best = (exported, ""), EXPLAINS * left
-    for name, load in loads(case, exported.discrete):
+    for name, load in loads(case.known_solution(), exported.discrete):
         of = replace(exported, load=load)
         if np.isfinite(load).all() and of.inside <= allowed and (left := of.whole(beside)) < of_best:
             best, of_best = (of, name), left
@@ -79,7 +79,7 @@ def with_load(case: Problem, exported: Residual, mu: Array | None, allowed: floa
 def explanations(case: Problem, plain: Residual, allowed: float) -> list[Undone]:
     """The bugs that, undone, leave no more than `allowed` and hardly anything of the `plain` residual."""
     most = min(allowed, EXPLAINS * plain.inside)
-    for _, load in loads(case, plain.discrete):
+    for _, load in loads(case.known_solution(), plain.discrete):
         if np.isfinite(load).all():
             of = Residual(plain.discrete, plain.u, load)
             found = [each for each in _bugs(of) if each.residual.inside <= most]

@@ -18,7 +18,7 @@ import numpy as np
 from unilateral.arrays import Array
 from unilateral.discrete.condensed import CondensedProblem
 from unilateral.fem.p1 import load_vector, of_rest, stiffness_and_mass
-from unilateral.problems.problem import Problem
+from unilateral.problems.case import ExactSolution
 
 NAMES = {1.0: ("(u, v)_1", "H1"), 0.0: ("(grad u, grad v)", "|.|_1")}
 """What the form and its norm are called, by the factor of the reaction term."""
@@ -133,12 +133,11 @@ class Residual:
         return Fit(factor, self.norm(load - factor * right), math.sqrt(max(square, 0.0)))
 
 
-def loads(case: Problem, discrete: CondensedProblem) -> Iterator[tuple[str, Array]]:
+def loads(exact: ExactSolution, discrete: CondensedProblem) -> Iterator[tuple[str, Array]]:
     """Loads (n,) that a right solver may have: the exported one, and f by simple rules, with their names."""
     mesh = discrete.mesh
     yield "", discrete.load
     mass, corners = stiffness_and_mass(mesh)[1], mesh.triangles
-    exact = case.known_solution()
     f = exact.source(mesh.points)
     yield "interpolated at the nodes", mass @ f
     yield "at the nodes with the lumped mass matrix", mass.sum(axis=1) * f
