@@ -41,8 +41,8 @@ TASKS = [
     ("solve natural --h 1/8 --H 1/4", set()),
     ("export natural --h 1/8 --H 1/4 --out natural", {"files"}),
     ("solve natural --h 1/8 --H 1/4 -o natural.vtu", {"files"}),
-    ("score natural natural.vtu", {"files"}),
-    ("score natural natural.vtu --html natural.html", {"files", "plot"}),
+    ("score natural natural.vtu", {"files", "mesh"}),
+    ("score natural natural.vtu --html natural.html", {"files", "mesh", "plot"}),
 ]
 """Commands, one after the other, and the extras that each needs."""
 PROBLEMS = {

@@ -191,7 +191,7 @@ def score(**options: Any) -> int:
 
     Printed are errors, rates, and what is wrong.
     """
-    require("'unilateral score' needs", "meshio", "pandas", "xarray")
+    require("'unilateral score' needs", "gmsh", "meshio", "pandas", "xarray")
     from unilateral.cli import exchange
 
     return exchange.score(**options)
