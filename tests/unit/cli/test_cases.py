@@ -57,7 +57,7 @@ def test_one_case_as_text(run):
     assert (code, err) == (0, "")
     u, f = (line.split(" = ")[1] for line in out.splitlines() if line.startswith(("  u = ", "  f = ")))
     assert f == f"{u} - 16"
-    assert "  side 0, (0, 0) to (1, 0), contact 0.5 to 1\n    g = u - (2*x*pos(1/2 - x, 3/2))\n" in out
+    assert "  side 0, (0, 0) to (1, 0), contact 0.5 to 1\n    g = u - (2*pos(1/2 - x, 3/2)*x)\n" in out
     assert "(jjj) holds" in out
     assert "u - g in H^(3/2) on every side: yes\n" in out
     assert "  u is like r^(3/2) at (0.5, 0)" in out
