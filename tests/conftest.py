@@ -17,6 +17,7 @@ from sentences import recorder
 
 from study import tables
 from study.ledger import claims
+from unilateral.bounds.boundary_flux import given
 from unilateral.cli import main
 from unilateral.discrete.condensed import with_solution
 from unilateral.fem.condense import condense
@@ -161,6 +162,13 @@ def discrete(name, n, m, polygon="square", degree=None):
 def exact_errors(discrete, solution):
     """The true errors of a solution of a problem whose exact one is known on its spaces."""
     return discrete.exact.errors(discrete.spaces, solution.result.lambda_H)
+
+
+def bound_arguments(solved):
+    """What `local_bound` and `sharp_bound` take, of a discrete solution."""
+    flux = given(solved.data.enclosed_flux, solved.mesh, solved.form)
+    obstacle = solved.data.enclosed_obstacle
+    return solved.source, obstacle, solved.partition, solved.u_h, solved.lambda_H, flux, solved.form
 
 
 def interior_point(operator, offset):

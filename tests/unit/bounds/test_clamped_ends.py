@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import bound_arguments
 
 import unilateral as ul
 from unilateral.bounds import clamped_ends as module
@@ -188,7 +189,7 @@ def test_outflows_are_the_flux_through_clamped_sides_and_its_magnitude():
 def arguments():
     """Of `local_bound` for a membrane that is clamped on the left and has a gap on the right."""
     problem = ul.Problem(square(), -1, [None, -1, None, None], [0, 2], c=0, u={3: 0})
-    return ul.solve(problem, h=1 / 4, H=1 / 2).solved._given
+    return bound_arguments(ul.solve(problem, h=1 / 4, H=1 / 2).solved)
 
 
 LARGE = 1e6

@@ -7,6 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from conftest import bound_arguments
 
 import unilateral as ul
 from unilateral.bounds import flux_residuals, local_bounds
@@ -31,7 +32,7 @@ def arguments(request):
     """Of `local_bound`, with no contact."""
     sides = {"c": 0, "u": {3: 0}} if request.param == "clamped" else {}
     g = [None, -1, None, None if sides else -1]
-    return ul.solve(ul.Problem(square(), -1, g, [0, 2], **sides), h=1 / 4, H=1 / 2).solved._given
+    return bound_arguments(ul.solve(ul.Problem(square(), -1, g, [0, 2], **sides), h=1 / 4, H=1 / 2).solved)
 
 
 def missing(monkeypatch, **parts):
