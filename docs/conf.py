@@ -16,10 +16,10 @@ sys.path.insert(0, str(HERE))
 
 from unilateral import __version__  # noqa: E402
 from unilateral.problems.problem import Problem  # noqa: E402
-from unilateral.solution import certificate, solution, solver  # noqa: E402
+from unilateral.solution import certification, solver  # noqa: E402
 
 # What the library imports for types only.
-for module in (certificate, solution, solver):
+for module in (certification, solver):
     module.Problem = Problem
 
 project = "unilateral"

@@ -143,7 +143,7 @@ def _errors(found: dict[str, Any], unique: bool, names: Named) -> dict[str, str]
     )
     dual = f">= {number('hm12_error_lower', down)}" if unique else f" = {why}"
     if unique and _unknown(found["hm12_error_lower"]):
-        dual = " is left out, because it takes longer than the solve; in Python: s.errors"
+        dual = " is left out, because it takes longer than the solve or needs gmsh; in Python: s.errors"
     if not _unknown(found["hm12_error_upper"]):
         dual += f", <= {number('hm12_error_upper', up)}"
     of_lambda = {names.hm12: dual, "||lambda - lambda_H||_0": f" = {number('l2_error')}"}

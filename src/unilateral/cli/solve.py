@@ -49,7 +49,7 @@ from unilateral.solvers.stop import Stop
 from unilateral.system import as_json
 from unilateral.system.files import check_target, writing_failed
 from unilateral.system.memory import keep_freed, peak_mb
-from unilateral.system.optional import require
+from unilateral.system.optional import lacking, require
 from unilateral.system.signals import INTERRUPTED
 
 BY_DEFAULT = f"no sizes and no accuracy are given; using --accuracy {ACCURACY:g}"
@@ -203,7 +203,8 @@ def report(
     errors, forces = None, []
     if not interrupted:
         try:
-            errors = solution.true_errors(solution.partition.n_cells <= FEW)
+            with_dual = solution.partition.n_cells <= FEW and not lacking("gmsh")
+            errors = solution.true_errors(with_dual)
             forces = force_rows(solution, sharp) if bounds else []
         except KeyboardInterrupt:
             if search is None:

@@ -46,9 +46,9 @@ def distributions(name):
 
 
 def absent(name):
-    """The modules at the top of what is installed here but not by that set."""
+    """The modules at the top of what is installed here but not by that set, the study among them."""
     kept = distributions(name)
-    return [module for module, of in TOP.items() if not kept & {*map(canonical, of)}]
+    return ["study", *(module for module, of in TOP.items() if not kept & {*map(canonical, of)})]
 
 
 def tried(name, folder, missing):
