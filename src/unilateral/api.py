@@ -204,7 +204,12 @@ def solve(
     >>> ul.solve(ul.case("natural"), accuracy=0.1).certified
     True
     """
-    begin = perf_counter() if begin is None else number("begin", begin)
+    now = perf_counter()
+    begin = number("begin", begin)
+    if begin is None:
+        begin = now
+    if not begin <= now:
+        raise InputError(f"begin is {begin:g}; it has to be a time of time.perf_counter() that has passed")
     problem = _problem(problem)
     h = number("h", h)
     H = number("H", H)
@@ -238,10 +243,6 @@ def solve(
             f"'{problem.name}': f, g, q and u must be formulas for an accuracy, because functions have other "
             "values between the nodes of each mesh; give h and H"
         )
-    if norm == "hm12" and not problems.contact_sides(
-        problem.polygon, problem.free_sides, problem.clamped_sides
-    ):
-        raise InputError(f"'{problem.name}': {LINEAR}; ask for an accuracy of u, in the norm h1")
     goal = Goal(
         accuracy,
         norm,
@@ -251,6 +252,10 @@ def solve(
         kind=mesh,
         stop=stop or Stop(),
     )
+    if goal.norm == "hm12" and not problems.contact_sides(
+        problem.polygon, problem.free_sides, problem.clamped_sides
+    ):
+        raise InputError(f"'{problem.name}': {LINEAR}; ask for an accuracy of u, in the norm h1")
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
         levels = search(scaled(problem), goal, tell, dry_run, begin)
     found = make_solution(levels.best.solved, problem, levels)

@@ -68,7 +68,7 @@ def test_versions_are_those_of_what_the_study_needs():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     extras = project["optional-dependencies"]
     needed = [*project["dependencies"]]
-    for extra in ("study", "all", "cases", "files", "mesh", "plot"):
+    for extra in ("study", "all", "files", "mesh", "plot"):
         needed += extras[extra]
     here = [each for each in needed if "sys_platform == " not in each]
     names = {re.match(r"[\w.-]+", each)[0] for each in here}

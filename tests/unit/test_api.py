@@ -346,7 +346,7 @@ def test_relative_bounds_are_parts_of_lower_bounds_of_the_norms():
 
 def test_bounds_that_are_withdrawn_and_levels_that_are_refused_are_told(monkeypatch):
     """A fault that nobody knows of is simulated: the levels' bounds are said to contradict each other."""
-    monkeypatch.setattr("unilateral.adaptive.loop.uncontradicted", lambda levels: [])
+    monkeypatch.setattr("unilateral.adaptive.level.contradict", lambda a, b: True)
     with pytest.warns(ul.SolutionWarning) as told:
         s = ul.solve("natural", accuracy=0.3)
     assert not s.certified

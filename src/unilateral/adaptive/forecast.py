@@ -109,10 +109,9 @@ def observe_seconds(levels: Sequence[Level]) -> tuple[float, float]:
     solving /= sum(level.unknowns + OVERHEAD_UNKNOWNS for level in later)
     # Enclosing f: it goes on to grow as it did with the last level, at least not to fall
     enclosing = 0.0
-    if len(levels) > 1:
-        before = levels[-2]
-        growth = (last.enclosing - before.enclosing) / (last.unknowns - before.unknowns)
-        enclosing = max(growth, 0.0)
+    new_unknowns = last.unknowns - levels[-2].unknowns if len(levels) > 1 else 0
+    if new_unknowns > 0:  # a division that halves no triangle makes none
+        enclosing = max((last.enclosing - levels[-2].enclosing) / new_unknowns, 0.0)
     start = last.enclosing - enclosing * last.unknowns + solving * OVERHEAD_UNKNOWNS
     return start, solving + enclosing
 

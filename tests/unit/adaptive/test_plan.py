@@ -181,6 +181,13 @@ def test_what_encloses_f_is_taken_to_grow_on_but_not_to_fall():
         assert predict_seconds(done, last.unknowns + more) == pytest.approx(0.2 + added)
 
 
+def test_a_level_on_the_same_mesh_tells_nothing_of_growth():
+    """As where a bound was missed by so little that no triangle is halved for it."""
+    first, *_, last = levels(problem("lshape.yaml"), Goal(0.3))
+    done = [first, replace(last, enclosing=0.1), replace(last, seconds=0.2, enclosing=0.2)]
+    assert predict_seconds(done[1:], last.unknowns) == pytest.approx(0.2)
+
+
 def test_only_what_is_left_free_is_adapted():
     """The bound comes from the L-shape's corner; a kind or a solver may ask for uniform meshes."""
     *_, last = levels(problem("lshape.yaml"), Goal(0.3, kind="structured"))

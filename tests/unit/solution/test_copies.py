@@ -151,7 +151,7 @@ def test_a_solution_holds_no_solver(name):
 def test_withdrawn_bounds_stay_withdrawn(monkeypatch):
     """Of a solution none of whose levels is believed; control: as it is, it has bounds."""
     assert solved("accuracy").bounds is not None
-    monkeypatch.setattr("unilateral.adaptive.loop.uncontradicted", lambda levels: [])
+    monkeypatch.setattr("unilateral.adaptive.level.contradict", lambda a, b: True)
     s = _quiet("natural", accuracy=0.3)
     assert s.bounds is None
     for again in (pickle.loads(pickle.dumps(s)), copy.deepcopy(s)):
