@@ -8,7 +8,7 @@ from conftest import load
 
 import unilateral as ul
 from study import tables
-from study.experiments.certify import measure, methods, numbers
+from study.experiments.certify import measure, numbers
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 
@@ -35,7 +35,7 @@ def test_bounds_are_those_that_users_get_and_errors_are_those_of_the_functions(m
     Controls: the bound for another function differs, and so does its error.
     """
     case, mesh = load("natural"), structured(square(), 1 / 8)
-    found = methods.others(case, mesh, **GIVEN)
+    found = measure.others(case, mesh, **GIVEN)
     assert list(measured["scheme"].values) == SCHEMES
     assert list(found) == SCHEMES[1:]
     of_skfem = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
