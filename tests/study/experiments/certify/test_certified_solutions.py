@@ -95,9 +95,9 @@ def test_documents_show_errors_and_bounds_over_them():
         {"certified_error": (dims, error), "certified_bound": (dims, factor * error)},
         coords={"case": ["natural", "clamped"], "scheme": SCHEMES, "h": ("mesh", [1 / 16, 1 / 64])},
     )
-    shown = numbers.blocks({"solutions": table}, {})["certify"]
+    shown = numbers.blocks({"certify/solutions": table}, {})["certify"]
     assert len(shown) == 14
     assert shown.iloc[8].tolist() == ["`clamped`", "nodal constraints", "16", "2.00", "23", "3.00"]
     assert shown.columns[-1] == "bound/error, h = 1/64"
-    found = numbers.numbers({"solutions": table}, {"certify": GIVEN})["certify"]
+    found = numbers.numbers({"certify/solutions": table}, {"certify": GIVEN})["certify"]
     assert found == {"penalty": {"coarsest": 2.0, "finest": 3.0}, "half": 21 / 15, "sweeps": 10}
