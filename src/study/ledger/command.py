@@ -49,11 +49,11 @@ def _all(results: str) -> tuple[list[dict[str, Any]], str]:
 def _one(claim: str, results: str) -> tuple[list[dict[str, Any]], str]:
     """The record of a claim that is judged now, and everything about it."""
     from study.ledger import claims as judge
-    from study.ledger import reports
+    from study.ledger import listing
     from study.ledger.results import finished
 
     (found,) = judge.judge(finished(results), [judge.find(claim)])
-    return [_record(found.record())], reports.explanation(found)
+    return [_record(found.record())], listing.explanation(found)
 
 
 def _record(stored: dict[str, Any]) -> dict[str, Any]:
