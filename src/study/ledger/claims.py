@@ -123,7 +123,7 @@ class Judgement:
     def record(self) -> dict[str, Any]:
         """What `results/claims.json` holds of a claim; without numbers if there are none."""
         claim = self.claim
-        record = {
+        record: dict[str, Any] = {
             "id": claim.id,
             "section": claim.section,
             "title": claim.title,
@@ -139,16 +139,13 @@ class Judgement:
             "control": claim.control.get("what"),
             "sees": self.sees,
         }
-        return record | (_numbers(self.evidence) if isinstance(self.evidence, Evidence) else {})
-
-
-def _numbers(evidence: Evidence) -> dict[str, Any]:
-    return {
-        "quantity": evidence.quantity,
-        "expected": f"{'>=' if evidence.at_least else '<='} {evidence.required:.4g}",
-        "observed": float(f"{evidence.observed:.4g}"),
-        "margin": float(f"{evidence.margin:.2g}"),
-    }
+        if isinstance(self.evidence, Evidence):
+            sign = ">=" if self.evidence.at_least else "<="
+            record["quantity"] = self.evidence.quantity
+            record["expected"] = f"{sign} {self.evidence.required:.4g}"
+            record["observed"] = float(f"{self.evidence.observed:.4g}")
+            record["margin"] = float(f"{self.evidence.margin:.2g}")
+        return record
 
 
 @cache
