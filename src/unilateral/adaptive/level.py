@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from unilateral.adaptive.goal import Goal
 from unilateral.bounds.flux_residuals import SUMS, underflow
+from unilateral.bounds.local_bounds import Bound
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.formulas.decimals import interval
 from unilateral.geometry.partition import Partition
@@ -26,7 +27,7 @@ ZERO_SOLUTION_BOUND = 1e-140
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """One solve towards a goal, and what it took.
+    """One solve towards a goal, what it took, and what its bound says of the goal; see `measure_level`.
 
     Parameters
     ----------
@@ -44,6 +45,22 @@ class Level:
         The part of the seconds in which f is enclosed, which may grow much slower than the unknowns.
     predicted
         The bound as the level before predicted it, infinite for the first level.
+    partition, unknowns
+        The multiplier's partition, and the number of the mesh's nodes.
+    bound
+        The guaranteed bounds that the goal takes, None without data.
+    total
+        The guaranteed bound on the error in the goal's norm.
+    algebraic
+        The bound on the iteration's part of the error in that norm.
+    size
+        A lower bound on the solution's norm.
+    target
+        The error that is wanted, as far as this level knows the solution's norm.
+    nothing
+        The error that counts as none where every number of the discrete solution is 0.
+    certified
+        Whether the bound proves the accuracy, with at most a tenth of it for the iteration.
     next_unknowns, next_seconds
         What the next level will have and take, as predicted; 0 if there is none.
     """
@@ -51,56 +68,73 @@ class Level:
     solved: DiscreteSolution
     goal: Goal
     seconds: float
-    elapsed: float = 0.0
-    mb: float = 0.0
-    enclosing: float = 0.0
-    predicted: float = math.inf
+    elapsed: float
+    mb: float
+    enclosing: float
+    predicted: float
+    partition: Partition
+    unknowns: int
+    bound: Bound | None
+    total: float
+    algebraic: float
+    size: float
+    target: float
+    nothing: float
+    certified: bool
     next_unknowns: float = 0.0
     next_seconds: float = 0.0
 
     def __repr__(self) -> str:
         return f"Level: {self.unknowns} unknowns, the error is {interval(-math.inf, self.total, spec='.3g')}"
 
-    @property
-    def partition(self) -> Partition:
-        return self.solved.partition
 
-    @property
-    def unknowns(self) -> int:
-        return self.solved.mesh.n_nodes
+def measure_level(
+    solved: DiscreteSolution,
+    goal: Goal,
+    seconds: float,
+    elapsed: float = 0.0,
+    mb: float = 0.0,
+    enclosing: float = 0.0,
+    predicted: float = math.inf,
+) -> Level:
+    """The level of a solution: its bound is computed here, and judged by the goal."""
+    mesh = solved.mesh
+    bound = solved.bound(goal.sharp)
+    total = solved.total(goal.norm, goal.sharp)
+    algebraic = solved.algebraic(goal.norm)
+    size = solved.size(goal.norm, goal.sharp)
+    target = wanted_error(solved, goal)
+    nothing = max(ZERO_SOLUTION_BOUND, 2 * mesh.growth * underflow(mesh, solved.form))
 
-    @property
-    def total(self) -> float:
-        """The guaranteed bound on the error in the goal's norm."""
-        return self.solved.total(self.goal.norm, self.goal.sharp)
+    # The accuracy is one of the lower bound on the norm, of which the iteration may have a tenth
+    wanted = goal.accuracy if goal.absolute else goal.accuracy * size
+    wanted = wanted if target else nothing
+    certified = total <= wanted and algebraic <= ALGEBRAIC_SHARE * wanted
+    return Level(
+        solved=solved,
+        goal=goal,
+        seconds=seconds,
+        elapsed=elapsed,
+        mb=mb,
+        enclosing=enclosing,
+        predicted=predicted,
+        partition=solved.partition,
+        unknowns=mesh.n_nodes,
+        bound=bound,
+        total=total,
+        algebraic=algebraic,
+        size=size,
+        target=target,
+        nothing=nothing,
+        certified=certified,
+    )
 
-    @property
-    def algebraic(self) -> float:
-        """The bound on the iteration's part of the error in the goal's norm."""
-        return self.solved.algebraic(self.goal.norm)
 
-    @property
-    def size(self) -> float:
-        """A lower bound on the solution's norm."""
-        return self.solved.size(self.goal.norm, self.goal.sharp)
-
-    @property
-    def target(self) -> float:
-        """The error that is wanted, as far as this level knows the solution's norm."""
-        return wanted_error(self.solved, self.goal)
-
-    @property
-    def nothing(self) -> float:
-        """The error that counts as none where every number of the discrete solution is 0."""
-        mesh = self.solved.mesh
-        return max(ZERO_SOLUTION_BOUND, 2 * mesh.growth * underflow(mesh, self.solved.form))
-
-    @property
-    def certified(self) -> bool:
-        """Whether the bound proves the accuracy, with at most a tenth of it for the iteration."""
-        wanted = self.goal.accuracy if self.goal.absolute else self.goal.accuracy * self.size
-        wanted = wanted if self.target else self.nothing
-        return self.total <= wanted and self.algebraic <= ALGEBRAIC_SHARE * wanted
+def judge_by(level: Level, goal: Goal) -> Level:
+    """The level with another goal."""
+    return measure_level(
+        level.solved, goal, level.seconds, level.elapsed, level.mb, level.enclosing, level.predicted
+    )
 
 
 def wanted_error(solved: DiscreteSolution, goal: Goal) -> float:
@@ -126,8 +160,7 @@ def lacks_contact(level: Level) -> bool:
 
 def unknowable(level: Level) -> bool:
     """Whether what stays unknown of f, g and q on finer meshes, too, exceeds the error that is wanted."""
-    bound = level.solved.bound(level.goal.sharp)
-    return bound is not None and bound.irreducible > level.target > 0
+    return level.bound is not None and level.bound.irreducible > level.target > 0
 
 
 def uncontradicted(levels: Sequence[Level]) -> list[Level]:

@@ -29,7 +29,14 @@ from unilateral.adaptive.forecast import (
     show_costs,
 )
 from unilateral.adaptive.goal import Goal
-from unilateral.adaptive.level import ALGEBRAIC_SHARE, Level, find_fault, uncontradicted, wanted_error
+from unilateral.adaptive.level import (
+    ALGEBRAIC_SHARE,
+    Level,
+    find_fault,
+    measure_level,
+    uncontradicted,
+    wanted_error,
+)
 from unilateral.adaptive.marking import (
     LEAST_ADAPTED,
     LEAST_STEP,
@@ -162,7 +169,9 @@ def search(
             enclosing = perf_counter() - enclosing_start
             solved = solve(discrete, goal, levels, predicted)
             end = perf_counter()
-            levels.append(Level(solved, goal, end - start, end - begin, peak_mb(), enclosing, predicted))
+            levels.append(
+                measure_level(solved, goal, end - start, end - begin, peak_mb(), enclosing, predicted)
+            )
 
             # Mark, if another level is wanted and within the limits
             division = next_division(levels, dry_run)

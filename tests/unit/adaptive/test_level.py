@@ -21,8 +21,8 @@ from unilateral.adaptive.goal import Goal
 from unilateral.adaptive.level import (
     ALGEBRAIC_SHARE,
     ZERO_SOLUTION_BOUND,
-    Level,
     contradict,
+    measure_level,
     uncontradicted,
     unknowable,
 )
@@ -75,7 +75,7 @@ def level(goal=None, seconds=1.0, **numbers):
     costs = {
         name: numbers.pop(name) for name in ("elapsed", "mb", "enclosing", "predicted") if name in numbers
     }
-    return Level(Made(**numbers), goal or Goal(0.2), seconds, **costs)
+    return measure_level(Made(**numbers), goal or Goal(0.2), seconds, **costs)
 
 
 def test_the_norm_of_the_solution_is_below_the_discrete_one_by_the_error():
