@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from unilateral.adaptive.goal import Goal
 from unilateral.bounds.flux_residuals import SUMS, underflow
@@ -35,14 +35,6 @@ class Level:
         The solution, on the scaled domain.
     goal
         What is wanted.
-    seconds
-        The time of the level, with that for its mesh and its bound.
-    elapsed
-        The seconds from the beginning to the end of this level.
-    mb
-        The peak memory of the process during the level.
-    enclosing
-        The part of the seconds in which f is enclosed, which may grow much slower than the unknowns.
     predicted
         The bound as the level before predicted it, infinite for the first level.
     partition, unknowns
@@ -61,16 +53,20 @@ class Level:
         The error that counts as none where every number of the discrete solution is 0.
     certified
         Whether the bound proves the accuracy, with at most a tenth of it for the iteration.
+    seconds
+        The time of the level, with that for its mesh and its bound.
+    elapsed
+        The seconds from the beginning to the end of this level.
+    mb
+        The peak memory of the process during the level.
+    enclosing
+        The part of the seconds in which f is enclosed, which may grow much slower than the unknowns.
     next_unknowns, next_seconds
         What the next level will have and take, as predicted; 0 if there is none.
     """
 
     solved: DiscreteSolution
     goal: Goal
-    seconds: float
-    elapsed: float
-    mb: float
-    enclosing: float
     predicted: float
     partition: Partition
     unknowns: int
@@ -81,6 +77,10 @@ class Level:
     target: float
     nothing: float
     certified: bool
+    seconds: float = 0.0
+    elapsed: float = 0.0
+    mb: float = 0.0
+    enclosing: float = 0.0
     next_unknowns: float = 0.0
     next_seconds: float = 0.0
 
@@ -88,15 +88,7 @@ class Level:
         return f"Level: {self.unknowns} unknowns, the error is {interval(-math.inf, self.total, spec='.3g')}"
 
 
-def measure_level(
-    solved: DiscreteSolution,
-    goal: Goal,
-    seconds: float,
-    elapsed: float = 0.0,
-    mb: float = 0.0,
-    enclosing: float = 0.0,
-    predicted: float = math.inf,
-) -> Level:
+def measure_level(solved: DiscreteSolution, goal: Goal, predicted: float = math.inf) -> Level:
     """The level of a solution: its bound is computed here, and judged by the goal."""
     mesh = solved.mesh
     bound = solved.bound(goal.sharp)
@@ -113,10 +105,6 @@ def measure_level(
     return Level(
         solved=solved,
         goal=goal,
-        seconds=seconds,
-        elapsed=elapsed,
-        mb=mb,
-        enclosing=enclosing,
         predicted=predicted,
         partition=solved.partition,
         unknowns=mesh.n_nodes,
@@ -131,9 +119,13 @@ def measure_level(
 
 
 def judge_by(level: Level, goal: Goal) -> Level:
-    """The level with another goal."""
-    return measure_level(
-        level.solved, goal, level.seconds, level.elapsed, level.mb, level.enclosing, level.predicted
+    """The level with another goal; what it took stays."""
+    return replace(
+        measure_level(level.solved, goal, level.predicted),
+        seconds=level.seconds,
+        elapsed=level.elapsed,
+        mb=level.mb,
+        enclosing=level.enclosing,
     )
 
 
@@ -175,8 +167,10 @@ def contradict(a: Level, b: Level) -> bool:
     ||u||_1 tells: u - u_h need not vanish there, as Friedrichs' inequality asks, and 1 does not.
     """
     root = math.inf if a.solved.form.clamped else math.sqrt(a.partition.polygon.area)
-    u_bound = a.solved.total("h1", a.goal.sharp) + b.solved.total("h1", b.goal.sharp)
-    lambda_bound = a.solved.total("hm12", a.goal.sharp) + b.solved.total("hm12", b.goal.sharp)
+    u_bound = lambda_bound = math.inf
+    if a.bound and b.bound:
+        u_bound = a.bound.u + b.bound.u
+        lambda_bound = a.bound.lambda_ + b.bound.lambda_
     pairs = (
         (a.solved.u_norm, b.solved.u_norm, u_bound),
         (a.solved.u_integral, b.solved.u_integral, root * u_bound),

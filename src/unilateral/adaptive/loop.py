@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from time import perf_counter
 
 from unilateral.adaptive.forecast import (
@@ -81,13 +80,18 @@ What these unknowns are predicted to be was right within 1.5.
 class Search:
     """The finished levels, and what `ended` the loop; that is empty if the accuracy was reached.
 
-    `refusal` says why the next mesh was refused, if it was. `plan` predicts what the accuracy takes if a
-    limit ended the loop and that can be told. `reach` is a larger accuracy that the limits allow, where the
-    plan shows that they do not allow this one.
+    `believed` are the levels that no other one contradicts. `best` is the last believed level that is
+    certified, or else the one with the smallest bound; if none is believed, it is the finest one. `certified`
+    says whether a believed level is certified. `refusal` says why the next mesh was refused, if it was.
+    `plan` predicts what the accuracy takes if a limit ended the loop and that can be told. `reach` is a
+    larger accuracy that the limits allow, where the plan shows that they do not allow this one.
     """
 
     levels: list[Level]
-    ended: str = ""
+    ended: str
+    believed: list[Level]
+    best: Level
+    certified: bool
     refusal: InputError | None = None
     plan: Plan | None = None
     reach: float | None = None
@@ -96,24 +100,20 @@ class Search:
         outcome = "certified" if self.certified else f"not certified: {self.ended}"
         return f"Search: {len(self.levels)} levels, {outcome}"
 
-    @cached_property
-    def believed(self) -> list[Level]:
-        """The levels that no other one contradicts."""
-        return uncontradicted(self.levels)
 
-    @cached_property
-    def best(self) -> Level:
-        """The last believed level that is certified, or else the one with the smallest bound.
-
-        If no level is believed, it is the finest one.
-        """
-        candidates = reversed(self.believed or self.levels[-1:])
-        return min(candidates, key=lambda level: (not level.certified, level.total))
-
-    @property
-    def certified(self) -> bool:
-        """Whether a believed level is certified."""
-        return bool(self.believed) and self.best.certified
+def make_search(
+    levels: list[Level],
+    ended: str,
+    refusal: InputError | None = None,
+    plan: Plan | None = None,
+    reach: float | None = None,
+) -> Search:
+    """The search that has ended, with its best level."""
+    believed = uncontradicted(levels)
+    candidates = reversed(believed or levels[-1:])
+    best = min(candidates, key=lambda level: (not level.certified, level.total))
+    certified = bool(believed) and best.certified
+    return Search(levels, ended, believed, best, certified, refusal=refusal, plan=plan, reach=reach)
 
 
 def search(
@@ -168,10 +168,12 @@ def search(
             discrete = discretise_on(mesh, problem, goal, discrete, levels)
             enclosing = perf_counter() - enclosing_start
             solved = solve(discrete, goal, levels, predicted)
+            level = measure_level(solved, goal, predicted)
             end = perf_counter()
-            levels.append(
-                measure_level(solved, goal, end - start, end - begin, peak_mb(), enclosing, predicted)
+            level = replace(
+                level, seconds=end - start, elapsed=end - begin, mb=peak_mb(), enclosing=enclosing
             )
+            levels.append(level)
 
             # Mark, if another level is wanted and within the limits
             division = next_division(levels, dry_run)
@@ -193,25 +195,27 @@ def search(
         if not levels:
             raise
         if isinstance(stopped, KeyboardInterrupt):
-            return Search(levels, INTERRUPTED)
+            return make_search(levels, INTERRUPTED)
         if isinstance(stopped, MemoryError):
-            return Search(levels, "out of budget (the memory of this machine)", plan=plan(levels))
-        return Search(levels, REFUSED, stopped)
+            return make_search(levels, "out of budget (the memory of this machine)", plan=plan(levels))
+        return make_search(levels, REFUSED, stopped)
 
 
 def conclude(levels: list[Level], dry_run: bool) -> Search:
     """The search as it ends after its last level."""
     fault = find_fault(levels)
     if fault or (levels[-1].certified and not dry_run):
-        return Search(levels, fault)
+        return make_search(levels, fault)
     planned = plan(levels)
     if dry_run or is_hopeless(levels):
         missed = planned.missed if planned else ()
         names = f" ({', '.join(missed)})" if missed else ""
         reach = reachable_accuracy(levels) if missed else None
-        return Search(levels, "" if dry_run else f"{OUT_OF_REACH}{names}", plan=planned, reach=reach)
+        return make_search(levels, "" if dry_run else f"{OUT_OF_REACH}{names}", plan=planned, reach=reach)
     allowed = allowed_unknowns(levels)
-    return Search(levels, f"out of budget ({min(allowed, key=lambda name: allowed[name])})", plan=planned)
+    return make_search(
+        levels, f"out of budget ({min(allowed, key=lambda name: allowed[name])})", plan=planned
+    )
 
 
 def first_mesh(polygon: Polygon, goal: Goal) -> AdaptedMesh:
@@ -283,7 +287,7 @@ def discretise_on(
 def solve(
     discrete: DiscreteProblem, goal: Goal, levels: Sequence[Level], predicted: float
 ) -> DiscreteSolution:
-    """The solution, with its bound, from that of the last level; its bound will be about as `predicted`."""
+    """The solution, from that of the last level; its bound will be about as `predicted`."""
     # The algebraic bound in the goal's norm is that of the iteration, over beta for lambda
     scale = 1.0 if goal.norm == "h1" else discrete.beta
     start = None
@@ -300,5 +304,4 @@ def solve(
         wanted = ALGEBRAIC_SHARE * max(wanted_error(solved, goal), predicted) * scale
         if wanted > 0:
             solved = discrete.improved(solved, wanted, goal.stop)
-    solved.bound(goal.sharp)  # its time counts, too
     return solved

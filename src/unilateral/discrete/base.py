@@ -11,9 +11,9 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.bounds.source import Source
-from unilateral.discrete.solution import DiscreteSolution
+from unilateral.discrete.solution import DiscreteSolution, integral
 from unilateral.fem.form import H1, Form
-from unilateral.fem.p1 import coupling, of_rest
+from unilateral.fem.p1 import coupling, h1_norm, of_rest
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.scaled import Data
@@ -119,6 +119,9 @@ class DiscreteProblem(ABC):
             tolerance=tolerance,
             beta=self.beta,
             unique=self.unique,
+            u_norm=h1_norm(self.mesh, u_h, self.form.reaction),
+            u_integral=integral(self.mesh, u_h),
+            force=float(self.partition.lengths @ lambda_H),
             lambda_norm=self.lambda_norm(result.lambda_H),
             known_source=self.source,
         )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -52,6 +52,10 @@ class DiscreteSolution:
         The number that serves as beta of (3.4).
     unique
         Whether lambda_H is known to be the only one.
+    u_norm, u_integral
+        ||u_h|| and the integral of u_h.
+    force
+        The integral of lambda_H.
     lambda_norm
         A lower bound on ||lambda_H||_{-1/2,h}, which is at most ||lambda_H||_{-1/2}.
     known_source
@@ -73,6 +77,9 @@ class DiscreteSolution:
     tolerance: float
     beta: float
     unique: bool
+    u_norm: float
+    u_integral: float
+    force: float
     lambda_norm: float
     known_source: Source | None = None
     potential: Array | None = None
@@ -92,21 +99,6 @@ class DiscreteSolution:
         gap = np.full(self.partition.n_cells, math.nan)
         gap[self.cells] = (means - self.g_means)[self.cells]
         return gap
-
-    @cached_property
-    def u_norm(self) -> float:
-        """||u_h||."""
-        return h1_norm(self.mesh, self.u_h, self.form.reaction)
-
-    @cached_property
-    def u_integral(self) -> float:
-        """The integral of u_h."""
-        return float(self.mesh.areas @ self.u_h[self.mesh.triangles].mean(axis=1))
-
-    @cached_property
-    def force(self) -> float:
-        """The integral of lambda_H."""
-        return float(self.partition.lengths @ self.lambda_H)
 
     @cached_property
     def source(self) -> Source | None:
@@ -196,3 +188,19 @@ class DiscreteSolution:
         """A lower bound on the norm of the exact solution, from that of the discrete one."""
         discrete_norm = self.u_norm if norm == "h1" else self.lambda_norm
         return max((1 - SUMS) * discrete_norm / self.mesh.growth - self.total(norm, sharp), 0.0)
+
+
+def replace_u(solution: DiscreteSolution, u_h: Array) -> DiscreteSolution:
+    """The solution with the u_h (n,) of another program; its own one becomes the potential."""
+    return replace(
+        solution,
+        u_h=u_h,
+        u_norm=h1_norm(solution.mesh, u_h, solution.form.reaction),
+        u_integral=integral(solution.mesh, u_h),
+        potential=solution.u_h,
+    )
+
+
+def integral(mesh: Mesh, u_h: Array) -> float:
+    """The integral of u_h (n,)."""
+    return float(mesh.areas @ u_h[mesh.triangles].mean(axis=1))

@@ -364,17 +364,20 @@ def test_bounds_that_contradict_each_other_are_withdrawn(name):
 
 
 def test_the_time_of_a_level_includes_that_of_its_bound(monkeypatch):
-    """Also where the level was iterated further, so that its bound is another one: all are known before."""
-    known = []
-    made = loop.measure_level
+    """By a clock that goes on by 1 where a bound is computed, and stands still everywhere else."""
+    bounds = []
+    measure = loop.measure_level
 
-    def recorded(solved, *others):
-        known.append("local_bound" in vars(solved))
-        return made(solved, *others)
+    def counted(*given):
+        bounds.append(1)
+        return measure(*given)
 
-    monkeypatch.setattr(loop, "measure_level", recorded)
-    assert len(levels(load("natural").problem, Goal(0.2))) == len(known) > 1
-    assert all(known)
+    monkeypatch.setattr(loop, "measure_level", counted)
+    monkeypatch.setattr(loop, "perf_counter", lambda: float(len(bounds)))
+    done = levels(load("natural").problem, Goal(0.2))
+    assert len(done) > 1
+    assert [level.seconds for level in done] == [1.0] * len(done)
+    assert [level.elapsed for level in done] == [float(k + 1) for k in range(len(done))]
 
 
 def test_lambda_is_certified_on_adapted_meshes(problem_of):
