@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.bounds.boundary_flux import Given, edge_flux, given
+from unilateral.bounds.boundary_flux import Given, edge_flux
 from unilateral.bounds.flux_residuals import SUMS
 from unilateral.bounds.forces import balance
 from unilateral.bounds.local_bounds import Bound, flux_of, local_bound
@@ -60,6 +60,8 @@ class DiscreteSolution:
         A lower bound on ||lambda_H||_{-1/2,h}, which is at most ||lambda_H||_{-1/2}.
     known_source
         The enclosure of f, if the load was made of it; else it is made when it is needed.
+    tau
+        The flux that is given on free sides, as linear functions on edges; None without data.
     potential : (n,), optional
         If u_h is of another program: the function that solves the discrete equation with lambda_H. The bounds
         on the errors of u_h make their flux from it.
@@ -82,6 +84,7 @@ class DiscreteSolution:
     force: float
     lambda_norm: float
     known_source: Source | None = None
+    tau: Given | None = None
     potential: Array | None = None
 
     def __repr__(self) -> str:
@@ -134,7 +137,7 @@ class DiscreteSolution:
             self.partition,
             self.u_h,
             self.lambda_H,
-            self._flux_data(self.data),
+            self.tau,
             self.form,
             self.potential,
         )
@@ -142,15 +145,11 @@ class DiscreteSolution:
     @cached_property
     def flux(self) -> Array | None:
         """(2, E) the flux of the cheap bound, as `equilibrated` gives it; None without data."""
-        if self.data is None or self.source is None:
+        if self.source is None or self.tau is None:
             return None
         potential = self.u_h if self.potential is None else self.potential
         sigma = edge_flux(self.mesh, self.partition, self.lambda_H).ends
-        return flux_of(self.source, potential, sigma + self._flux_data(self.data).ends, self.form)
-
-    def _flux_data(self, data: Data) -> Given:
-        """The flux that is given on free sides, as linear functions on edges."""
-        return given(data.enclosed_flux, self.mesh, self.form)
+        return flux_of(self.source, potential, sigma + self.tau.ends, self.form)
 
     @property
     def shares(self) -> Array:
