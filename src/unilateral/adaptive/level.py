@@ -95,7 +95,7 @@ def measure_level(solved: DiscreteSolution, goal: Goal, predicted: float = math.
     total = solved.total(goal.norm, goal.sharp)
     algebraic = solved.algebraic(goal.norm)
     size = solved.size(goal.norm, goal.sharp)
-    target = wanted_error(solved, goal)
+    target = wanted_error(goal, size, discrete_norm(solved, goal))
     nothing = max(ZERO_SOLUTION_BOUND, 2 * mesh.growth * underflow(mesh, solved.form))
 
     # The accuracy is one of the lower bound on the norm, of which the iteration may have a tenth
@@ -129,15 +129,15 @@ def judge_by(level: Level, goal: Goal) -> Level:
     )
 
 
-def wanted_error(solved: DiscreteSolution, goal: Goal) -> float:
-    """The accuracy times a lower bound on the solution's norm.
+def wanted_error(goal: Goal, size: float, discrete_norm: float) -> float:
+    """The accuracy times a lower bound `size` on the solution's norm.
 
     If that lower bound is 0 the discrete norm takes its place. An absolute accuracy is the wanted error
     itself.
     """
     if goal.absolute:
         return goal.accuracy
-    return goal.accuracy * (solved.size(goal.norm, goal.sharp) or discrete_norm(solved, goal))
+    return goal.accuracy * (size or discrete_norm)
 
 
 def discrete_norm(solved: DiscreteSolution, goal: Goal) -> float:

@@ -31,6 +31,7 @@ from unilateral.adaptive.goal import Goal
 from unilateral.adaptive.level import (
     ALGEBRAIC_SHARE,
     Level,
+    discrete_norm,
     find_fault,
     measure_level,
     uncontradicted,
@@ -176,7 +177,8 @@ def search(
             levels.append(level)
 
             # Mark, if another level is wanted and within the limits
-            division = next_division(levels, dry_run)
+            fault = find_fault(levels)
+            division = None if fault else next_division(levels, dry_run)
             if division:
                 unknowns = NEIGHBOURS * division.times * levels[-1].unknowns
                 seconds = predict_seconds(levels, unknowns)
@@ -184,7 +186,7 @@ def search(
             if tell:
                 tell(levels[-1])
             if not division:
-                return conclude(levels, dry_run)
+                return conclude(levels, fault, dry_run)
 
             # Refine
             start = perf_counter()
@@ -201,9 +203,8 @@ def search(
         return make_search(levels, REFUSED, stopped)
 
 
-def conclude(levels: list[Level], dry_run: bool) -> Search:
-    """The search as it ends after its last level."""
-    fault = find_fault(levels)
+def conclude(levels: list[Level], fault: str, dry_run: bool) -> Search:
+    """The search as it ends after its last level, by a `fault` or without one."""
     if fault or (levels[-1].certified and not dry_run):
         return make_search(levels, fault)
     planned = plan(levels)
@@ -255,10 +256,11 @@ def two_edges_per_cell(polygon: Polygon, H: float, kind: str, growth: float | No
 def next_division(levels: Sequence[Level], dry_run: bool = False) -> Division | None:
     """How to divide the triangles for the next level, None if it is not wanted or not within the limits.
 
-    Where the limits do not allow what is wanted, the last level stays away from them.
+    The levels have to be without a fault. Where the limits do not allow what is wanted, the last
+    level stays away from them.
     """
     last = levels[-1]
-    if find_fault(levels) or last.certified or (dry_run and show_costs(levels)) or is_hopeless(levels):
+    if last.certified or (dry_run and show_costs(levels)) or is_hopeless(levels):
         return None
     best = wanted_division(last)
     if NEIGHBOURS * best.times * last.unknowns <= min(allowed_unknowns(levels).values()):
@@ -301,7 +303,9 @@ def solve(
             tolerance = AIM * ALGEBRAIC_SHARE * total * scale or None
     solved = discrete.iterated(tolerance, goal.stop, start, total)
     if levels:
-        wanted = ALGEBRAIC_SHARE * max(wanted_error(solved, goal), predicted) * scale
+        size = solved.size(goal.norm, goal.sharp)
+        wanted = wanted_error(goal, size, discrete_norm(solved, goal))
+        wanted = ALGEBRAIC_SHARE * max(wanted, predicted) * scale
         if wanted > 0:
             solved = discrete.improved(solved, wanted, goal.stop)
     return solved
