@@ -28,7 +28,7 @@ from unilateral.arrays import Array
 from unilateral.bounds.boundary_flux import nothing
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.source import enclosed
-from unilateral.discrete.condensed import obstacle_means
+from unilateral.discrete.loads import obstacle_means
 from unilateral.errors import InputError
 from unilateral.fem.edge_matrix import matrix
 from unilateral.fem.form import H1

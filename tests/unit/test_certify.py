@@ -14,7 +14,7 @@ import scipy.sparse.linalg as spla
 import sentences
 
 import unilateral as ul
-from unilateral.discrete.loads import flux_load, form_of, held_values, load_of
+from unilateral.discrete.loads import boundary_data, form_of, load_of
 from unilateral.fem.condense import matrix
 from unilateral.fem.p1 import edge_load
 from unilateral.geometry import mesh as meshes
@@ -36,8 +36,9 @@ class OtherSolver:
         self.unit = problem.units.value
         form = form_of(data, self.mesh)
         self.A = matrix(self.mesh, form._replace(clamped=())).tocsr()
-        self.F = load_of(data, self.mesh).values + flux_load(data, self.mesh)
-        self.u_D, self.fixed = held_values(data, self.mesh), form.fixed(self.mesh)
+        boundary = boundary_data(data, self.mesh, edge_pairs(self.mesh), form)
+        self.F = load_of(data, self.mesh).values + boundary.load(self.mesh)
+        self.u_D, self.fixed = boundary.held, form.fixed(self.mesh)
         first, last = self.mesh.boundary, np.roll(self.mesh.boundary, -1)
         contact = form.held(self.mesh.side)
         at_ends = data.enclosed_obstacle.on_edges(self.mesh.s)[contact]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from unilateral.adaptive.goal import MAX_SECONDS, Goal
-from unilateral.adaptive.level import Level, discrete_norm
+from unilateral.adaptive.level import Level, discrete_norm, judge_by
 from unilateral.adaptive.marking import LAMBDA_RATE, LARGEST_STEP, TARGET_PART, adapts, evenness
 from unilateral.discrete.choice import SHARP, SPARSE, wants_multigrid
 from unilateral.errors import BudgetError
@@ -177,7 +177,7 @@ def reachable_accuracy(levels: Sequence[Level]) -> float | None:
     exponents = range(math.floor(math.log10(goal.accuracy)), 1 + math.ceil(math.log10(reached)))
     for accuracy in (float(f"{digit}e{k}") for k in exponents for digit in (1, 2, 5)):
         if goal.accuracy < accuracy < reached:
-            planned = plan([*levels[:-1], replace(last, goal=replace(goal, accuracy=accuracy))])
+            planned = plan([*levels[:-1], judge_by(last, replace(goal, accuracy=accuracy))])
             if planned and not planned.missed:
                 return accuracy
     return None

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from unilateral.adaptive.goal import Goal
 from unilateral.bounds.flux_residuals import SUMS, underflow
+from unilateral.bounds.local_bounds import Bound
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.formulas.decimals import interval
 from unilateral.geometry.partition import Partition
@@ -26,7 +27,7 @@ ZERO_SOLUTION_BOUND = 1e-140
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """One solve towards a goal, and what it took.
+    """One solve towards a goal, what it took, and what its bound says of the goal; see `measure_level`.
 
     Parameters
     ----------
@@ -34,6 +35,24 @@ class Level:
         The solution, on the scaled domain.
     goal
         What is wanted.
+    predicted
+        The bound as the level before predicted it, infinite for the first level.
+    partition, unknowns
+        The multiplier's partition, and the number of the mesh's nodes.
+    bound
+        The guaranteed bounds that the goal takes, None without data.
+    total
+        The guaranteed bound on the error in the goal's norm.
+    algebraic
+        The bound on the iteration's part of the error in that norm.
+    size
+        A lower bound on the solution's norm.
+    target
+        The error that is wanted, as far as this level knows the solution's norm.
+    nothing
+        The error that counts as none where every number of the discrete solution is 0.
+    certified
+        Whether the bound proves the accuracy, with at most a tenth of it for the iteration.
     seconds
         The time of the level, with that for its mesh and its bound.
     elapsed
@@ -42,76 +61,83 @@ class Level:
         The peak memory of the process during the level.
     enclosing
         The part of the seconds in which f is enclosed, which may grow much slower than the unknowns.
-    predicted
-        The bound as the level before predicted it, infinite for the first level.
     next_unknowns, next_seconds
         What the next level will have and take, as predicted; 0 if there is none.
     """
 
     solved: DiscreteSolution
     goal: Goal
-    seconds: float
+    predicted: float
+    partition: Partition
+    unknowns: int
+    bound: Bound | None
+    total: float
+    algebraic: float
+    size: float
+    target: float
+    nothing: float
+    certified: bool
+    seconds: float = 0.0
     elapsed: float = 0.0
     mb: float = 0.0
     enclosing: float = 0.0
-    predicted: float = math.inf
     next_unknowns: float = 0.0
     next_seconds: float = 0.0
 
     def __repr__(self) -> str:
         return f"Level: {self.unknowns} unknowns, the error is {interval(-math.inf, self.total, spec='.3g')}"
 
-    @property
-    def partition(self) -> Partition:
-        return self.solved.partition
 
-    @property
-    def unknowns(self) -> int:
-        return self.solved.mesh.n_nodes
+def measure_level(solved: DiscreteSolution, goal: Goal, predicted: float = math.inf) -> Level:
+    """The level of a solution: its bound is computed here, and judged by the goal."""
+    mesh = solved.mesh
+    bound = solved.bound(goal.sharp)
+    total = solved.total(goal.norm, goal.sharp)
+    algebraic = solved.algebraic(goal.norm)
+    size = solved.size(goal.norm, goal.sharp)
+    target = wanted_error(goal, size, discrete_norm(solved, goal))
+    nothing = max(ZERO_SOLUTION_BOUND, 2 * mesh.growth * underflow(mesh, solved.form))
 
-    @property
-    def total(self) -> float:
-        """The guaranteed bound on the error in the goal's norm."""
-        return self.solved.total(self.goal.norm, self.goal.sharp)
-
-    @property
-    def algebraic(self) -> float:
-        """The bound on the iteration's part of the error in the goal's norm."""
-        return self.solved.algebraic(self.goal.norm)
-
-    @property
-    def size(self) -> float:
-        """A lower bound on the solution's norm."""
-        return self.solved.size(self.goal.norm, self.goal.sharp)
-
-    @property
-    def target(self) -> float:
-        """The error that is wanted, as far as this level knows the solution's norm."""
-        return wanted_error(self.solved, self.goal)
-
-    @property
-    def nothing(self) -> float:
-        """The error that counts as none where every number of the discrete solution is 0."""
-        mesh = self.solved.mesh
-        return max(ZERO_SOLUTION_BOUND, 2 * mesh.growth * underflow(mesh, self.solved.form))
-
-    @property
-    def certified(self) -> bool:
-        """Whether the bound proves the accuracy, with at most a tenth of it for the iteration."""
-        wanted = self.goal.accuracy if self.goal.absolute else self.goal.accuracy * self.size
-        wanted = wanted if self.target else self.nothing
-        return self.total <= wanted and self.algebraic <= ALGEBRAIC_SHARE * wanted
+    # The accuracy is one of the lower bound on the norm, of which the iteration may have a tenth
+    wanted = goal.accuracy if goal.absolute else goal.accuracy * size
+    wanted = wanted if target else nothing
+    certified = total <= wanted and algebraic <= ALGEBRAIC_SHARE * wanted
+    return Level(
+        solved=solved,
+        goal=goal,
+        predicted=predicted,
+        partition=solved.partition,
+        unknowns=mesh.n_nodes,
+        bound=bound,
+        total=total,
+        algebraic=algebraic,
+        size=size,
+        target=target,
+        nothing=nothing,
+        certified=certified,
+    )
 
 
-def wanted_error(solved: DiscreteSolution, goal: Goal) -> float:
-    """The accuracy times a lower bound on the solution's norm.
+def judge_by(level: Level, goal: Goal) -> Level:
+    """The level with another goal; what it took stays."""
+    return replace(
+        measure_level(level.solved, goal, level.predicted),
+        seconds=level.seconds,
+        elapsed=level.elapsed,
+        mb=level.mb,
+        enclosing=level.enclosing,
+    )
+
+
+def wanted_error(goal: Goal, size: float, discrete_norm: float) -> float:
+    """The accuracy times a lower bound `size` on the solution's norm.
 
     If that lower bound is 0 the discrete norm takes its place. An absolute accuracy is the wanted error
     itself.
     """
     if goal.absolute:
         return goal.accuracy
-    return goal.accuracy * (solved.size(goal.norm, goal.sharp) or discrete_norm(solved, goal))
+    return goal.accuracy * (size or discrete_norm)
 
 
 def discrete_norm(solved: DiscreteSolution, goal: Goal) -> float:
@@ -126,8 +152,7 @@ def lacks_contact(level: Level) -> bool:
 
 def unknowable(level: Level) -> bool:
     """Whether what stays unknown of f, g and q on finer meshes, too, exceeds the error that is wanted."""
-    bound = level.solved.bound(level.goal.sharp)
-    return bound is not None and bound.irreducible > level.target > 0
+    return level.bound is not None and level.bound.irreducible > level.target > 0
 
 
 def uncontradicted(levels: Sequence[Level]) -> list[Level]:
@@ -142,8 +167,10 @@ def contradict(a: Level, b: Level) -> bool:
     ||u||_1 tells: u - u_h need not vanish there, as Friedrichs' inequality asks, and 1 does not.
     """
     root = math.inf if a.solved.form.clamped else math.sqrt(a.partition.polygon.area)
-    u_bound = a.solved.total("h1", a.goal.sharp) + b.solved.total("h1", b.goal.sharp)
-    lambda_bound = a.solved.total("hm12", a.goal.sharp) + b.solved.total("hm12", b.goal.sharp)
+    u_bound = lambda_bound = math.inf
+    if a.bound and b.bound:
+        u_bound = a.bound.u + b.bound.u
+        lambda_bound = a.bound.lambda_ + b.bound.lambda_
     pairs = (
         (a.solved.u_norm, b.solved.u_norm, u_bound),
         (a.solved.u_integral, b.solved.u_integral, root * u_bound),

@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from time import perf_counter
 
 from unilateral.adaptive.forecast import (
@@ -29,7 +28,15 @@ from unilateral.adaptive.forecast import (
     show_costs,
 )
 from unilateral.adaptive.goal import Goal
-from unilateral.adaptive.level import ALGEBRAIC_SHARE, Level, find_fault, uncontradicted, wanted_error
+from unilateral.adaptive.level import (
+    ALGEBRAIC_SHARE,
+    Level,
+    discrete_norm,
+    find_fault,
+    measure_level,
+    uncontradicted,
+    wanted_error,
+)
 from unilateral.adaptive.marking import (
     LEAST_ADAPTED,
     LEAST_STEP,
@@ -74,13 +81,18 @@ What these unknowns are predicted to be was right within 1.5.
 class Search:
     """The finished levels, and what `ended` the loop; that is empty if the accuracy was reached.
 
-    `refusal` says why the next mesh was refused, if it was. `plan` predicts what the accuracy takes if a
-    limit ended the loop and that can be told. `reach` is a larger accuracy that the limits allow, where the
-    plan shows that they do not allow this one.
+    `believed` are the levels that no other one contradicts. `best` is the last believed level that is
+    certified, or else the one with the smallest bound; if none is believed, it is the finest one. `certified`
+    says whether a believed level is certified. `refusal` says why the next mesh was refused, if it was.
+    `plan` predicts what the accuracy takes if a limit ended the loop and that can be told. `reach` is a
+    larger accuracy that the limits allow, where the plan shows that they do not allow this one.
     """
 
     levels: list[Level]
-    ended: str = ""
+    ended: str
+    believed: list[Level]
+    best: Level
+    certified: bool
     refusal: InputError | None = None
     plan: Plan | None = None
     reach: float | None = None
@@ -89,24 +101,20 @@ class Search:
         outcome = "certified" if self.certified else "not certified" + f": {self.ended}" * bool(self.ended)
         return f"Search: {counted(len(self.levels), 'level')}, {outcome}"
 
-    @cached_property
-    def believed(self) -> list[Level]:
-        """The levels that no other one contradicts."""
-        return uncontradicted(self.levels)
 
-    @cached_property
-    def best(self) -> Level:
-        """The last believed level that is certified, or else the one with the smallest bound.
-
-        If no level is believed, it is the finest one.
-        """
-        candidates = reversed(self.believed or self.levels[-1:])
-        return min(candidates, key=lambda level: (not level.certified, level.total))
-
-    @property
-    def certified(self) -> bool:
-        """Whether a believed level is certified."""
-        return bool(self.believed) and self.best.certified
+def make_search(
+    levels: list[Level],
+    ended: str,
+    refusal: InputError | None = None,
+    plan: Plan | None = None,
+    reach: float | None = None,
+) -> Search:
+    """The search that has ended, with its best level."""
+    believed = uncontradicted(levels)
+    candidates = reversed(believed or levels[-1:])
+    best = min(candidates, key=lambda level: (not level.certified, level.total))
+    certified = bool(believed) and best.certified
+    return Search(levels, ended, believed, best, certified, refusal=refusal, plan=plan, reach=reach)
 
 
 def search(
@@ -161,11 +169,16 @@ def search(
             discrete = discretise_on(mesh, problem, goal, discrete, levels)
             enclosing = perf_counter() - enclosing_start
             solved = solve(discrete, goal, levels, predicted)
+            level = measure_level(solved, goal, predicted)
             end = perf_counter()
-            levels.append(Level(solved, goal, end - start, end - begin, peak_mb(), enclosing, predicted))
+            level = replace(
+                level, seconds=end - start, elapsed=end - begin, mb=peak_mb(), enclosing=enclosing
+            )
+            levels.append(level)
 
             # Mark, if another level is wanted and within the limits
-            division = next_division(levels, dry_run)
+            fault = find_fault(levels)
+            division = None if fault else next_division(levels, dry_run)
             if division:
                 unknowns = NEIGHBOURS * division.times * levels[-1].unknowns
                 seconds = predict_seconds(levels, unknowns)
@@ -173,7 +186,7 @@ def search(
             if tell:
                 tell(levels[-1])
             if not division:
-                return conclude(levels, dry_run)
+                return conclude(levels, fault, dry_run)
 
             # Refine
             start = perf_counter()
@@ -184,25 +197,26 @@ def search(
         if not levels:
             raise
         if isinstance(stopped, KeyboardInterrupt):
-            return Search(levels, INTERRUPTED)
+            return make_search(levels, INTERRUPTED)
         if isinstance(stopped, MemoryError):
-            return Search(levels, "out of budget (the memory of this machine)", plan=plan(levels))
-        return Search(levels, REFUSED, stopped)
+            return make_search(levels, "out of budget (the memory of this machine)", plan=plan(levels))
+        return make_search(levels, REFUSED, stopped)
 
 
-def conclude(levels: list[Level], dry_run: bool) -> Search:
-    """The search as it ends after its last level."""
-    fault = find_fault(levels)
+def conclude(levels: list[Level], fault: str, dry_run: bool) -> Search:
+    """The search as it ends after its last level, by a `fault` or without one."""
     if fault or (levels[-1].certified and not dry_run):
-        return Search(levels, fault)
+        return make_search(levels, fault)
     planned = plan(levels)
     if dry_run or is_hopeless(levels):
         missed = planned.missed if planned else ()
         names = f" ({', '.join(missed)})" if missed else ""
         reach = reachable_accuracy(levels) if missed else None
-        return Search(levels, "" if dry_run else f"{OUT_OF_REACH}{names}", plan=planned, reach=reach)
+        return make_search(levels, "" if dry_run else f"{OUT_OF_REACH}{names}", plan=planned, reach=reach)
     allowed = allowed_unknowns(levels)
-    return Search(levels, f"out of budget ({min(allowed, key=lambda name: allowed[name])})", plan=planned)
+    return make_search(
+        levels, f"out of budget ({min(allowed, key=lambda name: allowed[name])})", plan=planned
+    )
 
 
 def first_mesh(polygon: Polygon, goal: Goal) -> AdaptedMesh:
@@ -242,10 +256,11 @@ def two_edges_per_cell(polygon: Polygon, H: float, kind: str, growth: float | No
 def next_division(levels: Sequence[Level], dry_run: bool = False) -> Division | None:
     """How to divide the triangles for the next level, None if it is not wanted or not within the limits.
 
-    Where the limits do not allow what is wanted, the last level stays away from them.
+    The levels have to be without a fault. Where the limits do not allow what is wanted, the last
+    level stays away from them.
     """
     last = levels[-1]
-    if find_fault(levels) or last.certified or (dry_run and show_costs(levels)) or is_hopeless(levels):
+    if last.certified or (dry_run and show_costs(levels)) or is_hopeless(levels):
         return None
     best = wanted_division(last)
     if NEIGHBOURS * best.times * last.unknowns <= min(allowed_unknowns(levels).values()):
@@ -274,7 +289,7 @@ def discretise_on(
 def solve(
     discrete: DiscreteProblem, goal: Goal, levels: Sequence[Level], predicted: float
 ) -> DiscreteSolution:
-    """The solution, with its bound, from that of the last level; its bound will be about as `predicted`."""
+    """The solution, from that of the last level; its bound will be about as `predicted`."""
     # The algebraic bound in the goal's norm is that of the iteration, over beta for lambda
     scale = 1.0 if goal.norm == "h1" else discrete.beta
     start = None
@@ -288,8 +303,9 @@ def solve(
             tolerance = AIM * ALGEBRAIC_SHARE * total * scale or None
     solved = discrete.iterated(tolerance, goal.stop, start, total)
     if levels:
-        wanted = ALGEBRAIC_SHARE * max(wanted_error(solved, goal), predicted) * scale
+        size = solved.size(goal.norm, goal.sharp)
+        wanted = wanted_error(goal, size, discrete_norm(solved, goal))
+        wanted = ALGEBRAIC_SHARE * max(wanted, predicted) * scale
         if wanted > 0:
             solved = discrete.improved(solved, wanted, goal.stop)
-    solved.bound(goal.sharp)  # its time counts, too
     return solved

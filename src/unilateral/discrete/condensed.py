@@ -10,8 +10,9 @@ import numpy as np
 from scipy.linalg.blas import dnrm2
 
 from unilateral.arrays import Array
+from unilateral.bounds.boundary_flux import given
 from unilateral.discrete.base import NOTHING, DiscreteProblem
-from unilateral.discrete.loads import Load, flux_load, form_of, held_values, load_of, obstacle_means
+from unilateral.discrete.loads import Load, boundary_data, form_of, load_of
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
@@ -166,7 +167,9 @@ def with_solution(spaces: MixedSpaces, exact: Exact) -> CondensedProblem:
     """The problem of a case whose `exact` solution is known on these spaces, without free sides."""
     of = exact.ritz
     discrete = with_load(spaces, of.load, of.trace, exact.means.g_means, of.held)
-    return replace(discrete, exact=exact, data=of.case.problem)
+    problem = of.case.problem
+    tau = given(problem.enclosed_flux, spaces.mesh, spaces.condensed.form)
+    return replace(discrete, exact=exact, data=problem, tau=tau)
 
 
 def discretise(problem: Data, mesh: Mesh, partition: Partition) -> CondensedProblem:
@@ -188,12 +191,12 @@ def on_spaces(problem: Data, spaces: MixedSpaces, load: Load | None = None) -> C
         return replace(with_solution(spaces, exact(problem.exact, spaces)), data=problem)
     mesh = spaces.mesh
     of_f = load or load_of(problem, mesh)
-    total = of_f.values + flux_load(problem, mesh)
-    means = obstacle_means(problem, spaces.partition)
-    discrete = with_load(spaces, total, None, means, held_values(problem, mesh))
+    boundary = boundary_data(problem, mesh, spaces.partition, spaces.condensed.form)
+    total = of_f.values + boundary.load(mesh)
+    discrete = with_load(spaces, total, None, boundary.g_means, boundary.held)
     if np.max(np.abs(discrete.offset), initial=0.0) < LEAST:
         discrete.offset[:] = 0.0  # of data that this mesh does not see
-    return replace(discrete, data=problem, source=of_f.source)
+    return replace(discrete, data=problem, source=of_f.source, tau=boundary.tau)
 
 
 def solve(discrete: CondensedProblem, stop: Stop = Stop(), beta: float | None = None) -> DiscreteSolution:  # noqa: B008

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.bounds.boundary_flux import given
+from unilateral.bounds.boundary_flux import Given, given
 from unilateral.bounds.source import Source, source_of
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import by_parts, case_moments, edge_load
@@ -52,13 +52,29 @@ def load_of(problem: Data, mesh: Mesh) -> Load:
     return Load(source.load, source)
 
 
-def flux_load(problem: Data, mesh: Mesh) -> Array:
-    """(n,) the load of the given flux, exact for the polynomials of its enclosure."""
-    return edge_load(mesh, given(problem.enclosed_flux, mesh).ends)
-
-
 def obstacle_means(problem: Data, cells: Partition) -> Array:
     """(cells,) the means of g: of a case exact up to rounding, else of the enclosure."""
     if problem.exact:
         return cell_means(problem.exact, cells).g_means
     return problem.enclosed_obstacle.means(cells.points)
+
+
+class BoundaryData(NamedTuple):
+    """The given flux `tau`, the means (cells,) of g, and what u_h is held at (n,) on clamped sides."""
+
+    tau: Given
+    g_means: Array
+    held: Array
+
+    def load(self, mesh: Mesh) -> Array:
+        """(n,) the load of the flux, exact for the polynomials of its enclosure."""
+        return edge_load(mesh, self.tau.ends)
+
+
+def boundary_data(problem: Data, mesh: Mesh, cells: Partition, form: Form) -> BoundaryData:
+    """What a problem gives on the boundary of a mesh; the bounds take the same `tau`."""
+    return BoundaryData(
+        tau=given(problem.enclosed_flux, mesh, form),
+        g_means=obstacle_means(problem, cells),
+        held=held_values(problem, mesh),
+    )

@@ -17,7 +17,7 @@ from scipy.linalg.blas import dnrm2
 from unilateral.arrays import Array, Index
 from unilateral.bounds.source import enclosed
 from unilateral.discrete.base import AIM, DiscreteProblem
-from unilateral.discrete.loads import Load, flux_load, form_of, held_values, obstacle_means
+from unilateral.discrete.loads import Load, boundary_data, form_of
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.form import H1, Form
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
@@ -143,28 +143,28 @@ def on_levels(
     """The problem on its spaces, with the `load` of its f; the iteration begins at the `guess` (n,)."""
     mesh, partition, form = spaces.mesh, spaces.partition, spaces.levels.form
     cells = np.flatnonzero(form.held(partition.side))
-    means, values = obstacle_means(problem, partition), load.values + flux_load(problem, mesh)
+    boundary = boundary_data(problem, mesh, partition, form)
     return MultilevelProblem(
         mesh=mesh,
         partition=partition,
         cells=cells,
-        load=values,
-        g_means=means,
+        load=load.values + boundary.load(mesh),
+        g_means=boundary.g_means,
         data=problem,
         source=load.source,
+        tau=boundary.tau,
         form=form,
-        held=_held(problem, mesh, form),
+        held=_extended(boundary.held, mesh, form),
         spaces=spaces,
         guess=guess,
     )
 
 
-def _held(problem: Data, mesh: Mesh, form: Form) -> Array:
-    """(n,) a function with the given values on clamped sides that falls to 0 on triangles of the first mesh.
+def _extended(held: Array, mesh: Mesh, form: Form) -> Array:
+    """(n,) the function `held` (n,) on clamped sides, which falls to 0 on triangles of the first mesh.
 
     In nested iteration u_h less this function is as smooth as u_h, but for what the values are not linear.
     """
-    held = held_values(problem, mesh)
     if form.clamped:
         fixed = form.fixed(mesh)
         for step in mesh.steps:

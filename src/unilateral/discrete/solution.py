@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.bounds.boundary_flux import Given, edge_flux, given
+from unilateral.bounds.boundary_flux import Given, edge_flux
 from unilateral.bounds.flux_residuals import SUMS
 from unilateral.bounds.forces import balance
 from unilateral.bounds.local_bounds import Bound, flux_of, local_bound
@@ -52,10 +52,16 @@ class DiscreteSolution:
         The number that serves as beta of (3.4).
     unique
         Whether lambda_H is known to be the only one.
+    u_norm, u_integral
+        ||u_h|| and the integral of u_h.
+    force
+        The integral of lambda_H.
     lambda_norm
         A lower bound on ||lambda_H||_{-1/2,h}, which is at most ||lambda_H||_{-1/2}.
     known_source
         The enclosure of f, if the load was made of it; else it is made when it is needed.
+    tau
+        The flux that is given on free sides, as linear functions on edges; None without data.
     potential : (n,), optional
         If u_h is of another program: the function that solves the discrete equation with lambda_H. The bounds
         on the errors of u_h make their flux from it.
@@ -73,8 +79,12 @@ class DiscreteSolution:
     tolerance: float
     beta: float
     unique: bool
+    u_norm: float
+    u_integral: float
+    force: float
     lambda_norm: float
     known_source: Source | None = None
+    tau: Given | None = None
     potential: Array | None = None
 
     def __repr__(self) -> str:
@@ -92,21 +102,6 @@ class DiscreteSolution:
         gap = np.full(self.partition.n_cells, math.nan)
         gap[self.cells] = (means - self.g_means)[self.cells]
         return gap
-
-    @cached_property
-    def u_norm(self) -> float:
-        """||u_h||."""
-        return h1_norm(self.mesh, self.u_h, self.form.reaction)
-
-    @cached_property
-    def u_integral(self) -> float:
-        """The integral of u_h."""
-        return float(self.mesh.areas @ self.u_h[self.mesh.triangles].mean(axis=1))
-
-    @cached_property
-    def force(self) -> float:
-        """The integral of lambda_H."""
-        return float(self.partition.lengths @ self.lambda_H)
 
     @cached_property
     def source(self) -> Source | None:
@@ -142,7 +137,7 @@ class DiscreteSolution:
             self.partition,
             self.u_h,
             self.lambda_H,
-            self._flux_data(self.data),
+            self.tau,
             self.form,
             self.potential,
         )
@@ -150,15 +145,11 @@ class DiscreteSolution:
     @cached_property
     def flux(self) -> Array | None:
         """(2, E) the flux of the cheap bound, as `equilibrated` gives it; None without data."""
-        if self.data is None or self.source is None:
+        if self.source is None or self.tau is None:
             return None
         potential = self.u_h if self.potential is None else self.potential
         sigma = edge_flux(self.mesh, self.partition, self.lambda_H).ends
-        return flux_of(self.source, potential, sigma + self._flux_data(self.data).ends, self.form)
-
-    def _flux_data(self, data: Data) -> Given:
-        """The flux that is given on free sides, as linear functions on edges."""
-        return given(data.enclosed_flux, self.mesh, self.form)
+        return flux_of(self.source, potential, sigma + self.tau.ends, self.form)
 
     @property
     def shares(self) -> Array:
@@ -196,3 +187,19 @@ class DiscreteSolution:
         """A lower bound on the norm of the exact solution, from that of the discrete one."""
         discrete_norm = self.u_norm if norm == "h1" else self.lambda_norm
         return max((1 - SUMS) * discrete_norm / self.mesh.growth - self.total(norm, sharp), 0.0)
+
+
+def replace_u(solution: DiscreteSolution, u_h: Array) -> DiscreteSolution:
+    """The solution with the u_h (n,) of another program; its own one becomes the potential."""
+    return replace(
+        solution,
+        u_h=u_h,
+        u_norm=h1_norm(solution.mesh, u_h, solution.form.reaction),
+        u_integral=integral(solution.mesh, u_h),
+        potential=solution.u_h,
+    )
+
+
+def integral(mesh: Mesh, u_h: Array) -> float:
+    """The integral of u_h (n,)."""
+    return float(mesh.areas @ u_h[mesh.triangles].mean(axis=1))

@@ -35,7 +35,7 @@ from unilateral.problems.reading import (
 )
 from unilateral.problems.scaled import scaled_polygon
 from unilateral.problems.side_models import SideData
-from unilateral.problems.units import Units
+from unilateral.problems.units import make_units
 
 OnSides = Given | Sequence[Given]
 """What a user gives for all sides, or for each."""
@@ -113,7 +113,7 @@ def build(
     there. Raises InputError, beginning with `where` and the field.
     """
     ends = ends_of_sides(corners)
-    units = Units(
+    units = make_units(
         k=_coefficient(k, f"{where}, field k"),
         c=_coefficient(c, f"{where}, field c", or_0=True),
     )

@@ -27,7 +27,7 @@ from unilateral.problems.functions import Function
 from unilateral.problems.nodal import NodalTrace, cuts
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_flux, enclose_obstacle
 from unilateral.problems.side_models import SideData, on_sides, places, slopes_on_sides
-from unilateral.problems.units import Units
+from unilateral.problems.units import Units, make_units
 
 if TYPE_CHECKING:
     from unilateral.problems.case import ExactSolution
@@ -56,7 +56,7 @@ class Problem:
     f: Expression | Array | Function
     g: tuple[SideData | Function, ...]
     free_sides: tuple[int, ...]
-    units: Units = field(default_factory=Units)
+    units: Units = field(default_factory=make_units)
     q: tuple[SideData | Function, ...] = ()
     mesh: Mesh | None = None
     title: str = ""

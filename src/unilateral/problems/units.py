@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
 
 from unilateral.formulas.exact_numbers import rounded
 from unilateral.formulas.expression import ONE, ZERO, Expression
@@ -25,48 +24,57 @@ HALF = Fraction(1, 2)
 
 @dataclass(frozen=True)
 class Units:
-    """What 1 in the paper's equation is in the user's units, for exact k and c, each rounded once."""
+    """What 1 in the paper's equation is in the user's units, for exact k and c, each rounded once.
 
-    k: Expression = ONE
-    c: Expression = ONE
+    Parameters
+    ----------
+    k, c
+        The coefficients.
+    trivial
+        Whether the problem is (1.1) as it is.
+    reaction
+        What u is multiplied by in (1.1).
+    per_area
+        k over the squared unit of length.
+    length
+        The unit of length.
+    value
+        The unit of u and g.
+    load
+        The unit of f.
+    flux
+        The unit of lambda.
+    force
+        The unit of the integral of lambda.
+    """
+
+    k: Expression
+    c: Expression
+    trivial: bool
+    reaction: float
+    per_area: Expression
+    length: float
+    value: float
+    load: float
+    flux: float
+    force: float
 
     def __repr__(self) -> str:
         return f"Units: k = {rounded(self.k):.6g}, c = {rounded(self.c):.6g}"
 
-    @property
-    def trivial(self) -> bool:
-        return self.k == ONE and self.c in (ZERO, ONE)
 
-    @property
-    def reaction(self) -> float:
-        """What u is multiplied by in (1.1)."""
-        return 0.0 if self.c == ZERO else 1.0
-
-    @property
-    def per_area(self) -> Expression:
-        """k over the squared unit of length."""
-        return self.c if self.reaction else self.k
-
-    @cached_property
-    def length(self) -> float:
-        return rounded((self.k / self.per_area) ** HALF)
-
-    @cached_property
-    def value(self) -> float:
-        """The unit of u and g."""
-        return rounded(self.k**-HALF)
-
-    @cached_property
-    def load(self) -> float:
-        """The unit of f."""
-        return rounded(self.per_area * self.k**-HALF)
-
-    @cached_property
-    def flux(self) -> float:
-        """The unit of lambda."""
-        return rounded(self.per_area**HALF)
-
-    @cached_property
-    def force(self) -> float:
-        """The unit of the integral of lambda."""
-        return rounded(self.k**HALF)
+def make_units(k: Expression = ONE, c: Expression = ONE) -> Units:
+    """The units that come from k and c."""
+    per_area = k if c == ZERO else c
+    return Units(
+        k=k,
+        c=c,
+        trivial=k == ONE and c in (ZERO, ONE),
+        reaction=0.0 if c == ZERO else 1.0,
+        per_area=per_area,
+        length=rounded((k / per_area) ** HALF),
+        value=rounded(k**-HALF),
+        load=rounded(per_area * k**-HALF),
+        flux=rounded(per_area**HALF),
+        force=rounded(k**HALF),
+    )

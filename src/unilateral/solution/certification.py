@@ -18,7 +18,7 @@ from unilateral.arrays import LARGEST_VALUE, Array, Mask, floats, nodal_values
 from unilateral.discrete.choice import cheapest, condensed_spaces, discretised
 from unilateral.discrete.condensed import on_spaces
 from unilateral.discrete.loads import form_of
-from unilateral.discrete.solution import DiscreteSolution
+from unilateral.discrete.solution import DiscreteSolution, replace_u
 from unilateral.errors import InputError, IterationWarning
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
@@ -45,7 +45,7 @@ def certify(problem: Problem, mesh: Mesh, u: ArrayLike, multiplier: ArrayLike | 
     else:
         without = np.isin(mesh.side, (*problem.free_sides, *problem.clamped_sides))
         own = _solve_linear(data, scaled_mesh, _edge_values(multiplier, without) / problem.units.flux)
-    return make_solution(replace(own, u_h=values / problem.units.value, potential=own.u_h), problem)
+    return make_solution(replace_u(own, values / problem.units.value), problem)
 
 
 def edge_pairs(mesh: Mesh) -> Partition:

@@ -63,6 +63,11 @@ class Solution:
         sides, on which there are no multipliers: their reactions are in `forces`.
     `gap` : (m,)
         The means of u_h - g on the cells; NaN on free sides.
+    `converged`
+        Whether the algebraic bound is at most the tolerance of the algorithm.
+    `unique`
+        Whether lambda_H is known to be the only one; if not, beta may be 0. After a search it is, because a
+        search takes two edges or more in every cell.
 
     >>> import unilateral as ul
     >>> ul.solve("natural", h=1 / 16, H=1 / 8)
@@ -83,6 +88,8 @@ class Solution:
     u: Array
     multiplier: Array
     gap: Array
+    converged: bool
+    unique: bool
 
     def __repr__(self) -> str:
         """A few lines; what takes long is left out, see `summary`."""
@@ -168,19 +175,6 @@ class Solution:
         """Steps of the algorithm, on all levels; NaN if it counts none."""
         solves = [level.solved for level in self.search.levels] if self.search else [self.solved]
         return sum(solved.result.iterations for solved in solves)
-
-    @property
-    def converged(self) -> bool:
-        """Whether the algebraic bound is at most the tolerance of the algorithm."""
-        return bool(self.solved.result.converged)
-
-    @property
-    def unique(self) -> bool:
-        """Whether lambda_H is known to be the only one; if not, beta may be 0.
-
-        After a search it is, because a search takes two edges or more in every cell.
-        """
-        return bool(self.search) or self.solved.unique
 
     @cached_property
     def beta(self) -> float:
@@ -357,4 +351,6 @@ def make_solution(solved: DiscreteSolution, problem: Problem, search: Search | N
         u=units.value * solved.u_h,
         multiplier=np.where(clamped, math.nan, units.flux * solved.lambda_H),
         gap=units.value * solved.gap,
+        converged=bool(solved.result.converged),
+        unique=search is not None or solved.unique,
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
@@ -21,12 +22,12 @@ from unilateral.adaptive.goal import Goal
 from unilateral.adaptive.level import (
     ALGEBRAIC_SHARE,
     ZERO_SOLUTION_BOUND,
-    Level,
     contradict,
+    measure_level,
     uncontradicted,
     unknowable,
 )
-from unilateral.adaptive.loop import Search
+from unilateral.adaptive.loop import make_search
 from unilateral.adaptive.marking import LAMBDA_RATE, TARGET_PART, wanted_part
 from unilateral.bounds.flux_residuals import SUMS
 from unilateral.discrete.solution import DiscreteSolution
@@ -75,7 +76,8 @@ def level(goal=None, seconds=1.0, **numbers):
     costs = {
         name: numbers.pop(name) for name in ("elapsed", "mb", "enclosing", "predicted") if name in numbers
     }
-    return Level(Made(**numbers), goal or Goal(0.2), seconds, **costs)
+    made = measure_level(Made(**numbers), goal or Goal(0.2), costs.pop("predicted", math.inf))
+    return replace(made, seconds=seconds, **costs)
 
 
 def test_the_norm_of_the_solution_is_below_the_discrete_one_by_the_error():
@@ -153,7 +155,7 @@ def test_of_two_levels_that_contradict_none_is_believed():
     levels = [level(), level(u_norm=1.1), level(u_norm=5.0, u=0.01)]
     assert uncontradicted(levels) == []
     assert uncontradicted(levels[:2]) == levels[:2]
-    found = Search(levels, "bounds contradict each other")
+    found = make_search(levels, "bounds contradict each other")
     assert found.believed == []
     assert found.best is levels[-1]
     assert not found.certified
@@ -164,9 +166,9 @@ def test_the_best_level_is_certified_before_it_is_small():
     """The last one of those that are; of others that with the smallest bound."""
     certified = level(u_norm=1.1, u=0.1)
     smaller = level(u_norm=1.05, u=0.05, algebraic=1.0)
-    assert Search([certified, smaller], "").best is certified
-    assert Search([certified, smaller], "").certified
-    assert Search([level(u=0.9), smaller], "").best is smaller
+    assert make_search([certified, smaller], "").best is certified
+    assert make_search([certified, smaller], "").certified
+    assert make_search([level(u=0.9), smaller], "").best is smaller
 
 
 @pytest.mark.parametrize(("irreducible", "told"), [(0.21, True), (0.19, False), (0.0, False)])

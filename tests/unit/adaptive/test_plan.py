@@ -20,6 +20,7 @@ from unilateral.adaptive.forecast import (
     show_costs,
 )
 from unilateral.adaptive.goal import MAX_SECONDS, Goal
+from unilateral.adaptive.level import judge_by
 from unilateral.adaptive.loop import search
 from unilateral.adaptive.marking import TARGET_PART, adapts
 from unilateral.solvers.stop import Stop
@@ -27,7 +28,7 @@ from unilateral.solvers.stop import Stop
 
 def towards(goal, done):
     """The levels as if they were solved towards another goal."""
-    return [replace(level, goal=goal) for level in done]
+    return [judge_by(level, goal) for level in done]
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from searched import FILES, first_level, levels, problem
 import unilateral as ul
 from unilateral.adaptive import loop
 from unilateral.adaptive.goal import Goal
-from unilateral.adaptive.level import ALGEBRAIC_SHARE, ZERO_SOLUTION_BOUND, uncontradicted
+from unilateral.adaptive.level import ALGEBRAIC_SHARE, ZERO_SOLUTION_BOUND, judge_by, uncontradicted
 from unilateral.adaptive.loop import search, two_edges_per_cell
 from unilateral.discrete.choice import levels_for
 from unilateral.discrete.condensed import discretise, solve
@@ -352,7 +352,7 @@ def falsified(level, factor):
     own, spoilt = level.solved.bound(), replace(level.solved)
     bound = replace(own, u=own.u * factor, lambda_=own.lambda_ * factor)
     vars(spoilt)["local_bound"] = bound  # in place of what it would find
-    return replace(level, solved=spoilt)
+    return judge_by(replace(level, solved=spoilt), level.goal)
 
 
 @pytest.mark.parametrize("name", ["natural", "full_contact"])
@@ -364,17 +364,20 @@ def test_bounds_that_contradict_each_other_are_withdrawn(name):
 
 
 def test_the_time_of_a_level_includes_that_of_its_bound(monkeypatch):
-    """Also where the level was iterated further, so that its bound is another one: all are known before."""
-    known = []
-    made = loop.Level
+    """By a clock that goes on by 1 where a bound is computed, and stands still everywhere else."""
+    bounds = []
+    measure = loop.measure_level
 
-    def recorded(solved, *others):
-        known.append("local_bound" in vars(solved))
-        return made(solved, *others)
+    def counted(*given):
+        bounds.append(1)
+        return measure(*given)
 
-    monkeypatch.setattr(loop, "Level", recorded)
-    assert len(levels(load("natural").problem, Goal(0.2))) == len(known) > 1
-    assert all(known)
+    monkeypatch.setattr(loop, "measure_level", counted)
+    monkeypatch.setattr(loop, "perf_counter", lambda: float(len(bounds)))
+    done = levels(load("natural").problem, Goal(0.2))
+    assert len(done) > 1
+    assert [level.seconds for level in done] == [1.0] * len(done)
+    assert [level.elapsed for level in done] == [float(k + 1) for k in range(len(done))]
 
 
 def test_lambda_is_certified_on_adapted_meshes(problem_of):

@@ -37,7 +37,7 @@ from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.triangulation_checks import round_off
 from unilateral.problems.problem import Problem
 from unilateral.problems.scaled import scaled
-from unilateral.problems.units import Units
+from unilateral.problems.units import make_units
 
 KITE = np.array([[0, 0], [1, 0], [1, 0.7], [0, 1.3]])
 
@@ -101,7 +101,7 @@ def linear(polygon, k=1, c=1):
     q = tuple(k * of_u for of_u in fluxes(u, polygon.vertices))
     g = (u - a**2 - b**2, *[sympy.S.Zero] * (polygon.n_sides - 1))
     free = tuple(range(1, polygon.n_sides))
-    units = Units(plain(sympy.sympify(k)), plain(sympy.sympify(c)))
+    units = make_units(plain(sympy.sympify(k)), plain(sympy.sympify(c)))
     f, g, q = plain(c * u), tuple(map(plain, g)), tuple(map(plain, q))
     return Linear(Problem("linear", polygon, f, g, free, units, q), (a, b))
 

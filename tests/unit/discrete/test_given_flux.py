@@ -11,9 +11,9 @@ from symbolic import X, Y, compile_numpy, symbolic
 import unilateral as ul
 from unilateral.adaptive.level import contradict
 from unilateral.bounds.boundary_flux import nothing
-from unilateral.discrete import condensed, multilevel, solution
-from unilateral.discrete.loads import flux_load, load_of
-from unilateral.fem.p1 import h1_norm
+from unilateral.discrete import loads, multilevel
+from unilateral.discrete.loads import BoundaryData, load_of
+from unilateral.fem.p1 import edge_load, h1_norm
 from unilateral.formulas.formula import parse
 from unilateral.geometry.adapted import adapted
 from unilateral.problems.scaled import scaled
@@ -91,7 +91,7 @@ def test_the_solutions_solve_their_problems(name):
 def imbalance(found):
     """|int u_h - int f - int q - int lambda_H|, which is 0 by (2.1) with v = 1."""
     data, solved = scaled(found.problem), found.solved
-    load = load_of(data, solved.mesh).values + flux_load(data, solved.mesh)
+    load = load_of(data, solved.mesh).values + edge_load(solved.mesh, solved.tau.ends)
     return abs(solved.u_integral - load.sum() - solved.force)
 
 
@@ -119,7 +119,7 @@ def test_errors_fall_as_proved_below_both_bounds(name):
 def test_without_the_flux_in_the_load_the_error_stays(monkeypatch):
     """Control of the rates: u_h does not converge. The bound, which has the flux from the data, says so."""
     of = PROBLEMS["of both signs, beside contact"]
-    monkeypatch.setattr(condensed, "flux_load", lambda _, mesh: np.zeros(mesh.n_nodes))
+    monkeypatch.setattr(BoundaryData, "load", lambda _, mesh: np.zeros(mesh.n_nodes))
     errors = []
     for n in (8, 16):
         found = ul.solve(of.problem, h=1 / n, H=2 / n)
@@ -146,8 +146,8 @@ def test_a_wave_that_edges_do_not_see_is_in_the_bounds(monkeypatch):
     def linear(flux, mesh, form):
         return nothing(mesh)._replace(ends=right(flux, mesh, form).ends)
 
-    right = solution.given
-    monkeypatch.setattr(solution, "given", linear)
+    right = loads.given
+    monkeypatch.setattr(loads, "given", linear)
     found = ul.solve(WAVE.problem, h=1 / 4, H=1 / 2)
     assert found.bounds.u < 0.7 * error
     assert found.sharp_bounds.u < 0.7 * error

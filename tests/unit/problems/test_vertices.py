@@ -27,7 +27,7 @@ from unilateral.problems.data_checks import check
 from unilateral.problems.nodal import NodalTrace
 from unilateral.problems.problem import Problem
 from unilateral.problems.scaled import scaled
-from unilateral.problems.units import Units
+from unilateral.problems.units import make_units
 
 DRAWS = 300
 ALONG = ("x", "y", "(1 - x)", "(1 - y)")
@@ -109,7 +109,7 @@ def checked(of, given):
     sides = {i: given(i, *of.ends[i]) for i in range(4) if of.kinds[i] != FREE}
     free, clamped = (tuple(i for i in range(4) if of.kinds[i] == kind) for kind in (FREE, CLAMPED))
     g = [sides.get(i, ZERO) for i in range(4)]
-    units = Units(*(parse(repr(float(each)), (), "drawn") for each in of.kc))
+    units = make_units(*(parse(repr(float(each)), (), "drawn") for each in of.kc))
     found = Problem("drawn", UNIT, ZERO, tuple(g), free, units, clamped_sides=clamped)
     if given is function:
         return build.put_on_mesh(found, MESH)
@@ -243,7 +243,7 @@ def test_no_jump_that_is_left_over_has_a_bound(c):
     """What `check` refuses, unchecked. Control: u_D above g at a vertex, and one that fits, have one."""
     for u, finite in (("x + 5e-4", False), ("x", True)):
         g = [parse(text, ("x", "y"), "drawn") for text in ("-1", "0", u, "0")]
-        units = Units(c=parse(c, (), "drawn"))
+        units = make_units(c=parse(c, (), "drawn"))
         problem = Problem("unchecked", UNIT, ZERO, tuple(g), (1,), units, clamped_sides=(2, 3))
         s = ul.solve(problem, h=1 / 8, H=1 / 4)
         assert math.isfinite(s.bounds.u) == math.isfinite(s.sharp_bounds.u) == finite

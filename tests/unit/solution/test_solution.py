@@ -17,7 +17,7 @@ from unilateral.bounds.forces import Force
 from unilateral.formulas.expression import number as exact
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
-from unilateral.problems.units import Units
+from unilateral.problems.units import make_units
 from unilateral.solution.contact import Contact
 from unilateral.solution.faults import FLAT, flat_triangles
 from unilateral.solution.forces import in_units
@@ -29,7 +29,7 @@ SIZES = {"h": 1 / 16, "H": 1 / 8}
 @pytest.mark.parametrize("k", [Fraction(2), Fraction(1, 3), Fraction(10) ** 9])
 def test_forces_in_other_units_are_still_bounds(k):
     """By exact squares, for 1 of the computed ones is k^(1/2); by plain products some would be none."""
-    unit = float(Units(k=exact(k)).force)
+    unit = float(make_units(k=exact(k)).force)
     plain = []
     for number in np.random.default_rng(0).uniform(0.1, 10, 200):
         square = k * Fraction(number) ** 2
