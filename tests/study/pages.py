@@ -33,8 +33,8 @@ NUMBERS = {
 
 FIGURES = [file.stem for file in sorted((ROOT / "figures").glob("*.svg"))]
 """The names of the figures in git."""
-NAMES = {"grid": "grid_square", "dual_norm": "dual_square", "portrait": "solution", "rates": "rates_cantor"}
-"""The figures of modules, where a figure has another name than its module; of `rates` the first one."""
+NAMES = {"grid": "grid_square", "dual_norm": "dual_square", "portrait": "solution", "rates": "rates_square"}
+"""The figures of modules, where a figure has another name than its module; `rates` has one for each scene."""
 
 
 @cache
