@@ -33,6 +33,10 @@ from unilateral.problems import problem_file
 from unilateral.problems.case import load as load_case
 from unilateral.problems.case_certificate import certify
 
+# Tests interrupt themselves and processes that they start. A shell that runs tests in the background lets them
+# ignore interrupts.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+
 ROOT = Path(__file__).parents[1]
 DATA = ROOT / "tests/data"
 RESULTS = ROOT / "results"

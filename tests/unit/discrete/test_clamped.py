@@ -184,11 +184,11 @@ def test_levels_beside_clamped_sides_are_compared_by_norms_alone(clamped, told) 
     """Integrals that are apart say nothing of u - u_h that does not vanish there. Norms do: the control."""
 
     def level(u_norm: float, u_integral: float) -> SimpleNamespace:
-        known = {"u_norm": u_norm, "u_integral": u_integral, "force": 0.0, "total": lambda *_: 0.1}
+        known = {"u_norm": u_norm, "u_integral": u_integral, "force": 0.0}
         partition = SimpleNamespace(polygon=SimpleNamespace(area=1.0))
         mesh = SimpleNamespace(growth=1.0)
         solved = SimpleNamespace(form=Form(clamped=clamped), mesh=mesh, **known)
-        return SimpleNamespace(solved=solved, partition=partition, goal=SimpleNamespace(sharp=False))
+        return SimpleNamespace(solved=solved, partition=partition, bound=SimpleNamespace(u=0.1, lambda_=0.1))
 
     assert contradict(level(1.0, 0.0), level(1.0, 1.0)) == told
     assert contradict(level(1.0, 0.0), level(2.0, 0.0))

@@ -74,7 +74,7 @@ def test_errors_take_one_dual_norm(monkeypatch):
     of = discrete("natural", 8, 4)
     norms, dual = [], RitzProjection.discrete_dual
     monkeypatch.setattr(RitzProjection, "discrete_dual", lambda *of: norms.append(dual(*of)) or norms[-1])
-    errors = of.errors(np.ones(len(of.cells)))
+    errors = of.exact.errors(of.spaces, np.ones(len(of.cells)))
     assert norms == [errors.hm12_discrete]
 
 
