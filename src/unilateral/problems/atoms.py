@@ -200,7 +200,7 @@ class Tensor(Local, OfFormulas):
 
     @cached_property
     def _f(self) -> Expression:
-        """-Delta v / L + L v. It stays factored: multiplied out, most enclosures are wider."""
+        """-Delta v / L + L v. It stays factored: multiplied out, it is enclosed less closely on a mesh."""
         chi_d = derivative(self._chi, "d")
         # -Delta v = l'' d chi + l d (chi'' + 2 chi' / d)
         along = derivative(derivative(self.profile, "t"), "t") * D * self._chi
