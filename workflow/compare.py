@@ -75,10 +75,13 @@ def compare(before: Path, after: Path, tolerance: float) -> Iterator[str]:
 
 
 def read(file: Path) -> dict[str, np.ndarray]:
-    """The arrays of a file by their names; a claim's fields are named by its id."""
+    """The arrays of a file by their names: variables with their dimensions, fields of a claim with its id."""
     if file.suffix == ".nc":
         table = xr.load_dataset(file, engine="netcdf4")
-        return {str(name): variable.to_numpy() for name, variable in table.variables.items()}
+        return {
+            f"{name}({', '.join(map(str, variable.dims))})": variable.to_numpy()
+            for name, variable in table.variables.items()
+        }
     if file.suffix == ".csv":
         return {str(name): column.to_numpy() for name, column in pd.read_csv(file).items()}
     content = json.loads(file.read_text(encoding="utf-8"))

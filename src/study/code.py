@@ -11,8 +11,8 @@ from functools import cache
 from hashlib import sha256
 from pathlib import Path
 
-ROOTS = (Path("src"), Path())
-"""The folders with this project's packages: `unilateral` and `study`, and `benchmarks`."""
+ROOTS = (Path("src"), Path(), Path("workflow/scripts"))
+"""The folders with this project's packages, `unilateral`, `study` and `benchmarks`, and with `job`."""
 DATA = (".yaml", ".html", ".txt")
 """The endings of data files, which are used by the modules beside them that name them."""
 

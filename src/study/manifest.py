@@ -29,22 +29,18 @@ def write_manifest(
     `study` is the configuration, and `made` the files by rule. Files that depend on the machine are left
     out, so that two runs with the same results have the same manifest.
     """
-    files = [
-        {"path": path, "rule": rule, **_content(Path(path))}
-        for rule, paths in made.items()
-        for path in paths
-        if not path.endswith(OF_THE_MACHINE)
-    ]
+    files = []
+    for rule, paths in made.items():
+        for path in paths:
+            if not path.endswith(OF_THE_MACHINE):
+                content = Path(path).read_bytes()
+                checksum = sha256(content).hexdigest()
+                files.append({"path": path, "rule": rule, "bytes": len(content), "sha256": checksum})
     told = {"versions": versions(), "parameters": digest(study), "files": files}
     lines = [f"{file['sha256']}  {file['path']}\n" for file in files]
     with replacing(manifest) as new_manifest, replacing(sums) as new_sums:
         new_manifest.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
         new_sums.write_text("".join(lines), encoding="utf-8")
-
-
-def _content(path: Path) -> dict[str, Any]:
-    content = path.read_bytes()
-    return {"bytes": len(content), "sha256": sha256(content).hexdigest()}
 
 
 def digest(study: Mapping[str, Any]) -> str:

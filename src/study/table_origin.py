@@ -11,7 +11,6 @@ import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -47,27 +46,18 @@ def stamp(path: str | os.PathLike[str], parameters: Mapping[str, Any] | None) ->
 
 def fault(path: str | os.PathLike[str], attrs: Mapping[str, Any], study: Mapping[str, Any] | None) -> str:
     """Why the table with these attributes is not the one of that path and, if given, that configuration."""
-    return _displaced(path, attrs) or ("" if study is None else _outdated(attrs, study))
-
-
-def _displaced(path: str | os.PathLike[str], attrs: Mapping[str, Any]) -> str:
     if "table" not in attrs:
         return f"is of a version that did not tell its place, and '{place(path)}' is expected"
     if attrs["table"] != place(path):
         return f"is the table '{attrs['table']}', and '{place(path)}' is expected"
+    if study is not None:
+        for name, made_with in json.loads(attrs["parameters"]).items():
+            configured: Any = study
+            for part in name.split("."):
+                configured = _parts(configured).get(part)
+            for where, old, new in _differences(name, made_with, configured):
+                return f"was made with {where}: {_told(old)}, and the configuration has {_told(new)}"
     return ""
-
-
-def _outdated(attrs: Mapping[str, Any], study: Mapping[str, Any]) -> str:
-    for path, value in json.loads(attrs["parameters"]).items():
-        for where, old, new in _differences(path, value, _field(study, path)):
-            return f"was made with {where}: {_told(old)}, and the configuration has {_told(new)}"
-    return ""
-
-
-def _field(study: Any, path: str) -> Any:
-    """The field with that path; None where there is none."""
-    return reduce(lambda held, name: _parts(held).get(name), path.split("."), study)
 
 
 def _parts(held: Any) -> dict[str, Any]:

@@ -91,19 +91,17 @@ def save(
         "libraries": libraries,
         "source": SOURCE,
     }
+    # Whole numbers have 32 bits, and coordinates no number for missing values, as CF demands
+    encoding: dict[Hashable, dict[str, Any]] = {name: {} for name in table.variables}
+    for name, variable in table.variables.items():
+        if variable.dtype.kind in "iu":
+            encoding[name]["dtype"] = "int32"
+        if name in table.coords:
+            encoding[name]["_FillValue"] = None
     with replacing(path) as temporary:
-        write_netcdf(table, temporary, encoding=_encoding(table))
+        write_netcdf(table, temporary, encoding=encoding)
         content = temporary.read_bytes()
         temporary.write_bytes(content + _seal(content))
-
-
-def _encoding(table: xr.Dataset) -> dict[Hashable, dict[str, Any]]:
-    """Whole numbers have 32 bits, and coordinates no number for missing values, as CF demands."""
-    encoding: dict[Hashable, dict[str, Any]] = {}
-    for name, variable in table.variables.items():
-        of_whole = {"dtype": "int32"} if variable.dtype.kind in "iu" else {}
-        encoding[name] = of_whole | ({"_FillValue": None} if name in table.coords else {})
-    return encoding
 
 
 def load(path: str | os.PathLike[str], study: Mapping[str, Any] | None = None) -> xr.Dataset:

@@ -278,7 +278,7 @@ def certify(
     Parameters
     ----------
     problem
-        A problem of formulas or arrays, as in `solve`.
+        A problem as in `solve`; its functions become linear between their values at the nodes of the mesh.
     mesh
         What `mesh` takes, on the problem's polygon: a file, a mesh of scikit-fem, or (points, triangles).
     u : array_like (n,)
@@ -296,8 +296,7 @@ def certify(
     Raises
     ------
     InputError
-        For a mesh of another polygon, values that do not fit the mesh or are not finite, and functions in the
-        problem.
+        For a mesh of another polygon, and for values that do not fit the mesh or are not finite.
 
     Warns
     -----

@@ -50,6 +50,7 @@ CHANGED = {
     "the library": ("src/unilateral/solvers/uzawa.py", "def uzawa(", "def other("),
     "a package": ("src/unilateral/solvers/__init__.py", '"""', 'x = 1\n"""'),
     "data": ("src/study/variables.yaml", "h:", "h2:"),
+    "what scripts share": ("workflow/scripts/job.py", "made_by(snakemake.rule)", "made_by('other')"),
     "the script": ("workflow/scripts/cells.py", "params.stop", "params.other"),
 }
 
@@ -90,16 +91,16 @@ def file_of(module):
 
 @pytest.mark.parametrize("script", SCRIPTS)
 def test_the_files_of_a_script_are_those_of_the_modules_that_it_imports(monkeypatch, script):
-    """By import-linter's graph from what it imports itself; and the packages that these are in."""
+    """By import-linter's graph from what it and `job` import; and the packages that these are in."""
     monkeypatch.chdir(ROOT)
-    program = f"workflow/scripts/{script}.py"
-    lines = Path(program).read_text().splitlines()
-    own = {line.split()[1] for line in lines if line.startswith(("from benchmarks", "from study"))}
-    assert own
+    program, job = f"workflow/scripts/{script}.py", "workflow/scripts/job.py"
+    lines = [line.strip() for file in (program, job) for line in Path(file).read_text().splitlines()]
+    ours = ("from benchmarks", "from study.", "from unilateral")
+    own = {line.split()[1] for line in lines if line.startswith(ours)} | {"study.tables"}
     modules = own | {module for each in own for module in graph().find_upstream_modules(each)}
     modules |= {".".join(each.split(".")[:k]) for each in modules for k in range(1, each.count(".") + 1)}
     found = {file for file in code.used_files(program) if file.suffix == ".py"}
-    assert found == {Path(program), *map(file_of, modules)}
+    assert found == {Path(program), Path(job), *map(file_of, modules)}
 
 
 def test_the_data_of_the_ledger_are_those_that_its_modules_name(monkeypatch):

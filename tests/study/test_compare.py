@@ -56,8 +56,9 @@ def test_every_kind_of_difference_is_named_with_its_file(trees):
         "results/claims.json: 4.11.margin is gone",
         "results/claims.json: 5.A.id is gone",
         "results/numbers.json: more is new",
-        "results/square/errors.nc: h1_error differs in 1 of 3 numbers, by at most 5e-13 of the largest one",
-        "results/square/errors.nc: case is 'c' instead of 'b'",
+        "results/square/errors.nc: h1_error(mesh) differs in 1 of 3 numbers, by at most 5e-13 of the "
+        "largest one",
+        "results/square/errors.nc: case(mesh) is 'c' instead of 'b'",
         "4 files compared: 4 differ",
     ):
         assert line in result.stdout.splitlines()
@@ -74,6 +75,14 @@ def test_a_number_that_is_no_longer_computed_is_no_small_difference(trees):
     table = xr.Dataset({"h1_error": ("mesh", [2.0, np.nan, np.nan]), "case": ("mesh", ["a", "b", ""])})
     table.to_netcdf(trees[1] / "results" / "square" / "errors.nc")
     assert run(*trees, "--within", "1").returncode == 1
+
+
+def test_the_same_numbers_along_another_dimension_are_no_equal_table(trees):
+    table = xr.Dataset({"h1_error": ("cell", [2.0, 1.0, np.nan]), "case": ("mesh", ["a", "b", ""])})
+    table.to_netcdf(trees[1] / "results" / "square" / "errors.nc")
+    result = run(*trees, "--within", "1")
+    assert result.returncode == 1
+    assert "results/square/errors.nc: h1_error(mesh) is gone" in result.stdout.splitlines()
 
 
 def test_a_folder_without_results_is_bad_input(tmp_path):

@@ -13,7 +13,7 @@ import pytest
 from conftest import RESULTS, ROOT, config, stored
 
 from study import rates
-from study.ledger import claims, reports
+from study.ledger import claims, listing
 from study.ledger.results import Results
 from study.scenes import is_clamped
 from study.tables import VARIABLES
@@ -177,7 +177,7 @@ def test_claims_of_every_run_are_true_of_the_scenes_that_they_do_not_name(name, 
     claim = claims.find(name)
     claim = replace(claim, parameters={**claim.parameters, "scenes": [elsewhere]})
     judgement = claims.judge(Results(RESULTS), [claim])[0]
-    assert judgement.holds, "\n" + reports.explanation(judgement)
+    assert judgement.holds, "\n" + listing.explanation(judgement)
 
 
 def test_the_exact_split_of_smooth_runs(errors):

@@ -385,7 +385,7 @@ def test_bounds_that_contradict_each_other_are_none():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"h": 1 / 8}, "h and H are needed, and H is missing; ul.solve takes an accuracy in their place"),
+        ({"h": 1 / 8}, "h and H are needed, and H is missing; for formulas ul.solve takes an accuracy in"),
         ({"absolute": True}, "absolute is only for an accuracy; leave it out, or give an accuracy"),
         ({"H": 1 / 8}, "and h is missing"),
         ({"h": -1, "H": 1 / 8}, "h = -1 must be a positive number"),

@@ -2,7 +2,7 @@
 
 from job import run
 
-from study.ledger.reports import judge_claims
+from study.ledger.claims import judge_claims
 
 with run(snakemake):
     judge_claims(

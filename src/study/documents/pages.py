@@ -43,21 +43,14 @@ def typeset_pages(
 def provenance(manifest: Mapping[str, Any], parameters: Iterable[str]) -> dict[str, str]:
     """Blocks by their names, from the study's manifest and the files that hold its parameters."""
     versions = pd.DataFrame(manifest["versions"].items(), columns=["package", "version"])
-    digest = f"SHA-256 of the configuration: `{manifest['parameters']}`"
+    # How many files each rule made, and how large they are
+    sizes = pd.DataFrame(manifest["files"]).groupby("rule", sort=False)["bytes"]
+    megabytes = sizes.sum().map(lambda size: f"{size / MEGABYTE:.2g}")
+    files = pd.DataFrame({"files": sizes.size().astype(str), "MB": megabytes}).reset_index()
+    texts = [f"SHA-256 of the configuration: `{manifest['parameters']}`"]
+    texts += [f"## `{path}`\n\n```yaml\n{Path(path).read_text(encoding='utf-8')}```" for path in parameters]
     return {
         "versions": markdown(versions),
-        "files": markdown(_files(pd.DataFrame(manifest["files"]))),
-        "parameters": "\n\n".join([digest, *map(_quoted, parameters)]),
+        "files": markdown(files),
+        "parameters": "\n\n".join(texts),
     }
-
-
-def _files(files: pd.DataFrame) -> pd.DataFrame:
-    """How many files each rule made, and how large they are."""
-    by_rule = files.groupby("rule", sort=False)["bytes"]
-    size = by_rule.sum().map(lambda size: f"{size / MEGABYTE:.2g}")
-    return pd.DataFrame({"files": by_rule.size().astype(str), "MB": size}).reset_index()
-
-
-def _quoted(path: str) -> str:
-    """The text of a file as code, below its name."""
-    return f"## `{path}`\n\n```yaml\n{Path(path).read_text(encoding='utf-8')}```"

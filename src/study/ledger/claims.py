@@ -12,9 +12,11 @@ check.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import json
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache, cached_property
+from pathlib import Path
 from typing import Any
 
 from study.evidence import Evidence, Tables, Unjudged
@@ -31,9 +33,11 @@ from study.experiments.stability import checks as stability
 from study.ledger import checks
 from study.ledger.controls import smallest_share, spoilt, told
 from study.ledger.entries import entries
+from study.ledger.listing import table
 from study.ledger.records import FAILS, ORIGINS, UNJUDGED, UNMEASURED, counts_against
 from study.ledger.results import Results
 from unilateral.errors import InputError, meant, shown
+from unilateral.system.files import replacing
 
 CHECKS = {
     "ledger": checks,
@@ -119,7 +123,7 @@ class Judgement:
     def record(self) -> dict[str, Any]:
         """What `results/claims.json` holds of a claim; without numbers if there are none."""
         claim = self.claim
-        record = {
+        record: dict[str, Any] = {
             "id": claim.id,
             "section": claim.section,
             "title": claim.title,
@@ -135,16 +139,13 @@ class Judgement:
             "control": claim.control.get("what"),
             "sees": self.sees,
         }
-        return record | (_numbers(self.evidence) if isinstance(self.evidence, Evidence) else {})
-
-
-def _numbers(evidence: Evidence) -> dict[str, Any]:
-    return {
-        "quantity": evidence.quantity,
-        "expected": f"{'>=' if evidence.at_least else '<='} {evidence.required:.4g}",
-        "observed": float(f"{evidence.observed:.4g}"),
-        "margin": float(f"{evidence.margin:.2g}"),
-    }
+        if isinstance(self.evidence, Evidence):
+            sign = ">=" if self.evidence.at_least else "<="
+            record["quantity"] = self.evidence.quantity
+            record["expected"] = f"{sign} {self.evidence.required:.4g}"
+            record["observed"] = float(f"{self.evidence.observed:.4g}")
+            record["margin"] = float(f"{self.evidence.margin:.2g}")
+        return record
 
 
 @cache
@@ -188,6 +189,14 @@ def _of_spoilt_scenes(claim: Claim) -> Claim:
     if not (scenes := [scene for scene in claim.parameters.get("scenes", ()) if scene in touched]):
         return claim
     return replace(claim, parameters={**claim.parameters, "scenes": scenes})
+
+
+def judge_claims(tables: Sequence[str], claims: str) -> None:
+    """Write and print the judgements of all claims, by the tables that lie in folders beside their file."""
+    records = [each.record() for each in judge(Results(Path(claims).parent))]
+    with replacing(claims) as temporary:
+        temporary.write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
+    print(*table(records), sep="\n")
 
 
 def judge(results: Results, claims: Iterable[Claim] | None = None) -> list[Judgement]:

@@ -30,30 +30,21 @@ def claims(claim: str | None, results: str, json: bool) -> int:
 
     With an ID that claim is judged anew. Both need the folder of results that `make` writes.
     """
+    from study.ledger import listing
     from unilateral.system.as_json import text as as_text
 
-    found, text = _one(claim, results) if claim else _all(results)
+    if claim:
+        from study.ledger import claims as judge
+        from study.ledger.results import finished
+
+        (judged,) = judge.judge(finished(results), [judge.find(claim)])
+        found, text = [_record(judged.record())], listing.explanation(judged)
+    else:
+        stored = listing.stored(results)
+        width = get_terminal_size().columns if sys.stdout.isatty() else None
+        found, text = [_record(each) for each in stored], "\n".join(listing.table(stored, width))
     say(as_text({"claims": found}) if json else text)
     return DOES_NOT_HOLD if any(each["holds"] is False for each in found) else 0
-
-
-def _all(results: str) -> tuple[list[dict[str, Any]], str]:
-    """The stored records of all claims, and the table of them."""
-    from study.ledger import listing
-
-    found = listing.stored(results)
-    width = get_terminal_size().columns if sys.stdout.isatty() else None
-    return [_record(each) for each in found], "\n".join(listing.table(found, width))
-
-
-def _one(claim: str, results: str) -> tuple[list[dict[str, Any]], str]:
-    """The record of a claim that is judged now, and everything about it."""
-    from study.ledger import claims as judge
-    from study.ledger import reports
-    from study.ledger.results import finished
-
-    (found,) = judge.judge(finished(results), [judge.find(claim)])
-    return [_record(found.record())], reports.explanation(found)
 
 
 def _record(stored: dict[str, Any]) -> dict[str, Any]:

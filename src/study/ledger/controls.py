@@ -28,7 +28,11 @@ def spoilt(results: Results, control: Mapping[str, Any], share: float = 1.0) -> 
         if "variable" in control:
             _spoil(table, control)
         if share < 1:
-            _blend(table, results[name], [control["variable"]] if "variable" in control else [*table], share)
+            for variable in [control["variable"]] if "variable" in control else [*table]:
+                true, spoilt_values = results[name][variable].values, table[variable].values
+                # Numbers that were not changed stay exactly what they are
+                mixed = (1 - share) * true + share * spoilt_values
+                table[variable] = table[variable].copy(data=np.where(spoilt_values == true, true, mixed))
         changed[name] = table
     return changed
 
@@ -42,14 +46,6 @@ def _spoil(table: xr.Dataset, control: Mapping[str, Any]) -> None:
         here[...] = table[control["from"]].values
     else:
         here[place] = control["value"] if "value" in control else here[place] * control["factor"]
-
-
-def _blend(table: xr.Dataset, true: xr.Dataset, names: list[str], share: float) -> None:
-    """Numbers that were not changed stay exactly what they are."""
-    for name in names:
-        was, now = true[name].values, table[name].values
-        mixed = np.where(now == was, was, (1 - share) * was + share * now)
-        table[name] = table[name].copy(data=mixed)
 
 
 def smallest_share(fails: Callable[[float], bool]) -> float:

@@ -1,4 +1,4 @@
-"""All claims on the terminal, as they were judged: a table that is as wide as the terminal, and a summary."""
+"""Claims on the terminal: a table of all that is as wide as the terminal, and everything about one."""
 
 from __future__ import annotations
 
@@ -6,11 +6,15 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from study.evidence import Evidence
 from study.ledger import records
-from study.ledger.texts import margin, observed, plain
+from study.ledger.texts import letters, margin, observed, plain
 from unilateral.errors import InputError
+
+if TYPE_CHECKING:
+    from study.ledger.claims import Judgement
 
 CLAIMS = "claims.json"
 COLUMNS = {"claim": 9, "title": 34, "observed": 17, "margin": 8}
@@ -97,3 +101,32 @@ def summary(judged: Sequence[Mapping[str, Any]]) -> str:
         *([f"in {unmeasured} there is nothing to measure"] if unmeasured else []),
     ]
     return f"{len(judged)} claims: {'; '.join(parts)}."
+
+
+def explanation(judgement: Judgement) -> str:
+    """Everything about one claim, with its numbers."""
+    claim, evidence, record = judgement.claim, judgement.evidence, judgement.record()
+    lines = [f"{claim.id}: {plain(claim.title)}", f"statement: {plain(claim.statement)}"]
+    lines.append(f"where: {plain(claim.where)}")
+    if evidence is None:
+        return "\n".join([*lines, plain(judgement.verdict)])
+    numbers, rows = [f"check: {claim.check} ({letters(claim.source)})"], []
+    if isinstance(evidence, Evidence):
+        sign = "at least" if evidence.at_least else "at most"
+        quantity = plain(evidence.quantity)
+        numbers = [
+            f"check: {quantity} has to be {sign} {evidence.required:.4g} ({letters(claim.source)})",
+            f"observed: {evidence.observed:.4g}, margin {margin(record)}",
+        ]
+        rows = ["values:", *map(letters, evidence.lines)]
+    sees = f"; {judgement.sees} is enough to make the check fail" if judgement.sees else ""
+    return "\n".join(
+        [
+            *lines,
+            *numbers,
+            f"verdict: {plain(judgement.verdict)}",
+            f"control: {letters(claim.control['what'])}{sees}",
+            f"tables: {', '.join(claim.reads)}",
+            *rows,
+        ]
+    )

@@ -50,7 +50,7 @@ from unilateral.discrete.base import AIM, DiscreteProblem
 from unilateral.discrete.choice import check_condensed, wants_multigrid
 from unilateral.discrete.condensed import discretise
 from unilateral.discrete.solution import DiscreteSolution
-from unilateral.errors import InputError
+from unilateral.errors import InputError, counted
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.adapted import AdaptedMesh, adapted
@@ -98,8 +98,8 @@ class Search:
     reach: float | None = None
 
     def __repr__(self) -> str:
-        outcome = "certified" if self.certified else f"not certified: {self.ended}"
-        return f"Search: {len(self.levels)} levels, {outcome}"
+        outcome = "certified" if self.certified else "not certified" + f": {self.ended}" * bool(self.ended)
+        return f"Search: {counted(len(self.levels), 'level')}, {outcome}"
 
 
 def make_search(

@@ -2,6 +2,7 @@
 
 from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 
 import click
 
@@ -51,5 +52,14 @@ application.add_command(commands.cases)
 application.add_command(commands.export)
 application.add_command(commands.score)
 application.add_command(commands.infsup)
+
+
+def has_study() -> bool:
+    """Whether this project's study is installed; another module of that name is not imported."""
+    spec = find_spec("study")
+    folders = spec.submodule_search_locations if spec else None
+    return any(Path(folder, "ledger", "command.py").is_file() for folder in folders or ())
+
+
 # The library does not know the study, which brings a command where it is installed
-application.add_command(import_module("study.ledger.command").claims if find_spec("study") else claims)
+application.add_command(import_module("study.ledger.command").claims if has_study() else claims)

@@ -188,17 +188,17 @@ def _on_polygon(solution: ExactSolution, certificate: Certificate) -> Iterator[s
         (a, b), (c, d) = polygon.point(side, 0), polygon.point(side, 1)
         intervals = [interval for interval in contact_set if interval["side"] == side]
         is_clamped = side in solution.clamped_sides
-        kind = "clamped: u is given there" if is_clamped else _contact(intervals)
+        if is_clamped:
+            kind = "clamped: u is given there"
+        elif len(intervals) > MOST_INTERVALS:
+            kind = f"contact on {len(intervals)} intervals"
+        else:
+            ends = ["{start:.6g} to {end:.6g}".format(**interval) for interval in intervals]
+            kind = f"contact {', '.join(ends) or 'none'}"
         yield f"  side {side}, ({a:.6g}, {b:.6g}) to ({c:.6g}, {d:.6g}), {kind}"
         if has_formulas and not is_clamped:
             yield f"    g = {'u' if gap == '0' else f'u - ({gap})'}"
             yield f"    lambda = {flux if intervals else 0}"
-
-
-def _contact(intervals: list[dict[str, float]]) -> str:
-    if len(intervals) > MOST_INTERVALS:
-        return f"contact on {len(intervals)} intervals"
-    return "contact " + (", ".join("{start:.6g} to {end:.6g}".format(**each) for each in intervals) or "none")
 
 
 def regularity(solution: ExactSolution) -> dict[str, bool]:

@@ -89,8 +89,13 @@ def score(
 
             temporary.write_text(page(case, scored, rates), encoding="utf-8", newline="\n")
     if json:
-        found = {"case": case.name, "verdict": verdict, "rates": {n: _rate(r) for n, r in rates.items()}}
-        say(dumps(found | {"solutions": [_solution(each) for each in scored]}))
+        judged = {
+            "case": case.name,
+            "verdict": verdict,
+            "rates": {n: _numbers(rate._asdict()) | {"verdict": rate.verdict} for n, rate in rates.items()},
+            "solutions": [_solution(each) for each in scored],
+        }
+        say(dumps(judged))
     else:
         told = [
             *_table(case, scored),
@@ -118,10 +123,6 @@ def _solution(one: Scored) -> dict[str, Any]:
         "remarks": one.told.remarks,
         "conditions": one.extremes.as_numbers() if one.extremes else None,
     }
-
-
-def _rate(rate: Rate) -> dict[str, Any]:
-    return _numbers(rate._asdict()) | {"verdict": rate.verdict}
 
 
 def _numbers(found: dict[str, float]) -> dict[str, float | None]:

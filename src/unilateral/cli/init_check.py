@@ -73,7 +73,10 @@ def describe(problem: Problem) -> Iterator[str]:
     else:
         yield f"{problem.name}: -k lap u = f with k = {units.k}"
     yield f"  polygon     {polygon.n_sides} sides, area {polygon.area:.6g}, perimeter {polygon.perimeter:.6g}"
-    yield f"  f           {_formula(as_formula(problem.f), _range_of_f(problem))}"
+    lower, upper = problem.range_of_f
+    largest = max(abs(lower), abs(upper))
+    values = f"between {outward(lower, largest, down)} and {outward(upper, largest, up)}, rounding included"
+    yield f"  f           {_formula(as_formula(problem.f), values)}"
     for side in range(polygon.n_sides):
         start, end = (_point(polygon.vertices[i % polygon.n_sides]) for i in (side, side + 1))
         where = f"{start} to {end}, length {polygon.lengths[side]:.6g}"
@@ -81,7 +84,7 @@ def describe(problem: Problem) -> Iterator[str]:
     if not problem.contact_sides:
         yield f"  contact     {LINEAR}"
     if problem.least > -np.inf:
-        size = abs(problem.least) if problem.clamped_sides else max(map(abs, problem.range_of_f))
+        size = abs(problem.least) if problem.clamped_sides else largest
         least = outward(problem.least, size / (rounded(units.c) if units.reaction else 1.0), down)
         reason = "as f >= 0"
         if units.reaction:
@@ -116,13 +119,6 @@ def _values_along(problem: Problem, formula: Expression, side: int) -> Array:
     """(POINTS,) values along a side, its ends and its middle included."""
     t = np.linspace(0, problem.polygon.lengths[side], POINTS)
     return compile_numpy([formula], "xy")(*problem.polygon.at(np.full(POINTS, side), t).T)[0]
-
-
-def _range_of_f(problem: Problem) -> str:
-    """The bounds on f in the polygon, which are guaranteed."""
-    lower, upper = problem.range_of_f
-    size = max(abs(lower), abs(upper))
-    return f"between {outward(lower, size, down)} and {outward(upper, size, up)}, rounding included"
 
 
 def outward(x: float, size: float, rounded: Callable[[float, str], str]) -> str:

@@ -56,7 +56,12 @@ def formulas(case: ExactSolution, coordinates: tuple[str, str] = COORDINATES["py
     gradient = [sum((_slope(atom, direction) for atom in atoms), ZERO) for direction in np.eye(2)]
     flux = [sum((_slope(atom, normal) for atom in atoms), ZERO) for normal in case.polygon.normals]
     flux = [ZERO if i in case.clamped_sides else flux[i] for i in sides]
-    gap = [_on_side(case, i) for i in sides]
+    gap = []
+    for i in sides:
+        # t is the arc length from the side's start over the side's length
+        (a, b), (p, q) = _exact(case.polygon.vertices[i]), _exact(case.polygon.tangents[i])
+        t = ((X - a) * p + (Y - b) * q) / Fraction(case.polygon.lengths[i])
+        gap.append(_with_values(case.gaps[i], {"t": t}))
     return {
         "u": _text(u, coordinates),
         "f": _text(f if case.reaction else f - u, coordinates),
@@ -109,13 +114,6 @@ def _text(e: Expression, coordinates: tuple[str, str]) -> str:
     """A formula in x and y as Python has it; numbers with all their digits."""
     names = {Atom(old): variable(new) for old, new in zip("xy", coordinates, strict=True)}
     return str(_Written((e,), names).of(e))
-
-
-def _on_side(case: ExactSolution, side: int) -> Expression:
-    """The gap on a side in x and y; t is the arc length from the side's start over the side's length."""
-    (a, b), (p, q) = _exact(case.polygon.vertices[side]), _exact(case.polygon.tangents[side])
-    t = ((X - a) * p + (Y - b) * q) / Fraction(case.polygon.lengths[side])
-    return _with_values(case.gaps[side], {"t": t})
 
 
 def _exact(values: Iterable[float]) -> list[Fraction]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import scipy.sparse as sp
@@ -108,7 +109,12 @@ def conditions(case: Problem, discrete: CondensedProblem, mu: Trace) -> Iterator
     lumped = np.divide(mu.load(mesh), weights, where=held, out=np.zeros(len(g)))
     nodal = sp.diags_array(weights).tocsr()
     yield Conditions("at the nodes", nodal, weights, g, s, lumped).kept(held)
-    moments = np.divide(_moments(case, mesh, edges), weights, where=held, out=np.zeros(len(g)))
+    # integrals of g phi_j over the edges with an obstacle
+    exact = case.known_solution()
+    rule = boundary_rule(mesh.polygon, mesh.s, exact.singular())
+    u, _, gap = exact.boundary(rule.side, rule.s, rule.near)
+    load = hat_load(mesh, rule, (u - gap) * edges[rule.interval])
+    moments = np.divide(load, weights, where=held, out=np.zeros(len(g)))
     yield Conditions("tested against each hat function", mass, weights, moments, s, mu.nodal).kept(held)
 
 
@@ -171,11 +177,11 @@ def _ignored(
     """The conditions without the sides, and the nodes at their ends, that look ignored."""
     first = next(conditions(case, discrete, mu))
     below, pushed = _below_and_pushed(first, trace)
-    sides = [
-        i
-        for i in range(case.polygon.n_sides)
-        if (on := _inside(case, i, first.s)).any() and below[on].any() and not pushed[on].any()
-    ]
+    sides = []
+    for side, (start, end) in enumerate(pairwise(case.polygon.starts)):
+        inside = (start < first.s) & (first.s < end)
+        if below[inside].any() and not pushed[inside].any():
+            sides.append(side)
     if not sides:
         return
     name = f"side {sides[0]} is" if len(sides) == 1 else f"sides {', '.join(map(str, sides))} are"
@@ -189,17 +195,3 @@ def _below_and_pushed(each: Conditions, trace: Array) -> tuple[Mask, Mask]:
     """Where u is below g, and where mu is not 0, (k,) each."""
     below = each.means(trace) < -ROUNDING * np.abs(trace).max()
     return below, np.abs(each.mu) > ROUNDING * np.abs(each.mu).max(initial=0)
-
-
-def _inside(case: Problem, side: int, s: Array) -> Mask:
-    """Which arc lengths (k,) lie on the side, but not at its ends."""
-    first, last = case.polygon.starts[side : side + 2]
-    return (first < s) & (s < last)
-
-
-def _moments(case: Problem, mesh: Mesh, edges: Mask) -> Array:
-    """(nb,) integrals of g phi_j over those edges (nb,)."""
-    exact = case.known_solution()
-    rule = boundary_rule(mesh.polygon, mesh.s, exact.singular())
-    u, _, gap = exact.boundary(rule.side, rule.s, rule.near)
-    return hat_load(mesh, rule, (u - gap) * edges[rule.interval])

@@ -84,39 +84,32 @@ def explanations(case: Problem, plain: Residual, allowed: float) -> list[Undone]
             of = Residual(plain.discrete, plain.u, load)
             found = [each for each in _bugs(of) if each.residual.inside <= most]
             if found:
-                return _best(found, most)
+                # those that leave not clearly more than another one does
+                smallest = min(each.residual.inside for each in found)
+                least = max(smallest / EXPLAINS, NOTHING * most)
+                return [each for each in found if each.residual.inside <= least]
     return list(_exchanged(plain, most))
 
 
-def _best(found: list[Undone], most: float) -> list[Undone]:
-    """The bugs that, undone, leave not clearly more than another one does."""
-    left = [each.residual.inside for each in found]
-    least = max(min(left) / EXPLAINS, NOTHING * most)
-    return [each for each, of_each in zip(found, left, strict=True) if of_each <= least]
-
-
 def _bugs(of: Residual) -> Iterator[Undone]:
+    """Each bug of u's equation that is known, undone with the factor that fits best."""
     K_u, M_u = (each @ of.u for each in stiffness_and_mass(of.discrete.mesh))
-    yield from _of_terms(of, K_u, M_u) if of.discrete.form.reaction else _of_reaction(of, M_u)
+    if of.discrete.form.reaction:
+        for term, signature in (("mass term (u, v)", M_u), ("stiffness term (grad u, grad v)", K_u)):
+            c = of.share(signature)
+            without = of.plus(c * signature)
+            yield Undone(_factor(f"the {term}", 1 - c, signature, without), without)
+        areas = 0.5 * K_u - M_u
+        told = "(grad u, grad v) / 2 + 2 (u, v) fits f"
+        yield Undone(Fault("the triangles' areas are twice the right ones", told), of.plus(areas))
+    else:
+        c = of.share(M_u)
+        fault = Fault("there is a mass term (u, v), but c = 0", f"{-c:.6g} times (u, v)")
+        yield Undone(fault, of.plus(c * M_u))
     yield from _of_load(of)
     for off in not_given(of, 0.0):
         given = np.where(of.discrete.spaces.condensed.fixed, of.discrete.held, of.u)
         yield Undone(off, replace(of, u=given))
-
-
-def _of_reaction(of: Residual, M_u: Array) -> Iterator[Undone]:
-    c = of.share(M_u)
-    yield Undone(Fault("there is a mass term (u, v), but c = 0", f"{-c:.6g} times (u, v)"), of.plus(c * M_u))
-
-
-def _of_terms(of: Residual, K_u: Array, M_u: Array) -> Iterator[Undone]:
-    for term, signature in (("mass term (u, v)", M_u), ("stiffness term (grad u, grad v)", K_u)):
-        c = of.share(signature)
-        without = of.plus(c * signature)
-        yield Undone(_factor(f"the {term}", 1 - c, signature, without), without)
-    areas = 0.5 * K_u - M_u
-    fault = Fault("the triangles' areas are twice the right ones", "(grad u, grad v) / 2 + 2 (u, v) fits f")
-    yield Undone(fault, of.plus(areas))
 
 
 def _of_load(of: Residual) -> Iterator[Undone]:

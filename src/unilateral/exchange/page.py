@@ -12,7 +12,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from unilateral import __version__
-from unilateral.arrays import Array
 from unilateral.exchange.boundary_function import has_obstacle, obstacle
 from unilateral.exchange.score import Rate, Scored, at_boundary, error_in, sentences, texts, verdict
 from unilateral.problems.problem import Problem
@@ -91,7 +90,11 @@ def _errors_drawn(ladder: Sequence[Scored], rates: dict[str, Rate], titles: dict
     """A panel per norm in which an error is known: both errors over h, and the proved slope above them."""
     figure = Figure(figsize=(9, 3.4), layout="constrained")
     h = np.array([one.given.level.mesh.h for one in ladder])
-    both = {norm: _both(ladder, norm) for norm in TITLES}
+    # (2, levels) the errors in each norm, this project's own second
+    both = {
+        norm: np.array([[error_in(errors, norm) for errors in (one.errors, one.own)] for one in ladder]).T
+        for norm in TITLES
+    }
     known = [norm for norm in TITLES if np.isfinite(both[norm]).any()]
     for axes, norm in zip(figure.subplots(1, len(known), squeeze=False)[0], known, strict=True):
         axes.set(title=titles[norm], xlabel="h", xscale="log", yscale="log")
@@ -106,11 +109,6 @@ def _errors_drawn(ladder: Sequence[Scored], rates: dict[str, Rate], titles: dict
             axes.plot(h, above * (h / h[0]) ** proved, ":", color=EXACT, label=f"proved: {proved:g}")
         axes.legend(fontsize="small")
     return figure
-
-
-def _both(ladder: Sequence[Scored], norm: str) -> Array:
-    """(2, levels) the errors in a norm, this project's own second."""
-    return np.array([[error_in(of, norm) for of in (one.errors, one.own)] for one in ladder]).T
 
 
 def _boundary_drawn(case: Problem, one: Scored) -> Figure:

@@ -26,12 +26,14 @@ def derivative(of: Expression, name: str) -> Expression:
 
 
 def _of_product(c: Fraction, powers: tuple[Power, ...], name: str) -> Expression:
-    parts = (
-        product(c * k, [(base, k - 1), *powers[:i], *powers[i + 1 :]]) * _of_base(base, name)
-        for i, (base, k) in enumerate(powers)
-        if name in base.variables
-    )
-    return sum(parts, ZERO)
+    terms = []
+    for i, (base, k) in enumerate(powers):
+        if name in base.variables:
+            # one product of all factors: equal ones become a power, whose enclosure is closer
+            inner, inner_powers = _of_base(base, name).factors
+            others = powers[:i] + powers[i + 1 :]
+            terms.append(product(c * k * inner, [(base, k - 1), *others, *inner_powers]))
+    return sum(terms, ZERO)
 
 
 def _of_base(base: Atom | Expression, name: str) -> Expression:

@@ -61,14 +61,26 @@ def write_mesh(
 
     n, lines = len(mesh.triangles), np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)])
     for_gmsh = Path(path).suffix == ".msh"
-    further = {name: [np.full(n, np.nan), data] for name, data in (on_edges or {}).items()}
-    further |= {name: [data, np.full(len(lines), np.nan)] for name, data in (on_triangles or {}).items()}
+    if for_gmsh:
+        # The sides, and all triangles, as physical groups with names, which some readers ask for
+        sides = mesh.polygon.n_sides
+        groups = [np.full(n, sides + 1, np.int32), (mesh.side + 1).astype(np.int32)]
+        cell_data = {"gmsh:physical": groups, "gmsh:geometrical": groups}
+        names = {f"side_{i}": np.array([i + 1, 1]) for i in range(sides)}
+        names["domain"] = np.array([sides + 1, 2])
+    else:
+        cell_data = {"side": [np.full(n, -1), mesh.side]}
+        cell_data |= {name: [np.full(n, np.nan), data] for name, data in (on_edges or {}).items()}
+        cell_data |= {
+            name: [data, np.full(len(lines), np.nan)] for name, data in (on_triangles or {}).items()
+        }
+        names = {}
     content = meshio.Mesh(
         np.column_stack([mesh.points, np.zeros(mesh.n_nodes)]),
         [("triangle", mesh.triangles), ("line", lines)],
         point_data=dict(at_nodes or {}),
-        cell_data=_groups(mesh) if for_gmsh else {"side": [np.full(n, -1), mesh.side]} | further,
-        field_data=_names(mesh) if for_gmsh else {},
+        cell_data=cell_data,
+        field_data=names,
     )
     with replacing(path) as temporary:
         try:
@@ -81,20 +93,6 @@ def write_mesh(
             raise
         except Exception as error:
             raise InputError(f"{path}: the mesh cannot be written there ({_words(error)})") from error
-
-
-def _groups(mesh: Mesh) -> dict[str, list[np.ndarray]]:
-    """The sides, and all triangles, as Gmsh's physical groups."""
-    numbers = [np.full(len(mesh.triangles), mesh.polygon.n_sides + 1), mesh.side + 1]
-    return {
-        f"gmsh:{kind}": [each.astype(np.int32) for each in numbers] for kind in ("physical", "geometrical")
-    }
-
-
-def _names(mesh: Mesh) -> dict[str, np.ndarray]:
-    """The number and the dimension of each group; some readers ask for names."""
-    n = mesh.polygon.n_sides
-    return {f"side_{i}": np.array([i + 1, 1]) for i in range(n)} | {"domain": np.array([n + 1, 2])}
 
 
 def read_mesh(path: str | os.PathLike[str], polygon: Polygon | None = None, corners: bool = False) -> Mesh:

@@ -224,16 +224,6 @@ def _check_rounding(polygon: Polygon, h: float, where: str) -> None:
         )
 
 
-def _check_shortest(polygon: Polygon, edge: float) -> None:
-    rounding = float(np.spacing(polygon.largest))
-    if rounding > SHORTEST * edge:
-        raise InputError(
-            f"the mesh of '{polygon.name}' gets an edge of {edge:.2g}, as short as rounding allows where "
-            f"coordinates are rounded by {rounding:.2g}; take a larger accuracy, or move the polygon to the "
-            "origin"
-        )
-
-
 def unstructured(polygon: Polygon, h: float) -> Mesh:
     """A mesh by gmsh, whose boundary edges divide each side into ceil(length / h) equal ones."""
     return with_boundary(polygon, polygon.divided(polygon.counts(h))[:-1])
@@ -276,7 +266,14 @@ def refine_some(mesh: Mesh, chosen: Index | None = None) -> Mesh:
     """
     of, step = refinement.refined(mesh.triangulation, chosen)
     start, end = (mesh.points[nodes] for nodes in step.ends.T)
-    _check_shortest(mesh.polygon, 0.5 * float(np.hypot(*(end - start).T).min()))
+    shortest = 0.5 * float(np.hypot(*(end - start).T).min())
+    rounding = float(np.spacing(mesh.polygon.largest))
+    if rounding > SHORTEST * shortest:
+        raise InputError(
+            f"the mesh of '{mesh.polygon.name}' gets an edge of {shortest:.2g}, as short as rounding allows "
+            f"where coordinates are rounded by {rounding:.2g}; take a larger accuracy, or move the polygon "
+            "to the origin"
+        )
     points = np.concatenate([mesh.points, 0.5 * (start + end)])
     boundary = of.ends[of.boundary, 0].astype(np.intp)
     before = halved(boundary, step.n)

@@ -113,6 +113,9 @@ def refined(of: Triangulation, chosen: Index | None = None) -> tuple[Triangulati
     middle[cut] = n + np.arange(k, dtype=np.int32)
     second = np.full(E, -1, dtype=np.int32)
     second[cut] = E + np.arange(k, dtype=np.int32)
+    # along the refined boundary the first half of an edge comes before the second
+    halved = np.flatnonzero(middle[of.boundary] >= 0)
+    boundary = np.insert(of.boundary, halved + 1, second[of.boundary[halved]])
     new = _Children(of, middle, second, E + k)
     made = None if uniform else (new.triangles, new.parent, new.halved)
     step = Step(n, ends, at, new.nodes, len(of.nodes), made)
@@ -122,7 +125,7 @@ def refined(of: Triangulation, chosen: Index | None = None) -> tuple[Triangulati
         new.edges if uniform else step.put(of.edges, new.edges),
         np.concatenate([of.ends, np.column_stack([middle[cut], ends[:, 1]]), new.within]),
         np.concatenate([of.sides, np.full((k + len(new.within), 2), -1, dtype=np.int32)]),
-        _along(of, middle, second),
+        boundary,
         of.alike and uniform,
     )
     found.ends[cut, 1] = middle[cut]
@@ -143,12 +146,6 @@ def _closure(of: Triangulation, chosen: Index) -> Int32:
         front = np.unique(reference[~flag[reference]])
         flag[front] = True
     return np.flatnonzero(flag).astype(np.int32)
-
-
-def _along(of: Triangulation, middle: Int32, second: Int32) -> Int32:
-    """The edges along the refined boundary; the first half of an edge comes before the second."""
-    halved = np.flatnonzero(middle[of.boundary] >= 0)
-    return np.insert(of.boundary, halved + 1, second[of.boundary[halved]])
 
 
 WITHIN = (((3, 0),), ((3, 0), (5, 3)), ((3, 0), (4, 3)), ((4, 5), (5, 3), (3, 4)))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -37,7 +35,8 @@ def significant_digits(values: ArrayLike) -> int:
     >>> significant_digits([0.25, 1.125, 0, 300]), significant_digits(1 / 3)
     (4, 16)
     """
-    texts = (repr(abs(value)) for value in _distinct(values))
+    distinct: list[float] = np.unique(np.asarray(values, dtype=float)).tolist()
+    texts = (repr(abs(value)) for value in distinct)
     return max((len(text.split("e")[0].replace(".", "").strip("0")) for text in texts), default=0)
 
 
@@ -91,10 +90,6 @@ def radii(places: Array) -> Array:
 def largest(places: Array) -> float:
     """How far places (n, 2) may be from the true ones at most, by their digits and by arithmetic."""
     return float(radii(places).max()) + arithmetic(places)
-
-
-def _distinct(values: ArrayLike) -> Iterable[float]:
-    return np.unique(np.asarray(values, dtype=float)).tolist()  # type: ignore[no-any-return]
 
 
 def _significant_units(numbers: Array) -> Array:

@@ -190,14 +190,23 @@ class Tensor(Local, OfFormulas):
     cutoff: Expression
     regularity = Regularity()
 
+    @property
+    def _chi(self) -> Expression:
+        return pos(1 - (D / self.cutoff) ** 2, 4)
+
     @cached_property
     def v(self) -> Expression:
-        return -D * self.profile * pos(1 - (D / self.cutoff) ** 2, 4)
+        return -D * self.profile * self._chi
 
     @cached_property
     def _f(self) -> Expression:
+        """-Delta v / L + L v. It stays factored: multiplied out, most enclosures are wider."""
+        chi_d = derivative(self._chi, "d")
+        # -Delta v = l'' d chi + l d (chi'' + 2 chi' / d)
+        along = derivative(derivative(self.profile, "t"), "t") * D * self._chi
+        across = self.profile * D * (derivative(chi_d, "d") + 2 * chi_d / D)
         length = Fraction(self.length)
-        return length * self.v - laplacian(self.v, "t", "d") / length
+        return length * self.v + (along + across) / length
 
     @property
     def _formulas(self) -> tuple[list[Expression], tuple[str, str]]:

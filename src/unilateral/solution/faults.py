@@ -10,7 +10,7 @@ import numpy as np
 
 from unilateral.adaptive.loop import WITHDRAWN, Search
 from unilateral.discrete.solution import DiscreteSolution
-from unilateral.errors import SolutionWarning
+from unilateral.errors import SolutionWarning, counted
 from unilateral.formulas.decimals import interval, up
 from unilateral.geometry.mesh import Mesh
 from unilateral.solution.bounds import relative, sizes, too_large
@@ -80,7 +80,8 @@ def not_converged(solved: DiscreteSolution) -> str:
         return f"{told}, because rounding alone adds {up(result.rounding, '.1e')}; take a larger tolerance"
     if result.algorithm in ENDED_BY_ROUNDING:
         return f"{told}, because rounding allows no less; take a larger tolerance"
-    return f"{told} after {result.iterations:.6g} steps; allow more of them, or take another algorithm"
+    steps = counted(int(result.iterations), "step")
+    return f"{told} after {steps}; allow more of them, or take another algorithm"
 
 
 def tell_faults(found: Solution, own_mesh: bool = False) -> None:

@@ -66,7 +66,7 @@ def figure(of: Shown) -> Figure:
             beside.tick_params(labelleft=across == 1)
         above = page.add_subplot(grid[-2, :])
         _along(above, page.add_subplot(grid[-1, :], sharex=above), of)
-        lines = wrapped(of.title, int(LETTERS * wide)) + [of.accuracy] * bool(of.accuracy)
+        lines = [line for text in (of.title, of.accuracy) for line in wrapped(text, int(LETTERS * wide))]
         page.suptitle("\n".join(lines), parse_math=False)  # for the title is the user's
     return page
 

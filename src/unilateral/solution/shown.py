@@ -13,6 +13,7 @@ from unilateral.arrays import Array, Index, Mask
 from unilateral.discrete.choice import bound_mb
 from unilateral.formulas.decimals import guaranteed, interval, up
 from unilateral.geometry.mesh import Mesh
+from unilateral.problems.fields import LINEAR_BETWEEN_NODES, linear_fields
 from unilateral.solution.bounds import is_believed, relative, wants_sharp
 from unilateral.solution.coarser import clustered
 from unilateral.solution.contact import Contact
@@ -147,6 +148,8 @@ def accuracy(solution: Solution) -> str:
     what = (WHAT if trivial else IN_ENERGY)[norm]
     text = f"error of {what}: at most {_share(total, solved.size(norm, sharp))}"
     text = guaranteed(text, -math.inf, total)
+    if linear := linear_fields(solution.problem):
+        text += f"; {', '.join(linear)} {LINEAR_BETWEEN_NODES}"
     if goal is None or solution.certified:
         return text
     wanted = f"{goal.accuracy:g}" if goal.absolute else f"{100 * goal.accuracy:.3g} %"

@@ -76,7 +76,8 @@ def _checked(name: str, size: float | None) -> float:
     """A size that is given and positive."""
     if size is None:
         raise InputError(
-            f"h and H are needed, and {name} is missing; ul.solve takes an accuracy in their place"
+            f"h and H are needed, and {name} is missing; for formulas ul.solve takes an accuracy in their "
+            "place"
         )
     if not 0 < size < math.inf:
         raise InputError(f"{name} = {size:g} must be a positive number")

@@ -12,6 +12,7 @@ from html import escape
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
+from unilateral.errors import counted
 from unilateral.formulas.decimals import guaranteed, interval, percent
 from unilateral.problems.fields import LINEAR_BETWEEN_NODES, linear_fields
 from unilateral.solution.bounds import sizes, too_large, wants_sharp
@@ -46,7 +47,7 @@ def rows(of: Solution) -> dict[str, str]:
     found = {"polygon": f"{of.polygon.n_sides} sides"}
     if linear := linear_fields(of.problem):
         found[", ".join(linear)] = LINEAR_BETWEEN_NODES
-    found["unknowns"] = f"{of.mesh.n_nodes}, and {len(cells)} multipliers"
+    found["unknowns"] = f"{of.mesh.n_nodes}, and {counted(len(cells), 'multiplier')}"
     if solved.foreign:
         found["u"] = "of another program"
     if not solved.known(sharp) and (of.mesh.n_nodes > QUICK or too_large(of.solved, sharp)):

@@ -19,7 +19,7 @@ from conftest import RESULTS, config, load
 from study import tables
 from study.documents import marks, verdicts
 from study.evidence import Evidence
-from study.ledger import claims, controls, entries, listing, records, reports
+from study.ledger import claims, controls, entries, listing, records
 from study.ledger import results as of_study
 from study.ledger.claims import Judgement
 from study.ledger.results import Results
@@ -125,14 +125,14 @@ def test_the_claim_has_its_verdict_by_the_tables_that_it_names_and_no_others(nam
     """The pipeline feeds the ledger by these names."""
     recording = Recording()
     judgement = claims.judge(recording, [LEDGER[name]])[0]
-    assert judgement.holds, "\n" + reports.explanation(judgement)
+    assert judgement.holds, "\n" + listing.explanation(judgement)
     assert recording.asked == set(LEDGER[name].reads)
 
 
 @pytest.mark.parametrize("name", LEDGER)
 def test_the_control_turns_it_to_fails(name):
     judgement = judged(name, **LEDGER[name].control)
-    assert judgement.verdict == records.FAILS, "\n" + reports.explanation(judgement)
+    assert judgement.verdict == records.FAILS, "\n" + listing.explanation(judgement)
 
 
 FINEST, FAILING = {"value": np.nan, "at": {"mesh": -1}}, {"value": "fails", "at": {"case": 0}}
@@ -351,7 +351,7 @@ def test_margins_by_hand(observed, required, at_least, margin):
 )
 def test_margins_are_printed_for_people_and_none_relative_to_0(required, observed, shown):
     found = made_up(observed, required, True)
-    assert f"margin {shown}\n" in reports.explanation(found)
+    assert f"margin {shown}\n" in listing.explanation(found)
     line = list(listing.table([found.record()]))[2]
     assert re.search(rf"  {re.escape(shown)} +{found.verdict.replace('fails', 'FAILS')}$", line)
 

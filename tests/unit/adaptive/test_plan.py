@@ -72,6 +72,7 @@ def test_a_dry_run_ends_with_the_first_level_that_is_large_enough():
     *before, last = (level.unknowns for level in one.levels)
     assert max(before) < PLAN_UNKNOWNS <= last
     assert one.plan.unknowns == other.plan.unknowns
+    assert repr(one) == f"Search: {len(one.levels)} levels, not certified"
 
 
 def test_limits_that_do_not_allow_a_plan_are_named():

@@ -43,6 +43,17 @@ def test_where_the_study_is_not_installed_its_command_says_so_and_is_not_listed(
     assert (code, "claims" in out) == (0, False)
 
 
+@pytest.mark.parametrize("name", ["study.py", "study/__init__.py"])
+def test_a_study_of_the_user_is_neither_imported_nor_taken_for_this_project_s(tmp_path, name):
+    """`python -m` looks in the present folder first."""
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_text("raise RuntimeError('imported')\n")
+    for words, code, said in ((["--help"], 0, ""), (["claims"], 2, "claims belongs to the study")):
+        command = [sys.executable, "-m", "unilateral", *words]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, encoding="utf-8", timeout=60)
+        assert (done.returncode, said in done.stderr) == (code, True), done.stderr
+
+
 def test_all_algorithms_can_be_named():
     """Those that iterate by steps are declared beside their steps."""
     assert set(STEPS) < set(ALGORITHMS)

@@ -154,7 +154,7 @@ def test_too_few_steps_end_with_code_3_and_a_message(run, algorithm):
     assert (code, found["converged"], found["iterations"]) == (3, False, 1)
     bound = up(found["algebraic_bound"], ".4e")
     assert err == (
-        f"unilateral: the iteration did not converge: the algebraic error is at most {bound} after 1 steps; "
+        f"unilateral: the iteration did not converge: the algebraic error is at most {bound} after 1 step; "
         "allow more of them, or take another algorithm\n"
     )
     code, out, _ = run("solve", *options)

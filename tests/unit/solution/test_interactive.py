@@ -109,7 +109,8 @@ def test_what_is_guaranteed_stands_on_the_page(solution, page):
     function = ul.solve(ul.Problem(SQUARE, f=lambda x, y: -x, g=0), h=1 / 8, H=1 / 4)
     text = interactive.page(function)
     assert "There is no gap: in contact everywhere." in text
-    assert re.search(r"<p>Error of u in H¹: at most \S+( %)?, guaranteed\.</p>", text)
+    said = r"<p>Error of u in H¹: at most \S+( %)?, guaranteed; f linear between the nodes of the mesh\.</p>"
+    assert re.search(said, text)
 
 
 def test_a_mesh_with_too_many_triangles_is_drawn_coarser(monkeypatch, tmp_path):

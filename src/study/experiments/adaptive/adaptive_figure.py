@@ -52,17 +52,30 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     """
     data = style.read(csv_path)
     cases = list(dict.fromkeys(data["case"]))
-    rows = len(cases) // len(LEFT) + 1
-    places = [(left, BOTTOM + ROW * k) for k in range(rows)[::-1] for left in LEFT]
-    with style.figure_in(svg_path, BOTTOM + ROW * rows - 1) as figure:
+    n_rows = len(cases) // len(LEFT) + 1
+    places = [(left, BOTTOM + ROW * k) for k in range(n_rows)[::-1] for left in LEFT]
+    with style.figure_in(svg_path, BOTTOM + ROW * n_rows - 1) as figure:
         for case, place in zip(cases, places, strict=False):
             axes = style.axes_at(figure, *place, WIDTH, HEIGHT)
             axes.set_title(case)
-            _errors(axes, data[data["case"] == case])
+            axes.set_yscale("log")
+            rows = data[data["case"] == case]
+            for kind, look in KINDS.items():
+                levels = rows[rows["kind"] == kind]
+                axes.plot(levels["unknowns"], levels["bound"], lw=1.0, ms=3.4, mew=0.9, **look, **BOUND)
+                axes.plot(levels["unknowns"], levels["error"], lw=1.1, ms=3.4, mew=0.9, **look)
+            _slope(axes, rows)
+            style.few_powers(axes.yaxis)
             _over_unknowns(axes, data["unknowns"])
         axes = style.axes_at(figure, *places[len(cases)], WIDTH, HEIGHT)
         axes.set_title(r"$\beta$ on adapted meshes")
-        _beta(axes, data[data["beta"].notna()], cases)
+        known = data[data["beta"].notna()]
+        for i, case in enumerate(cases):
+            levels = known[known["case"] == case]
+            axes.plot(levels["unknowns"], levels["beta"], lw=1.0, ms=3.4, mew=0.9, **style.look(i))
+            marks: style.Look = {**style.look(i), "ls": "", "ms": 2.6, "mew": 0.7, "mfc": "white"}
+            axes.plot(levels["unknowns"], levels["beta_of_edges"], **marks)
+        axes.set_ylim(-0.05, 1.0)
         _over_unknowns(axes, data["unknowns"])
         _key(figure, cases)
 
@@ -76,16 +89,6 @@ def _over_unknowns(axes: Axes, unknowns: pd.Series) -> None:
     style.light_grid(axes)
 
 
-def _errors(axes: Axes, rows: pd.DataFrame) -> None:
-    axes.set_yscale("log")
-    for kind, look in KINDS.items():
-        of = rows[rows["kind"] == kind]
-        axes.plot(of["unknowns"], of["bound"], lw=1.0, ms=3.4, mew=0.9, **look, **BOUND)
-        axes.plot(of["unknowns"], of["error"], lw=1.1, ms=3.4, mew=0.9, **look)
-    _slope(axes, rows)
-    style.few_powers(axes.yaxis)
-
-
 def _slope(axes: Axes, rows: pd.DataFrame) -> None:
     """The triangle of the optimal slope, at the left, below all lines."""
     left = 1.3 * rows["unknowns"].min()
@@ -97,14 +100,6 @@ def _slope(axes: Axes, rows: pd.DataFrame) -> None:
     beside: style.Look = {"textcoords": "offset points", "fontsize": style.SMALL}
     axes.annotate("$2$", (np.sqrt(left * right), base), (0, -2), ha="center", va="top", **beside)
     axes.annotate("$1$", (left, np.sqrt(top * base)), (-3, 0), ha="right", va="center", **beside)
-
-
-def _beta(axes: Axes, data: pd.DataFrame, cases: list[str]) -> None:
-    for i, case in enumerate(cases):
-        of, look = data[data["case"] == case], style.look(i)
-        axes.plot(of["unknowns"], of["beta"], lw=1.0, ms=3.4, mew=0.9, **look)
-        axes.plot(of["unknowns"], of["beta_of_edges"], ls="", ms=2.6, mew=0.7, **look, mfc="white")
-    axes.set_ylim(-0.05, 1.0)
 
 
 def _key(figure: Figure, cases: list[str]) -> None:

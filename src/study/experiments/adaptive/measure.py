@@ -16,7 +16,7 @@ import xarray as xr
 
 from study import scenes, tables
 from study.stability_constants import constants
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Index
 from unilateral.discrete.multilevel import refinements
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.condense import condense
@@ -172,8 +172,13 @@ def rates_over(errors: xr.Dataset, factor: float) -> xr.Dataset:
     errors = errors.transpose("case", "kind", "level")
     N, order = errors["unknowns"].values, ("case", "kind", "level")
     later = np.argmax(N[..., None, :] >= factor * N[..., None], axis=-1)
-    rates = {name: (order, _rate(N, errors[name].values, later)) for name in ("h1_error", "h1_bound")}
-    observed = xr.Dataset(rates, coords=errors.coords)
+    # the fall of a value against the growth of N; NaN where there is no later level
+    growth = np.where(later > 0, np.log(np.take_along_axis(N, later, axis=-1) / N), 1.0)
+    observed = xr.Dataset(coords=errors.coords)
+    for name in ("h1_error", "h1_bound"):
+        values = errors[name].values
+        fall = np.log(np.take_along_axis(values, later, axis=-1) / values)
+        observed[name] = (order, np.where(later > 0, -fall / growth, np.nan))
     asymptotic = errors["unknowns"] >= errors["asymptotic_from"]
     return xr.Dataset(
         {
@@ -184,9 +189,3 @@ def rates_over(errors: xr.Dataset, factor: float) -> xr.Dataset:
             "share": errors["algebraic_bound"] / errors["h1_error"],
         }
     )
-
-
-def _rate(N: Array, values: Array, later: Index) -> Array:
-    """(case, kind, level) rates: the fall of values against the growth of N; NaN where `later` is 0."""
-    fall, growth = (np.log(np.take_along_axis(of, later, axis=-1) / of) for of in (values, N))
-    return np.where(later > 0, -fall / np.where(later > 0, growth, 1.0), np.nan)

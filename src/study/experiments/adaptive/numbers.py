@@ -53,9 +53,11 @@ def finest(of: xr.Dataset) -> pd.DataFrame:
     for case in of["case"].values:
         for kind in of["kind"].values:
             levels = of.sel(case=case, kind=kind).dropna("level", subset=["unknowns"])
-            last = {name: _last(levels[name]) for name, _ in COLUMNS.values()}
-            row = {title: _cell(last[name], spec) for title, (name, spec) in COLUMNS.items()}
-            rows.append({"problem": f"`{case}`", "meshes": str(kind)} | row)
+            row = {"problem": f"`{case}`", "meshes": str(kind)}
+            for title, (name, spec) in COLUMNS.items():
+                last = _last(levels[name])
+                row[title] = shown(last, spec) if np.isfinite(last) else NONE
+            rows.append(row)
     return pd.DataFrame(rows)
 
 
@@ -63,10 +65,6 @@ def _last(values: xr.DataArray) -> float:
     """The last value that is known, or NaN."""
     known = values.dropna("level").values
     return float(known[-1]) if len(known) else np.nan
-
-
-def _cell(value: float, spec: str) -> str:
-    return shown(value, spec) if np.isfinite(value) else NONE
 
 
 def savings(errors: xr.Dataset) -> pd.DataFrame:

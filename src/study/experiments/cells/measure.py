@@ -62,7 +62,12 @@ def measure(
 
     Raises InputError where the cases do not have one u, which is a Cantor atom.
     """
-    orders = np.array([(_flux_order(case, cases[0]), case.gap_order) for case in cases])
+    flux_orders = []
+    for case in cases:
+        (atom,) = case.atoms
+        if not isinstance(atom, Cantor) or case.declaration["u"] != cases[0].declaration["u"]:
+            raise InputError(f"cells, cases: '{case.name}' needs the u of '{cases[0].name}', one cantor atom")
+        flux_orders.append(atom.flux_order)
     condensed = condense(mesh)
     ritz = ritz_projection(cases[0], condensed)
     H = np.array(sizes)[:, None] / [1.0, period]
@@ -77,19 +82,12 @@ def measure(
     return xr.Dataset(
         table
         | {
-            "flux_order": ("case", orders[:, 0]),
-            "gap_order": ("case", orders[:, 1]),
+            "flux_order": ("case", np.array(flux_orders, dtype=float)),
+            "gap_order": ("case", np.array([case.gap_order for case in cases], dtype=float)),
             "ritz_error": ((), ritz.ritz_error),
         },
         coords={"case": [case.name for case in cases], "h": mesh.h, "H": (("start", "level"), H)},
     )
-
-
-def _flux_order(case: ExactSolution, first: ExactSolution) -> float:
-    (atom,) = case.atoms
-    if not isinstance(atom, Cantor) or case.declaration["u"] != first.declaration["u"]:
-        raise InputError(f"cells, cases: '{case.name}' needs the u of '{first.name}', one cantor atom")
-    return atom.flux_order
 
 
 def on_partition(

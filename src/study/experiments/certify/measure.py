@@ -1,22 +1,37 @@
-"""Guaranteed bounds and true errors of solutions of other methods."""
+"""Guaranteed bounds and true errors of solutions of other methods, as another program may hand them in.
+
+These are linear on triangles. Matrices and loads are scikit-fem's. On clamped sides each solution has the
+given values at nodes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import chain
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
+import scipy.sparse as sp
+import skfem
 import xarray as xr
+from scipy.sparse.linalg import spsolve
+from skfem.models.poisson import laplace, mass
 
 from study import scenes, tables
-from study.experiments.certify.methods import others
+from unilateral.arrays import Array, Mask
 from unilateral.formulas.formula import real
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.structured import structured
+from unilateral.norms.reference import boundary_facets
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems.case import ExactSolution
 from unilateral.solution.certification import certify
 from unilateral.solution.solver import Solver
+
+DEGREE = 8
+"""Of the quadrature of f."""
+ROUNDS = 100
+"""The most active sets; a dozen are enough."""
 
 
 def measure_certify(study: Mapping[str, Any], solutions: str) -> None:
@@ -38,3 +53,84 @@ def measure(case: ExactSolution, mesh: Mesh, study: Mapping[str, Any]) -> xr.Dat
     bounds = [certify(case.problem, mesh, v, None).solved.total("h1") for v in solutions.values()]
     values = {"certified_error": ("scheme", errors), "certified_bound": ("scheme", bounds)}
     return xr.Dataset(values, coords={"scheme": list(solutions)})
+
+
+def others(case: ExactSolution, mesh: Mesh, penalties: Sequence[int], sweeps: int) -> dict[str, Array]:
+    """(n,) the values at the nodes of each method's solution, by its name."""
+    linear = nodal_problem(case, mesh, skfem.ElementTriP1())
+    quadratic = nodal_problem(case, mesh, skfem.ElementTriP2())
+    # a penalty's force per length, by the trapezoidal rule: each node has half of both edges beside it
+    lengths, half = np.diff(mesh.s), np.zeros(mesh.n_nodes)
+    half[mesh.boundary] = 0.5 * (lengths + np.roll(lengths, 1))
+    return {
+        "nodal constraints": active_set(linear),
+        "P2, interpolated": active_set(quadratic)[: mesh.n_nodes],  # scikit-fem numbers the nodes first
+        **{f"penalty {factor}/h": active_set(linear, factor / mesh.h * half) for factor in penalties},
+        "stopped early": gauss_seidel(linear, sweeps),
+        "half the load": active_set(linear._replace(load=linear.load / 2)),
+    }
+
+
+class NodalProblem(NamedTuple):
+    """Find x >= g with r = Ax - load >= 0 and r.(x - g) = 0 at unknowns that are not fixed.
+
+    g (n,) is -inf where x is not constrained, and the value of x where it is `fixed` (n,).
+    """
+
+    A: sp.csr_array
+    load: Array
+    g: Array
+    fixed: Mask
+
+
+def nodal_problem(case: ExactSolution, mesh: Mesh, element: skfem.Element) -> NodalProblem:
+    """A case with u >= g at the element's boundary unknowns: nodes, and for P2 the midpoints of edges."""
+    of_skfem = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
+    basis = skfem.Basis(of_skfem, element, intorder=DEGREE)
+    A = laplace.assemble(basis) + case.reaction * mass.assemble(basis)
+
+    @skfem.LinearForm
+    def load(v: Any, w: Any) -> Any:
+        return case.source(w.x.reshape(2, -1).T).reshape(w.x.shape[1:]) * v
+
+    facets, clamped = boundary_facets(of_skfem, mesh), np.isin(mesh.side, case.clamped_sides)
+    g, fixed = np.full(basis.N, -np.inf), np.zeros(basis.N, dtype=bool)
+    ends = [basis.nodal_dofs[0][nodes] for nodes in (mesh.boundary, np.roll(mesh.boundary, -1))]
+    places = [(ends[0], 0.0), (ends[1], 1.0), *((dofs[facets], 0.5) for dofs in basis.facet_dofs)]
+    for dofs, part in places:
+        s = mesh.s[:-1] + part * np.diff(mesh.s) - mesh.polygon.starts[mesh.side]
+        u, _, gap = case.boundary(mesh.side, s)
+        np.maximum.at(g, dofs, u - gap)
+        fixed[dofs[clamped]] = True
+    return NodalProblem(A.tocsr(), load.assemble(basis), g, fixed)
+
+
+def active_set(problem: NodalProblem, springs: Array | None = None) -> Array:
+    """(n,) x by the primal-dual active set method of Hintermüller, Ito and Kunisch (2002).
+
+    With `springs` (n,) the forces springs (g - x)_+ are in place of the constraint: the penalty method.
+    """
+    A, load, g, fixed = problem
+    diagonal, active = A.diagonal(), np.isfinite(g) & ~fixed
+    for _ in range(ROUNDS):
+        prescribed = fixed | active if springs is None else fixed
+        push = np.zeros_like(load) if springs is None else np.where(active, springs, 0.0)
+        matrix, x = (A + sp.diags_array(push)).tocsr(), np.where(prescribed, g, 0.0)
+        rest = load + push * np.where(active, g, 0.0) - matrix @ x
+        x[~prescribed] = spsolve(matrix[~prescribed][:, ~prescribed].tocsc(), rest[~prescribed])
+        # next a node is active where the reaction is larger than the gap, times the diagonal
+        before, active = active, ~fixed & (A @ x - load > diagonal * (x - g))
+        if np.array_equal(active, before):
+            break
+    return x
+
+
+def gauss_seidel(problem: NodalProblem, sweeps: int) -> Array:
+    """x after some sweeps of the projected Gauss-Seidel iteration, from g on the boundary and 0 inside."""
+    A, load, g, fixed = problem
+    diagonal, x = A.diagonal(), np.where(np.isfinite(g), g, 0.0)
+    for node in np.tile(np.flatnonzero(~fixed), sweeps):
+        row = slice(A.indptr[node], A.indptr[node + 1])
+        residual = load[node] - A.data[row] @ x[A.indices[row]]
+        x[node] = max(x[node] + residual / diagonal[node], g[node])
+    return x

@@ -130,8 +130,20 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
             style.few_powers(axes.yaxis)
         lower = [style.axes_at(figure, left, 2.4, ACROSS, TALL) for left in LEFT]
         _steps(lower[0], parts["steps"])
-        _step(lower[1], parts["step"])
-        _stop(lower[2], parts["stop"])
+        for label, (name, look) in MATRICES.items():
+            rows = parts["step"][parts["step"]["label"] == label]
+            style.log_line(lower[1], rows["unknowns"], rows["work"], **{**look, **THIN}, label=name)
+        lower[1].set(title="operations: a step, the set-up", xlabel="unknowns in $\\Omega$")
+        lower[1].set_ylim(top=200 * lower[1].get_ylim()[1])
+        _named(lower[1], "upper left")
+        stops = parts["stop"][parts["stop"]["stop"] >= LAST_STOP]
+        for i, (norm, title) in enumerate(style.NORMS.items()):
+            rows = stops[stops["norm"] == norm]
+            style.log_line(lower[2], rows["stop"], rows["excess"], **style.look(i), **THIN, label=title)
+        lower[2].invert_xaxis()
+        _named(lower[2], "upper right")
+        lower[2].set_yticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
+        lower[2].set(title=r"error, over that of $(u_h,\lambda_H)$", xlabel="stopping level")
         fronts = [style.key(f"$H/h={style.as_fraction(ratio)}$", **look) for ratio, look in looks.items()]
         fronts.append(style.key("front of all runs", **FRONT))
         named = [style.key(name, lw=0.9, **look) for name, look in ALGORITHMS.values()]
@@ -157,25 +169,6 @@ def _steps(axes: Axes, rows: pd.DataFrame) -> None:
     axes.set_xticks(sizes[::2], [style.as_fraction(H) for H in sizes[::2]])
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set(title=r"steps to the level $10^{-6}$", xlabel="$H$")
-
-
-def _step(axes: Axes, rows: pd.DataFrame) -> None:
-    for label, (name, look) in MATRICES.items():
-        line = rows[rows["label"] == label]
-        style.log_line(axes, line["unknowns"], line["work"], **{**look, **THIN}, label=name)
-    axes.set(title="operations: a step, the set-up", xlabel="unknowns in $\\Omega$")
-    axes.set_ylim(top=200 * axes.get_ylim()[1])
-    _named(axes, "upper left")
-
-
-def _stop(axes: Axes, rows: pd.DataFrame) -> None:
-    for i, (norm, title) in enumerate(style.NORMS.items()):
-        line = rows[(rows["norm"] == norm) & (rows["stop"] >= LAST_STOP)]
-        style.log_line(axes, line["stop"], line["excess"], **style.look(i), **THIN, label=title)
-    axes.invert_xaxis()
-    _named(axes, "upper right")
-    axes.set_yticks([1, 2, 5, 10, 20, 50], ["1", "2", "5", "10", "20", "50"])
-    axes.set(title=r"error, over that of $(u_h,\lambda_H)$", xlabel="stopping level")
 
 
 def _named(axes: Axes, corner: Any) -> None:

@@ -36,17 +36,14 @@ def table(
     """
     gram, cells = Gram.of_table(tables.load(norm)), partitions(scene)
     runs = tables.along_ratio(tables.load(errors), real(h_over_H, "h_over_H"))
-    rows = pd.concat([_of_errors(runs), *(_of_functions(gram, cells[k]) for k in normed(scene))])
+    bounds = {bound: tables.error_in(runs, "hm12", bound) for bound in ("lower", "upper")}
+    norms = xr.Dataset({**bounds, "l2": tables.error_in(runs, "l2"), "u_norm": runs["u_norm"]})
+    errors_of_runs = norms.to_dataframe(["case", "run"]).reset_index().assign(kind="error")
+    known = errors_of_runs[errors_of_runs["upper"] > NEGLIGIBLE * errors_of_runs["u_norm"]]
+    rows = pd.concat([known, *(_of_functions(gram, cells[k]) for k in normed(scene))])
     lower, upper, l2 = rows["lower"], rows["upper"], rows["l2"]
     mean, shortcut = np.sqrt(0.5 * (lower**2 + upper**2)), np.sqrt(rows["H"]) * l2
     return rows.assign(mean=mean, gap=upper / lower - 1, shortcut=shortcut)[COLUMNS]
-
-
-def _of_errors(runs: xr.Dataset) -> pd.DataFrame:
-    bounds = {bound: tables.error_in(runs, "hm12", bound) for bound in ("lower", "upper")}
-    norms = xr.Dataset({**bounds, "l2": tables.error_in(runs, "l2"), "u_norm": runs["u_norm"]})
-    rows = norms.to_dataframe(["case", "run"]).reset_index().assign(kind="error")
-    return rows[rows["upper"] > NEGLIGIBLE * rows["u_norm"]]
 
 
 def _of_functions(gram: Gram, partition: Partition) -> pd.DataFrame:

@@ -98,7 +98,9 @@ def made(mesh: Mesh, partition: Partition, lambda_H: Array, gap: Array, times: f
     slope = times * min(1.0, 1 / polygon.diameter)
     u = times + slope * (mesh.points - polygon.vertices[0]).sum(axis=1)
     load = stiffness_and_mass(mesh)[1] @ u
-    load[mesh.boundary] += _flux(mesh, slope) - spaces.B.T @ lambda_H
+    # <du/dn, phi_j>: half of the flux on each edge goes to either end
+    half = 0.5 * np.diff(mesh.s) * slope * polygon.normals.sum(axis=1)[mesh.side]
+    load[mesh.boundary] += half + np.roll(half, 1) - spaces.B.T @ lambda_H
     means = spaces.B @ u[mesh.boundary] / partition.lengths
     discrete = with_load(spaces, load, spaces.condensed.solve(load)[mesh.boundary], means - times * gap)
     unit = float(lambda_H.max()) or 1.0
@@ -126,12 +128,6 @@ def structured_square(h: float) -> Mesh:
 def condensed(mesh: Mesh) -> Condensed:
     """The mesh, condensed; the last one is kept for the axis's next point."""
     return condense(mesh)
-
-
-def _flux(mesh: Mesh, slope: float) -> Array:
-    """(nb,) <dp/dn, phi_j> of p with both derivatives `slope`."""
-    half = 0.5 * np.diff(mesh.s) * slope * mesh.polygon.normals.sum(axis=1)[mesh.side]
-    return half + np.roll(half, 1)
 
 
 def place(partition: Partition) -> Array:

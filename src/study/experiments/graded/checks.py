@@ -26,9 +26,14 @@ def order(tables: Tables, table: str, norms: Sequence[str], tolerance: float) ->
     """
     data, faults = tables[table], list[str]()
     found: dict[str, float] = {}
+    share = float((data["algebraic_bound"] / data["discrete_error"]).max())
+    if not share <= SHARE:
+        faults.append(f"the algebraic error is {share:.2g} of D")
     for norm in norms:
         rates = halved(error_in(data, norm))
-        faults += _faults(data, rates)
+        pairs = int(rates.count("pair").min())
+        if pairs < PAIRS:
+            faults.append(f"a run has {pairs} pairs")
         found |= _by_run((rates - expected(data)).min("pair"), data, f"{norm}, ")
     return provided(worst(found, r"the smallest rate less $\min(3/2, \gamma)$", -tolerance, True), faults)
 
@@ -67,14 +72,6 @@ def gamma(data: xr.Dataset) -> xr.DataArray:
 
 def expected(data: xr.Dataset) -> xr.DataArray:
     return gamma(data).clip(max=SMOOTH)
-
-
-def _faults(data: xr.Dataset, rates: xr.DataArray) -> list[str]:
-    """Why errors do not count; empty if they do."""
-    share = float((data["algebraic_bound"] / data["discrete_error"]).max())
-    pairs = int(rates.count("pair").min())
-    faults = [f"the algebraic error is {share:.2g} of D"] if not share <= SHARE else []
-    return faults + ([f"a run has {pairs} pairs"] if pairs < PAIRS else [])
 
 
 def _by_run(values: xr.DataArray, data: xr.Dataset, before: str = "") -> dict[str, float]:

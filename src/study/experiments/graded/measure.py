@@ -1,5 +1,6 @@
 """Meshes graded to a vertex of angle omega at which u is like r^(pi/omega), in full contact.
 
+The nodes of a mesh of equal triangles are moved; or meshes are refined by the guaranteed bound on u's error.
 Two boundary edges make a cell. In full contact u_h and lambda_H depend linearly on u as long as lambda_H > 0.
 So the part of z_h - u_h that belongs to the singular function alone is measured, too: with multipliers of
 both signs, and a gap that is 0.
@@ -16,16 +17,19 @@ import xarray as xr
 from scipy.linalg import solve as solve_linear
 
 from study import scenes, tables
-from study.experiments.graded.adapted import measure_adapted
-from study.experiments.graded.grading import graded, least_angle
 from study.experiments.graded.levels import Row, along_levels
-from unilateral.arrays import Array
+from unilateral.arrays import Array, Index
 from unilateral.discrete.condensed import CondensedProblem, solve, with_solution
+from unilateral.discrete.multilevel import refinements
+from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.formulas.formula import real
-from unilateral.geometry.mesh import Mesh
+from unilateral.geometry.adapted import marked
+from unilateral.geometry.mesh import Mesh, conforming
 from unilateral.geometry.partition import Partition, from_points
+from unilateral.geometry.plane import cross
+from unilateral.geometry.triangulation_checks import check_areas
 from unilateral.norms.dual import Gram, dual_norm
 from unilateral.norms.exact_errors import Exact, exact
 from unilateral.norms.infsup import infsup
@@ -33,6 +37,8 @@ from unilateral.norms.resolution import resolution
 from unilateral.problems.case import ExactSolution
 from unilateral.problems.polar_atoms import Polar
 from unilateral.solvers.stop import Stop
+
+WHERE = "graded mesh"
 
 
 def measure_graded(study: Mapping[str, Any], stop: Mapping[str, Any], errors: str, adapted: str) -> None:
@@ -56,6 +62,20 @@ def measure(scene: Mapping[str, Any], normed: int, stop: Stop) -> Iterator[xr.Da
             found = on_levels(meshes, case, normed, stop).assign_coords(kappa=kappa)
             yield found.assign(equal_h=("level", [mesh.h for mesh in levels]))
             print(f"{case.name}, kappa = {kappa:g} measured")
+
+
+def graded(mesh: Mesh, vertex: int, radius: float, kappa: float) -> Mesh:
+    """The mesh with nodes within the radius R of a vertex moved from the distance r to R (r/R)^(1/kappa).
+
+    Triangles of the size h at the distance r then have a size like h r^(1 - kappa), and angles are bounded
+    below. No other sides than those of the vertex may be so near. Raises InputError if a triangle turns over.
+    """
+    centre = mesh.polygon.vertices[vertex]
+    offset = mesh.points - centre
+    share = np.minimum(np.hypot(*offset.T) / radius, 1.0)
+    moved = centre + offset * share[:, None] ** (1 / kappa - 1)
+    check_areas(moved, mesh.triangles, WHERE)
+    return conforming(mesh.polygon, moved, mesh.triangles, WHERE)
 
 
 def singular_atom(case: ExactSolution) -> Polar:
@@ -138,3 +158,51 @@ def resolved(spaces: MixedSpaces) -> Row:
     found = resolution(spaces.mesh, spaces.partition)
     of_mesh = {"unknowns": float(spaces.mesh.n_nodes), "least_angle": least_angle(spaces.mesh)}
     return of_mesh | {"delta": found.delta, "alpha_1": found.alpha_1}
+
+
+def least_angle(mesh: Mesh) -> float:
+    """The smallest angle of all triangles, in degrees."""
+    corners = mesh.points[mesh.triangles]
+    before, after = ((np.roll(corners, shift, axis=1) - corners).reshape(-1, 2) for shift in (1, -1))
+    return float(np.degrees(np.arctan2(cross(after, before), np.sum(after * before, axis=1)).min()))
+
+
+def measure_adapted(study: Mapping[str, Any], stop: Mapping[str, Any]) -> xr.Dataset:
+    """Errors over (case, level), NaN beyond a case's last level.
+
+    The algebraic error is a fraction of D, too, not only of ||u - u_h||_1, and so its fraction is squared.
+    """
+    fine = Stop(**{**stop, "fraction": stop["fraction"] ** 2})
+    measured = {
+        case.name: along_levels(list(on_adapted(scene, case, study["adapted"], fine)))
+        for scene in study["scenes"]
+        for case in scenes.cases(scene)
+    }
+    return xr.concat(measured.values(), "case", join="outer").assign_coords(case=list(measured))
+
+
+def where_needed(solution: DiscreteSolution) -> Index:
+    """The triangles that half of the squared bound comes from."""
+    return marked(solution.mesh, solution.shares)
+
+
+def on_adapted(scene: Mapping[str, Any], case: ExactSolution, unknowns: int, stop: Stop) -> Iterator[Row]:
+    """What is measured on each level, from the scene's coarsest mesh on."""
+    first = scenes.coarsest_mesh(scene)
+    for solution in refinements(case.problem, first, stop, where_needed, unknowns):
+        solution.bound()
+        yield errors_of(case, solution)
+
+
+def errors_of(case: ExactSolution, solution: DiscreteSolution) -> Row:
+    """||u - u_h||_1 and D of a solution, by the case's exact one."""
+    mesh = solution.mesh
+    spaces = mixed_spaces(condense(mesh), solution.partition)
+    errors = exact(case, spaces).errors(spaces, solution.lambda_H)
+    return {
+        "unknowns": float(mesh.n_nodes),
+        "h1_error": errors.h1,
+        "discrete_error": errors.hm12_discrete,
+        "shortest_edge": float(np.diff(mesh.s).min()),
+        "algebraic_bound": solution.result.bound,
+    }

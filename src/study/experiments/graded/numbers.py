@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import xarray as xr
 
@@ -64,16 +63,12 @@ def orders_in_unknowns(adapted: xr.Dataset) -> pd.DataFrame:
     """The least and the largest order in N^{-1/2} on meshes that the bound refines, by case."""
     rows = []
     for case in adapted["case"].values:
-        of = adapted.sel(case=case)
-        found = {
-            title: far_apart(of["unknowns"].values, of[name].values, FACTOR)
-            for title, name in ADAPTED.items()
-        }
-        row = {"case": f"`{case}`", "unknowns": shown(float(of["unknowns"].max()), "space")}
-        rows.append(row | {title: _range(values) for title, values in found.items()})
+        errors = adapted.sel(case=case)
+        unknowns = errors["unknowns"].values
+        row = {"case": f"`{case}`", "unknowns": shown(float(errors["unknowns"].max()), "space")}
+        for title, name in ADAPTED.items():
+            orders = far_apart(unknowns, errors[name].values, FACTOR)
+            least = shown(float(orders.min()), ".2f")
+            row[title] = f"{least} to {shown(float(orders.max()), '.2f')}" if len(orders) > 1 else least
+        rows.append(row)
     return pd.DataFrame(rows)
-
-
-def _range(values: np.ndarray) -> str:
-    least, most = (shown(float(of), ".2f") for of in (values.min(), values.max()))
-    return least if len(values) == 1 else f"{least} to {most}"

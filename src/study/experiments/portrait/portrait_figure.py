@@ -12,7 +12,6 @@ from matplotlib.patheffects import withStroke
 from matplotlib.tri import Triangulation
 
 from study import style
-from unilateral.arrays import Array
 from unilateral.discrete.condensed import discretise, solve
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.formulas.formula import real
@@ -56,17 +55,13 @@ def table(polygon: str, f: str, h: str, H: str, reference: str) -> pd.DataFrame:
         mesh, cells = structured(domain, edge), uniform(domain, cell)
         solution = solve(discretise(problem, mesh, cells))
         parts += [each.assign(of=of) for each in _along_boundary(domain, mesh, cells, solution)]
-        parts += [_field(mesh, cells, solution).assign(of=of)] if of == "computed" else []
+        if of == "computed":
+            corners = mesh.triangles.ravel()
+            x, y = mesh.points[corners].T
+            u_h = solution.u_h[corners]
+            field = pd.DataFrame({"kind": "mesh", "h": mesh.h, "H": cells.H, "x": x, "y": y, "value": u_h})
+            parts.append(field.assign(of=of))
     return pd.concat(parts)[COLUMNS]
-
-
-def _field(mesh: Mesh, cells: Partition, solution: DiscreteSolution) -> pd.DataFrame:
-    """The rows of the kind `mesh`."""
-    corners = mesh.triangles.ravel()
-    x, y = mesh.points[corners].T
-    return pd.DataFrame(
-        {"kind": "mesh", "h": mesh.h, "H": cells.H, "x": x, "y": y, "value": solution.u_h[corners]}
-    )
 
 
 def _along_boundary(
@@ -116,11 +111,14 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
 def _surface(figure: Figure, data: pd.DataFrame) -> None:
     """u_h above the mesh, its boundary values, the rim g = 0 and the contact set on it."""
     mesh, contact = data[data["kind"] == "mesh"], _contact(data)
-    triangles, u_h = _triangulation(mesh)
+    # The table has the corners of each triangle; the surface needs each node once
+    corners = mesh[["x", "y", "value"]].to_numpy()
+    nodes, number = np.unique(corners, axis=0, return_inverse=True)
+    triangles = Triangulation(nodes[:, 0], nodes[:, 1], number.reshape(-1, 3))
     place = (0.0, 0.0, 9.1 / style.WIDTH, 1.0)
     axes: Any = figure.add_axes(place, projection="3d", computed_zorder=False)
     look: style.Look = {"cmap": "cividis", "edgecolor": "black", "linewidth": 0.15, "clip_on": False}
-    surface = axes.plot_trisurf(triangles, u_h, zorder=1, **look)
+    surface = axes.plot_trisurf(triangles, nodes[:, 2], zorder=1, **look)
     rim = _nodes(data, "computed")
     axes.plot(rim["x"], rim["y"], 0 * rim["x"], zorder=2, clip_on=False, **RIM)
     axes.plot(rim["x"], rim["y"], rim["value"], color="black", lw=0.8, zorder=2, clip_on=False)
@@ -135,12 +133,6 @@ def _surface(figure: Figure, data: pd.DataFrame) -> None:
     figure.text(0.02, 0.92, title, fontsize=10.5)
     bar = figure.colorbar(surface, cax=style.axes_at(figure, 0.4, 3.45, 0.22, 2.2))
     style.plain_bar(bar)
-
-
-def _triangulation(mesh: pd.DataFrame) -> tuple[Triangulation, Array]:
-    corners = mesh[["x", "y", "value"]].to_numpy()
-    nodes, number = np.unique(corners, axis=0, return_inverse=True)
-    return Triangulation(nodes[:, 0], nodes[:, 1], number.reshape(-1, 3)), nodes[:, 2]
 
 
 def _nodes(data: pd.DataFrame, of: str) -> pd.DataFrame:

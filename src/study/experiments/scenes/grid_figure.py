@@ -45,7 +45,9 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
         top = 2.05 + (height + gap) * len(cases)
         for left, (norm, title) in zip((1.62, 6.74, 11.86), style.NORMS.items(), strict=True):
             rows = data[data["norm"] == norm]
-            scale = _log_scale(rows["error"])
+            positive = rows["error"][rows["error"] > 0]
+            low, high = (positive.min(), positive.max()) if len(positive) else (0.1, 1.0)
+            scale = ScalarMappable(LogNorm(low, high), colormaps["cividis"])
             for i, case in enumerate(cases):
                 axes = style.axes_at(figure, left, top - height - i * (height + gap), width, height)
                 _error_map(axes, rows[rows["case"] == case], h, H, scale)
@@ -74,12 +76,6 @@ def _sizes(sizes: np.ndarray) -> list[str]:
     return [f"${style.as_fraction(size)}$" for size in sizes]
 
 
-def _log_scale(errors: pd.Series) -> ScalarMappable:
-    positive = errors[errors > 0]
-    low, high = (positive.min(), positive.max()) if len(positive) else (0.1, 1.0)
-    return ScalarMappable(LogNorm(low, high), colormaps["cividis"])
-
-
 def _error_map(axes: Axes, rows: pd.DataFrame, h: np.ndarray, H: np.ndarray, scale: ScalarMappable) -> None:
     """One case in one norm: h from left to right, H from top to bottom, both from coarse to fine."""
     axes.set(xlim=(-0.5, len(h) - 0.5), ylim=(len(H) - 0.5, -0.5))
@@ -106,14 +102,14 @@ def _cell(axes: Axes, j: int, i: int, error: float, beta_zero: bool, scale: Scal
     if beta_zero and not np.isnan(error):
         axes.plot([j - 0.38, j + 0.38], [i + 0.31, i + 0.31], color=ink, lw=0.8, zorder=6)
     behind = {"fc": colour, "lw": 0, "pad": 0.2}
-    label = r"$\beta=0$" if np.isnan(error) else _short(error)
+    if np.isnan(error):
+        label = r"$\beta=0$"
+    elif error:  # two significant digits: 1.3e-4
+        mantissa, exponent = f"{error:.1e}".split("e")
+        label = f"{mantissa}e{int(exponent)}"
+    else:
+        label = "0"
     axes.text(j, i, label, color=ink, fontsize=8, ha="center", va="center", zorder=5, bbox=behind)
-
-
-def _short(error: float) -> str:
-    """Two significant digits: 1.3e-4."""
-    mantissa, exponent = f"{error:.1e}".split("e")
-    return f"{mantissa}e{int(exponent)}" if error else "0"
 
 
 def _diagonal(axes: Axes, places: list[list[int]], ratio: float) -> None:

@@ -15,7 +15,7 @@ from unilateral.discrete.condensed import solve, with_solution
 from unilateral.discrete.loads import form_of
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.condense import condense
-from unilateral.fem.spaces import MixedSpaces, mixed_spaces
+from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry.files import write_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -111,7 +111,12 @@ def sweep(
         for name in PER_CELLS:
             table[name].values[:, k] = [getattr(each, name) for each in cells]
         spaces = mixed_spaces(condensed, partition)
-        form = _form(spaces, gram)
+        # The dual norm on the partition; where S is singular beta is 0, and no norm is needed
+        form = None
+        if not spaces.operator.singular:
+            if gram is None:
+                raise ValueError("a pair with beta > 0 needs the dual norm's forms")
+            form = gram.on(partition)
         stability = infsup(spaces.operator, form.p0) if form else InfSup(0.0, 0.0, 0.0)
         values = (spaces.operator.lambda_min, spaces.operator.lambda_max, *stability)
         for name, value in zip(PER_PAIR, values, strict=True):
@@ -142,15 +147,6 @@ def sweep(
         coords=coordinates,
     )
     return table, timings
-
-
-def _form(spaces: MixedSpaces, gram: Gram | None) -> Gram | None:
-    """The dual norm on the partition; None where S is singular, as beta is 0 and no norm is needed."""
-    if spaces.operator.singular:
-        return None
-    if gram is None:
-        raise ValueError("a pair with beta > 0 needs the dual norm's forms")
-    return gram.on(spaces.partition)
 
 
 def _empty(mesh: Mesh, cases: Sequence[ExactSolution], partitions: Sequence[Partition]) -> xr.Dataset:

@@ -154,24 +154,21 @@ def exactness(scenes: Mapping[str, xr.Dataset], claimed: Mapping[str, Any]) -> p
         h = shown(float(table["h"][-1]), "1/n")
         for case in table["case"].values:
             finest = table.sel(case=case).isel(mesh=-1)
+            # Proposition S9: the rate 2 (p - 1); for p = 1 it is only proved that the index falls to 1
+            proved, order = NOTHING, orders.get(case)
+            if order is not None:
+                proved = f"{2 * (order - 1):.2f}" if order > 1 else "falls to 0"
             rows.append(
                 {
                     "scene": name,
                     "case": f"`{case}`",
-                    "proved rate": _proved(orders.get(case)),
+                    "proved rate": proved,
                     "observed rate": f"{float(rates.sel(case=case)):.2f}".replace("-", "−"),
                     f"index − 1, h = {h}": f"{float(finest['total_index_u']) - 1:.4f}",
                     f"η over the error, h = {h}": f"{float(finest['total_index_v']):.3f}",
                 }
             )
     return pd.DataFrame(rows)
-
-
-def _proved(order: float | None) -> str:
-    """The rate 2 (p - 1) of Proposition S9; for p = 1 it is only proved that the index falls to 1."""
-    if order is None:
-        return NOTHING
-    return f"{2 * (order - 1):.2f}" if order > 1 else "falls to 0"
 
 
 def totals_of_corners(corners: xr.Dataset) -> dict[str, Any]:

@@ -67,7 +67,10 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
             _error_lines(axes, rows, cases, ratios)
             _slope(axes, rows)
             _rate_columns(key, rows, cases, ratios, left)
-        _names(key, cases)
+        for i, case in enumerate(cases):
+            key.text(0.7, bottom - 0.9 - 1.35 - ROW * i, case, fontsize=style.SMALL, va="center")
+        note = "Filled markers: asymptotic levels, which the rates are fitted to; open: other levels."
+        key.text(0.1, 0.3, f"{note} Triangles: slopes proved.", fontsize=style.SMALL, va="center")
 
 
 def _error_lines(axes: Axes, rows: pd.DataFrame, cases: dict[str, int], ratios: list[float]) -> None:
@@ -132,24 +135,10 @@ def _rate_columns(
         key.plot([start + 0.25], [y], ls="", **style.marked(i, True, MARKER))
         observed = [of_case.loc[of_case["h_over_H"] == ratio, "rate"] for ratio in ratios]
         if of_case["rate"].isna().all():
-            key.text(right, y, _without_rate(of_case), **text)
+            errors = of_case["error"].dropna()
+            reason = "exact" if (errors == 0).all() else "no asymptotic level"
+            key.text(right, y, "error not computed" if errors.empty else reason, **text)
             continue
         for x, column in zip([*places, right], [*observed, of_case["expected"]], strict=True):
             known = column.dropna()
             key.text(x, y, f"{known.iloc[0]:.2f}" if len(known) else "–", **text)
-
-
-def _without_rate(of_case: pd.DataFrame) -> str:
-    """Why a case has no rate in a norm."""
-    known = of_case["error"].dropna()
-    if known.empty:
-        return "error not computed"
-    return "exact" if (known == 0).all() else "no asymptotic level"
-
-
-def _names(key: Axes, cases: dict[str, int]) -> None:
-    top = key.get_ylim()[1]
-    for i, case in enumerate(cases):
-        key.text(0.7, top - 1.35 - ROW * i, case, fontsize=style.SMALL, va="center")
-    note = "Filled markers: asymptotic levels, which the rates are fitted to; open: other levels."
-    key.text(0.1, 0.3, f"{note} Triangles: slopes proved.", fontsize=style.SMALL, va="center")

@@ -83,11 +83,12 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
             axes = style.axes_at(figure, left, BOTTOM, WIDTH, PANEL)
             axes.set(title=TITLES[norm], ylabel="rate" if norm == "discrete" else "")
             _panel(axes, data[data["norm"] == norm])
+        least = style.as_fraction(data["gamma"].min())
         labels = {
             "measured": "observed, a tick for each exponent of the gap",
             "largest": "of the largest error over these",
             "predicted": "Theorems 2 and 4",
-            "left": r"what $\mu=\Pi_H\lambda$ gives, $\gamma=$" + _least(data),
+            "left": rf"what $\mu=\Pi_H\lambda$ gives, $\gamma=$${least}$",
             "proved": "Theorem 4.1 (1980)",
         }
         handles: list[Artist] = [style.key(label, **LOOKS[kind]) for kind, label in labels.items()]
@@ -107,7 +108,3 @@ def _panel(axes: Axes, rows: pd.DataFrame) -> None:
     axes.xaxis.set_major_locator(MultipleLocator(0.5))
     axes.xaxis.set_major_formatter(lambda alpha, _: f"${Fraction(alpha).limit_denominator(2)}$")
     style.light_grid(axes, "0.88")
-
-
-def _least(data: pd.DataFrame) -> str:
-    return f"${style.as_fraction(data['gamma'].min())}$"

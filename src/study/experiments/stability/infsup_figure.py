@@ -68,25 +68,41 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     beta_upper/beta_lower - 1), if known.
     """
     data = style.read(csv_path)
-    data = data.assign(look=_kinds(data))
+    # The look of a pair is its kind; of the other ones it is whether they are regular
+    regular = (data["smallest_angle"] >= RULE.smallest_angle) & (data["alpha_1"] <= RATIO)
+    look = data["kind"].where(data["kind"] != "local", np.where(regular, "regular", "irregular"))
+    data = data.assign(look=look)
     bottom = 3.0
     with style.figure_in(svg_path, bottom + HEIGHT + 0.65) as figure:
         ratio, inner, unsolved = (style.axes_at(figure, x, bottom, WIDTH, HEIGHT) for x in LEFT)
         _marks(ratio, data, "h_over_H", "beta_lower")
         _marks(inner, data, "delta", "beta_lower")
         _marks(unsolved, data[data["beta_fortin"] > 0], "beta_lower", "beta_fortin")
-        _ratio_axis(ratio, data["h_over_H"])
-        _delta_axis(inner)
-        _unsolved_axes(unsolved)
+        x = data["h_over_H"]
+        ratio.set(title="$h/H$ does not decide", xlabel="$h/H$", ylabel=r"$\beta$")
+        ratio.set_xscale("log", base=2)
+        ratio.set_xlim(x.min() / 1.2, x.max() * 1.2)
+        ratio.xaxis.set_minor_locator(NullLocator())
+        ratio.xaxis.set_major_formatter(lambda value, _: f"${style.as_fraction(value)}$")
+        ratio.axvline(1, **GUIDE)
+        # delta from 0 to 1/2, with the bound of claim T.node
+        delta = np.linspace(0, 0.5)
+        inner.plot(delta, delta * (1 - delta), **GUIDE)
+        inner.text(0.3, 0.18, r"$\delta(1-\delta)$", ha="left", va="top", fontsize=style.SMALL)
+        inner.set(title=r"$\delta$ bounds it below", xlabel=r"$\delta$", xlim=(-0.012, 0.512))
+        inner.tick_params(labelleft=False)
+        # The lines on which the bound is beta, and a quarter of it
+        for factor, text, place in ((1, r"$\beta$", (0.53, 0.6)), (0.25, r"$\beta/4$", (0.95, 0.15))):
+            unsolved.plot([0, 1], [0, factor], **GUIDE)
+            unsolved.text(*place, text, fontsize=style.SMALL, ha="center")
+        unsolved.set(title="a bound without eigenvalues", xlabel=r"$\beta$", xlim=(-0.03, 1.03))
+        unsolved.tick_params(labelleft=False)
         handles = [style.key(label, **LOOKS[kind]) for kind, label in LABELS.items()]
         style.legend(figure, handles, LEFT[0] - 0.8, bottom - 1.25, ncols=2, labelspacing=0.5)
-        style.note(figure, _note(data))
-
-
-def _kinds(data: pd.DataFrame) -> pd.Series:
-    """The look of each pair: its kind, and of the other ones whether they are regular."""
-    regular = (data["smallest_angle"] >= RULE.smallest_angle) & (data["alpha_1"] <= RATIO)
-    return data["kind"].where(data["kind"] != "local", np.where(regular, "regular", "irregular"))
+        note = r"$\beta$: its lower bound by eigenvalues"
+        if "widest" in data:
+            note += f"; the upper one is at most {up(100 * data['widest'].max(), '.2g')} % higher"
+        style.note(figure, f"{note}.")
 
 
 def _marks(axes: Axes, data: pd.DataFrame, x: str, y: str) -> None:
@@ -95,37 +111,3 @@ def _marks(axes: Axes, data: pd.DataFrame, x: str, y: str) -> None:
         axes.plot(of[x], of[y], **look)
     axes.set_ylim(-0.03, 1.03)
     style.light_grid(axes)
-
-
-def _ratio_axis(axes: Axes, x: pd.Series) -> None:
-    axes.set(title="$h/H$ does not decide", xlabel="$h/H$", ylabel=r"$\beta$")
-    axes.set_xscale("log", base=2)
-    axes.set_xlim(x.min() / 1.2, x.max() * 1.2)
-    axes.xaxis.set_minor_locator(NullLocator())
-    axes.xaxis.set_major_formatter(lambda value, _: f"${style.as_fraction(value)}$")
-    axes.axvline(1, **GUIDE)
-
-
-def _delta_axis(axes: Axes) -> None:
-    """The axis of delta from 0 to 1/2, with the bound of claim T.node."""
-    delta = np.linspace(0, 0.5)
-    axes.plot(delta, delta * (1 - delta), **GUIDE)
-    axes.text(0.3, 0.18, r"$\delta(1-\delta)$", ha="left", va="top", fontsize=style.SMALL)
-    axes.set(title=r"$\delta$ bounds it below", xlabel=r"$\delta$", xlim=(-0.012, 0.512))
-    axes.tick_params(labelleft=False)
-
-
-def _unsolved_axes(axes: Axes) -> None:
-    """With the lines on which the bound is beta, and a quarter of it."""
-    for factor, text, place in ((1, r"$\beta$", (0.53, 0.6)), (0.25, r"$\beta/4$", (0.95, 0.15))):
-        axes.plot([0, 1], [0, factor], **GUIDE)
-        axes.text(*place, text, fontsize=style.SMALL, ha="center")
-    axes.set(title="a bound without eigenvalues", xlabel=r"$\beta$", xlim=(-0.03, 1.03))
-    axes.tick_params(labelleft=False)
-
-
-def _note(data: pd.DataFrame) -> str:
-    note = r"$\beta$: its lower bound by eigenvalues"
-    if "widest" in data:
-        note += f"; the upper one is at most {up(100 * data['widest'].max(), '.2g')} % higher"
-    return note + "."

@@ -1,4 +1,11 @@
-"""beta over families of meshes and partitions: the table behind Lemma 3.1's condition on h/H."""
+"""beta over families of meshes and partitions: the table behind Lemma 3.1's condition on h/H.
+
+The configuration declares both as plain mappings.
+A partition is one of {H}, {H, shift}, {H, grading}, {H, spread, seed}, {counts}, {points}. Boundary nodes
+are one of {kind: follow}, {kind: equal}, {kind: graded, grading}, {kind: random, spread, seed},
+{kind: inner}, {kind: inner, ends}, {kind: inner, seed}, {nodes}; a mesh is one of these or
+{kind: structured}. Numbers may be formulas such as 1/16. `config` refuses any other mapping.
+"""
 
 from __future__ import annotations
 
@@ -9,19 +16,23 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 from scipy.linalg import eigh
 
-from study.experiments.stability.families import Spec, meshes_of, partition_of
 from study.stability_constants import OF_PAIR, constants
 from study.tables import save
 from unilateral.arrays import Array, Index
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import SINGULAR, mixed_spaces
-from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.partition import Partition
+from unilateral.formulas.formula import real
+from unilateral.geometry.mesh import Mesh, with_boundary
+from unilateral.geometry.partition import Partition, from_points, shifted, uniform
 from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.geometry.structured import structured
 from unilateral.norms.dual import Bracket, dual_norm
 
+Spec = Mapping[str, Any]
+Counts = NDArray[np.intp]
 Grams = dict[tuple[bytes, bytes], Bracket]
 """The lower and the upper Gram matrix of P0, by the vertices of the polygon and the points of T_H."""
 TIE = 1e-3
@@ -66,7 +77,7 @@ def survey(
 ) -> xr.Dataset:
     """The constants of (3.4) for partitions, on meshes of these sizes against their cells.
 
-    `meshes` holds the mapping of `families` that makes each partition's meshes; a size is the number of
+    `meshes` holds the mapping that makes each partition's meshes; a size is the number of
     boundary edges in a cell or, of inner nodes, delta. `grams` keeps the Gram matrices of partitions, so that
     other families may have partitions that are alike. The dimension `mesh` counts the sizes. A mesh that
     several partitions have is condensed once. `worst` is the worst multiplier, NaN where beta = 0 on more
@@ -109,8 +120,8 @@ def survey(
 def _symmetries(mesh: Mesh, partition: Partition, spec: Spec) -> list[Index]:
     """Half a turn, and x and y exchanged, on a structured mesh and uniform cells of the square; else none."""
     is_square = np.array_equal(mesh.polygon.vertices, square().vertices)
-    uniform = np.ptp(partition.lengths) <= 1e-12 * partition.H
-    if not (is_square and uniform and spec.get("kind") == "structured"):
+    equal = np.ptp(partition.lengths) <= 1e-12 * partition.H
+    if not (is_square and equal and spec.get("kind") == "structured"):
         return []
     m = partition.n_cells
     return [np.roll(np.arange(m), -(m // 2)), np.arange(m)[::-1]]
@@ -138,3 +149,103 @@ def worst_multiplier(D: Array, G: Array, symmetries: Sequence[Index] = ()) -> Ar
             least, mu = float(value[0]), basis @ x[:, 0]
     size = np.abs(mu)
     return mu / mu[np.flatnonzero(size >= (1 - TIE) * size.max())[0]]
+
+
+def partition_of(polygon: Polygon, spec: Spec) -> Partition:
+    """The partition T_H of a mapping, with as many cells on each side as the uniform one of that H.
+
+    {H} is uniform. `shift` moves the points inside each side forward by that fraction of a cell. `grading` q
+    shortens the pieces towards both ends of a side: point i of n lies at (2 i / n)^q / 2 of it in its first
+    half. `spread` draws the cells' lengths, log-uniform in [1, spread] up to a factor for each side. {counts}
+    are equal cells for each side, {points} arc lengths.
+    Raises InputError for a size, a shift or points that the polygon does not allow.
+    """
+    if "points" in spec:
+        return from_points(polygon, _reals(spec["points"], "partition: points"))
+    if "counts" in spec:
+        return Partition(polygon, polygon.divided(np.array(spec["counts"], dtype=np.intp)))
+    H = real(spec["H"], "partition: H")
+    if "shift" in spec:
+        return shifted(polygon, H, real(spec["shift"], "partition: shift"))
+    if "grading" in spec:
+        return Partition(polygon, _graded(polygon, polygon.counts(H), spec))
+    if "spread" in spec:
+        return Partition(polygon, _random(polygon, polygon.counts(H), spec))
+    return uniform(polygon, H)
+
+
+def meshes_of(partitions: Sequence[Partition], specs: Sequence[Spec], size: object) -> list[Mesh]:
+    """The mesh of each partition, one object for all of a polygon that have the same boundary nodes.
+
+    {kind: structured}, its h = H / size; or a mesh by gmsh with the boundary nodes of `spec`.
+    Raises InputError for nodes that are out of order, or without the vertices.
+    """
+    by_nodes, made = cache(with_boundary), []
+    for partition, spec in zip(partitions, specs, strict=True):
+        polygon = partition.polygon
+        if spec.get("kind") == "structured":
+            made.append(structured(polygon, partition.H / real(size, "edges_per_cell")))
+        else:
+            made.append(by_nodes(polygon, tuple(boundary_nodes(partition, spec, size).tolist())))
+    return made
+
+
+def boundary_nodes(partition: Partition, spec: Spec, size: object) -> Array:
+    """(nb,) arc lengths of mesh nodes; a side with m cells has n = max(1, round(size m)) edges, unless inner.
+
+    `follow` places node j of n as the point j m / n of the partition's, linear between its points, so that
+    every cell has the same number of edges; `equal`, `graded` and `random` divide the sides as partitions
+    do; {nodes} are arc lengths from 0, the perimeter left out. `inner` puts one node into every cell, at the
+    share `size` of it from the end nearer to the middle of the side, and at half of a cell in the middle or
+    next to it; with a `seed` at random, that share or more from both ends. The ends of cells are nodes only
+    where `ends` says so.
+    """
+    if "nodes" in spec:
+        return _reals(spec["nodes"], "boundary nodes: nodes")
+    if spec["kind"] == "inner":
+        return _inner(partition, real(size, "deltas"), spec)
+    cells = np.bincount(partition.side, minlength=partition.polygon.n_sides)
+    counts = np.maximum(1, np.floor(real(size, "edges_per_cell") * cells + 0.5)).astype(np.intp)
+    if spec["kind"] == "follow":
+        side, index = _indices(counts)
+        place = (np.cumsum(cells) - cells)[side] + index * cells[side] / counts[side]
+        return np.interp(place, np.arange(partition.n_cells + 1), partition.points)
+    divided = {"graded": _graded, "random": _random, "equal": lambda polygon, n, _: polygon.divided(n)}
+    return divided[spec["kind"]](partition.polygon, counts, spec)[:-1]
+
+
+def _inner(partition: Partition, delta: float, spec: Spec) -> Array:
+    cells = np.bincount(partition.side)
+    side, number = _indices(cells)
+    beyond = 2 * number + 1 - cells[side]
+    share = np.where(np.abs(beyond) <= 1, 0.5, np.where(beyond < 0, 1 - delta, delta))
+    if "seed" in spec:
+        share = np.random.default_rng(spec["seed"]).uniform(delta, 1 - delta, partition.n_cells)
+    nodes = partition.points[:-1] + share * partition.lengths
+    return np.union1d(nodes, partition.points[:-1] if spec.get("ends") else partition.polygon.starts[:-1])
+
+
+def _graded(polygon: Polygon, counts: Counts, spec: Spec) -> Array:
+    q, (side, index) = real(spec["grading"], "grading"), _indices(counts)
+    t = index / counts[side]
+    share = np.where(t <= 0.5, 0.5 * (2 * t) ** q, 1 - 0.5 * (2 - 2 * t) ** q)
+    return np.append(polygon.starts[side] + polygon.lengths[side] * share, polygon.perimeter)
+
+
+def _random(polygon: Polygon, counts: Counts, spec: Spec) -> Array:
+    sizes = real(spec["spread"], "spread") ** np.random.default_rng(spec["seed"]).random(counts.sum())
+    side, _ = _indices(counts)
+    first = np.cumsum(counts) - counts
+    before = np.cumsum(sizes) - sizes
+    share = (before - before[first][side]) / np.add.reduceat(sizes, first)[side]
+    return np.append(polygon.starts[side] + polygon.lengths[side] * share, polygon.perimeter)
+
+
+def _indices(counts: Counts) -> tuple[Counts, Counts]:
+    """(sum(counts),) each: the side of every piece and its number on that side."""
+    side = np.repeat(np.arange(len(counts)), counts)
+    return side, np.arange(len(side)) - (np.cumsum(counts) - counts)[side]
+
+
+def _reals(given: Any, where: str) -> Array:
+    return np.array([real(value, where) for value in given])

@@ -8,7 +8,7 @@ from conftest import load
 
 import unilateral as ul
 from study import tables
-from study.experiments.certify import measure, methods, numbers
+from study.experiments.certify import measure, numbers
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 
@@ -35,7 +35,7 @@ def test_bounds_are_those_that_users_get_and_errors_are_those_of_the_functions(m
     Controls: the bound for another function differs, and so does its error.
     """
     case, mesh = load("natural"), structured(square(), 1 / 8)
-    found = methods.others(case, mesh, **GIVEN)
+    found = measure.others(case, mesh, **GIVEN)
     assert list(measured["scheme"].values) == SCHEMES
     assert list(found) == SCHEMES[1:]
     of_skfem = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
@@ -95,9 +95,9 @@ def test_documents_show_errors_and_bounds_over_them():
         {"certified_error": (dims, error), "certified_bound": (dims, factor * error)},
         coords={"case": ["natural", "clamped"], "scheme": SCHEMES, "h": ("mesh", [1 / 16, 1 / 64])},
     )
-    shown = numbers.blocks({"solutions": table}, {})["certify"]
+    shown = numbers.blocks({"certify/solutions": table}, {})["certify"]
     assert len(shown) == 14
     assert shown.iloc[8].tolist() == ["`clamped`", "nodal constraints", "16", "2.00", "23", "3.00"]
     assert shown.columns[-1] == "bound/error, h = 1/64"
-    found = numbers.numbers({"solutions": table}, {"certify": GIVEN})["certify"]
+    found = numbers.numbers({"certify/solutions": table}, {"certify": GIVEN})["certify"]
     assert found == {"penalty": {"coarsest": 2.0, "finest": 3.0}, "half": 21 / 15, "sweeps": 10}

@@ -9,9 +9,9 @@ import xarray as xr
 from conftest import load
 from numpy.testing import assert_allclose
 
-from study.experiments.graded import adapted, levels, measure
+from study.experiments.graded import levels, measure
 from study.experiments.graded import numbers as in_documents
-from study.experiments.graded.grading import graded, least_angle
+from study.experiments.graded.measure import graded, least_angle
 from unilateral.discrete.condensed import with_solution
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
@@ -165,7 +165,7 @@ def test_labels_say_which_case_and_singularity(measured):
 def test_adapted_meshes_keep_the_limit_and_grade_to_the_vertex():
     """The shortest edge is halved with nearly every step. D by the split of ||u - u_h||_1."""
     scene = {"polygon": "lshape", "mesh": {"kind": "structured", "h": "1/4"}}
-    rows = list(adapted.on_adapted(scene, CASE, 400, Stop(fraction=1e-4)))
+    rows = list(measure.on_adapted(scene, CASE, 400, Stop(fraction=1e-4)))
     assert rows[0]["unknowns"] == 65
     assert rows[-1]["unknowns"] <= 400
     assert [row["shortest_edge"] for row in rows] == [1 / 4, 1 / 8, 1 / 16]

@@ -9,8 +9,7 @@ from conftest import ROOT
 from numpy.testing import assert_allclose, assert_array_equal
 
 from study.experiments.stability import measure as stability
-from study.experiments.stability.families import boundary_nodes, meshes_of, partition_of
-from study.experiments.stability.measure import survey
+from study.experiments.stability.measure import boundary_nodes, meshes_of, partition_of, survey
 from unilateral.errors import InputError
 from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
