@@ -91,7 +91,6 @@ class Level:
 def measure_level(solved: DiscreteSolution, goal: Goal, predicted: float = math.inf) -> Level:
     """The level of a solution: its bound is computed here, and judged by the goal."""
     mesh = solved.mesh
-    bound = solved.bound(goal.sharp)
     total = solved.total(goal.norm, goal.sharp)
     algebraic = solved.algebraic(goal.norm)
     size = solved.size(goal.norm, goal.sharp)
@@ -108,7 +107,7 @@ def measure_level(solved: DiscreteSolution, goal: Goal, predicted: float = math.
         predicted=predicted,
         partition=solved.partition,
         unknowns=mesh.n_nodes,
-        bound=bound,
+        bound=solved.bound(goal.sharp),
         total=total,
         algebraic=algebraic,
         size=size,

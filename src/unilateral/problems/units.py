@@ -26,26 +26,9 @@ HALF = Fraction(1, 2)
 class Units:
     """What 1 in the paper's equation is in the user's units, for exact k and c, each rounded once.
 
-    Parameters
-    ----------
-    k, c
-        The coefficients.
-    trivial
-        Whether the problem is (1.1) as it is.
-    reaction
-        What u is multiplied by in (1.1).
-    per_area
-        k over the squared unit of length.
-    length
-        The unit of length.
-    value
-        The unit of u and g.
-    load
-        The unit of f.
-    flux
-        The unit of lambda.
-    force
-        The unit of the integral of lambda.
+    `length`, `value`, `load`, `flux` and `force` are the units of lengths, of u and g, of f, of lambda and of
+    the integral of lambda. `reaction` is what u is multiplied by in (1.1), and `per_area` is k over the
+    squared unit of length. Units are `trivial` where the problem is (1.1) as it is.
     """
 
     k: Expression
