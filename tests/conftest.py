@@ -33,7 +33,7 @@ from unilateral.problems import problem_file
 from unilateral.problems.case import load as load_case
 from unilateral.problems.case_certificate import certify
 
-# Tests interrupt themselves and processes that they start. A shell that runs tests in the background lets them
+# Tests interrupt themselves and processes that they start, but a shell lets what it runs in the background
 # ignore interrupts.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
