@@ -16,11 +16,9 @@ sys.path.insert(0, str(HERE))
 
 from unilateral import __version__  # noqa: E402
 from unilateral.problems.problem import Problem  # noqa: E402
-from unilateral.solution import certification, solver  # noqa: E402
+from unilateral.solution import certification  # noqa: E402
 
-# What the library imports for types only.
-for module in (certification, solver):
-    module.Problem = Problem
+certification.Problem = Problem  # which it imports for types only
 
 project = "unilateral"
 author = project_copyright = "The unilateral developers"

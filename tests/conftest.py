@@ -74,10 +74,21 @@ def pytest_sessionfinish():
         recorder.write()
 
 
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    report = yield
+    item.passed = call.when == "call" and report.passed
+    return report
+
+
 @pytest.fixture(autouse=True)
 def sentences_of_a_test(request, tmp_path_factory):
+    """A test that passes has said all sentences that are stored for it."""
     recorder.temporary = str(tmp_path_factory.getbasetemp())
     recorder.begin(request.node.nodeid)
+    yield
+    if request.node.passed and not recorder.rewriting:
+        assert recorder.unsaid() == []
 
 
 def pytest_collection():

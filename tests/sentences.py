@@ -70,6 +70,10 @@ class Recorder:
         self.count += 1
         assert text == stored, f"tests/sentences.yaml has another sentence here: {stored}\nbut now: {text}"
 
+    def unsaid(self) -> list[str]:
+        """The stored sentences that the running test, which has ended, did not come to."""
+        return self.stored.get(self.file, {}).get(self.test, [])[self.count :]
+
     def lost(self) -> list[tuple[str, str]]:
         """The files and names of stored tests that are no longer there."""
         return [

@@ -1,5 +1,6 @@
 """The digest of a script's code: what changes it, and what does not."""
 
+import ast
 from functools import cache
 from pathlib import Path
 
@@ -115,3 +116,51 @@ def test_a_figure_depends_on_its_own_module_and_on_no_other_figure_s(monkeypatch
         if script.startswith("draw_"):
             files = code.used_files(f"workflow/scripts/{script}.py")
             assert sum(file.stem.endswith("figure") for file in files) == 1
+
+
+def unseen(source):
+    """The lines of a module on which it uses code, or a text for readers, in a way that no digest sees."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        match node:
+            case ast.Import(names=names) if any(alias.name == "unilateral" for alias in names):
+                found.append(node.lineno)  # whose names are imported when they are asked for
+            case ast.ImportFrom(module="unilateral", names=names):
+                modules = {file.stem for file in (ROOT / "src/unilateral").iterdir()} | {"__version__"}
+                found += [node.lineno for alias in names if alias.name not in modules]
+            case ast.ImportFrom(level=level) if level:
+                found.append(node.lineno)
+            case ast.Name(id="import_module" | "__import__" | "__doc__" | "getdoc"):
+                found.append(node.lineno)
+            case ast.Attribute(attr="import_module" | "__doc__" | "getdoc"):
+                found.append(node.lineno)
+    return found
+
+
+def test_scripts_use_nothing_that_their_digests_do_not_see(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    programs = [f"workflow/scripts/{script}.py" for script in SCRIPTS]
+    files = {file for program in programs for file in code.used_files(program) if file.suffix == ".py"}
+    files.remove(Path("src/unilateral/__init__.py"))  # whose public names are for users
+    assert len(files) > 200
+    assert {str(file): lines for file in files if (lines := unseen(file.read_text(encoding="utf-8")))} == {}
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "import unilateral as ul",
+        "from unilateral import solve",
+        "from . import tables",
+        "from .tables import load",
+        "importlib.import_module('study.tables')",
+        "print(function.__doc__)",
+    ],
+)
+def test_what_digests_do_not_see_is_noticed(line):
+    """Control."""
+    assert unseen(f"x = 1\n{line}") == [2]
+
+
+def test_imports_of_modules_are_seen():
+    assert unseen("from unilateral import __version__, errors\nfrom study import tables") == []

@@ -32,6 +32,16 @@ def test_another_sentence_name_or_kind_fails(error, names, message, monkeypatch)
         raise InputError("mesh.csv, line 2: 'x' is no number")
 
 
+def test_a_stored_sentence_that_a_test_does_not_come_to_is_noticed():
+    recorder = sentences.Recorder()
+    recorder.stored = {"a.py": {"test": ["one", "two"]}}
+    recorder.begin("a.py::test")
+    recorder.check("one")
+    assert recorder.unsaid() == ["two"]
+    recorder.check("two")
+    assert recorder.unsaid() == []
+
+
 def test_a_rewrite_stores_what_the_tests_say_now(tmp_path, monkeypatch):
     """Of the functions that run; others keep theirs, and those that are gone lose them.
 

@@ -13,11 +13,10 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-import unilateral
 from unilateral.arrays import Array, Index
 from unilateral.bounds.equilibrated_flux import equilibrated, flows
 from unilateral.certificates.statement import has_formulas, state_problem
@@ -30,9 +29,6 @@ from unilateral.problems.piecewise import ORDER, SIGNS, on_intervals
 from unilateral.problems.problem import Problem
 from unilateral.problems.units import Units
 from unilateral.system.files import replacing
-
-if TYPE_CHECKING:
-    from unilateral.problems.problem import Problem
 
 FORMAT = "unilateral certificate 1"
 CERTIFICATE_ENDINGS: dict[str, list[str]] = {".json": [], ".gz": []}
@@ -212,7 +208,7 @@ def write_certificate(record: dict[str, Any], path: str | os.PathLike[str]) -> N
 def checker_of(problem: Problem) -> Path:
     """The program that checks certificates of a problem: it is installed, or in the project's folder."""
     name = "check_formulas.py" if has_formulas(state_problem(problem)) else "check.py"
-    package = Path(unilateral.__file__).parent
+    package = Path(__file__).parents[1]
     installed = package / "checker" / name
     file = installed if installed.is_file() else package.parents[1] / "certificate" / name
     return file.relative_to(Path.cwd()) if file.is_relative_to(Path.cwd()) else file

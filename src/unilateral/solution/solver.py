@@ -6,7 +6,6 @@ import os
 import warnings
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
@@ -30,9 +29,6 @@ from unilateral.solution.matrices import Matrices, matrices
 from unilateral.solution.sizes import Size, check_kind, number, sized
 from unilateral.solution.solution import Solution, make_solution
 from unilateral.solvers.stop import Stop
-
-if TYPE_CHECKING:
-    from unilateral.problems.problem import Problem
 
 
 class Solver:
