@@ -19,9 +19,9 @@ FETCHED = {"src", "srcset", "poster", "data", "background"}
 IN_STYLES = re.compile(r"""@import\s+["']?([^"';)]+)|url\(\s*["']?([^"')]+)""")
 
 
-def built(folder, sources=ROOT, *options, configured="docs"):
+def built(folder, sources=ROOT, configured="docs"):
     """What `make docs` runs, into that folder."""
-    command = [sys.executable, "-m", "sphinx", "-qWE", "-c", configured, *options, str(sources), str(folder)]
+    command = [sys.executable, "-m", "sphinx", "-qWE", "-c", configured, str(sources), str(folder)]
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
 
 
@@ -95,16 +95,6 @@ def test_links_lead_somewhere_and_nothing_is_fetched_from_elsewhere(site):
     assert faults(site) == []
 
 
-def test_without_the_typeset_paper_links_lead_to_the_page_that_says_how_to_make_it(tmp_path):
-    """All pages are built once more, which takes seconds; notebooks are not run."""
-    run = built(tmp_path, ROOT, "-D", "typeset_paper=", "-D", "nb_execution_mode=off")
-    assert (run.returncode, run.stderr) == (0, "")
-    assert faults(tmp_path) == []
-    links = Page((tmp_path / "docs/accuracy.html").read_text(encoding="utf-8")).links
-    assert "paper.html" in links
-    assert not any(link.startswith("../") and link.endswith("#sec-total") for link in links)
-
-
 NOTEBOOK = """---
 file_format: mystnb
 kernelspec: { name: python3 }
@@ -119,15 +109,29 @@ print(6 * 7)
 
 @pytest.fixture(scope="module")
 def own_pages(tmp_path_factory):
-    """A page with links of the repository, and a notebook: built without a warning."""
+    """Pages by the configuration of the project's, in a folder without the study: built without a warning.
+
+    One has links of the repository, two are notebooks. Of the tables that the one about the study opens,
+    those of the scene `quick` are there, as after `make quick`.
+    """
     folder = tmp_path_factory.mktemp("own")
-    (folder / "sources/docs").mkdir(parents=True)
-    (folder / "sources/README.md").write_text("# Other\n")
-    links = "[a folder](../docs), [another text](../README.md), [this page](index.md#home)"
-    contents = "```{toctree}\nnotebook\n```\n"
-    (folder / "sources/docs/index.md").write_text(f"# Home\n\n{links}\n\n{contents}")
-    (folder / "sources/docs/notebook.md").write_text(NOTEBOOK)
-    run = built(folder / "pages", folder / "sources")
+    (folder / "docs/notebooks").mkdir(parents=True)
+    for name in ("conf.py", "rendering.py", "site", "static"):
+        (folder / "docs" / name).symlink_to(ROOT / "docs" / name)
+    for name in ("quick/errors.nc", "quick/rates.nc", "square/rates.nc"):
+        (folder / "results" / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / "results" / name).touch()
+    for name in ("README", "paper", "supplement"):
+        (folder / f"{name}.md").write_text("# Other\n")
+    links = "[a folder](../docs), [another text](../README.md), [this page](index.md#home), "
+    links += "[the paper](../paper.md), [a part](../supplement.md#sec-total)"
+    contents = "```{toctree}\npaper\nnotebook\nnotebooks/study-tables\n```\n"
+    (folder / "docs/index.md").write_text(f"# Home\n\n{links}\n\n{contents}")
+    (folder / "docs/paper.md").write_text("# How to make it\n")
+    (folder / "docs/notebook.md").write_text(NOTEBOOK)
+    text = (ROOT / "docs/notebooks/study-tables.md").read_text(encoding="utf-8")
+    (folder / "docs/notebooks/study-tables.md").write_text(re.sub(r"\]\(\.\.[^)]+\)", "]", text))
+    run = built(folder / "pages", folder, configured=str(folder / "docs"))
     assert (run.returncode, run.stderr) == (0, "")
     return folder / "pages/docs"
 
@@ -138,9 +142,31 @@ def test_links_of_the_repository_to_what_is_no_page_are_text(own_pages):
     assert "<p>a folder, another text, <a " in text
 
 
+def test_without_the_typeset_paper_links_lead_to_the_page_that_says_how_to_make_it(own_pages):
+    """Pages in other folders have no such links."""
+    links = Page((own_pages / "index.html").read_text(encoding="utf-8")).links
+    assert links.count("paper.html") >= 3  # the two, and the one of the contents
+    assert not any("sec-total" in link for link in links)
+    to_a_paper = re.compile(r"\]\([./]*(paper|supplement)\.md(#[\w-]+)?\)")
+    assert to_a_paper.search((ROOT / "docs/accuracy.md").read_text(encoding="utf-8"))
+    elsewhere = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
+    for folder in ("docs/notebooks", "manufactured", "benchmarks"):
+        elsewhere += (ROOT / folder).glob("*.md")
+    assert not [file for file in elsewhere if to_a_paper.search(file.read_text(encoding="utf-8"))]
+
+
 def test_a_notebook_shows_what_it_prints(own_pages):
     """Control of the notebook that fails, below."""
     assert ">42\n" in (own_pages / "notebook.html").read_text(encoding="utf-8")
+
+
+UNREAD = "This page was built without the study"
+
+
+def test_without_results_the_notebook_about_them_says_what_to_run(own_pages):
+    page = (own_pages / "notebooks/study-tables.html").read_text(encoding="utf-8")
+    assert UNREAD in page
+    assert "cell_output" not in page
 
 
 SPOILT = {
@@ -227,31 +253,6 @@ def test_a_notebook_that_fails_refuses_the_pages(tmp_path):
     (tmp_path / "sources/docs").mkdir(parents=True)
     (tmp_path / "sources/docs/index.md").write_text(NOTEBOOK.replace("6 * 7", "1 / 0"))
     assert built(tmp_path / "pages", tmp_path / "sources").returncode != 0
-
-
-UNREAD = "This page was built without the study"
-
-
-def test_without_results_the_notebook_about_them_says_what_to_run(tmp_path):
-    """The configuration of the pages, in a folder without one of the two tables that it opens.
-
-    Those of the scene `quick` are there, as after `make quick`.
-    """
-    for table in ("quick/errors.nc", "quick/rates.nc", "square/rates.nc"):
-        (tmp_path / "results" / table).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / "results" / table).touch()
-    (tmp_path / "docs/notebooks").mkdir(parents=True)
-    for name in ("conf.py", "rendering.py", "site", "static"):
-        (tmp_path / "docs" / name).symlink_to(ROOT / "docs" / name)
-    own = "# Home\n\n```{toctree}\nnotebooks/study-tables\n```\n"
-    (tmp_path / "docs/index.md").write_text(own)
-    text = (ROOT / "docs/notebooks/study-tables.md").read_text(encoding="utf-8")
-    (tmp_path / "docs/notebooks/study-tables.md").write_text(re.sub(r"\]\(\.\.[^)]+\)", "]", text))
-    run = built(tmp_path / "pages", tmp_path, configured=str(tmp_path / "docs"))
-    assert (run.returncode, run.stderr) == (0, "")
-    page = (tmp_path / "pages/docs/notebooks/study-tables.html").read_text(encoding="utf-8")
-    assert UNREAD in page
-    assert "cell_output" not in page
 
 
 def documented():
