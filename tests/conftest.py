@@ -50,6 +50,7 @@ NEED_RESULTS = (
     "test_manifest.py",
     "test_report.py",
     "test_surveys.py",
+    "test_workflow.py",
 )
 OTHERS = ("conftest", "study", "unilateral")
 """What a file of tests imports, and did not build for itself."""
@@ -133,7 +134,7 @@ def load(name, polygon="square", side=0):
 
 @pytest.fixture
 def shared_cases(monkeypatch):
-    """Cases of the catalogue are loaded once, and their obstacles enclosed once, whoever asks for them."""
+    """Cases of the catalogue are loaded, enclosed and certified once, whoever asks for them."""
 
     def shared(case, polygon, side=0):
         of_catalogue = str(case) in cases.names() and polygon.name in polygon_names()
@@ -142,6 +143,7 @@ def shared_cases(monkeypatch):
         return load_case(case, polygon, side)
 
     monkeypatch.setattr(cases, "load", shared)
+    monkeypatch.setattr("unilateral.cli.cases.certify", certificate)
 
 
 def home(name):
@@ -151,8 +153,12 @@ def home(name):
 
 
 @cache
+def certificate(case):
+    return certify(case)
+
+
 def certified(name, polygon="square", side=0):
-    return certify(load(name, polygon, side))
+    return certificate(load(name, polygon, side))
 
 
 @cache
