@@ -226,19 +226,17 @@ def test_a_table_that_was_made_with_what_there_is_now_is_read(made, other):
 
 
 OLDER = {
-    "value": ({"H": ["1/8", "1/32"]}, 'scenes.square.H.1: "1/16", and the configuration has "1/32"'),
-    "more": ({"H": ["1/8", "1/16"], "h": 1}, "scenes.square.h: nothing, and the configuration has 1"),
-    "fewer": ({"H": ["1/8"]}, 'scenes.square.H.1: "1/16", and the configuration has nothing'),
-    "none": (None, 'scenes.square: {"H": ["1/8", "1/16"]}, and the configuration has nothing'),
+    "value": {"H": ["1/8", "1/32"]},
+    "more": {"H": ["1/8", "1/16"], "h": 1},
+    "fewer": {"H": ["1/8"]},
+    "none": None,
 }
 
 
 @pytest.mark.parametrize("change", OLDER)
 def test_a_table_that_was_made_with_other_parameters_is_refused(made, change):
-    scene, said = OLDER[change]
-    said = f"{made} was made with {said}; 'snakemake -j2 -f {made}' makes it anew"
-    with pytest.raises(StorageError, match=re.escape(said)):
-        tables.load(made, {"scenes": {"square": scene}})
+    with sentences.raises(StorageError, str(made)):
+        tables.load(made, {"scenes": {"square": OLDER[change]}})
 
 
 def test_levels_are_put_along_mesh():

@@ -23,6 +23,7 @@ from unilateral.exchange.exported_folder import exported, foreign
 from unilateral.exchange.score import score
 from unilateral.fem.p1 import stiffness_and_mass
 
+pytestmark = pytest.mark.usefixtures("levels_solved_once")
 CASES = {"clamped": (2, 0), "clamped_270": (1, 0), "clamped_90": (3, 1)}
 """The side that is clamped, and c."""
 
