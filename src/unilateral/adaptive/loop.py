@@ -45,7 +45,7 @@ from unilateral.adaptive.marking import (
     least_unknowns,
     wanted_division,
 )
-from unilateral.bounds.source import enclosed
+from unilateral.bounds.mesh_data import enclose_data
 from unilateral.discrete.base import AIM, DiscreteProblem
 from unilateral.discrete.choice import check_condensed, wants_multigrid
 from unilateral.discrete.condensed import discretise
@@ -282,8 +282,12 @@ def discretise_on(
         assert isinstance(before, MultilevelProblem | None)
         return discretise_nested(problem, mesh, before, levels[-1].solved if levels else None)
     check_condensed(mesh.mesh, mesh.partition)
-    discrete = discretise(problem, mesh.mesh, mesh.partition)
-    return discrete if discrete.source else replace(discrete, source=enclosed(mesh.mesh, problem))
+    condensed = discretise(problem, mesh.mesh, mesh.partition)
+    return (
+        condensed
+        if condensed.data
+        else replace(condensed, data=enclose_data(problem, mesh.mesh, condensed.form))
+    )
 
 
 def solve(

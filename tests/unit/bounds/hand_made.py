@@ -11,6 +11,8 @@ from symbolic import X, Y, evaluate
 
 from unilateral.bounds import source
 from unilateral.bounds.boundary_flux import nothing
+from unilateral.bounds.constraint import constraint
+from unilateral.bounds.mesh_data import MeshData
 from unilateral.discrete.condensed import solve
 from unilateral.fem.condense import condense
 from unilateral.fem.form import Form
@@ -96,7 +98,9 @@ def given_to(problem, mesh, cells, u_h, lambda_H, free=()):
         g = problem.enclosed_obstacle
     else:
         g = problem.enclosed(free)
-    return enclosed(mesh, problem), g, cells, u_h, lambda_H, nothing(mesh), Form(free=free)
+    form = Form(free=free)
+    data = MeshData(enclosed(mesh, problem), constraint(g, mesh, form), nothing(mesh), balance=None)
+    return data, cells, u_h, lambda_H, form
 
 
 def u_of(problem, mesh, cells, lambda_H):

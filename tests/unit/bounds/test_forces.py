@@ -183,7 +183,7 @@ def test_without_a_bound_of_lambda_there_is_none_of_the_force():
 def test_of_a_solution_from_python():
     s = ul.solve(ul.case("natural"), h=1 / 16, H=1 / 8)
     local, sharp = s.forces(), s.forces(sharp=True)
-    exact = exact_forces(s.solved.data.exact, s.partition)[0]
+    exact = exact_forces(s.problem.exact, s.partition)[0]
     assert local.whole.lower < sharp.whole.lower <= exact <= sharp.whole.upper < local.whole.upper
     assert len(local.sides) == 4
     assert local.whole.value == pytest.approx(sum(side.value for side in local.sides))
