@@ -8,7 +8,7 @@ from unilateral.arrays import Array
 from unilateral.bounds.boundary_flux import Given, given
 from unilateral.bounds.constraint import Constraint, constraint
 from unilateral.bounds.forces import balance
-from unilateral.bounds.source import Source, source_of
+from unilateral.bounds.source import Source, enclose_source
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import edge_load
 from unilateral.geometry.mesh import Mesh
@@ -51,7 +51,7 @@ def enclose_data(problem: Data, mesh: Mesh, form: Form, source: Source | None = 
     flux = problem.enclosed_flux
     tau = given(flux, mesh, form)
     if source is None:
-        source = source_of(mesh, problem)
+        source = enclose_source(mesh, problem.source)
     return MeshData(
         source=source,
         constraint=constraint(problem.enclosed_obstacle, mesh, form),

@@ -17,7 +17,7 @@ from scipy.linalg.blas import dnrm2
 from unilateral.arrays import Array, Index
 from unilateral.bounds.constraint import constraint
 from unilateral.bounds.mesh_data import MeshData, enclose_data
-from unilateral.bounds.source import Source, enclosed
+from unilateral.bounds.source import Source, enclose_source
 from unilateral.discrete.base import AIM, DiscreteProblem
 from unilateral.discrete.loads import case_load, form_of, obstacle_means
 from unilateral.discrete.solution import DiscreteSolution
@@ -173,7 +173,9 @@ def on_levels(
 
 
 def _extended(clamped_values: Array, mesh: Mesh, form: Form) -> Array:
-    """(n,) the function with these values (n,) on clamped sides that falls to 0 on triangles of the first mesh.
+    """(n,) the function that has these values (n,) on clamped sides, and is 0 beyond a layer of triangles.
+
+    The layer is that of the first mesh.
 
     In nested iteration u_h less this function is as smooth as u_h, but for what the values are not linear.
     """
@@ -198,7 +200,7 @@ def discretise_nested(
     enclosed on new triangles only, and the iteration begins at that solution.
     """
     mesh = of.mesh
-    source = enclosed(mesh, problem, before.data.source if before and before.data else None)
+    source = enclose_source(mesh, problem.source, before.data.source if before and before.data else None)
     form = before.form if before else form_of(problem, mesh)
     levels = hierarchy(mesh, before.spaces.levels if before else None, form)
     guess = np.zeros(mesh.n_nodes)

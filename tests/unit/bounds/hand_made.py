@@ -71,7 +71,11 @@ class Manufactured:
         u = self.u(*points) + np.zeros(len(s))
         return u, self.u_x(*points) * out_x + self.u_y(*points) * out_y, u - self.g(*points)
 
-    def source_model(self, x, y, steps):
+    @property
+    def source(self):
+        return self
+
+    def model(self, x, y, steps):
         return evaluate(self.formulas[0], {X: x, Y: y})
 
     def enclosed(self, free=()):
@@ -88,7 +92,7 @@ class Manufactured:
 
 @cache
 def enclosed(mesh, problem):
-    return source.enclosed(mesh, problem)
+    return source.enclosed(mesh, problem.source)
 
 
 def given_to(problem, mesh, cells, u_h, lambda_H, free=()):

@@ -242,7 +242,7 @@ def test_f_is_enclosed_where_displaced_nodes_put_it():
     polygon = Polygon(KITE, doubt=1e-3)
     mesh = meshes.unstructured(polygon, 0.3)
     g = (exact_number(-9),) * polygon.n_sides
-    source = enclosed(mesh, Problem("moved", polygon, plain(3 * X), g, ()))
+    source = enclosed(mesh, Problem("moved", polygon, plain(3 * X), g, ()).source)
     assert np.all(source.rest >= 3e-3 * np.sqrt(mesh.areas))
 
 
@@ -251,7 +251,7 @@ def test_what_the_sharp_bound_adds_to_the_flux_is_displaced_too():
     polygon = Polygon(KITE, doubt=1e-6)
     mesh, rng = meshes.unstructured(polygon, 0.3), np.random.default_rng(9)
     problem = Problem("waves", polygon, plain(sympy.sin(3 * X) * Y), (exact_number(-9),) * 4, ())
-    source, sigma = enclosed(mesh, problem), np.zeros((len(mesh.boundary), 2))
+    source, sigma = enclosed(mesh, problem.source), np.zeros((len(mesh.boundary), 2))
     away = sharp_bounds._away(quadratic(mesh), source, np.zeros(mesh.n_nodes), sigma)
     phi = rng.uniform(-1, 1, away.spaces.size)
     of_curl = linear_squares(mesh.areas, away.spaces.gradient(phi))

@@ -145,8 +145,8 @@ def test_f_is_enclosed_once(monkeypatch, made):
     found = made(problem)
     solved, source = found.solved(EXACTLY), found.data.source
     np.testing.assert_array_equal(load_vector(found.mesh, source.moments()), found.load)
-    np.testing.assert_array_equal(source.moments(), enclosed(found.mesh, problem).moments())
-    monkeypatch.setattr(mesh_data, "source_of", None)
+    np.testing.assert_array_equal(source.moments(), enclosed(found.mesh, problem.source).moments())
+    monkeypatch.setattr(mesh_data, "enclose_source", None)
     assert solved.bound().residual <= 1e-9
     assert solved.bound().u >= solved.bound().flux > 0.01
 

@@ -32,7 +32,7 @@ COUNTED = {
     "couplings": (choice, "mixed_spaces"),
     "hierarchies": (multilevel, "hierarchy"),
     "cells": (multilevel, "nested_cells"),
-    "enclosures of f": (mesh_data, "source_of"),
+    "enclosures of f": (mesh_data, "enclose_source"),
 }
 
 
