@@ -173,9 +173,7 @@ def on_levels(
 
 
 def _extended(clamped_values: Array, mesh: Mesh, form: Form) -> Array:
-    """(n,) the function that has these values (n,) on clamped sides, and is 0 beyond a layer of triangles.
-
-    The layer is that of the first mesh.
+    """(n,) the function with these values on clamped sides, which falls to 0 on triangles of the first mesh.
 
     In nested iteration u_h less this function is as smooth as u_h, but for what the values are not linear.
     """
