@@ -152,12 +152,13 @@ def search(
     BudgetError
         Where a limit does not suffice for the first level.
     InputError
-        Where the first mesh cannot be made, or has more unknowns than the goal allows.
+        Where the first mesh cannot be made, or has more unknowns than the goal allows; and by `tell`.
     """
     begin = perf_counter() if begin is None else begin
     levels: list[Level] = []
     discrete: DiscreteProblem | None = None
     predicted = math.inf
+    own_error: InputError | None = None  # of `tell`, which refuses no mesh
     try:
         forget_peak()
         check_limits(problem.polygon, goal, perf_counter() - begin)
@@ -184,7 +185,11 @@ def search(
                 seconds = predict_seconds(levels, unknowns)
                 levels[-1] = replace(levels[-1], next_unknowns=unknowns, next_seconds=seconds)
             if tell:
-                tell(levels[-1])
+                try:
+                    tell(levels[-1])
+                except InputError as error:
+                    own_error = error
+                    raise
             if not division:
                 return conclude(levels, fault, dry_run)
 
@@ -194,7 +199,7 @@ def search(
             predicted = division.left * levels[-1].total
             mesh = divided_mesh(mesh, division.halvings)
     except (KeyboardInterrupt, MemoryError, InputError) as stopped:
-        if not levels:
+        if not levels or stopped is own_error:
             raise
         if isinstance(stopped, KeyboardInterrupt):
             return make_search(levels, INTERRUPTED)

@@ -20,6 +20,7 @@ from unilateral.adaptive.marking import (
     refinement_pays,
 )
 from unilateral.discrete.multilevel import refinements
+from unilateral.errors import InputError
 from unilateral.fem.p1 import h1_norm
 from unilateral.geometry.adapted import adapted, marked
 from unilateral.geometry.adapted import divided as divided_mesh
@@ -207,6 +208,14 @@ def test_an_interrupt_keeps_the_best():
     assert found.ended == "interrupted"
     assert found.best is found.levels[-1]
     assert found.best.solved.mesh.adapted
+
+
+def test_what_tell_raises_is_not_taken_for_a_refused_mesh():
+    def refusing(level):
+        raise InputError("mine")
+
+    with pytest.raises(InputError, match="mine"):
+        search(problem(LSHAPE), Goal(0.2), tell=refusing)
 
 
 def test_a_solution_known_on_a_polygon_that_is_not_convex(problem_of):
