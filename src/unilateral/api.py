@@ -229,8 +229,8 @@ def solve(
         other_norm = not (isinstance(norm, str) and norm == NORMS[0])
         _check_sizes_alone(limits, absolute=absolute, dry_run=dry_run, norm=other_norm)
         stop = stop or Stop()
-        problem, own_mesh, partition = put_on_sizes(problem, h, H, mesh, stop)
-        solution = make_solution(solve_on(own_mesh, partition, scaled(problem), stop), problem)
+        problem, triangulation, partition = put_on_sizes(problem, h, H, mesh, stop)
+        solution = make_solution(solve_on(scaled(problem), triangulation, partition, stop), problem)
         tell_faults(solution, on_own_mesh)
         return solution
     if h is not None or H is not None or isinstance(mesh, Mesh):

@@ -49,7 +49,7 @@ DENSE = 64
 """Bytes per entry of A_3 or S: about eight matrices of that size are held."""
 
 
-def choose_spaces(mesh: Mesh, partition: Partition, problem: Data, stop: Stop) -> Spaces:
+def choose_spaces(problem: Data, mesh: Mesh, partition: Partition, stop: Stop) -> Spaces:
     """The spaces of a problem, on nested levels where these pay and can follow the partition.
 
     The mesh and the partition may be in other units of length than the problem. If levels do not pay, the
@@ -73,7 +73,7 @@ def choose_spaces(mesh: Mesh, partition: Partition, problem: Data, stop: Stop) -
     return condensed_spaces(mesh, partition, form)
 
 
-def discretise_on(spaces: Spaces, problem: Data, source: Source | None = None) -> DiscreteProblem:
+def discretise_on(problem: Data, spaces: Spaces, source: Source | None = None) -> DiscreteProblem:
     """The problem on its spaces, with f as the `source` has it, if that is known."""
     if isinstance(spaces, MixedSpaces):
         return on_spaces(problem, spaces, source)
@@ -82,9 +82,9 @@ def discretise_on(spaces: Spaces, problem: Data, source: Source | None = None) -
     return on_levels(problem, spaces, source)
 
 
-def solve_on(mesh: Mesh, partition: Partition, problem: Data, stop: Stop) -> DiscreteSolution:
+def solve_on(problem: Data, mesh: Mesh, partition: Partition, stop: Stop) -> DiscreteSolution:
     """(u_h, lambda_H) on a mesh and a partition, as `choose_spaces` takes them."""
-    discrete = discretise_on(choose_spaces(mesh, partition, problem, stop), problem)
+    discrete = discretise_on(problem, choose_spaces(problem, mesh, partition, stop))
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
         return discrete.solved(stop)
 

@@ -39,7 +39,7 @@ def certify(problem: Problem, mesh: Mesh, u: ArrayLike, multiplier: ArrayLike | 
     values = nodal_values(u, "u")
     _check(values, mesh.n_nodes, "u", "node (of a second-order function: each corner of a triangle)")
     if multiplier is None:
-        own = solve_on(mesh, edge_pairs(mesh), data, Stop())  # the bounds hold for any lambda_H
+        own = solve_on(data, mesh, edge_pairs(mesh), Stop())  # the bounds hold for any lambda_H
     else:
         without = np.isin(mesh.side, (*problem.free_sides, *problem.clamped_sides))
         scaled_mesh = meshes.similar(mesh, data.polygon)

@@ -81,7 +81,7 @@ class Solver:
             known, number("h", h), number("H", H), mesh, self.stop
         )
         self._data = scaled(self.problem)
-        self._spaces = choose_spaces(self.mesh, self.partition, self._data, self.stop)
+        self._spaces = choose_spaces(self._data, self.mesh, self.partition, self.stop)
         self._sources: dict[Expression, Source] = {}
 
     def __call__(self, f: Given = None, g: OnSides = None, q: OnSides = None) -> Solution:
@@ -116,7 +116,7 @@ class Solver:
         data = self._data if problem is self.problem else scaled(problem)
         formula = problem.f if isinstance(problem.f, Expression) and problem.exact is None else None
         known = None if formula is None else self._sources.get(formula)
-        discrete = discretise_on(self._spaces, data, known)
+        discrete = discretise_on(data, self._spaces, known)
         if formula is not None and discrete.data:
             self._sources = {each: kept for each, kept in self._sources.items() if each == self.problem.f}
             self._sources[formula] = discrete.data.source
