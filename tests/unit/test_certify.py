@@ -155,7 +155,7 @@ def test_the_index_does_not_grow_on_finer_meshes(natural):
         mesh = mesh_of(natural, n)
         found = certified(natural, mesh, OtherSolver(natural, mesh).constrained())
         indices.append(index(found))
-        own = replace(found.solved, potential=None).local_bound
+        own = replace(found.bounded, potential=None).local_bound
         of_own_flux.append(own.u / found.true_errors(dual=False).h1)
     assert max(indices) == indices[0]
     assert of_own_flux[2] > 1.2 * indices[2]

@@ -117,7 +117,12 @@ class DiscreteSolution:
         if self.data is None:
             return None
         return estimate(
-            self.data, self.partition, self.u_h, self.lambda_H, self.form, potential=self.potential
+            self.data,
+            self.partition,
+            self.u_h,
+            self.lambda_H,
+            self.form,
+            self.potential,
         )
 
     @cached_property
