@@ -185,7 +185,7 @@ def test_where_curves_cross_the_sides(kink, crossings, size):
 
 
 TEST_FUNCTIONS = ("1", "x", "y", "x*y", "cos(3*x + y)")
-GREEN = [  # a place, the test function, None for u itself, the mesh, the degree of the rule, the defect
+GREEN = [  # a place, the test function, None for u itself, h, the degree of the rule, the defect
     *[
         (place, v, 1 / 12 if place[0] == "smooth" else 1 / 8, 14, 1e-9)
         for place in (
@@ -197,7 +197,7 @@ GREEN = [  # a place, the test function, None for u itself, the mesh, the degree
         for v in TEST_FUNCTIONS
     ],
     *[((name, polygon, 0), None, 1 / 12, 14, 1e-8) for name, (polygon, *_) in IRREGULAR.items()],
-    (("violates_jjj", "square", 0), None, 1 / 12, None, 1e-4),
+    (("violates_jjj", "square", 0), None, 1 / 12, 5, 1e-4),
 ]
 
 
