@@ -14,6 +14,8 @@ from unilateral.discrete.solution import DiscreteSolution
 from unilateral.problems.fields import as_html
 from unilateral.solution import summary
 
+pytestmark = pytest.mark.usefixtures("shared_cases")
+
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 SIZES = {"h": 1 / 16, "H": 1 / 8}
 
