@@ -5,6 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+import sentences
 from nested import alone
 
 import unilateral as ul
@@ -253,9 +254,9 @@ def test_arrays_that_do_not_fit_are_refused(f, g, message):
 
 
 def test_an_array_without_a_mesh_is_refused():
-    with pytest.raises(ul.InputError, match="give the mesh in place of the polygon"):
+    with sentences.raises(ul.InputError, "mesh"):
         ul.Problem(KITE, X, 0)
-    with pytest.raises(ul.InputError, match="give the mesh in place of the polygon"):
+    with sentences.raises(ul.InputError, "mesh"):
         ul.Problem(KITE, 0, [0, 0, X, 0])
     assert ul.Problem(KITE, np.float64(3), np.array(0)).f.rational == 3
 
@@ -263,13 +264,12 @@ def test_an_array_without_a_mesh_is_refused():
 @pytest.mark.parametrize("given", [-0.002, "-1/500", lambda x, y: 0 * x - 0.002, 0 * X - 0.002])
 def test_an_obstacle_on_a_free_side_is_refused_however_it_is_given(given):
     """As one on a clamped side. Control: null there, and one for all sides, which is for the other ones."""
-    message = r"field g\[3\]: side 3 is free; write null, or take it out of free_sides"
-    with pytest.raises(ul.InputError, match=message):
+    with sentences.raises(ul.InputError, "g[3]", "free_sides"):
         ul.Problem(MESH, -1, [-0.001, None, None, given], free_sides=[1, 2, 3])
     solver = ul.Solver(MESH, H=0.3, free_sides=[1, 2, 3])
-    with pytest.raises(ul.InputError, match=message):
+    with sentences.raises(ul.InputError, "g[3]", "free_sides"):
         solver(-1, [-0.001, None, None, given])
-    with pytest.raises(ul.InputError, match=r"field g\[3\]: side 3 is clamped"):
+    with sentences.raises(ul.InputError, "g[3]", "clamped"):
         ul.Problem(MESH, -1, [-0.001, None, None, given], free_sides=[1, 2], u={3: 0})
     for accepted in ([given, None, None, None], given):
         assert ul.Problem(MESH, -1, accepted, free_sides=[1, 2, 3]).free_sides == (1, 2, 3)
