@@ -81,6 +81,35 @@ def polar_factor(entry, omega):
     return times * v
 
 
+def quotient(fraction):
+    return mpmath.mpf(fraction.p) / fraction.q
+
+
+def turned(derived):
+    """The parts of an atom in polar coordinates, in Cartesian ones with the same origin."""
+
+    def parts(along, into):
+        r, theta = mpmath.hypot(along, into), mpmath.atan2(into, along) % (2 * mpmath.pi)
+        v, outward, around, laplacian = derived(r, theta)
+        c, s = mpmath.cos(theta), mpmath.sin(theta)
+        return [v, outward * c - around * s, outward * s + around * c, laplacian]
+
+    return parts
+
+
+def sum_of_intervals(intervals):
+    """The sum of atoms (a, b, their parts), each of which is 0 beyond the distance b - a from a."""
+    places = [
+        (mpmath.mpf(a.p) / a.q, mpmath.mpf((b - a).p) / (b - a).q, turned(of)) for a, b, of in intervals
+    ]
+
+    def parts(along, into):
+        near = [of(along - a, into) for a, reach, of in places if mpmath.hypot(along - a, into) < reach]
+        return [mpmath.fsum(each) for each in zip(*near, strict=True)] or [mpmath.mpf(0)] * 4
+
+    return parts
+
+
 class Oracle:
     """u, grad u, f, lambda and the gap of a case, from its declaration."""
 
@@ -116,8 +145,8 @@ class Oracle:
             unit = {"alpha": entry["alpha"], "cutoff": 1}
             derived = derive(cut_off(polar_factor(unit, None), unit), polar=True)
             alpha = exact(entry["alpha"])
-            for a, b in contact_intervals(entry):
-                self.atoms.append(self.on_side(side, a, self.scaled(derived, b - a, alpha), reach=b - a))
+            intervals = [(a, b, self.scaled(derived, b - a, alpha)) for a, b in contact_intervals(entry)]
+            self.atoms.append(self.on_side(side, 0, sum_of_intervals(intervals), polar=False))
         else:
             angle = (
                 sympy.nsimplify(self.polygon.angles[side] / np.pi, rational=True, tolerance=1e-9) * sympy.pi
@@ -128,35 +157,27 @@ class Oracle:
     @staticmethod
     def scaled(derived, length, alpha):
         """The unit atom on a contact of another length: v(r) = l^(1 + alpha) v_1(r / l)."""
-        size = mpmath.mpf(length.p) / length.q
+        size = quotient(length)
 
         def parts(r, theta):
             v, along, across, laplacian = derived(r / size, theta)
-            factor = size ** (1 + mpmath.mpf(alpha.p) / alpha.q)
+            factor = size ** (1 + quotient(alpha))
             return factor * v, factor * along / size, factor * across / size, factor * laplacian / size**2
 
         return parts
 
-    def on_side(self, side, t, derived, polar=True, reach=None):
+    def on_side(self, side, t, derived, polar=True):
         """u, its two derivatives and its Laplacian by x and y, of L v(x / L)."""
         a, b = (self.vertices[i % self.polygon.n_sides] for i in (side, side + 1))
         length = mpmath.hypot(b[0] - a[0], b[1] - a[1])
         p, q = ((b[i] - a[i]) / length for i in range(2))
-        t = mpmath.mpf(t.p) / t.q if t else mpmath.mpf(0)
-        reach = mpmath.inf if reach is None else mpmath.mpf(reach.p) / reach.q
+        t = quotient(t) if t else mpmath.mpf(0)
 
         def parts(x, y):
             dx, dy = (x - a[0]) / length - t * p, (y - a[1]) / length - t * q
             along, into = p * dx + q * dy, p * dy - q * dx
             into = abs(into) if abs(into) < 1e-12 else into
-            r = mpmath.hypot(along, into)
-            if r >= reach:
-                return [mpmath.mpf(0)] * 4
-            theta = mpmath.atan2(into, along) % (2 * mpmath.pi)
-            v, first, second, laplacian = derived(*((r, theta) if polar else (along, into)))
-            if polar:
-                c, s = mpmath.cos(theta), mpmath.sin(theta)
-                first, second = first * c - second * s, first * s + second * c
+            v, first, second, laplacian = (turned(derived) if polar else derived)(along, into)
             return length * v, first * p - second * q, first * q + second * p, laplacian / length
 
         return parts
