@@ -99,12 +99,10 @@ def turned(derived):
 
 def sum_of_intervals(intervals):
     """The sum of atoms (a, b, their parts), each of which is 0 beyond the distance b - a from a."""
-    places = [
-        (mpmath.mpf(a.p) / a.q, mpmath.mpf((b - a).p) / (b - a).q, turned(of)) for a, b, of in intervals
-    ]
+    places = [(quotient(a), quotient(b - a), turned(derived)) for a, b, derived in intervals]
 
     def parts(along, into):
-        near = [of(along - a, into) for a, reach, of in places if mpmath.hypot(along - a, into) < reach]
+        near = [atom(along - a, into) for a, reach, atom in places if mpmath.hypot(along - a, into) < reach]
         return [mpmath.fsum(each) for each in zip(*near, strict=True)] or [mpmath.mpf(0)] * 4
 
     return parts
