@@ -64,11 +64,10 @@ def _value(e, at):
 
 def polynomial(c, exponents, sigma):
     """The sum of c (m,) times monomials with those exponents (m, d) at sigma (d,)."""
-    highest, found = max(map(max, exponents)), arb(0)
-    powers = [[arb(s) ** k for k in range(highest + 1)] for s in sigma]
-    for of, monomial in zip(c, exponents, strict=True):
+    found = arb(0)
+    for of, powers in zip(c, exponents, strict=True):
         if of:
-            found += math.prod([row[k] for row, k in zip(powers, monomial, strict=True)]) * of
+            found += math.prod(arb(s) ** k for s, k in zip(sigma, powers, strict=True)) * of
     return found
 
 
