@@ -87,9 +87,7 @@ def values(s):
     """What users see of a solution; of its arrays the bytes."""
     arrays = [s.u, s.multiplier, s.gap, s.mesh.points, s.mesh.triangles]
     points = np.random.default_rng(1).uniform(*np.array(s.polygon.vertices)[[0, 2]], (20, 2))
-    arrays += [s.u_at(points), s.grad_at(points)]
-    if s.solved.data is not None:
-        arrays.append(s.flux_at(points))
+    arrays += [s.u_at(points), s.grad_at(points), s.flux_at(points)]
     known = [s.bounds, s.sharp_bounds, s.forces().whole, s.forces().reactions, s.certificate()]
     return [[array.tobytes() for array in arrays], repr(known), repr(s), s.contact.intervals]
 
