@@ -23,7 +23,6 @@ HAS = {
 SIZES = ("--h", "1/8", "--H", "1/4")
 TASKS = [
     ("solve corner.yaml --accuracy 0.2 -o corner.csv -o corner.json", set()),
-    ("solve plate.yaml --accuracy 0.2", set()),
     ("init own.yaml", set()),
     ("check own.yaml", set()),
     ("solve own.yaml --accuracy 0.3", set()),
@@ -47,7 +46,6 @@ TASKS = [
 """Commands, one after the other, and the extras that each needs."""
 PROBLEMS = {
     "corner": "{polygon: [[0, 0], [2, 0], [2, 1], [1, 1], [1, 2], [0, 2]], f: -1, g: -x*y/4}",
-    "plate": "{polygon: [[0, 0], [0.3, 0], [0.3, 0.2], [0, 0.2]], f: -10, g: x*y}",
     "triangle": "{polygon: [[0, 0], [1, 0], [0, 1]], f: x - 1, g: sin(pi*x)/9}",
 }
 LINE = re.compile(r"unilateral: .* needs? .*; type: pip install 'unilateral\[([\w,]+)\]'\n")
