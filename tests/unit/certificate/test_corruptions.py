@@ -36,6 +36,8 @@ PENTAGON = [(0, 0), (2, 0), (2, 1), (1, Fraction(3, 2)), (Fraction(-1, 3), Fract
 BOWL = polynomial(one="17/64", x="-3/8", y="-5/8", xx="1/2", yy="1/2")
 """((x - 3/8)^2 + (y - 5/8)^2) / 2, whose normal derivative is positive on polygons around (3/8, 5/8)."""
 COUNT = 500
+ROUNDING = 1e-9
+"""Of the true error: its quadrature is exact otherwise, and u - v loses some six digits of sixteen."""
 PRINTED = "PROVED: |||u - v||| <= "
 HARMONIC = [polynomial(one=1), polynomial(x=1), polynomial(y=1), polynomial(xy=1), polynomial(xx=1, yy=-1)]
 VALUES = [None, True, "1", "x", "1/0", "", [], {}, [[0]], -1, 0, 7, 0.5, 1e30, -1e30, 10**30, 5e-324]
@@ -316,7 +318,7 @@ def printed_bound(output):
 def judge(run):
     """Counts what a checker says of corruptions, and gives the least bound over error that it prints.
 
-    A corruption that lowers this index is kept, and the next ones are made of it.
+    A corruption that lowers this index is kept, and the next ones are made of it. One lie is enough.
     """
 
     def judge(module, make):
@@ -338,21 +340,19 @@ def judge(run):
                 index = float(printed_bound(output)) / true_error(stated, u)
                 if index < least:
                     text, least = json.dumps(stated), index
+                if least < 1 - ROUNDING:
+                    break
         return counts, least
 
     return judge
 
 
-ROUNDING = 1e-9
-"""Of the true error: its quadrature is exact otherwise, and u - v loses some six digits of sixteen."""
-
-
 @pytest.mark.parametrize("make", PROBLEMS)
 def test_each_is_refused_or_its_bound_holds(make, judge):
     counts, least = judge(checker(), make)
+    assert least >= 1 - ROUNDING
     assert counts.total() == COUNT / len(PROBLEMS)
     assert min(counts["refused"], counts["accepted"]) > counts.total() / 5  # so that both are tried
-    assert least >= 1 - ROUNDING
 
 
 @pytest.mark.parametrize(
