@@ -34,7 +34,7 @@ def outward(lower: Array, upper: Array) -> Interval:
     """The interval widened by the rounding; a number that overflows is at least LARGE in size."""
     lower, upper = np.minimum(lower, LARGE), np.maximum(upper, -LARGE)
     lower, upper = lower - ULPS * np.spacing(np.abs(lower)), upper + ULPS * np.spacing(np.abs(upper))
-    return np.where(np.isnan(lower), -np.inf, lower), np.where(np.isnan(upper), np.inf, upper)
+    return np.fmax(lower, -np.inf), np.fmin(upper, np.inf)  # NaN, which is inf - inf, becomes infinite
 
 
 @QUIET
