@@ -11,6 +11,7 @@ import sympy
 from skfem.quadrature import get_quadrature_tri
 from symbolic import X, Y, compile_numpy, plain
 
+from unilateral.bounds.mesh_data import enclose_data
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling
 from unilateral.fem.splitting import quarter
@@ -173,13 +174,14 @@ class Tried:
 def trials(of, solved, pairs):
     """The error of lambda_H is at least its norm over V_h, and its integral over |Omega|^{1/2}."""
     mesh, cells = solved.mesh, solved.partition
+    data = solved.data or enclose_data(of.problem, mesh, solved.form)  # a case is solved without
     moments, on_mesh, to_mesh = of.flux_moments(mesh), condense(mesh), coupling(mesh, cells).T
     errors = of.errors(mesh, [u_h for u_h, _ in pairs]) / (1 + QUADRATURE)
     for pair, error in zip(pairs, errors, strict=True):
         rest = moments - to_mesh @ pair[1]
         dual = np.sqrt(max(rest @ on_mesh.solve_boundary(rest), 0.0))
         of_lambda = max(dual, abs(rest.sum()) / np.sqrt(mesh.polygon.area)) / (1 + OF_MOMENTS) - of.doubt
-        yield Trial((solved.data, cells, *pair, solved.form), error, of_lambda)
+        yield Trial((data, cells, *pair, solved.form), error, of_lambda)
 
 
 def pressed(of, solved):
