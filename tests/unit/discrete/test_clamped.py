@@ -16,6 +16,7 @@ import pytest
 import scipy.sparse.linalg as spla
 import sentences
 import sympy
+from symbolic import X, Y, compile_numpy, plain, pos
 
 import unilateral as ul
 from unilateral.adaptive.level import contradict
@@ -27,8 +28,8 @@ from unilateral.fem.p1 import gradients, stiffness_and_mass
 from unilateral.fem.quadrature import symmetric
 from unilateral.geometry.mesh import refine, unstructured
 from unilateral.geometry.polygon import Polygon
+from unilateral.problems.atoms import laplacian
 
-X, Y = sympy.symbols("x y", real=True)
 POLYGONS = {
     "square": [(0, 0), (1, 0), (1, 1), (0, 1)],
     "lshape": [(-1, -1), (0, -1), (0, 0), (1, 0), (1, 1), (-1, 1)],
@@ -43,30 +44,14 @@ TIMES = int(os.environ.get("UNILATERAL_FUZZ", "0")) // 6 or 1
 OF_RANDOM = [(seed, *pair) for seed, pair in enumerate((COEFFICIENTS * 8 + EXTREME * 5) * TIMES)]
 
 
-class pos(sympy.Function):
-    """a_+^k as formulas have it."""
-
-    nargs = 2
-
-    def fdiff(self, argindex: int = 1) -> sympy.Expr:
-        a, k = self.args
-        return k * pos(a, k - 1)
-
-
 class Manufactured(NamedTuple):
-    """A problem with its exact u and gradient, as functions, and its coefficients."""
+    """A problem, its coefficients, and its exact u, u_x and u_y as one function of x and y."""
 
     problem: object
-    u: Callable
-    slope: tuple[Callable, Callable]
+    exact: Callable
     k: float
     c: float
     contact: list[int]
-
-
-def function(of: sympy.Expr) -> Callable:
-    compiled = sympy.lambdify((X, Y), of, [{"pos": lambda a, k: np.maximum(a, 0.0) ** k}, "numpy"])
-    return lambda x, y: np.broadcast_to(np.asarray(compiled(x, y), dtype=float), np.shape(x))
 
 
 @cache
@@ -81,7 +66,7 @@ def random_problem(seed: int, k: object, c: object) -> Manufactured:
     u = -(Y - y0) * pos(X - end, 2) * (1 + a[0] ** 2) + a[1] * X**2 + a[2] * (Y - y0) ** 2 * X
     u += sympy.cos(X + a[3]) + a[4] * (Y - y0) ** 2
     slopes = sympy.diff(u, X), sympy.diff(u, Y)
-    slope_functions = function(slopes[0]), function(slopes[1])
+    exact = compile_numpy([u, *slopes], (X, Y))
     gaps, u_there, fluxes, contact = [None] * n, {}, [None] * n, [0]
     gaps[0] = str(u - pos(end - X, 2) / 2)
     for side in range(1, n):
@@ -90,7 +75,7 @@ def random_problem(seed: int, k: object, c: object) -> Manufactured:
         flux = (slopes[0] * along[1] - slopes[1] * along[0]) / sympy.sqrt(along[0] ** 2 + along[1] ** 2)
         t = np.linspace(0, 1, 401)
         places = float(ax) + t * float(along[0]), float(ay) + t * float(along[1])
-        u_x, u_y = (slope(*places) for slope in slope_functions)
+        _, u_x, u_y = exact(*places)
         values = (u_x * float(along[1]) - u_y * float(along[0])) / math.hypot(*along)
         slanted = along[0] != 0 and along[1] != 0
         if rng.random() < 0.4 or side == n - 1 or slanted:
@@ -101,11 +86,11 @@ def random_problem(seed: int, k: object, c: object) -> Manufactured:
         else:
             fluxes[side] = str(k * flux)
     free = [side for side in range(n) if fluxes[side] is not None]
-    f = -k * (sympy.diff(u, X, 2) + sympy.diff(u, Y, 2)) + c * u
+    f = plain(c) * plain(u) - plain(k) * laplacian(plain(u), "x", "y")
     problem = ul.Problem(
         corners, str(f), gaps, free, k=str(k), c=str(c), q=fluxes if free else None, u=u_there
     )
-    return Manufactured(problem, function(u), slope_functions, float(k), float(c), contact)
+    return Manufactured(problem, exact, float(k), float(c), contact)
 
 
 def solved(of: Manufactured, path: str):
@@ -126,8 +111,9 @@ def error(of: Manufactured, s) -> float:
     mesh, (hats, weights) = s.mesh, symmetric(8)
     x, y = np.moveaxis(np.einsum("qb,tbd->tqd", hats, mesh.points[mesh.triangles]), -1, 0)
     slope = np.einsum("tid,ti->dt", gradients(mesh), s.u[mesh.triangles])[..., None]
-    squares = of.c * (of.u(x, y) - s.u[mesh.triangles] @ hats.T) ** 2
-    squares += of.k * sum((part(x, y) - h) ** 2 for part, h in zip(of.slope, slope, strict=True))
+    u, u_x, u_y = of.exact(x, y)
+    squares = of.c * (u - s.u[mesh.triangles] @ hats.T) ** 2
+    squares += of.k * ((u_x - slope[0]) ** 2 + (u_y - slope[1]) ** 2)
     return math.sqrt(float(mesh.areas @ (squares @ weights)))
 
 
@@ -142,7 +128,8 @@ def dual_error(of: Manufactured, s) -> float:
         side, ends = mesh.side[edge], mesh.boundary[[edge, (edge + 1) % len(mesh.boundary)]]
         places = mesh.points[ends[0]] + x[:, None] * (mesh.points[ends[1]] - mesh.points[ends[0]])
         normal = mesh.polygon.normals[side]
-        flux = of.k * sum(part(*places.T) * n for part, n in zip(of.slope, normal, strict=True))
+        _, u_x, u_y = of.exact(*places.T)
+        flux = of.k * (u_x * normal[0] + u_y * normal[1])
         t = mesh.s[edge] - mesh.polygon.starts[side] + x * lengths[edge]
         weighted = lengths[edge] * w * (flux - s.lambda_at(side, t))
         load[ends] += [weighted @ (1 - x), weighted @ x]
