@@ -7,6 +7,7 @@ from functools import cache, partial
 
 import numpy as np
 import pytest
+import sentences
 from conftest import DATA, interior_point
 from nested import alone, multilevel
 
@@ -277,7 +278,7 @@ def test_large_refined_meshes_are_for_multigrid(monkeypatch):
 
 
 def test_multigrid_in_vain_is_refused():
-    with pytest.raises(ul.InputError, match="multigrid needs a mesh of 'square' made by refinement"):
+    with sentences.raises(ul.InputError, "multigrid"):
         ul.solve(ul.case("natural"), h=1 / 32, H=1 / 32, stop=Stop(algorithm="multigrid"))
 
 
@@ -304,13 +305,9 @@ def test_an_accuracy_is_certified_by_multigrid(monkeypatch):
 
 def test_more_than_the_memory_is_refused_before_it_is_taken(monkeypatch):
     monkeypatch.setattr(choice, "available_mb", lambda: 0.4)
-    with pytest.raises(
-        ul.InputError, match=r"h = 0.01 makes 1e\+04 unknowns .* take at least 4 MB.*h >= 0.031"
-    ):
+    with sentences.raises(ul.InputError, "h = 0.01", "4 MB", "h >= 0.031"):
         ul.solve(ul.case("natural"), h=1 / 100, H=1 / 50)
-    with pytest.raises(
-        ul.InputError, match="289 unknowns, 64 of them on the boundary, take about 2 MB without"
-    ):
+    with sentences.raises(ul.InputError, "289 unknowns", "2 MB"):
         ul.solve(ul.case("natural"), H=1 / 8, mesh=structured(square(), 1 / 16))
 
 
