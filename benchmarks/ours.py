@@ -18,9 +18,8 @@ from benchmarks.peers.driver import Clock, order, report
 from benchmarks.plan import OTHER
 from benchmarks.problem import grid, mesh_of, partition
 from unilateral.arrays import Array
-from unilateral.bounds.boundary_flux import nothing
 from unilateral.bounds.local_bounds import local_bound
-from unilateral.bounds.source import enclosed
+from unilateral.bounds.mesh_data import enclose_data
 from unilateral.discrete.condensed import with_load
 from unilateral.fem.condense import Condensed, by_sparse, condense, matrix
 from unilateral.fem.form import H1, Form
@@ -90,9 +89,9 @@ def linear(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
 def bound(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
     """From nothing, and the bound, of a problem file."""
     problem, (mesh, _, found) = problem_file.load(of["case"]), from_nothing(clock, data, of)
-    given = enclosed(mesh, problem), problem.enclosed_obstacle, partition(mesh, of["H_over_h"])
+    enclosed, cells = enclose_data(problem, mesh, H1), partition(mesh, of["H_over_h"])
     clock.skip()
-    local_bound(*given, found.u, found.lambda_H, nothing(mesh), H1)
+    local_bound(enclosed, cells, found.u, found.lambda_H, H1)
     clock.lap("bound")
     result = {"way": "bound", "H_over_h": of["H_over_h"], "phases": clock.phases, **counts(found)}
     return mesh.points, [result], [found.u]

@@ -25,16 +25,15 @@ import numpy as np
 from benchmarks.peers.driver import matched
 from benchmarks.plan import CELLS, OTHER
 from unilateral.arrays import Array
-from unilateral.bounds.boundary_flux import nothing
 from unilateral.bounds.local_bounds import local_bound
-from unilateral.bounds.source import enclosed
+from unilateral.bounds.mesh_data import enclose_data
 from unilateral.discrete.loads import obstacle_means
 from unilateral.errors import InputError
 from unilateral.fem.edge_matrix import matrix
 from unilateral.fem.form import H1
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
 from unilateral.fem.nested_cells import nested_cells
-from unilateral.fem.p1 import by_parts, case_moments, load_vector
+from unilateral.fem.p1 import by_parts, case_moments
 from unilateral.formulas.formula import compile_numpy
 from unilateral.geometry.mesh import Mesh, conforming, refine
 from unilateral.geometry.partition import Partition
@@ -122,16 +121,14 @@ def _arrays(mesh: Mesh) -> dict[str, Any]:
 def _unknown(problem: Problem, order: Order) -> dict[str, Any]:
     """The same of a problem file; `error` is the bound on w's."""
     mesh = mesh_of(order)
-    source, cells = enclosed(mesh, problem), {k: partition(mesh, k) for k in OTHER}
-    load = load_vector(mesh, source.moments())
+    data, cells = enclose_data(problem, mesh, H1), {k: partition(mesh, k) for k in OTHER}
     means = {k: obstacle_means(problem, cells[k]) for k in OTHER}
-    w = grid(mesh, hierarchy(mesh), load, means[CELLS], CELLS).solve(CONVERGED)
-    pair = cells[CELLS], w.u, w.lambda_H
-    bound = local_bound(source, problem.enclosed_obstacle, *pair, nothing(mesh), H1)
+    w = grid(mesh, hierarchy(mesh), data.load, means[CELLS], CELLS).solve(CONVERGED)
+    bound = local_bound(data, cells[CELLS], w.u, w.lambda_H, H1)
     obstacles = [as_formula(g) for g in problem.g]
     on_sides = np.stack(compile_numpy(obstacles, "xy")(*mesh.points[mesh.boundary].T))
     g = on_sides[mesh.side, np.arange(len(mesh.boundary))]
-    known = {"load": load, "obstacle": g, "w": w.u, "error": bound.u}
+    known = {"load": data.load, "obstacle": g, "w": w.u, "error": bound.u}
     return {**_arrays(mesh), **known, **{f"means_{k}": means[k] for k in OTHER}}
 
 

@@ -17,7 +17,6 @@ from sentences import recorder
 
 from study import tables
 from study.ledger import claims
-from unilateral.bounds.boundary_flux import given
 from unilateral.cli import main
 from unilateral.discrete.condensed import with_solution
 from unilateral.fem.condense import condense
@@ -181,9 +180,7 @@ def exact_errors(discrete, solution):
 
 def bound_arguments(solved):
     """What `local_bound` and `sharp_bound` take, of a discrete solution."""
-    flux = given(solved.data.enclosed_flux, solved.mesh, solved.form)
-    obstacle = solved.data.enclosed_obstacle
-    return solved.source, obstacle, solved.partition, solved.u_h, solved.lambda_H, flux, solved.form
+    return solved.data, solved.partition, solved.u_h, solved.lambda_H, solved.form
 
 
 def interior_point(operator, offset):

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from unilateral.arrays import Array
-from unilateral.discrete.loads import form_of, load_of
+from unilateral.discrete.loads import form_of
 from unilateral.discrete.multilevel import MultilevelProblem, nested_spaces, on_levels
 from unilateral.fem.hierarchy import FinerSpace, Hierarchy, hierarchy
 from unilateral.fem.p1 import stiffness_and_mass
@@ -41,7 +41,7 @@ class Nested:
 def multilevel(problem: Data, mesh: Mesh, partition: Partition) -> MultilevelProblem | None:
     """The problem on the levels of a mesh; None as for `nested_spaces`."""
     spaces = nested_spaces(mesh, partition, form=form_of(problem, mesh))
-    return on_levels(problem, spaces, load_of(problem, mesh)) if spaces else None
+    return on_levels(problem, spaces) if spaces else None
 
 
 def ritz(found: MultigridResult) -> Array:

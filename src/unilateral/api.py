@@ -22,6 +22,7 @@ from numpy.typing import ArrayLike
 from unilateral.adaptive.goal import ACCURACY, NORMS, Goal
 from unilateral.adaptive.level import Level
 from unilateral.adaptive.loop import search
+from unilateral.discrete.choice import solve_on
 from unilateral.errors import InputError, IterationWarning, shown
 from unilateral.geometry.files import read_mesh
 from unilateral.geometry.foreign import halved, mesh_from
@@ -37,7 +38,7 @@ from unilateral.problems.reading import Given
 from unilateral.problems.scaled import scaled
 from unilateral.solution import certification
 from unilateral.solution.faults import tell_faults
-from unilateral.solution.sizes import KINDS, Size, check_kind, number
+from unilateral.solution.sizes import KINDS, Size, check_kind, number, put_on_sizes
 from unilateral.solution.solution import Solution, make_solution
 from unilateral.solution.solver import Solver, check_stop
 from unilateral.solution.summary import LINEAR
@@ -227,10 +228,11 @@ def solve(
     if accuracy is None:
         other_norm = not (isinstance(norm, str) and norm == NORMS[0])
         _check_sizes_alone(limits, absolute=absolute, dry_run=dry_run, norm=other_norm)
-        solver = Solver(problem, h, H, mesh=mesh, stop=stop)
-        only = solver.found()
-        tell_faults(only, solver.own_mesh)
-        return only
+        stop = stop or Stop()
+        problem, triangulation, partition = put_on_sizes(problem, h, H, mesh, stop)
+        solution = make_solution(solve_on(scaled(problem), triangulation, partition, stop), problem)
+        tell_faults(solution, on_own_mesh)
+        return solution
     if h is not None or H is not None or isinstance(mesh, Mesh):
         raise InputError("an accuracy makes its own meshes; leave it out, or leave out h, H and the mesh")
     if problem.mesh is not None:
@@ -258,10 +260,10 @@ def solve(
         raise InputError(f"'{problem.name}': {LINEAR}; ask for an accuracy of u, in the norm h1")
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
         levels = search(scaled(problem), goal, tell, dry_run, begin)
-    found = make_solution(levels.best.solved, problem, levels)
+    solution = make_solution(levels.best.solved, problem, levels)
     if not dry_run:
-        tell_faults(found)
-    return found
+        tell_faults(solution)
+    return solution
 
 
 def certify(

@@ -14,7 +14,8 @@ import scipy.sparse.linalg as spla
 import sentences
 
 import unilateral as ul
-from unilateral.discrete.loads import boundary_data, form_of, load_of
+from unilateral.bounds.mesh_data import enclose_data
+from unilateral.discrete.loads import form_of
 from unilateral.fem.condense import matrix
 from unilateral.fem.p1 import edge_load
 from unilateral.geometry import mesh as meshes
@@ -36,12 +37,13 @@ class OtherSolver:
         self.unit = problem.units.value
         form = form_of(data, self.mesh)
         self.A = matrix(self.mesh, form._replace(clamped=())).tocsr()
-        boundary = boundary_data(data, self.mesh, edge_pairs(self.mesh), form)
-        self.F = load_of(data, self.mesh).values + boundary.load(self.mesh)
-        self.u_D, self.fixed = boundary.held, form.fixed(self.mesh)
+        enclosed = enclose_data(data, self.mesh, form)
+        self.F = enclosed.load
+        self.u_D, self.fixed = enclosed.constraint.clamped_values, form.fixed(self.mesh)
         first, last = self.mesh.boundary, np.roll(self.mesh.boundary, -1)
         contact = form.held(self.mesh.side)
-        at_ends = data.enclosed_obstacle.on_edges(self.mesh.s)[contact]
+        on_edges = data.enclosed_obstacle.on_edges(self.mesh.s, self.mesh.side, contact, parts=1)
+        at_ends = on_edges.ends[contact]
         self.g = np.full(self.mesh.n_nodes, -np.inf)
         np.maximum.at(self.g, first[contact], at_ends[:, 0])
         np.maximum.at(self.g, last[contact], at_ends[:, 1])
@@ -153,7 +155,7 @@ def test_the_index_does_not_grow_on_finer_meshes(natural):
         mesh = mesh_of(natural, n)
         found = certified(natural, mesh, OtherSolver(natural, mesh).constrained())
         indices.append(index(found))
-        own = replace(found.solved, potential=None).local_bound
+        own = replace(found.bounded, potential=None).local_bound
         of_own_flux.append(own.u / found.true_errors(dual=False).h1)
     assert max(indices) == indices[0]
     assert of_own_flux[2] > 1.2 * indices[2]

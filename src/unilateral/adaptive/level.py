@@ -17,8 +17,11 @@ CONTRADICTED = "bounds contradict each other"
 WITHOUT_CONTACT = "lambda_H is 0, so a relative error has no meaning; ask for an absolute accuracy"
 NOT_CONVERGED = "the iteration did not converge (max_steps=, rho=, algorithm=)"
 NOT_ENCLOSED = "f or g varies too fast or has terms that cancel"
+BELOW_ROUNDING = "double precision allows no error as small as that"
 ALGEBRAIC_SHARE = 0.1
 """The part of the wanted error that the iteration may have."""
+ROUNDING_PART = 1e-10
+"""What stays unknown of f, g and q is taken for rounding up to this part of the solution's norm."""
 CONTACT_UNKNOWNS = 4_000
 """From this many unknowns on, contact that is not seen is taken for none."""
 ZERO_SOLUTION_BOUND = 1e-140
@@ -191,4 +194,7 @@ def find_fault(levels: Sequence[Level]) -> str:
         return WITHOUT_CONTACT
     if not last.solved.result.converged:
         return NOT_CONVERGED
-    return NOT_ENCLOSED if unknowable(last) else ""
+    if last.bound is None or not unknowable(last):
+        return ""
+    rounding = ROUNDING_PART * discrete_norm(last.solved, last.goal)
+    return NOT_ENCLOSED if last.bound.irreducible > rounding else BELOW_ROUNDING

@@ -45,7 +45,7 @@ from unilateral.adaptive.marking import (
     least_unknowns,
     wanted_division,
 )
-from unilateral.bounds.source import enclosed
+from unilateral.bounds.mesh_data import enclose_data
 from unilateral.discrete.base import AIM, DiscreteProblem
 from unilateral.discrete.choice import check_condensed, wants_multigrid
 from unilateral.discrete.condensed import discretise
@@ -152,12 +152,13 @@ def search(
     BudgetError
         Where a limit does not suffice for the first level.
     InputError
-        Where the first mesh cannot be made, or has more unknowns than the goal allows.
+        Where the first mesh cannot be made, or has more unknowns than the goal allows; and by `tell`.
     """
     begin = perf_counter() if begin is None else begin
     levels: list[Level] = []
     discrete: DiscreteProblem | None = None
     predicted = math.inf
+    own_error: InputError | None = None  # of `tell`, which refuses no mesh
     try:
         forget_peak()
         check_limits(problem.polygon, goal, perf_counter() - begin)
@@ -184,7 +185,11 @@ def search(
                 seconds = predict_seconds(levels, unknowns)
                 levels[-1] = replace(levels[-1], next_unknowns=unknowns, next_seconds=seconds)
             if tell:
-                tell(levels[-1])
+                try:
+                    tell(levels[-1])
+                except InputError as error:
+                    own_error = error
+                    raise
             if not division:
                 return conclude(levels, fault, dry_run)
 
@@ -194,7 +199,7 @@ def search(
             predicted = division.left * levels[-1].total
             mesh = divided_mesh(mesh, division.halvings)
     except (KeyboardInterrupt, MemoryError, InputError) as stopped:
-        if not levels:
+        if not levels or stopped is own_error:
             raise
         if isinstance(stopped, KeyboardInterrupt):
             return make_search(levels, INTERRUPTED)
@@ -282,8 +287,12 @@ def discretise_on(
         assert isinstance(before, MultilevelProblem | None)
         return discretise_nested(problem, mesh, before, levels[-1].solved if levels else None)
     check_condensed(mesh.mesh, mesh.partition)
-    discrete = discretise(problem, mesh.mesh, mesh.partition)
-    return discrete if discrete.source else replace(discrete, source=enclosed(mesh.mesh, problem))
+    condensed = discretise(problem, mesh.mesh, mesh.partition)
+    return (
+        condensed
+        if condensed.data
+        else replace(condensed, data=enclose_data(problem, mesh.mesh, condensed.form))
+    )
 
 
 def solve(

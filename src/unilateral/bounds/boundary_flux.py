@@ -41,7 +41,6 @@ from unilateral.norms.oscillation import (
     value_constants,
 )
 from unilateral.problems.obstacle_and_flux import Flux
-from unilateral.problems.piecewise import ORDER
 
 ROUNDING = 64 * EPS
 """The rounding of the moments of p on an edge, as a multiple of the largest |p| there.
@@ -121,14 +120,11 @@ def given(flux: Flux, mesh: Mesh, form: Form = H1) -> Given:
     """The `Given` of a problem's flux on a mesh; infinite where the flux has no bound."""
     if not flux.given.any():
         return nothing(mesh)
-    cuts, lengths = np.union1d(mesh.s, flux.points), np.diff(mesh.s)
-    middle, half = 0.5 * (cuts[1:] + cuts[:-1]), 0.5 * np.diff(cuts)
-    piece = flux.on(middle)
-    here = flux.given[piece]
-    middle, half, piece = middle[here], half[here], piece[here]
-    edge, (nodes, weights) = _edges(mesh, middle), np.polynomial.legendre.leggauss(ORDER + 1)
-    s, weight = middle[:, None] + half[:, None] * nodes, half[:, None] * weights
-    p, x = flux.at(piece[:, None], s)[0], (s - mesh.s[edge][:, None]) / lengths[edge][:, None]
+    samples, lengths = flux.sampled(mesh.s), np.diff(mesh.s)
+    here = flux.given[samples.piece]
+    half, piece, s, p = samples.half[here], samples.piece[here], samples.s[here], samples.value[here]
+    edge, weight = _edges(mesh, samples.middle[here]), half[:, None] * samples.weights
+    x = (s - mesh.s[edge][:, None]) / lengths[edge][:, None]
     ends = linear_parts(mesh, edge, x, weight, p)
     away = p - ends[edge, :1] * (1 - x) - ends[edge, 1:] * x
     left = np.sqrt(np.bincount(edge, np.sum(weight * away**2, axis=1), len(ends)))

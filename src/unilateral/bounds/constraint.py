@@ -15,6 +15,7 @@ from functools import cache, cached_property
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
+from unilateral.fem.form import Form
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.obstacle_and_flux import Obstacle
@@ -39,12 +40,13 @@ class Constraint:
     `unknowns` (nb, 3) are the ones at the start, the end and the midpoint of every edge. `at_unknowns`
     (2 nb,) is p at these, -inf where there is no p. `jumps` (nb,) says whether p is smaller at an end of
     the edge than on the edge before or after, by more than p of data that fit together can be there
-    (`Obstacle.allowed_jumps`), or whether rounding hides that. So it may be at a clamped side, where
-    v = u_D > g; on a clamped edge it is a u_D that is no trace. `rounding` (nb,) is that of p. The other
-    fields belong to K intervals of edges with Q points each: the `edge` (K,); the places `x` (K, Q) in [0, 1]
-    on it, their `weight`, `p` and its derivative, the `slope`; the `doubt` (K,), which includes the rounding
-    of p; and an `upper` bound (K,) on g. The edges `clamped` (nb,) have v = u_D, and `steep` (nb,) bounds the
-    L2 norm of the derivative of u_D - p there.
+    (`allowed_jumps`), or whether rounding hides that. So it may be at a clamped side, where v = u_D > g; on a
+    clamped edge it is a u_D that is no trace. `rounding` (nb,) is that of p. The other fields belong to K
+    intervals of edges with Q points each: the `edge` (K,); the places `x` (K, Q) in [0, 1] on it, their
+    `weight`, `p` and its derivative, the `slope`; the `doubt` (K,), which includes the rounding of p; and an
+    `upper` bound (K,) on g. The edges `clamped` (nb,) have v = u_D, and `steep` (nb,) bounds the L2 norm of
+    the derivative of u_D - p there. `clamped_values` (n,) is u_D, as p has it, at the nodes on these edges,
+    and 0 at the others.
     """
 
     mesh: Mesh
@@ -60,6 +62,7 @@ class Constraint:
     doubt: Array
     upper: Array
     clamped: Mask
+    clamped_values: Array
     steep: Array
 
     @cached_property
@@ -95,29 +98,37 @@ class Constraint:
         return np.asarray(of, dtype=float)
 
 
-def constraint(obstacle: Obstacle, mesh: Mesh, on: Mask, clamped: Mask | None = None) -> Constraint:
-    """The constraint v >= g on the edges `on` (nb,), of which some (nb,) may be `clamped`."""
-    clamped = np.zeros_like(on) if clamped is None else clamped
-    lengths, start = np.diff(mesh.s), np.arange(len(on))
-    unknowns = np.column_stack([start, np.roll(start, -1), len(on) + start])
-    inner = mesh.s[:-1, None] + lengths[:, None] * np.arange(PARTS) / PARTS
-    cuts = np.union1d(np.append(inner.ravel(), mesh.s[-1]), obstacle.points)
-    middle, half = 0.5 * (cuts[1:] + cuts[:-1]), 0.5 * np.diff(cuts)
-    edge = np.searchsorted(mesh.s, middle) - 1
-    held = on[edge]
-    middle, half, edge = middle[held], half[held], edge[held]
-    nodes, weights = np.polynomial.legendre.leggauss(ORDER + 1)
-    s, piece = middle[:, None] + half[:, None] * nodes, obstacle.on(middle)
-    p, slope = obstacle.at(piece[:, None], s)
-    x = np.clip((s - mesh.s[edge][:, None]) / lengths[edge][:, None], 0.0, 1.0)
-    at_nodes = obstacle.allowed_jumps(mesh.s, mesh.side)
-    allowed = np.column_stack([at_nodes, np.roll(at_nodes, -1)])
-    at_unknowns, rise, jumps = _at_ends(obstacle.on_edges(mesh.s), unknowns, on, allowed)
-    p += rise[edge, :1] * (1 - x) + rise[edge, 1:] * x
-    slope += (np.diff(rise)[:, 0] / lengths)[edge][:, None]
+def constraint(obstacle: Obstacle, mesh: Mesh, form: Form) -> Constraint:
+    """The constraint v >= g on the edges with multipliers, and v = u_D on those that the form clamps."""
+    clamped = form.edges(mesh)
+    constrained = form.held(mesh.side) | clamped
+    known = obstacle.on_edges(mesh.s, mesh.side, constrained, PARTS)
+    edge = known.edge
+    lengths = np.diff(mesh.s)
+    start = np.arange(len(lengths))
+    unknowns = np.column_stack([start, np.roll(start, -1), len(start) + start])
+
+    # At a vertex the larger of two values of p counts, and p rises linearly along the other edge
+    allowed = np.column_stack([known.allowed_jumps, np.roll(known.allowed_jumps, -1)])
+    at_unknowns, rise, jumps = _at_ends(known.ends, unknowns, constrained, allowed)
+    x = np.clip((known.s - mesh.s[edge][:, None]) / lengths[edge][:, None], 0.0, 1.0)
+    p = known.value + (rise[edge, :1] * (1 - x) + rise[edge, 1:] * x)
+    slope = known.slope + (np.diff(rise)[:, 0] / lengths)[edge][:, None]
+
+    # p is rounded, and so are the places at which it is known
     rounding = np.zeros(len(lengths))
     moved = PLACES * np.spacing(mesh.polygon.perimeter) * np.abs(slope).max(axis=1)
     np.maximum.at(rounding, edge, ROUNDING * np.abs(p).max(axis=1) + moved)
+
+    # u_D at a node is p on the edge that begins there, if that is clamped
+    clamped_values = np.zeros(mesh.n_nodes)
+    clamped_values[np.roll(mesh.boundary, -1)[clamped]] = known.ends[clamped, 1]
+    clamped_values[mesh.boundary[clamped]] = known.ends[clamped, 0]
+
+    # On clamped edges the squares of |u_D' - p'|, with what a change of p by its rounding makes of p'
+    changed = np.where(clamped, SLOPE * ((rounding + rise.max(axis=1)) / lengths), 0.0)[edge]
+    steep = 2 * known.half * (known.steep + changed) ** 2
+    steep += np.minimum(2 * known.half, 2 * known.reach) * (known.kinks + changed) ** 2
     return Constraint(
         mesh,
         unknowns,
@@ -125,23 +136,16 @@ def constraint(obstacle: Obstacle, mesh: Mesh, on: Mask, clamped: Mask | None = 
         jumps,
         edge,
         x=x,
-        weight=half[:, None] * weights,
+        weight=known.half[:, None] * known.weights,
         p=p,
         slope=slope,
         rounding=rounding,
-        doubt=obstacle.doubt[piece] + 2 * rounding[edge] + rise.max(axis=1)[edge],
-        upper=obstacle.upper[piece],
+        doubt=known.doubt + 2 * rounding[edge] + rise.max(axis=1)[edge],
+        upper=known.upper,
         clamped=clamped,
-        steep=_steep(obstacle, piece, edge, 2 * half, (rounding + rise.max(axis=1)) / lengths, clamped),
+        clamped_values=clamped_values,
+        steep=np.sqrt(np.bincount(edge, steep, len(lengths))),
     )
-
-
-def _steep(obstacle: Obstacle, piece: Index, edge: Index, length: Array, of_p: Array, clamped: Mask) -> Array:
-    """(nb,) L2 norms on clamped edges, from the doubt on intervals of pieces (K,) and that of p (nb,)."""
-    known = np.where(clamped, SLOPE * of_p, 0.0)[edge]
-    squares = length * (obstacle.steep[piece] + known) ** 2
-    squares += np.minimum(length, 2 * obstacle.reach) * (obstacle.kinks[piece] + known) ** 2
-    return np.sqrt(np.bincount(edge, squares, len(of_p)))
 
 
 def _at_ends(on_edges: Array, unknowns: Index, on: Mask, allowed: Array) -> tuple[Array, Array, Mask]:

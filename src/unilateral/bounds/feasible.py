@@ -31,11 +31,9 @@ import numpy as np
 
 from unilateral.arrays import Array, Mask
 from unilateral.bounds.boundary_flux import EdgeFlux
-from unilateral.bounds.constraint import ROUNDING, Constraint, bernstein_bounds, constraint
-from unilateral.fem.form import Form
+from unilateral.bounds.constraint import ROUNDING, Constraint, bernstein_bounds
 from unilateral.fem.p2 import Layer, layer
 from unilateral.geometry.mesh import Mesh
-from unilateral.problems.obstacle_and_flux import Obstacle
 
 PUSH = 0.5
 """u_h counts as in contact where it is less than this times H_i lambda_i above g.
@@ -206,13 +204,12 @@ class Lifting(NamedTuple):
         return (np.sqrt(of_added) + of_either) ** 2
 
 
-def lifting(mesh: Mesh, obstacle: Obstacle, u_h: Array, flux: EdgeFlux, form: Form) -> Lifting:
-    """The lifting for u_h (n,), with g on edges with multipliers, and u_D on those that the form clamps."""
-    clamped = form.edges(mesh)
-    g = constraint(obstacle, mesh, form.held(mesh.side) | clamped, clamped)
-    contact = in_contact(g, _trace(u_h[mesh.boundary], np.zeros(len(clamped))), flux.push)
-    contact[g.unknowns[clamped]] = True
-    return Lifting(layer(mesh), g, contact, flux.ends)
+def lifting(g: Constraint, u_h: Array, flux: EdgeFlux) -> Lifting:
+    """The lifting for u_h (n,), whose values on the edges that the constraint clamps are to be u_D."""
+    nodal = u_h[g.mesh.boundary]
+    contact = in_contact(g, _trace(nodal, np.zeros_like(nodal)), flux.push)
+    contact[g.unknowns[g.clamped]] = True
+    return Lifting(layer(g.mesh), g, contact, flux.ends)
 
 
 def _trace(nodal: Array, bubbles: Array) -> Array:

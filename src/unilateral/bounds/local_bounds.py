@@ -36,11 +36,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from unilateral.arrays import Array, blocks
-from unilateral.bounds.boundary_flux import Given, edge_flux
+from unilateral.bounds.boundary_flux import edge_flux
 from unilateral.bounds.clamped_ends import ClampedEnds, clamped_ends, none, outflows
 from unilateral.bounds.equilibrated_flux import equilibrated
 from unilateral.bounds.feasible import lifting
 from unilateral.bounds.flux_residuals import SUMS, defects, misfit, root, underflow
+from unilateral.bounds.mesh_data import MeshData
 from unilateral.bounds.source import Source, norm
 from unilateral.errors import InputError
 from unilateral.fem.form import Form
@@ -48,7 +49,6 @@ from unilateral.fem.p2 import Layer, linear_squares, slopes_at_nodes, squares
 from unilateral.geometry import exact_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.problems.obstacle_and_flux import Obstacle
 
 
 @dataclass(frozen=True)
@@ -101,31 +101,31 @@ class Bound:
 
 
 def local_bound(
-    source: Source,
-    obstacle: Obstacle,
+    data: MeshData,
     cells: Partition,
     u_h: Array,
     lambda_H: Array,
-    tau: Given,
     form: Form,
     potential: Array | None = None,
 ) -> Bound:
     """Bounds for any u_h (n,) in V_h and lambda_H (m,) in Lambda_H, which is 0 on free and on clamped sides.
 
-    On the free ones the flux is tau. The flux q is made from the `potential` (n,), by default u_h. Around
-    each node it can only be in equilibrium if the potential solves the discrete equation with lambda_H. So
-    for a u_h of another program the potential is that solution: q made from u_h itself would be away from
-    grad u by the residual of u_h divided by h.
+    On the free ones the flux is that of the `data`, which are enclosed for the same form. The flux q is made
+    from the `potential` (n,), by default u_h. Around each node it can only be in equilibrium if the potential
+    solves the discrete equation with lambda_H. So for a u_h of another program the potential is that
+    solution: q made from u_h itself would be away from grad u by the residual of u_h divided by h.
 
     The nearer the potential and lambda_H are to the discrete solution, the sharper the bounds are. Raises
     InputError if the arrays do not fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on
     such a side.
     """
-    mesh = source.mesh
+    mesh = data.mesh
+    source = data.source
+    tau = data.tau
     check(mesh, cells, u_h, lambda_H, form)
     flux = edge_flux(mesh, cells, lambda_H)
     q = flux_of(source, u_h if potential is None else potential, flux.ends + tau.ends, form)
-    lift = lifting(mesh, obstacle, u_h, flux, form)
+    lift = lifting(data.constraint, u_h, flux)
     *of_boundary, short = lift.lifted(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
     of, d = lift.of, lift.of.function(*of_boundary)
     of_gradient, residual, rounding = defects(source, u_h, q, form.reaction)
@@ -139,8 +139,8 @@ def local_bound(
     moved = _of_feasible(of, u_h, q, inside, form.reaction, residual, d)
     eta = (1 + SUMS) * math.hypot(root(moved) + rounding + more, math.sqrt(slack))
     of_data = _of_data(source, u_h, form)
-    data = (1 + SUMS) * (norm(of_data) + tau.distance + unbalanced) + underflow(mesh, form)
-    energy = mesh.growth * (root(moved) + rounding + more + data)
+    data_error = (1 + SUMS) * (norm(of_data) + tau.distance + unbalanced) + underflow(mesh, form)
+    energy = mesh.growth * (root(moved) + rounding + more + data_error)
     product = slack + (1 + SUMS) * (energy * energy) / 4  # energy**2 would raise what is infinite here
     # v at the boundary nodes may be below u_h where u_h is above u_D
     least = u_h.copy()
@@ -149,12 +149,12 @@ def local_bound(
     doubt, shares = root(of_added) + tau.unknown, inside + of_data.sum(axis=0)
     shares[of.triangles] += of_d + of_added
     np.add.at(shares, mesh.boundary_triangles, short.squares + 2 * short.slack + tau.squares.sum(axis=0))
-    of_lambda = mesh.growth * (min(distance + of_u, eta) + flux.distance(mesh) + data)
+    of_lambda = mesh.growth * (min(distance + of_u, eta) + flux.distance(mesh) + data_error)
     return Bound(
-        u=mesh.growth * (of_u + data),
+        u=mesh.growth * (of_u + data_error),
         lambda_=of_lambda if form.held(mesh.side).any() else 0.0,
         lifting=distance,
-        data=data,
+        data=data_error,
         unknown=form.friedrichs * source.unknown + doubt,
         irreducible=doubt + form.friedrichs * source.irreducible,
         flux=root(of_gradient),
@@ -162,7 +162,7 @@ def local_bound(
         shares=shares,
         lift=np.stack(of_boundary),
         outflows=outflows(mesh, form, q),
-        of_fluxes=of_lambda + mesh.growth * data,
+        of_fluxes=of_lambda + mesh.growth * data_error,
         ends=ends,
     )
 

@@ -42,11 +42,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.bounds.boundary_flux import Given, edge_flux
+from unilateral.bounds.boundary_flux import edge_flux
 from unilateral.bounds.clamped_ends import outflows
 from unilateral.bounds.feasible import Lifting, Missing, lifting
 from unilateral.bounds.flux_residuals import ROUNDING, SUMS, defects, misfit, root, underflow
 from unilateral.bounds.local_bounds import Bound, check, flux_of, of_divergence
+from unilateral.bounds.mesh_data import MeshData
 from unilateral.bounds.source import Source
 from unilateral.fem.condense import matrix
 from unilateral.fem.form import H1, Form
@@ -54,7 +55,6 @@ from unilateral.fem.linear_systems import solved
 from unilateral.fem.p1 import edge_load, lumped_mass, of_rest
 from unilateral.fem.p2 import Quadratic, linear_squares, quadratic, squares
 from unilateral.geometry.partition import Partition
-from unilateral.problems.obstacle_and_flux import Obstacle
 
 ENOUGH = 0.01
 """The steps end when one of v and one of q together lower eta^2 by less than this fraction of it.
@@ -71,12 +71,10 @@ That sum is like ||u - w||_0^2.
 
 
 def sharp_bound(
-    source: Source,
-    obstacle: Obstacle,
+    data: MeshData,
     cells: Partition,
     u_h: Array,
     lambda_H: Array,
-    tau: Given,
     form: Form,
     potential: Array | None = None,
 ) -> Bound:
@@ -85,10 +83,12 @@ def sharp_bound(
     w is the `potential`, by default u_h, or near it. The nearer it and lambda_H are to the discrete solution,
     the sharper the bounds are.
     """
-    mesh = source.mesh
+    mesh = data.mesh
+    source = data.source
+    tau = data.tau
     check(mesh, cells, u_h, lambda_H, form)
     flux, spaces = edge_flux(mesh, cells, lambda_H), quadratic(mesh)
-    lift = lifting(mesh, obstacle, u_h, flux, form)
+    lift = lifting(data.constraint, u_h, flux)
     away = _away(spaces, source, u_h if potential is None else potential, flux.ends + tau.ends, form)
     of_u = spaces.of_hats(u_h - away.w)
     of_lifted, short = _lifted(lift, away, of_u)
@@ -101,20 +101,20 @@ def sharp_bound(
     eta = math.hypot(away.norm(of_v) + short_of_v.norm + added_to_v, math.sqrt(2 * short_of_v.product))
     eta *= 1 + SUMS
     most = (1 + SUMS) * math.hypot(away.norm(of_u), math.sqrt(2 * short.product), distance)
-    data = source.distance(form) + tau.distance + away.unbalanced
-    data = (1 + SUMS) * data + underflow(mesh, form)
-    of_lambda = min(distance + most, eta) + flux.distance(mesh) + data
+    data_error = source.distance(form) + tau.distance + away.unbalanced
+    data_error = (1 + SUMS) * data_error + underflow(mesh, form)
+    of_lambda = min(distance + most, eta) + flux.distance(mesh) + data_error
     return Bound(
-        u=mesh.growth * (_leg(most, max(distance - eta, 0.0)) + data),
+        u=mesh.growth * (_leg(most, max(distance - eta, 0.0)) + data_error),
         lambda_=mesh.growth * of_lambda if form.held(mesh.side).any() else 0.0,
         lifting=distance,
-        data=data,
+        data=data_error,
         unknown=form.friedrichs * source.unknown + doubt,
         irreducible=doubt + form.friedrichs * source.irreducible,
         eta=eta,
         steps=steps,
         outflows=away.outflows,
-        of_fluxes=mesh.growth * (of_lambda + data),
+        of_fluxes=mesh.growth * (of_lambda + data_error),
     )
 
 

@@ -37,7 +37,7 @@ from unilateral.fem.p2 import linear_squares
 from unilateral.fem.splitting import quarter
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
-from unilateral.problems.scaled import Data
+from unilateral.problems.problem import SourceFunction
 
 J = 3.8317
 """The first zero of the Bessel function J_1, 3.83170597.., rounded down."""
@@ -137,7 +137,7 @@ def poincare(longest: Array) -> Array:
     return longest / J
 
 
-def enclosed(mesh: Mesh, data: Data, before: Source | None = None) -> Source:
+def enclosed(mesh: Mesh, f: SourceFunction, before: Source | None = None) -> Source:
     """f on the mesh; `rest` is infinite where f has no bound, and large where the pieces did not suffice.
 
     What is known on a mesh `before`, from which this one was refined, is kept where that is enough.
@@ -148,22 +148,21 @@ def enclosed(mesh: Mesh, data: Data, before: Source | None = None) -> Source:
         source.put(slice(len(before.f_h)), before)
     if before and before.seen:
         seen, sums = before.seen, before.sums(np.ones(len(before.f_h), dtype=bool))
-    search = AncestorSearch(mesh, data, before.mesh if before else mesh.coarse or mesh, seen, sums)
+    search = AncestorSearch(mesh, f, before.mesh if before else mesh.coarse or mesh, seen, sums)
     wide = search.new & search.wide()
     source.put_polynomials(np.flatnonzero(search.new & ~wide), search.seen)
     sums = search.sums
     if wide.any():
         left = np.flatnonzero(wide)
-        pieces, sums = _in_pieces(mesh.part(left), data, source.sums(~wide), max(MOST_PIECES, 4 * n))
+        pieces, sums = _in_pieces(mesh.part(left), f, source.sums(~wide), max(MOST_PIECES, 4 * n))
         source.put(left, pieces)
     resolved = float(source.rest @ source.rest) <= RESOLVED * sums.wanted(even_h(mesh))
     return replace(source, resolved=resolved, seen=search.seen)
 
 
-def source_of(mesh: Mesh, data: Data) -> Source:
-    """f on the mesh, enclosed, or linear if it is given at the nodes."""
-    values = data.f_at_nodes
-    return enclosed(mesh, data) if values is None else linear(mesh, values)
+def enclose_source(mesh: Mesh, f: SourceFunction | Array, before: Source | None = None) -> Source:
+    """f on the mesh, `enclosed`, or linear if it is given at the nodes (n,)."""
+    return linear(mesh, f) if isinstance(f, np.ndarray) else enclosed(mesh, f, before)
 
 
 def linear(mesh: Mesh, f: Array) -> Source:
@@ -173,12 +172,12 @@ def linear(mesh: Mesh, f: Array) -> Source:
     return Source(mesh, f_h, np.zeros(len(f_h)), rounding)
 
 
-def _in_pieces(mesh: Mesh, data: Data, sums: Sums, left: int) -> tuple[Source, Sums]:
+def _in_pieces(mesh: Mesh, f: SourceFunction, sums: Sums, left: int) -> tuple[Source, Sums]:
     """f on a part of a mesh; `sums` are over the rest of the mesh, and `left` pieces may be looked at."""
     n = len(mesh.triangles)
     corners, parent, done = np.broadcast_to(np.eye(3), (n, 3, 3)), np.arange(n), []
     while parent.size:
-        pieces, owner = polynomials(mesh, corners, parent, data)
+        pieces, owner = polynomials(mesh, corners, parent, f)
         left -= len(owner)
         # E^2, where what may lack in the integral is spread over the piece's triangle
         rest = pieces.squares + pieces.integral**2 / mesh.areas[pieces.parent]
@@ -187,7 +186,7 @@ def _in_pieces(mesh: Mesh, data: Data, sums: Sums, left: int) -> tuple[Source, S
         total = sums + sums_of(of_p, area, rest)
         enough = total.wanted(even_h(mesh))
         wide = squares > (0.5 * enough / total.count if total.unknown > enough else np.inf)
-        wide[wide] = squares[wide] > IN_VAIN * known_at_points(mesh, corners[wide], parent[wide], data)
+        wide[wide] = squares[wide] > IN_VAIN * known_at_points(mesh, corners[wide], parent[wide], f)
         if 4 * np.count_nonzero(wide) > left:
             wide &= np.argsort(np.argsort(-squares)) < left // 4
         kept = ~wide[owner]

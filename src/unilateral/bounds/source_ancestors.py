@@ -28,7 +28,7 @@ from unilateral.formulas.taylor import EPS, basis
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.plane import signed_areas
 from unilateral.geometry.refinement import Step
-from unilateral.problems.scaled import Data
+from unilateral.problems.problem import SourceFunction
 
 MOST_HALVINGS = 6
 """p is used on triangles that are at most this many halvings finer than its own; 8 would use up ROUNDING."""
@@ -84,11 +84,11 @@ def joined(several: Sequence[Polynomials]) -> Polynomials:
     return Polynomials(*(np.concatenate(each, axis=-1) for each in zip(*several, strict=True)))
 
 
-def whole(corners: Array, size: float, data: Data) -> Polynomials:
+def whole(corners: Array, size: float, f: SourceFunction) -> Polynomials:
     """f on triangles with those corners (k, 3, 2), of a mesh of that `rounded_size`."""
     known = []
     for of in blocks(len(corners)):
-        c, rad, ordered = on_triangles(corners[of], size, data)
+        c, rad, ordered = on_triangles(corners[of], size, f)
         frame = _frame(*ordered.transpose(1, 2, 0))
         known.append(Polynomials(c, rad + COMPUTED * EPS * np.abs(c).sum(axis=0), frame))
     return joined(known)
@@ -222,9 +222,9 @@ class AncestorSearch:
     the mesh before.
     """
 
-    def __init__(self, mesh: Mesh, data: Data, first: Mesh, before: Seen | None, sums: Sums) -> None:
+    def __init__(self, mesh: Mesh, f: SourceFunction, first: Mesh, before: Seen | None, sums: Sums) -> None:
         """Search from the `first` mesh on, with what was seen there `before`, if anything, and its sums."""
-        self.mesh, self.data, self.h = mesh, data, even_h(mesh)
+        self.mesh, self.f, self.h = mesh, f, even_h(mesh)
         self.known, self.sums, self.whole = none(), sums, before is not None
         steps, n = mesh.steps[len(first.steps) :], len(first.triangles)
         self.of, self.halvings = np.zeros((2, n), dtype=np.int32)
@@ -252,7 +252,7 @@ class AncestorSearch:
         """Enclose f on the triangles with those nodes (k, 3) and the numbers `at` (k,)."""
         if not at.size:
             return
-        asked = whole(self.mesh.points[nodes], rounded_size(self.mesh), self.data)
+        asked = whole(self.mesh.points[nodes], rounded_size(self.mesh), self.f)
         self.of[at] = len(self.known.rad) + np.arange(len(at))
         self.known, self.halvings[at], self.new[at] = joined([self.known, asked]), 0, True
         area = signed_areas(self.mesh.points, nodes)

@@ -24,7 +24,7 @@ from unilateral.formulas.taylor_enclosures import Steps
 from unilateral.geometry.curves import Kink, area_in_disc
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.plane import cross
-from unilateral.problems.scaled import Data
+from unilateral.problems.problem import SourceFunction
 
 ORDER = 4
 ROUNDING = 4 * EPS
@@ -69,7 +69,7 @@ def areas_of(mesh: Mesh, corners: Array, parent: Index) -> Array:
     return shares(corners) * mesh.areas[parent]
 
 
-def known_at_points(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Array:
+def known_at_points(mesh: Mesh, corners: Array, parent: Index, source: SourceFunction) -> Array:
     """(k,) what E^2 would be if f were known on all of a piece as well as in its middle.
 
     Smaller pieces would be in vain.
@@ -78,16 +78,18 @@ def known_at_points(mesh: Mesh, corners: Array, parent: Index, data: Data) -> Ar
     known, size = [], rounded_size(mesh)
     for block in blocks(len(parent)):
         vertices = np.repeat(middle[block], 3, axis=1)
-        known.append(_known(_model(vertices, size, data, sides(vertices, data.jumps, size)[0])))
+        known.append(_known(_model(vertices, size, source, sides(vertices, source.jumps, size)[0])))
     return areas_of(mesh, corners, parent) * np.concatenate([np.zeros(0), *known]) ** 2
 
 
-def polynomials(mesh: Mesh, corners: Array, parent: Index, data: Data) -> tuple[TrianglePieces, Index]:
+def polynomials(
+    mesh: Mesh, corners: Array, parent: Index, source: SourceFunction
+) -> tuple[TrianglePieces, Index]:
     """p on the pieces, where those at a jump are cut along it; the piece (k,) that each is a part of."""
     pieces, owners = [], []
     for block in blocks(len(parent)):
-        parts, owner = cut(mesh, corners[block], parent[block], data.jumps)
-        pieces.append(on_block(mesh, parts, parent[block][owner], data))
+        parts, owner = cut(mesh, corners[block], parent[block], source.jumps)
+        pieces.append(on_block(mesh, parts, parent[block][owner], source))
         owners.append(owner + block.start)
     c, *others = zip(*pieces, strict=True)
     joined = TrianglePieces(np.concatenate(c, axis=1), *map(np.concatenate, others))
@@ -99,37 +101,37 @@ def with_gaps(area: Array, perimeter: Array, size: float) -> Array:
     return area + GAPS * EPS * size * perimeter
 
 
-def on_triangles(vertices: Array, size: float, data: Data) -> tuple[Array, Array, Array]:
+def on_triangles(vertices: Array, size: float, source: SourceFunction) -> tuple[Array, Array, Array]:
     """p's c (m, k) on triangles (k, 3, 2), a bound (k,) on |f - p|, and the vertices in the order for sigma.
 
     A step has both its values on a triangle that its curve may cross.
     """
     order, _ = _ordered(vertices)
     vertices = np.take_along_axis(vertices, order[..., None], axis=1)
-    steps, wrong = sides(vertices, data.jumps, size)
+    steps, wrong = sides(vertices, source.jumps, size)
     both = {step: np.where(np.isnan(wrong[step]), value, np.nan) for step, value in steps.items()}
-    f = _model(vertices, size, data, both)
+    f = _model(vertices, size, source, both)
     return f.c, _known(f), vertices
 
 
-def on_block(mesh: Mesh, corners: Array, parent: Index, data: Data) -> TrianglePieces:
+def on_block(mesh: Mesh, corners: Array, parent: Index, source: SourceFunction) -> TrianglePieces:
     vertices = corners @ mesh.points[mesh.triangles[parent]]
     order, perimeter = _ordered(vertices)
     corners, vertices = (np.take_along_axis(a, order[..., None], axis=1) for a in (corners, vertices))
     size = rounded_size(mesh)
-    steps, wrong = sides(vertices, data.jumps, size)
-    f, area = _model(vertices, size, data, steps), areas_of(mesh, corners, parent)
+    steps, wrong = sides(vertices, source.jumps, size)
+    f, area = _model(vertices, size, source, steps), areas_of(mesh, corners, parent)
     outer = with_gaps(area, perimeter, size)
     squares, nothing = outer * _known(f) ** 2, np.zeros((2, len(parent)))
     pieces = TrianglePieces(f.c, corners, parent, area, outer, squares, *nothing)
     near = {step: ~np.isnan(of_step) for step, of_step in wrong.items()}
     for step, at in near.items():
         here = {each: value[at] for each, value in steps.items()}
-        by = _model(vertices[at], size, data, here | {step: 1 - here[step]}) + f.on(at).scaled(-1.0)
-        _jump(pieces, at, by, wrong[step][at], rounding(vertices[at], data.jumps[step], size))
+        by = _model(vertices[at], size, source, here | {step: 1 - here[step]}) + f.on(at).scaled(-1.0)
+        _jump(pieces, at, by, wrong[step][at], rounding(vertices[at], source.jumps[step], size))
     several = np.sum([*near.values()], axis=0) > 1
     if several.any():
-        _jumps(pieces, several, vertices[several], size, data, steps, wrong)
+        _jumps(pieces, several, vertices[several], size, source, steps, wrong)
     return pieces
 
 
@@ -152,15 +154,21 @@ def _jump(pieces: TrianglePieces, at: Mask, by: Model, wrong: Array, doubt: Arra
 
 
 def _jumps(
-    pieces: TrianglePieces, at: Mask, vertices: Array, size: float, data: Data, steps: Steps, wrong: Steps
+    pieces: TrianglePieces,
+    at: Mask,
+    vertices: Array,
+    size: float,
+    source: SourceFunction,
+    steps: Steps,
+    wrong: Steps,
 ) -> None:
     """Account for places where several steps are wrong at once.
 
     f is off there by no more than all its values on the piece differ.
     """
     both = {step: np.where(np.isnan(wrong[step][at]), value[at], np.nan) for step, value in steps.items()}
-    lower, upper = _model(vertices, size, data, both).range
-    doubts = [rounding(vertices, kink, size) for kink in data.jumps.values()]
+    lower, upper = _model(vertices, size, source, both).range
+    doubts = [rounding(vertices, kink, size) for kink in source.jumps.values()]
     areas = [np.nan_to_num(wrong[step][at]) + doubt for step, doubt in zip(wrong, doubts, strict=True)]
     second = np.sort(areas, axis=0)[-2]
     most = (1 + len(areas)) * (upper - lower)
@@ -174,7 +182,7 @@ def _ordered(vertices: Array) -> tuple[Index, Array]:
     return (np.argmax(lengths, axis=1)[:, None] + np.arange(3)) % 3, lengths.sum(axis=1)
 
 
-def _model(vertices: Array, size: float, data: Data, steps: Steps) -> Model:
+def _model(vertices: Array, size: float, source: SourceFunction, steps: Steps) -> Model:
     """f on pieces with those vertices (k, 3, 2), which are rounded like coordinates of that `size`."""
     places, off = [], ROUNDING * size
     for values in np.moveaxis(vertices, 2, 0):
@@ -182,7 +190,7 @@ def _model(vertices: Array, size: float, data: Data, steps: Steps) -> Model:
         ends = values.min(axis=1) - off, values.max(axis=1) + off
         places.append(affine(basis(2, ORDER), 0.5 * (b + c), 0.5 * np.stack([b - a, c - a]), ends, off))
     x, y = places
-    return data.source_model(x, y, steps)
+    return source.model(x, y, steps)
 
 
 def _known(f: Model) -> Array:

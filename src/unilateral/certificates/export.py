@@ -62,13 +62,13 @@ def judge_solution(solved: DiscreteSolution, mesh: Mesh, units: Units) -> Judged
     If c = 0, the flux is balanced: a checker multiplies the mean of f + div p on triangles by a constant that
     is less sharp than the program's. It is what the iteration left of the discrete equations.
     """
-    bound, flux, source = solved.local_bound, solved.flux, solved.source
+    bound, flux, data = solved.local_bound, solved.flux, solved.data
     assert bound is not None  # the data of a user's problem are known
     assert flux is not None
-    assert source is not None
+    assert data is not None
     scaled, form = solved.mesh, solved.form
     if not form.reaction:
-        means = source.moments().sum(axis=1) / scaled.areas
+        means = data.source.moments().sum(axis=1) / scaled.areas
         flux = flux + flux_of_source(scaled, form.clamped, means + divergence(scaled, flux))
     raised, bubbles = solved.u_h[scaled.boundary] + bound.lift[0], bound.lift[1]
     trace = units.value * np.append(raised, 0.5 * (raised + np.roll(raised, -1)) + bubbles)

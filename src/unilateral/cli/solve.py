@@ -186,7 +186,7 @@ def report(
     no accuracy was asked for. Seconds count from `begin` on.
     """
     search, solved, units = solution.search, solution.solved, solution.problem.units
-    refusal = too_large(solved, sharp)
+    refusal = too_large(solution, sharp)
     bounds = None
     if refusal:
         tell(refusal)
@@ -219,11 +219,11 @@ def report(
     if doubt:
         tell(f"lambda_H {doubt}")
     is_certified = search is not None and solution.certified
-    if bounds and not (sharp or is_certified) and (flat := flat_triangles(solved)):
+    if bounds and not (sharp or is_certified) and (flat := flat_triangles(solution.bounded)):
         tell(flat)
     if not (search or solution.converged):
         tell(not_converged(solved))
-    if reason := lift_dominates(solved):
+    if reason := lift_dominates(solution):
         tell(reason)
     if json:
         say(as_json.text(record))
@@ -236,7 +236,7 @@ def report(
         say(f"  {WITHOUT_REACTION.format(energy(units, 'v'))}")
     elif not units.trivial:
         say(f"  {NORMS_WITH_COEFFICIENTS}")
-    least = {norm: solved.size(norm, sharp) if bounds else math.nan for norm in NORMS}
+    least = {norm: solution.bounded.size(norm, sharp) if bounds else math.nan for norm in NORMS}
     say(table(record, bounds, least, forces, doubt, units))
     if bounds and not (search or errors or solved.foreign) and is_too_coarse(solution, bounds):
         say(f"  {'hint':27} {TOO_COARSE}{'; it makes its own meshes' * on_own_mesh}")
@@ -320,5 +320,5 @@ def write_files(
         check = shlex.join(["python3", str(checker_of(solution.problem)), certificate])
         say(f"  {'check it with':27} {check}")
         if sharp:
-            bound = interval(-math.inf, solution.solved.total("h1"))
+            bound = interval(-math.inf, solution.bounded.total("h1"))
             say(f"  {'it proves':27} the bound without --sharp: {bound}")

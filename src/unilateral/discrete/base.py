@@ -10,14 +10,12 @@ from functools import cached_property
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.bounds.boundary_flux import Given
-from unilateral.bounds.source import Source
+from unilateral.bounds.mesh_data import MeshData
 from unilateral.discrete.solution import DiscreteSolution, integral
 from unilateral.fem.form import H1, Form
 from unilateral.fem.p1 import coupling, h1_norm, of_rest
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.problems.scaled import Data
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 
@@ -30,10 +28,8 @@ AIM = 0.5
 class DiscreteProblem(ABC):
     """(P_h*) on a mesh and a partition, with the `load` (n,) of f and q, and the `g_means` (all cells,) of g.
 
-    Multipliers are on the `cells` (m,) of the partition. The errors are bounded where the `data` f, g and q
-    are formulas; `tau` is then the given flux. `source` is the enclosure of f, if there is one, because the
-    load may be made of it. On the sides that the `form` clamps u_h has the values `held` (n,), a function of
-    V_h.
+    Multipliers are on the `cells` (m,) of the partition. The errors are bounded where the `data` on the mesh
+    are known. On the sides that the `form` clamps u_h has the values `held` (n,), a function of V_h.
     """
 
     mesh: Mesh
@@ -41,9 +37,7 @@ class DiscreteProblem(ABC):
     cells: Index
     load: Array
     g_means: Array
-    data: Data | None = field(default=None, kw_only=True)
-    source: Source | None = field(default=None, kw_only=True)
-    tau: Given | None = field(default=None, kw_only=True)
+    data: MeshData | None = field(default=None, kw_only=True)
     form: Form = field(default=H1, kw_only=True)
     held: Array = field(default_factory=lambda: NOTHING, kw_only=True)
 
@@ -126,8 +120,6 @@ class DiscreteProblem(ABC):
             u_integral=integral(self.mesh, u_h),
             force=float(self.partition.lengths @ lambda_H),
             lambda_norm=self.lambda_norm(result.lambda_H),
-            known_source=self.source,
-            tau=self.tau,
         )
 
     def balance(self, solution: DiscreteSolution) -> float:

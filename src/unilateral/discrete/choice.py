@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import math
+import warnings
 from typing import TYPE_CHECKING
 
+from unilateral.bounds.source import Source
 from unilateral.discrete.base import DiscreteProblem
 from unilateral.discrete.condensed import on_spaces
-from unilateral.discrete.loads import Load, form_of, load_of
-from unilateral.errors import InputError
+from unilateral.discrete.loads import form_of
+from unilateral.discrete.solution import DiscreteSolution
+from unilateral.errors import InputError, IterationWarning
 from unilateral.fem.condense import REFINED, condense
 from unilateral.fem.form import Form
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
+from unilateral.geometry import mesh as meshes
+from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
@@ -44,12 +49,15 @@ DENSE = 64
 """Bytes per entry of A_3 or S: about eight matrices of that size are held."""
 
 
-def cheapest(problem: Data, mesh: Mesh, partition: Partition, stop: Stop) -> Spaces:
+def choose_spaces(problem: Data, mesh: Mesh, partition: Partition, stop: Stop) -> Spaces:
     """The spaces of a problem, on nested levels where these pay and can follow the partition.
 
-    Else they are condensed ones. An algorithm or a rho that is asked for decides. Raises InputError where
+    The mesh and the partition may be in other units of length than the problem. If levels do not pay, the
+    spaces are condensed ones. An algorithm or a rho that is asked for decides. Raises InputError where
     multigrid is asked for but not possible.
     """
+    mesh = meshes.similar(mesh, problem.polygon)
+    partition = partitions.similar(partition, problem.polygon)
     form = form_of(problem, mesh)
     if wants_multigrid(stop, mesh.n_nodes):
         from unilateral.discrete.multilevel import nested_spaces  # and with it PyAMG
@@ -65,13 +73,20 @@ def cheapest(problem: Data, mesh: Mesh, partition: Partition, stop: Stop) -> Spa
     return condensed_spaces(mesh, partition, form)
 
 
-def discretised(problem: Data, spaces: Spaces, load: Load | None = None) -> DiscreteProblem:
-    """The problem on its spaces, with the `load` of its f if that is known."""
+def discretise_on(problem: Data, spaces: Spaces, source: Source | None = None) -> DiscreteProblem:
+    """The problem on its spaces, with f as the `source` has it, if that is known."""
     if isinstance(spaces, MixedSpaces):
-        return on_spaces(problem, spaces, load)
+        return on_spaces(problem, spaces, source)
     from unilateral.discrete.multilevel import on_levels
 
-    return on_levels(problem, spaces, load or load_of(problem, spaces.mesh))
+    return on_levels(problem, spaces, source)
+
+
+def solve_on(problem: Data, mesh: Mesh, partition: Partition, stop: Stop) -> DiscreteSolution:
+    """(u_h, lambda_H) on a mesh and a partition, as `choose_spaces` takes them."""
+    discrete = discretise_on(problem, choose_spaces(problem, mesh, partition, stop))
+    with warnings.catch_warnings(action="ignore", category=IterationWarning):
+        return discrete.solved(stop)
 
 
 def condensed_spaces(mesh: Mesh, partition: Partition, form: Form) -> MixedSpaces:

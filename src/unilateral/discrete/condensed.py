@@ -10,9 +10,10 @@ import numpy as np
 from scipy.linalg.blas import dnrm2
 
 from unilateral.arrays import Array
-from unilateral.bounds.boundary_flux import given
+from unilateral.bounds.mesh_data import enclose_data
+from unilateral.bounds.source import Source
 from unilateral.discrete.base import NOTHING, DiscreteProblem
-from unilateral.discrete.loads import Load, boundary_data, form_of, load_of
+from unilateral.discrete.loads import form_of
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
@@ -164,12 +165,9 @@ def with_load(
 
 
 def with_solution(spaces: MixedSpaces, exact: Exact) -> CondensedProblem:
-    """The problem of a case whose `exact` solution is known on these spaces, without free sides."""
-    of = exact.ritz
-    discrete = with_load(spaces, of.load, of.trace, exact.means.g_means, of.held)
-    problem = of.case.problem
-    tau = given(problem.enclosed_flux, spaces.mesh, spaces.condensed.form)
-    return replace(discrete, exact=exact, data=problem, tau=tau)
+    """The problem of a case whose `exact` solution is known on these spaces; its data are not enclosed."""
+    ritz = exact.ritz
+    return replace(with_load(spaces, ritz.load, ritz.trace, exact.means.g_means, ritz.held), exact=exact)
 
 
 def discretise(problem: Data, mesh: Mesh, partition: Partition) -> CondensedProblem:
@@ -177,10 +175,10 @@ def discretise(problem: Data, mesh: Mesh, partition: Partition) -> CondensedProb
     return on_spaces(problem, mixed_spaces(condense(mesh, form_of(problem, mesh)), partition))
 
 
-def on_spaces(problem: Data, spaces: MixedSpaces, load: Load | None = None) -> CondensedProblem:
-    """The problem on its spaces, with the `load` of its f if that is known.
+def on_spaces(problem: Data, spaces: MixedSpaces, source: Source | None = None) -> CondensedProblem:
+    """The problem on its spaces, with f as the `source` has it, if that is known.
 
-    Raises InputError where S is 0.
+    The data of a case are not enclosed, which takes longer than to solve it. Raises InputError where S is 0.
     """
     if len(spaces.cells) and not spaces.operator.lambda_max:
         raise InputError(
@@ -188,15 +186,13 @@ def on_spaces(problem: Data, spaces: MixedSpaces, load: Load | None = None) -> C
             " take a smaller h, or ul.mesh(mesh, halvings=1) of your own mesh"
         )
     if problem.exact:
-        return replace(with_solution(spaces, exact(problem.exact, spaces)), data=problem)
-    mesh = spaces.mesh
-    of_f = load or load_of(problem, mesh)
-    boundary = boundary_data(problem, mesh, spaces.partition, spaces.condensed.form)
-    total = of_f.values + boundary.load(mesh)
-    discrete = with_load(spaces, total, None, boundary.g_means, boundary.held)
+        return with_solution(spaces, exact(problem.exact, spaces))
+    data = enclose_data(problem, spaces.mesh, spaces.condensed.form, source)
+    g_means = problem.enclosed_obstacle.means(spaces.partition.points)
+    discrete = with_load(spaces, data.load, None, g_means, data.constraint.clamped_values)
     if np.max(np.abs(discrete.offset), initial=0.0) < LEAST:
         discrete.offset[:] = 0.0  # of data that this mesh does not see
-    return replace(discrete, data=problem, source=of_f.source, tau=boundary.tau)
+    return replace(discrete, data=data)
 
 
 def solve(discrete: CondensedProblem, stop: Stop = Stop(), beta: float | None = None) -> DiscreteSolution:  # noqa: B008

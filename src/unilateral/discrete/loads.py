@@ -1,22 +1,18 @@
-"""What a problem gives to the discrete one: the loads of f and q, and the means of g."""
+"""What a problem gives to the discrete one beside its data on the mesh: its form, and what a case knows."""
 
 from __future__ import annotations
 
 import math
 from functools import partial
-from typing import NamedTuple
-
-import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.bounds.boundary_flux import Given, given
-from unilateral.bounds.source import Source, source_of
 from unilateral.fem.form import Form
-from unilateral.fem.p1 import by_parts, case_moments, edge_load
+from unilateral.fem.p1 import by_parts, case_moments
 from unilateral.fem.poincare import friedrichs
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import cell_means
+from unilateral.problems.case import ExactSolution
 from unilateral.problems.scaled import Data
 
 
@@ -28,28 +24,9 @@ def form_of(problem: Data, mesh: Mesh) -> Form:
     return Form(reaction, clamped, C, problem.free_sides)
 
 
-def held_values(problem: Data, mesh: Mesh) -> Array:
-    """(n,) what u_h is held at: the values of u that are given on clamped sides, at nodes there, and 0."""
-    values, nodes = np.zeros(mesh.n_nodes), np.append(mesh.boundary, mesh.boundary[0])
-    edge = np.flatnonzero(np.isin(mesh.side, problem.clamped_sides))
-    for end in (1, 0) if edge.size else ():
-        values[nodes[edge + end]] = problem.enclosed_obstacle.on_edges(mesh.s)[edge, end]
-    return values
-
-
-class Load(NamedTuple):
-    """(n,) the values (f, phi_i), and the enclosure of f if they are made of that."""
-
-    values: Array
-    source: Source | None
-
-
-def load_of(problem: Data, mesh: Mesh) -> Load:
-    """The load of f: of a case by quadrature, else that of its enclosure's polynomials."""
-    if problem.exact:
-        return Load(by_parts(mesh, partial(case_moments, problem.exact)), None)
-    source = source_of(mesh, problem)
-    return Load(source.load, source)
+def case_load(case: ExactSolution, mesh: Mesh) -> Array:
+    """(n,) the load of a case's f, by quadrature."""
+    return by_parts(mesh, partial(case_moments, case))
 
 
 def obstacle_means(problem: Data, cells: Partition) -> Array:
@@ -57,24 +34,3 @@ def obstacle_means(problem: Data, cells: Partition) -> Array:
     if problem.exact:
         return cell_means(problem.exact, cells).g_means
     return problem.enclosed_obstacle.means(cells.points)
-
-
-class BoundaryData(NamedTuple):
-    """The given flux `tau`, the means (cells,) of g, and what u_h is held at (n,) on clamped sides."""
-
-    tau: Given
-    g_means: Array
-    held: Array
-
-    def load(self, mesh: Mesh) -> Array:
-        """(n,) the load of the flux, exact for the polynomials of its enclosure."""
-        return edge_load(mesh, self.tau.ends)
-
-
-def boundary_data(problem: Data, mesh: Mesh, cells: Partition, form: Form) -> BoundaryData:
-    """What a problem gives on the boundary of a mesh; the bounds take the same `tau`."""
-    return BoundaryData(
-        tau=given(problem.enclosed_flux, mesh, form),
-        g_means=obstacle_means(problem, cells),
-        held=held_values(problem, mesh),
-    )

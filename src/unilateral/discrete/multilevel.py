@@ -15,9 +15,11 @@ import numpy as np
 from scipy.linalg.blas import dnrm2
 
 from unilateral.arrays import Array, Index
-from unilateral.bounds.source import enclosed
+from unilateral.bounds.constraint import constraint
+from unilateral.bounds.mesh_data import MeshData, enclose_data
+from unilateral.bounds.source import Source, enclose_source
 from unilateral.discrete.base import AIM, DiscreteProblem
-from unilateral.discrete.loads import Load, boundary_data, form_of
+from unilateral.discrete.loads import case_load, form_of, obstacle_means
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.form import H1, Form
 from unilateral.fem.hierarchy import Hierarchy, hierarchy
@@ -50,7 +52,7 @@ class NestedSpaces:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MultilevelProblem(DiscreteProblem):
-    """(P_h*) on nested spaces. f and g are enclosed where the `data` are formulas.
+    """(P_h*) on nested spaces.
 
     The iteration begins at the `guess` (n,), which is 0 at fixed nodes, by default on coarser levels. Each
     cell has a node inside, so lambda_H is `unique`. No lower bound on `beta` is known, so it is set to 1:
@@ -138,33 +140,44 @@ def nested_spaces(
 
 
 def on_levels(
-    problem: Data, spaces: NestedSpaces, load: Load, guess: Array | None = None
+    problem: Data, spaces: NestedSpaces, source: Source | None = None, guess: Array | None = None
 ) -> MultilevelProblem:
-    """The problem on its spaces, with the `load` of its f; the iteration begins at the `guess` (n,)."""
+    """The problem on its spaces, with f as the `source` has it, if that is known.
+
+    The iteration begins at the `guess` (n,). The data of a case are only enclosed where its f is, or where
+    the iteration ends by a bound on the error, as it does on one level.
+    """
     mesh, partition, form = spaces.mesh, spaces.partition, spaces.levels.form
-    cells = np.flatnonzero(form.held(partition.side))
-    boundary = boundary_data(problem, mesh, partition, form)
+    data: MeshData | None = None
+    if problem.exact and source is None and len(spaces.nested) > 1:
+        load = case_load(problem.exact, mesh)
+        clamped_values = np.zeros(mesh.n_nodes)
+        if form.clamped:
+            clamped_values = constraint(problem.enclosed_obstacle, mesh, form).clamped_values
+    else:
+        data = enclose_data(problem, mesh, form, source)
+        load = data.load
+        clamped_values = data.constraint.clamped_values
     return MultilevelProblem(
         mesh=mesh,
         partition=partition,
-        cells=cells,
-        load=load.values + boundary.load(mesh),
-        g_means=boundary.g_means,
-        data=problem,
-        source=load.source,
-        tau=boundary.tau,
+        cells=np.flatnonzero(form.held(partition.side)),
+        load=load,
+        g_means=obstacle_means(problem, partition),
+        data=data,
         form=form,
-        held=_extended(boundary.held, mesh, form),
+        held=_extended(clamped_values, mesh, form),
         spaces=spaces,
         guess=guess,
     )
 
 
-def _extended(held: Array, mesh: Mesh, form: Form) -> Array:
-    """(n,) the function `held` (n,) on clamped sides, which falls to 0 on triangles of the first mesh.
+def _extended(clamped_values: Array, mesh: Mesh, form: Form) -> Array:
+    """(n,) the function with these values on clamped sides, which falls to 0 on triangles of the first mesh.
 
     In nested iteration u_h less this function is as smooth as u_h, but for what the values are not linear.
     """
+    held = clamped_values.copy()
     if form.clamped:
         fixed = form.fixed(mesh)
         for step in mesh.steps:
@@ -185,7 +198,7 @@ def discretise_nested(
     enclosed on new triangles only, and the iteration begins at that solution.
     """
     mesh = of.mesh
-    source = enclosed(mesh, problem, before.source if before else None)
+    source = enclose_source(mesh, problem.source, before.data.source if before and before.data else None)
     form = before.form if before else form_of(problem, mesh)
     levels = hierarchy(mesh, before.spaces.levels if before else None, form)
     guess = np.zeros(mesh.n_nodes)
@@ -196,7 +209,7 @@ def discretise_nested(
                 level.prolong(guess)
     spaces = nested_spaces(mesh, of.partition, levels)
     assert spaces is not None
-    return on_levels(problem, spaces, Load(source.load, source), guess)
+    return on_levels(problem, spaces, source, guess)
 
 
 def refinements(

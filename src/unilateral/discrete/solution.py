@@ -10,17 +10,15 @@ from functools import cached_property
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.bounds.boundary_flux import Given, edge_flux
+from unilateral.bounds.boundary_flux import edge_flux
 from unilateral.bounds.flux_residuals import SUMS
-from unilateral.bounds.forces import balance
 from unilateral.bounds.local_bounds import Bound, flux_of, local_bound
+from unilateral.bounds.mesh_data import MeshData
 from unilateral.bounds.sharp_bounds import sharp_bound
-from unilateral.bounds.source import Source, source_of
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import coupling, h1_norm
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.problems.scaled import Data
 from unilateral.solvers.uzawa import DualResult
 
 
@@ -33,7 +31,7 @@ class DiscreteSolution:
     Parameters
     ----------
     data
-        f, g and q, by which errors are bounded; None if only a load of them is known.
+        f, g and q on the mesh, by which errors are bounded; None if only a load of them is known.
     mesh, partition, form
         The spaces, and the bilinear form with its clamped and free sides.
     cells : (m,)
@@ -58,16 +56,12 @@ class DiscreteSolution:
         The integral of lambda_H.
     lambda_norm
         A lower bound on ||lambda_H||_{-1/2,h}, which is at most ||lambda_H||_{-1/2}.
-    known_source
-        The enclosure of f, if the load was made of it; else it is made when it is needed.
-    tau
-        The flux that is given on free sides, as linear functions on edges; None without data.
     potential : (n,), optional
         If u_h is of another program: the function that solves the discrete equation with lambda_H. The bounds
         on the errors of u_h make their flux from it.
     """
 
-    data: Data | None
+    data: MeshData | None
     mesh: Mesh
     partition: Partition
     form: Form
@@ -83,8 +77,6 @@ class DiscreteSolution:
     u_integral: float
     force: float
     lambda_norm: float
-    known_source: Source | None = None
-    tau: Given | None = None
     potential: Array | None = None
 
     def __repr__(self) -> str:
@@ -102,13 +94,6 @@ class DiscreteSolution:
         gap = np.full(self.partition.n_cells, math.nan)
         gap[self.cells] = (means - self.g_means)[self.cells]
         return gap
-
-    @cached_property
-    def source(self) -> Source | None:
-        """The enclosure of f; None without data."""
-        if self.data is None:
-            return None
-        return self.known_source or source_of(self.mesh, self.data)
 
     def bound(self, sharp: bool = False) -> Bound | None:
         """The guaranteed bounds on the errors, if there are data; sharp ones take more time."""
@@ -132,12 +117,10 @@ class DiscreteSolution:
         if self.data is None:
             return None
         return estimate(
-            self.source,
-            self.data.enclosed_obstacle,
+            self.data,
             self.partition,
             self.u_h,
             self.lambda_H,
-            self.tau,
             self.form,
             self.potential,
         )
@@ -145,26 +128,16 @@ class DiscreteSolution:
     @cached_property
     def flux(self) -> Array | None:
         """(2, E) the flux of the cheap bound, as `equilibrated` gives it; None without data."""
-        if self.source is None or self.tau is None:
+        if self.data is None:
             return None
         potential = self.u_h if self.potential is None else self.potential
         sigma = edge_flux(self.mesh, self.partition, self.lambda_H).ends
-        return flux_of(self.source, potential, sigma + self.tau.ends, self.form)
+        return flux_of(self.data.source, potential, sigma + self.data.tau.ends, self.form)
 
     @property
     def shares(self) -> Array:
         """(triangles,) parts of the square of the cheap bound on ||u - u_h||_1; 0 if it is unknown."""
         return self.local_bound.shares if self.local_bound else np.zeros(len(self.mesh.triangles))
-
-    @cached_property
-    def force_balance(self) -> tuple[float, float] | None:
-        """Two numbers between which the sum of all forces and reactions lies.
-
-        None if c > 0, or without data.
-        """
-        if self.data is None or self.source is None or self.form.reaction:
-            return None
-        return balance(self.source, self.data.enclosed_flux)
 
     def total(self, norm: str, sharp: bool = False) -> float:
         """The bound on ||u - u_h||_1 ("h1") or ||lambda - lambda_H||_{-1/2} ("hm12"), infinite if unknown."""

@@ -139,8 +139,8 @@ def _always() -> bool:
 
 def _no_load(problem: Problem) -> bool:
     """Whether f may be 0, for all that is known of it."""
-    if problem.f_at_nodes is not None:
-        return not problem.f_at_nodes.any()
+    if isinstance(problem.f, np.ndarray):
+        return not problem.f.any()
     return may_be_0(as_formula(problem.f), some_points(problem.polygon))
 
 

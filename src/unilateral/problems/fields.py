@@ -6,6 +6,8 @@ from collections.abc import Mapping, Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from unilateral.errors import shown
 from unilateral.formulas.expression import ONE, Expression
 from unilateral.problems.nodal import NodalTrace
@@ -77,7 +79,7 @@ def _written(data: object) -> str:
 
 def linear_fields(problem: Problem) -> list[str]:
     """Which of f, g, q and u are linear between the nodes of the mesh, on one side at least."""
-    linear = {"f"} if problem.f_at_nodes is not None else set()
+    linear = {"f"} if isinstance(problem.f, np.ndarray) else set()
     for side in range(problem.polygon.n_sides):
         field = "u" if side in problem.clamped_sides else "g"
         linear |= {field} if isinstance(problem.g[side], NodalTrace) else set()

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -49,13 +50,42 @@ WIDE = 4 * PLACES
 """For q no piece is cut in parts shorter than half of this many units in the last place of the perimeter."""
 
 
+class EdgePolynomials(NamedTuple):
+    """The polynomials of an `Obstacle` on edges, at Q Gauss points of K intervals and at the edges' ends.
+
+    The intervals lie on the edges `edge` (K,), and have that `half` length (K,). At the arc lengths s (K, Q)
+    the polynomials have the values `value` and the derivatives `slope` (K, Q); the rule's `weights` (Q,)
+    belong to [-1, 1]. `doubt`, `upper`, `steep` and `kinks` (K,) are those of the obstacle, the last within
+    `reach` of the ends of pieces.
+
+    At the start, the end and the midpoint of all edges the polynomials have the values `ends` (nb, 3), from
+    inside the edge. At an edge's start they may differ by `allowed_jumps` (nb,) where data fit together: on
+    either of two that meet the polynomial is within its doubt of g. None is allowed, not even 0, where it is
+    `hidden`.
+    """
+
+    edge: Index
+    s: Array
+    half: Array
+    weights: Array
+    value: Array
+    slope: Array
+    doubt: Array
+    upper: Array
+    steep: Array
+    kinks: Array
+    reach: float
+    ends: Array
+    allowed_jumps: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Obstacle(Piecewise):
     """g, -inf on sides that are free. Where two pieces meet on a side their polynomials agree.
 
     On clamped sides it is the given u, the derivative of which, by the arc length, is within `steep` (k,) of
-    the polynomials'. Within `reach` of a piece's ends, as far as places may be rounded, it may be that of the
-    next piece, and is within `kinks` (k,). Both are 0 on all other sides.
+    the polynomials'. Near a piece's ends, as far as places may be rounded, it may be that of the next piece,
+    and is within `kinks` (k,). Both are 0 on all other sides.
 
     At the vertices g is within `end_doubts` (2, n) of the `ends` (2, n): on the side that ends there, then on
     the one that starts there. Both are 0 on sides that are free.
@@ -66,30 +96,12 @@ class Obstacle(Piecewise):
     ends: Array
     end_doubts: Array
 
-    @property
-    def reach(self) -> float:
-        return PLACES * float(np.spacing(self.points[-1]))
-
     def means(self, points: Array) -> Array:
         """(m,) the polynomials' means between the arc lengths `points` (m + 1,) of the perimeter."""
-        cuts = np.union1d(points, self.points[(self.points > points[0]) & (self.points < points[-1])])
-        x, w = np.polynomial.legendre.leggauss(ORDER // 2 + 1)
-        middle, half = 0.5 * (cuts[1:] + cuts[:-1]), 0.5 * np.diff(cuts)
-        value, _ = self.at(self.on(middle)[:, None], middle[:, None] + half[:, None] * x)
-        cell = np.searchsorted(points, middle) - 1
-        return np.asarray(np.bincount(cell, half * (value @ w), len(points) - 1) / np.diff(points))
-
-    def on_edges(self, s: Array) -> Array:
-        """(k, 3) the polynomials at the start, the end and the midpoint of edges, from inside the edge.
-
-        The edges lie between the arc lengths s (k + 1,) of the perimeter.
-        """
-        inner = np.stack([s[:-1], s[1:], 0.5 * (s[1:] + s[:-1])], axis=1)
-        return self.at(np.column_stack([*self.outer_pieces(s), self.on(inner[:, 2])]), inner)[0]
-
-    def outer_pieces(self, s: Array) -> tuple[Index, Index]:
-        """(k,), (k,) the pieces at the start and at the end of the edges between arc lengths s (k + 1,)."""
-        return self.on(s[:-1]), np.clip(np.searchsorted(self.points, s[1:]) - 1, 0, len(self.side) - 1)
+        samples = self.sampled(points, ORDER // 2 + 1)
+        cell = np.searchsorted(points, samples.middle) - 1
+        integrals = samples.half * (samples.value @ samples.weights)
+        return np.asarray(np.bincount(cell, integrals, len(points) - 1) / np.diff(points))
 
     @property
     def rounded_jumps(self) -> Array:
@@ -108,20 +120,44 @@ class Obstacle(Piecewise):
         apart = np.abs(np.diff(self.ends, axis=0)[0]) > self.rounded_jumps + doubt
         return ~apart & ~(doubt <= HIDDEN * np.maximum(sizes, np.roll(sizes, 1)))
 
-    def allowed_jumps(self, s: Array, side: Index) -> Array:
-        """(k,) by how much the polynomials of data that fit together may differ at the start of edges.
+    def on_edges(self, s: Array, side: Index, chosen: Mask, parts: int) -> EdgePolynomials:
+        """The polynomials on the edges between arc lengths s (nb + 1,) of the perimeter, on the sides (nb,).
 
-        The edges lie on the sides (k,), between the arc lengths s (k + 1,) of the perimeter. On either of two
-        that meet the polynomial is within its doubt of g. If `data_checks` accepts them, the two g at a
-        vertex differ by at most `rounded_jumps` and twice the `end_doubts`: their values are known up to
-        these, and compared up to these. None is allowed, not even 0, where it is `hidden`.
+        The `chosen` edges (nb,) are cut into so many equal `parts`, and where pieces end.
         """
-        start, end = self.outer_pieces(s)
-        allowed = self.doubt[start] + np.roll(self.doubt[end], 1)
+        inner = s[:-1, None] + np.diff(s)[:, None] * np.arange(parts) / parts
+        samples = self.sampled(np.append(inner.ravel(), s[-1]))
+        edge = np.searchsorted(s, samples.middle) - 1
+        wanted = chosen[edge]
+        piece = samples.piece[wanted]
+
+        # At the ends of an edge the pieces count that lie on it
+        start = self.on(s[:-1])
+        end = np.clip(np.searchsorted(self.points, s[1:]) - 1, 0, len(self.side) - 1)
+        places = np.stack([s[:-1], s[1:], 0.5 * (s[1:] + s[:-1])], axis=1)
+        ends = self.at(np.column_stack([start, end, self.on(places[:, 2])]), places)[0]
+
+        # If `data_checks` accepts them, the two g at a vertex differ by at most `rounded_jumps` and twice the
+        # `end_doubts`: their values are known up to these, and compared up to these
+        allowed_jumps = self.doubt[start] + np.roll(self.doubt[end], 1)
         vertices = np.searchsorted(side, np.arange(self.polygon.n_sides))
-        allowed[vertices] += self.rounded_jumps + 2 * self.end_doubts.sum(axis=0)
-        allowed[vertices[self.hidden]] = -np.inf
-        return np.asarray(allowed)
+        allowed_jumps[vertices] += self.rounded_jumps + 2 * self.end_doubts.sum(axis=0)
+        allowed_jumps[vertices[self.hidden]] = -np.inf
+        return EdgePolynomials(
+            edge=edge[wanted],
+            s=samples.s[wanted],
+            half=samples.half[wanted],
+            weights=samples.weights,
+            value=samples.value[wanted],
+            slope=samples.slope[wanted],
+            doubt=self.doubt[piece],
+            upper=self.upper[piece],
+            steep=self.steep[piece],
+            kinks=self.kinks[piece],
+            reach=PLACES * float(np.spacing(self.points[-1])),
+            ends=ends,
+            allowed_jumps=allowed_jumps,
+        )
 
 
 def enclose_obstacle(

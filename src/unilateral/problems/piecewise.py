@@ -67,6 +67,22 @@ class IntervalPieces(NamedTuple):
         return np.asarray(16 * EPS * sizes.sum(axis=0) + np.arange(ORDER + 1) @ sizes * moved)
 
 
+class Samples(NamedTuple):
+    """Polynomials at Q Gauss points of K intervals, each of which lies on one `piece` (K,).
+
+    The intervals have that `middle` and `half` length (K,). At the arc lengths s (K, Q) the polynomials have
+    the values `value` and the derivatives `slope` (K, Q). The rule's weights (Q,) belong to [-1, 1].
+    """
+
+    piece: Index
+    middle: Array
+    half: Array
+    s: Array
+    value: Array
+    slope: Array
+    weights: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Piecewise:
     """A function that is near the polynomial c[:, i] between arc lengths `points`[i] and `points`[i + 1].
@@ -96,6 +112,17 @@ class Piecewise:
     def on(self, s: Array) -> Index:
         """The pieces (...) on which the arc lengths s (...) of the perimeter lie."""
         return np.clip(np.searchsorted(self.points, s, side="right") - 1, 0, len(self.side) - 1)
+
+    def sampled(self, cuts: Array, count: int = ORDER + 1) -> Samples:
+        """The polynomials at `count` Gauss points of intervals, which end at `cuts` (k,) and with pieces."""
+        ends = np.union1d(cuts, self.points)
+        middle = 0.5 * (ends[1:] + ends[:-1])
+        half = 0.5 * np.diff(ends)
+        piece = self.on(middle)
+        nodes, weights = np.polynomial.legendre.leggauss(count)
+        s = middle[:, None] + half[:, None] * nodes
+        value, slope = self.at(piece[:, None], s)
+        return Samples(piece, middle, half, s, value, slope, weights)
 
     def range(self, side: int) -> tuple[float, float]:
         """Bounds on the function on a side."""

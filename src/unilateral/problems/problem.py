@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import cached_property
@@ -37,6 +37,23 @@ FAR = 1e-100
 
 WANTED = "must be linear, or c - (x - a)**2 - (y - b)**2 up to a factor"
 """What the argument of a positive part in f must be, as messages say it."""
+
+
+@dataclass(frozen=True, eq=False)
+class SourceFunction:
+    """f as a function that can be enclosed.
+
+    Parameters
+    ----------
+    model
+        f on the boxes of x and y, on which the steps in it have the values of its third argument, NaN for
+        both 0 and 1.
+    jumps
+        The steps pos(a, 0) in f, and the line or circle at which each changes between 0 and 1.
+    """
+
+    model: Callable[[Model, Model, Steps], Model]
+    jumps: Mapping[Atom, Kink]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,11 +98,6 @@ class Problem:
         return any(map(callable, (self.f, *self.g, *self.q)))
 
     @property
-    def f_at_nodes(self) -> Array | None:
-        """(n,) f at the nodes of the mesh, if it is given by them."""
-        return self.f if isinstance(self.f, np.ndarray) else None
-
-    @property
     def reaction(self) -> float:
         """What u is multiplied by in (1.1): 1, or 0 if c = 0."""
         return self.units.reaction
@@ -95,19 +107,20 @@ class Problem:
         """The sides that carry contact: all that are neither free nor clamped."""
         return contact_sides(self.polygon, self.free_sides, self.clamped_sides)
 
-    @cached_property
-    def jumps(self) -> dict[Atom, Kink]:
-        """The steps pos(a, 0) in f, and the line or circle at which each changes between 0 and 1."""
-        if not isinstance(self.f, Expression):
-            return {}
-        steps = (power for power in atoms_in(self.f, "pos") if power.args[1].rational == 0)
-        return {step: kink for step in steps for kink in curve(step.args[0])}
-
-    def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
-        """f on the boxes of x and y, on which the steps have the values `steps`, NaN for both 0 and 1."""
+    @property
+    def source(self) -> SourceFunction | Array:
+        """f as a function that can be enclosed, or (n,) at the nodes of the mesh, if it is given by them."""
         if self.exact:
-            return self.exact.source_model(x, y)
-        return evaluate(as_formula(self.f), {"x": x, "y": y}, steps)
+            exact = self.exact
+            return SourceFunction(lambda x, y, _: exact.source_model(x, y), {})
+        if isinstance(self.f, np.ndarray):
+            return self.f
+        f = as_formula(self.f)
+        steps = [power for power in atoms_in(f, "pos") if power.args[1].rational == 0]
+        return SourceFunction(
+            model=lambda x, y, steps: evaluate(f, {"x": x, "y": y}, steps),
+            jumps={step: kink for step in steps for kink in curve(step.args[0])},
+        )
 
     def obstacle_model(self, side: Index, t: Model) -> Model:
         """g, or the given u, on intervals of the sides (k,), t the arc length in side lengths."""

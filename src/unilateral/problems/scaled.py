@@ -9,14 +9,11 @@ from functools import cached_property
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.formulas.expression import Atom
 from unilateral.formulas.taylor import EPS, Model
-from unilateral.formulas.taylor_enclosures import Steps
-from unilateral.geometry.curves import Kink
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.nodal import cuts
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_flux, enclose_obstacle
-from unilateral.problems.problem import Problem
+from unilateral.problems.problem import Problem, SourceFunction
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,28 +48,25 @@ class Scaled:
     def polygon(self) -> Polygon:
         return scaled_polygon(self.of)
 
-    @cached_property
-    def f_at_nodes(self) -> Array | None:
-        return None if self.of.f_at_nodes is None else self.of.f_at_nodes / self.of.units.load
-
-    @cached_property
-    def jumps(self) -> dict[Atom, Kink]:
-        """The steps in f, and the line or circle of each in the scaled domain."""
-        length = self.of.units.length
-        return {
+    @property
+    def source(self) -> SourceFunction | Array:
+        """k^{1/2} f / c on the scaled domain."""
+        f, length, load = self.of.source, self.of.units.length, self.of.units.load
+        if isinstance(f, np.ndarray):
+            return f / load
+        model = f.model
+        jumps = {
             step: replace(
                 kink,
                 centre=(kink.centre[0] / length, kink.centre[1] / length),
                 radius=kink.radius / length,
             )
-            for step, kink in self.of.jumps.items()
+            for step, kink in f.jumps.items()
         }
-
-    def source_model(self, x: Model, y: Model, steps: Steps) -> Model:
-        """k^{1/2} f / c on boxes of the scaled domain."""
-        units = self.of.units
-        f = self.of.source_model(x.scaled(units.length), y.scaled(units.length), steps)
-        return f.scaled(1 / units.load)
+        return SourceFunction(
+            model=lambda x, y, steps: model(x.scaled(length), y.scaled(length), steps).scaled(1 / load),
+            jumps=jumps,
+        )
 
     def obstacle_model(self, side: Index, t: Model) -> Model:
         """k^{1/2} g; t, in side lengths, stays."""

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from unilateral.arrays import Array
 from unilateral.discrete.choice import bound_mb
-from unilateral.discrete.solution import DiscreteSolution
 from unilateral.errors import SolutionWarning
 from unilateral.formulas.decimals import guaranteed, interval, percent
 from unilateral.formulas.expression import ONE
@@ -75,18 +74,19 @@ class Bounds:
 
 
 def bound_errors(solution: Solution, sharp: bool) -> Bounds | None:
-    """The cheap or the sharp bounds of a solution; None without formulas.
+    """The cheap or the sharp bounds of a solution.
 
-    None, too, where the bounds of all levels contradict each other, and, with a SolutionWarning two calls
-    above, where they take more memory than is free.
+    None where the bounds of all levels contradict each other, and, with a SolutionWarning two calls above,
+    where they take more memory than is free.
     """
-    solved, units = solution.solved, solution.problem.units
-    refused = too_large(solved, sharp)
+    refused = too_large(solution, sharp)
     if refused:
         warnings.warn(refused, SolutionWarning, stacklevel=3)
-    bound = solved.bound(sharp) if is_believed(solution) and not refused else None
-    if bound is None:
+    if refused or not is_believed(solution):
         return None
+    solved, units = solution.bounded, solution.problem.units
+    bound = solved.bound(sharp)
+    assert bound is not None  # the data of a user's problem are known
     return Bounds(
         u=bound.u,
         multiplier=bound.lambda_ if len(solved.cells) else math.nan,
@@ -101,7 +101,7 @@ def share_errors(solution: Solution) -> Array | None:
     """(triangles,) parts of the squares in the cheap bound on u, whose sum is 1. None without bounds."""
     if bound_errors(solution, sharp=False) is None:
         return None
-    shares = solution.solved.shares
+    shares = solution.bounded.shares
     whole = float(shares.sum())
     return shares / whole if 0 < whole < math.inf else None
 
@@ -121,11 +121,17 @@ def relative(bound: float, size: float) -> float:
     return math.nextafter(bound / size, math.inf) if size > 0 else math.nan
 
 
-def too_large(solved: DiscreteSolution, sharp: bool) -> str:
+def are_computed(solution: Solution, sharp: bool) -> bool:
+    """Whether the bounds are already computed."""
+    is_enclosed = solution.solved.data is not None or "bounded" in vars(solution)
+    return is_enclosed and solution.bounded.known(sharp)
+
+
+def too_large(solution: Solution, sharp: bool) -> str:
     """Says that bounds that are not yet computed take more memory than is free; else empty."""
-    if solved.data is None or solved.known(sharp):
+    if are_computed(solution, sharp):
         return ""
-    needed, free = bound_mb(solved.mesh, sharp), available_mb()
+    needed, free = bound_mb(solution.mesh, sharp), available_mb()
     if needed <= free:
         return ""
     return f"no guaranteed bound: it takes about {needed:.0f} MB, and {free:.0f} MB are free"

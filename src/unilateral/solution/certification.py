@@ -7,7 +7,6 @@ project's own on the same mesh, or those of the linear problem with a given mult
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,11 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from unilateral.arrays import LARGEST_VALUE, Array, Mask, floats, nodal_values
-from unilateral.discrete.choice import cheapest, condensed_spaces, discretised
+from unilateral.discrete.choice import condensed_spaces, solve_on
 from unilateral.discrete.condensed import on_spaces
 from unilateral.discrete.loads import form_of
 from unilateral.discrete.solution import DiscreteSolution, replace_u
-from unilateral.errors import InputError, IterationWarning
+from unilateral.errors import InputError
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -37,13 +36,13 @@ def certify(problem: Problem, mesh: Mesh, u: ArrayLike, multiplier: ArrayLike | 
     """Solution with the values `u` (n,) at nodes, `multiplier` (nb,) on boundary edges; as `api.certify`."""
     problem = put_on_mesh(problem, mesh)
     data = scaled(problem)
-    scaled_mesh = meshes.similar(mesh, data.polygon)
     values = nodal_values(u, "u")
     _check(values, mesh.n_nodes, "u", "node (of a second-order function: each corner of a triangle)")
     if multiplier is None:
-        own = _solve(data, scaled_mesh)
+        own = solve_on(data, mesh, edge_pairs(mesh), Stop())  # the bounds hold for any lambda_H
     else:
         without = np.isin(mesh.side, (*problem.free_sides, *problem.clamped_sides))
+        scaled_mesh = meshes.similar(mesh, data.polygon)
         own = _solve_linear(data, scaled_mesh, _edge_values(multiplier, without) / problem.units.flux)
     return make_solution(replace_u(own, values / problem.units.value), problem)
 
@@ -53,13 +52,6 @@ def edge_pairs(mesh: Mesh) -> Partition:
     sides = np.split(mesh.s[:-1], np.flatnonzero(np.diff(mesh.side)) + 1)
     starts = [side[: max(len(side) // 2 * 2, 1) : 2] for side in sides]
     return Partition(mesh.polygon, np.append(np.concatenate(starts), mesh.s[-1]))
-
-
-def _solve(data: Data, mesh: Mesh) -> DiscreteSolution:
-    """Discrete solution with a multiplier on `edge_pairs`."""
-    discrete = discretised(data, cheapest(data, mesh, edge_pairs(mesh), Stop()))
-    with warnings.catch_warnings(action="ignore", category=IterationWarning):  # bounds hold for any lambda_H
-        return discrete.solved(Stop())
 
 
 def _solve_linear(data: Data, mesh: Mesh, lambda_H: Array) -> DiscreteSolution:

@@ -60,9 +60,11 @@ def flat_triangles(solved: DiscreteSolution) -> str:
     )
 
 
-def lift_dominates(solved: DiscreteSolution) -> str:
+def lift_dominates(solution: Solution) -> str:
     """Says of another program's u that most of its bound is what makes it admissible; else empty."""
-    bound = solved.local_bound if solved.foreign and not too_large(solved, False) else None
+    if not solution.solved.foreign or too_large(solution, sharp=False):
+        return ""
+    bound = solution.bounded.local_bound
     if bound is None or bound.lifting**2 <= 0.5 * bound.u**2:
         return ""
     return (
@@ -97,7 +99,7 @@ def tell_faults(found: Solution, own_mesh: bool = False) -> None:
         warnings.warn(not_converged(found.solved), SolutionWarning, stacklevel=3)
     if not found.unique:
         warnings.warn(f"lambda_H {not_unique(found.mesh, own_mesh)}", SolutionWarning, stacklevel=3)
-    if reason := lift_dominates(found.solved):
+    if reason := lift_dominates(found):
         warnings.warn(reason, SolutionWarning, stacklevel=3)
 
 

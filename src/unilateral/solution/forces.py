@@ -115,9 +115,13 @@ def _forces_over(solution: Solution, sharp: bool, parts: list[list[int]]) -> lis
     # Without bounds nothing is known of reactions
     outflows = np.where(np.isin(np.arange(n), form.clamped), math.nan, np.zeros((2, n)))
     clamps = Clamps(form, outflows, none(n), math.inf)
-    bound, local = (solved.bound(sharp), solved.local_bound) if form.clamped and bounds else (None, None)
-    if bound and local:
-        clamps = Clamps(form, bound.outflows, local.ends, bound.of_fluxes, solved.force_balance)
+    if form.clamped and bounds:
+        bounded = solution.bounded
+        bound, cheap, data = bounded.bound(sharp), bounded.local_bound, bounded.data
+        assert bound is not None  # as there are bounds
+        assert cheap is not None
+        assert data is not None
+        clamps = Clamps(form, bound.outflows, cheap.ends, bound.of_fluxes, data.balance)
     error = bounds.multiplier if bounds else math.inf
     found = forces(solved.mesh, solved.partition, solved.lambda_H, error, parts, clamps)
     return [in_units(force, solution.problem.units.force) for force in found]

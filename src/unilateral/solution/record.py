@@ -44,7 +44,7 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
     beta = solution.beta if mesh.n_nodes <= QUICK else math.nan
     algebraic = math.nan if solved.foreign else result.bound
     return {
-        "problem": solved.data.name if solved.data else None,
+        "problem": solution.problem.name,
         "goal": {name: asdict(goal)[name] for name in ("accuracy", "norm", "absolute")} if goal else None,
         "norm": norm,
         "certified": solution.certified,

@@ -135,18 +135,19 @@ def accuracy(solution: Solution) -> str:
 
     It is that of the accuracy that was asked for, or else the cheap one on u.
     """
-    search, solved = solution.search, solution.solved
+    search = solution.search
     goal = search.best.goal if search else None
     norm, sharp = (goal.norm, goal.sharp) if goal else ("h1", False)
     if search is None and bound_mb(solution.mesh, sharp) > available_mb():
         return ""
-    total = solved.total(norm, sharp)
+    bounded = solution.bounded
+    total = bounded.total(norm, sharp)
     if not math.isfinite(total) or not is_believed(solution):
         return NO_BOUND
     units = solution.problem.units
     trivial = units.trivial and units.reaction and not solution.problem.clamped_sides
     what = (WHAT if trivial else IN_ENERGY)[norm]
-    text = f"error of {what}: at most {_share(total, solved.size(norm, sharp))}"
+    text = f"error of {what}: at most {_share(total, bounded.size(norm, sharp))}"
     text = guaranteed(text, -math.inf, total)
     if linear := linear_fields(solution.problem):
         text += f"; {', '.join(linear)} {LINEAR_BETWEEN_NODES}"

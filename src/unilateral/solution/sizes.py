@@ -15,6 +15,8 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, uniform
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind, structured
+from unilateral.problems.build import put_on_mesh
+from unilateral.problems.problem import Problem
 from unilateral.solvers.stop import Stop
 
 Size = float | str
@@ -49,22 +51,37 @@ def check_kind(mesh: Mesh | str) -> None:
         )
 
 
+def put_on_sizes(
+    problem: Problem, h: float | None, H: float | None, kind: Mesh | str, stop: Stop
+) -> tuple[Problem, Mesh, Partition]:
+    """The mesh and the partition of sizes h and H at most, and the problem put on that mesh.
+
+    The `kind` may be a mesh of one's own. Raises InputError where a size is missing, or one too many, and as
+    `put_on_mesh`.
+    """
+    own = problem.mesh
+    if own is not None and kind not in ("", own):
+        raise InputError(f"'{problem.name}' was made of a mesh and is solved on it; leave mesh out")
+    mesh, partition = sized(problem.polygon, h, H, kind if own is None else own, stop)
+    return put_on_mesh(problem, mesh), mesh, partition
+
+
 def sized(
-    polygon: Polygon, h: float | None, H: float | None, given: Mesh | str, stop: Stop
+    polygon: Polygon, h: float | None, H: float | None, kind: Mesh | str, stop: Stop
 ) -> tuple[Mesh, Partition]:
     """The mesh and the partition of sizes h and H at most. Raises InputError where one of them is missing."""
-    if isinstance(given, Mesh) and H is None:
+    if isinstance(kind, Mesh) and H is None:
         raise InputError("a mesh of one's own needs H, the longest cell of the multiplier")
     wanted_H = _checked("H", H)
-    if isinstance(given, Mesh):
+    if isinstance(kind, Mesh):
         if h is not None:
             raise InputError("the mesh is given; leave h out")
-        same = np.array_equal(given.polygon.vertices, polygon.vertices)
-        mesh = given if same else meshes.from_arrays(polygon, given.points, given.triangles)
+        same = np.array_equal(kind.polygon.vertices, polygon.vertices)
+        mesh = kind if same else meshes.from_arrays(polygon, kind.points, kind.triangles)
         return mesh, uniform(polygon, wanted_H)
     wanted_h = _checked("h", h)
     check_size(polygon, wanted_h)
-    kind = given or natural_kind(polygon)
+    kind = kind or natural_kind(polygon)
     edges = math.ceil(wanted_H / wanted_h * (1 - 1e-12))
     halvings = levels_for(polygon, wanted_H, edges, stop) if kind == "unstructured" and edges > 1 else 0
     if halvings:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, overload
 
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from unilateral.adaptive.loop import Search
 from unilateral.arrays import Array
 from unilateral.bounds.forces import Force
+from unilateral.bounds.mesh_data import enclose_data
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -24,6 +25,7 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.norms.dual import Errors, errors
 from unilateral.norms.fortin import beta_below
 from unilateral.problems import arguments
+from unilateral.problems.scaled import scaled
 from unilateral.solution import evaluation, files, summary, tables
 from unilateral.solution.bounds import Bounds, bound_errors, share_errors, wants_sharp
 from unilateral.solution.contact import Contact
@@ -49,7 +51,7 @@ class Solution:
     `problem`
         What was solved.
     `solved`
-        The solution of the problem on its scaled domain: what the iteration found, and its bounds.
+        The solution of the problem on its scaled domain: what the iteration found.
     `search`
         The levels, where an accuracy was asked for; else None.
     `mesh`
@@ -109,6 +111,17 @@ class Solution:
         """The cells with lambda_H > 0: their `intervals`, `lengths` on sides, `length`; `full` if all are."""
         return Contact(self.partition, self.multiplier)
 
+    @cached_property
+    def bounded(self) -> DiscreteSolution:
+        """`solved` with its data enclosed, by which errors are bounded.
+
+        A case is solved without that, which takes longer than to solve it.
+        """
+        solved = self.solved
+        if solved.data is not None:
+            return solved
+        return replace(solved, data=enclose_data(scaled(self.problem), solved.mesh, solved.form))
+
     def u_at(self, points: ArrayLike) -> Array:
         """u_h at a point (2,) or at many (k, 2), as an array () or (k,); NaN outside the polygon.
 
@@ -152,9 +165,9 @@ class Solution:
         >>> float(s.flux_at((0.3, 0))[1]) == -float(s.lambda_at(0, 0.3))
         True
         """
-        solved = self.solved
-        assert solved.flux is not None  # the data of a user's problem are known
-        scaled_flux = partial(evaluation.flux, solved.mesh, solved.u_h, solved.flux)
+        bounded = self.bounded
+        assert bounded.flux is not None  # the data of a user's problem are known
+        scaled_flux = partial(evaluation.flux, bounded.mesh, bounded.u_h, bounded.flux)
         return self.problem.units.flux * evaluation.at_points(self.mesh, points, scaled_flux)
 
     def lambda_at(self, side: int, t: ArrayLike) -> Array:

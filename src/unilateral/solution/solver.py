@@ -9,24 +9,22 @@ from functools import cached_property
 
 from numpy.typing import ArrayLike
 
+from unilateral.bounds.source import Source
 from unilateral.discrete.base import DiscreteProblem
-from unilateral.discrete.choice import cheapest, condensed_spaces, discretised
-from unilateral.discrete.loads import Load, load_of
+from unilateral.discrete.choice import choose_spaces, condensed_spaces, discretise_on
 from unilateral.errors import InputError, IterationWarning, shown
 from unilateral.fem.spaces import DualOperator, MixedSpaces
 from unilateral.formulas.expression import Expression
-from unilateral.geometry import mesh as meshes
-from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.build import OnSides, problem_of_arguments, put_on_mesh, with_data
+from unilateral.problems.build import OnSides, problem_of_arguments, with_data
 from unilateral.problems.named import find_problem
 from unilateral.problems.problem import Problem
 from unilateral.problems.reading import Given
-from unilateral.problems.scaled import Data, scaled
+from unilateral.problems.scaled import scaled
 from unilateral.solution.faults import tell_faults
 from unilateral.solution.matrices import Matrices, matrices
-from unilateral.solution.sizes import Size, check_kind, number, sized
+from unilateral.solution.sizes import Size, check_kind, number, put_on_sizes
 from unilateral.solution.solution import Solution, make_solution
 from unilateral.solvers.stop import Stop
 
@@ -69,28 +67,22 @@ class Solver:
         self.stop = stop or Stop()
         known = find_problem(problem)
         if known is None:
-            made = problem_of_arguments(problem, 0, 0, free_sides=free_sides, k=k, c=c, q=q, u=u)  # type: ignore[arg-type]
+            known = problem_of_arguments(problem, 0, 0, free_sides=free_sides, k=k, c=c, q=q, u=u)  # type: ignore[arg-type]
+            self.has_data = False
         elif any(
             hasattr(given, "__array__") or given not in (default, None, [], {})
             for given, default in ((free_sides, ()), (k, 1), (c, 1), (q, None), (u, None))
         ):
             raise InputError("free_sides, k, c, q and u belong to a polygon; a problem has its own")
         else:
-            made = known
-        self.has_data = known is not None
-        own = made.mesh
-        if own is not None and mesh not in ("", own):
-            raise InputError(f"'{made.name}' was made of a mesh and is solved on it; leave mesh out")
-        given = mesh if own is None else own
-        self.own_mesh = isinstance(given, Mesh)
-        sizes = number("h", h), number("H", H)
-        self.mesh, self.partition = sized(made.polygon, *sizes, given, self.stop)
-        self.problem = put_on_mesh(made, self.mesh)
+            self.has_data = True
+        self.own_mesh = isinstance(mesh, Mesh) or known.mesh is not None
+        self.problem, self.mesh, self.partition = put_on_sizes(
+            known, number("h", h), number("H", H), mesh, self.stop
+        )
         self._data = scaled(self.problem)
-        self._last: tuple[Expression, Load] | None = None
-        on = self._data.polygon
-        pair = meshes.similar(self.mesh, on), partitions.similar(self.partition, on)
-        self._spaces = cheapest(self._data, *pair, self.stop)
+        self._spaces = choose_spaces(self._data, self.mesh, self.partition, self.stop)
+        self._sources: dict[Expression, Source] = {}
 
     def __call__(self, f: Given = None, g: OnSides = None, q: OnSides = None) -> Solution:
         """The solution for another f, g or q; what is not given is that of the problem.
@@ -98,15 +90,11 @@ class Solver:
         They are given as in `Problem`; arrays (n,) have a value for each of `mesh.points`. Raises InputError
         as `Problem`. Warns as `solve`.
         """
-        found = self.found(f, g, q)
-        tell_faults(found, self.own_mesh)
-        return found
-
-    def found(self, f: Given = None, g: OnSides = None, q: OnSides = None) -> Solution:
-        """The same without warnings."""
         problem, discrete = self._discrete(f, g, q)
         with warnings.catch_warnings(action="ignore", category=IterationWarning):  # `tell_faults` tells it
-            return make_solution(discrete.solved(self.stop), problem)
+            solution = make_solution(discrete.solved(self.stop), problem)
+        tell_faults(solution, self.own_mesh)
+        return solution
 
     def matrices(self, f: Given = None, g: OnSides = None, q: OnSides = None) -> Matrices:
         """The discrete problem's matrices, load and means of g, in the units of the problem."""
@@ -120,22 +108,19 @@ class Solver:
         )
 
     def _discrete(self, f: Given, g: OnSides, q: OnSides) -> tuple[Problem, DiscreteProblem]:
-        """The problem with that f, g and q, and the discrete one."""
+        """The problem with that f, g and q, and the discrete one.
+
+        The enclosures of the problem's own f and of the last formula are kept for calls with the same one.
+        """
         problem = self._with(f, g, q)
         data = self._data if problem is self.problem else scaled(problem)
-        if data.exact:
-            return problem, discretised(data, self._spaces)  # with its exact solution
-        load = self._load if f is None else self._load_of(problem, data)
-        return problem, discretised(data, self._spaces, load)
-
-    def _load_of(self, problem: Problem, data: Data) -> Load:
-        """The load of an f that is given. That of a formula is kept for calls with the same one."""
-        formula = problem.f
-        if not isinstance(formula, Expression):
-            return load_of(data, self._spaces.mesh)
-        if self._last is None or self._last[0] != formula:
-            self._last = formula, load_of(data, self._spaces.mesh)
-        return self._last[1]
+        formula = problem.f if isinstance(problem.f, Expression) and problem.exact is None else None
+        known = None if formula is None else self._sources.get(formula)
+        discrete = discretise_on(data, self._spaces, known)
+        if formula is not None and discrete.data:
+            self._sources = {each: kept for each, kept in self._sources.items() if each == self.problem.f}
+            self._sources[formula] = discrete.data.source
+        return problem, discrete
 
     def _with(self, f: Given, g: OnSides, q: OnSides) -> Problem:
         of = self.problem
@@ -152,11 +137,6 @@ class Solver:
                 f"'{of.name}' is a case, whose f and g belong to its solution; give both f and g"
             )
         return with_data(of, self.mesh, f, g, q)
-
-    @cached_property
-    def _load(self) -> Load:
-        """The load of the problem's own f."""
-        return load_of(self._data, self._spaces.mesh)
 
     @cached_property
     def _operator(self) -> DualOperator:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from unilateral.errors import counted
 from unilateral.formulas.decimals import guaranteed, interval, percent
 from unilateral.problems.fields import LINEAR_BETWEEN_NODES, linear_fields
-from unilateral.solution.bounds import sizes, too_large, wants_sharp
+from unilateral.solution.bounds import are_computed, sizes, too_large, wants_sharp
 
 if TYPE_CHECKING:
     from unilateral.solution.bounds import Bounds
@@ -50,7 +50,7 @@ def rows(of: Solution) -> dict[str, str]:
     found["unknowns"] = f"{of.mesh.n_nodes}, and {counted(len(cells), 'multiplier')}"
     if solved.foreign:
         found["u"] = "of another program"
-    if not solved.known(sharp) and (of.mesh.n_nodes > QUICK or too_large(of.solved, sharp)):
+    if not are_computed(of, sharp) and (of.mesh.n_nodes > QUICK or too_large(of, sharp)):
         found["error of u"] = "not bounded yet: see bounds"
     else:
         found |= _bounded(of, of.sharp_bounds if sharp else of.bounds, sharp)

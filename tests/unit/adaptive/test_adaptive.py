@@ -22,6 +22,7 @@ from unilateral.adaptive.marking import (
     refinement_pays,
 )
 from unilateral.discrete.multilevel import refinements
+from unilateral.errors import InputError
 from unilateral.fem.p1 import h1_norm
 from unilateral.geometry.adapted import adapted, marked
 from unilateral.geometry.adapted import divided as divided_mesh
@@ -41,9 +42,9 @@ def on_adapted(done):
     return [level for level in done if level.solved.mesh.adapted]
 
 
-def error_of(level):
+def error_of(case, level):
     solved = level.solved
-    return h1_distance(solved.data.exact, solved.mesh, solved.u_h)
+    return h1_distance(case.exact, solved.mesh, solved.u_h)
 
 
 def steps(of, mesh, times):
@@ -78,7 +79,7 @@ def test_certificates_hold_and_the_search_gets_there(name, accuracy):
     done = levels(case, Goal(accuracy, max_unknowns=12_000))
     assert len(on_adapted(done)) > 1
     for level in done:
-        assert error_of(level) <= level.total
+        assert error_of(case, level) <= level.total
     assert done[-1].certified
     assert done[-1].algebraic <= ALGEBRAIC_SHARE * done[-1].target
 
@@ -214,6 +215,14 @@ def test_an_interrupt_keeps_the_best():
     assert found.ended == "interrupted"
     assert found.best is found.levels[-1]
     assert found.best.solved.mesh.adapted
+
+
+def test_what_tell_raises_is_not_taken_for_a_refused_mesh():
+    def refusing(level):
+        raise InputError("mine")
+
+    with pytest.raises(InputError, match="mine"):
+        search(problem(LSHAPE), Goal(0.2), tell=refusing)
 
 
 def test_a_solution_known_on_a_polygon_that_is_not_convex(problem_of):

@@ -73,8 +73,8 @@ def test_waves_of_f_are_integrated(problem_of, monkeypatch, n, h):
     error = abs(1 - mesh.areas @ solved.u_h[mesh.triangles].mean(axis=1))
     assert error <= min(solved.bound().u, solved.bound().unknown + 1e-12)
     wanted = math.sqrt(source.RESOLVED) * source_ancestors.ENOUGH * mesh.h * math.sqrt(1 / 2)
-    assert solved.bound().unknown <= (1.01 * wanted if solved.source.resolved else 1 + 1e-9)
-    assert solved.source.resolved or n > 20
+    assert solved.bound().unknown <= (1.01 * wanted if solved.data.source.resolved else 1 + 1e-9)
+    assert solved.data.source.resolved or n > 20
 
 
 def test_a_wave_that_cannot_be_enclosed_is_not_certified(problem_of, monkeypatch):

@@ -21,8 +21,11 @@ from unilateral.adaptive.forecast import (
 from unilateral.adaptive.goal import Goal
 from unilateral.adaptive.level import (
     ALGEBRAIC_SHARE,
+    BELOW_ROUNDING,
+    NOT_ENCLOSED,
     ZERO_SOLUTION_BOUND,
     contradict,
+    find_fault,
     measure_level,
     uncontradicted,
     unknowable,
@@ -175,6 +178,12 @@ def test_the_best_level_is_certified_before_it_is_small():
 def test_what_stays_unknown_may_exceed_the_wanted_error(irreducible, told):
     """0.2 of the norm, at least 1."""
     assert unknowable(level(u_norm=1.1, u=0.1, irreducible=irreducible)) == told
+
+
+@pytest.mark.parametrize(("irreducible", "why"), [(1e-9, NOT_ENCLOSED), (1e-11, BELOW_ROUNDING)])
+def test_an_accuracy_below_rounding_is_not_blamed_on_the_data(irreducible, why):
+    """Both exceed 1e-30 of a norm of 1; formulas without terms that cancel are known up to 1e-11 of it."""
+    assert find_fault([level(Goal(1e-30), u_norm=1.1, u=0.1, irreducible=irreducible)]) == why
 
 
 @pytest.mark.parametrize(("bound", "missed"), [(0.1, 1.0), (0.12, 1.2), (0.3, 1.5), (0.01, 0.9)])

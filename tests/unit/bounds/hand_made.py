@@ -11,6 +11,8 @@ from symbolic import X, Y, evaluate
 
 from unilateral.bounds import source
 from unilateral.bounds.boundary_flux import nothing
+from unilateral.bounds.constraint import constraint
+from unilateral.bounds.mesh_data import MeshData
 from unilateral.discrete.condensed import solve
 from unilateral.fem.condense import condense
 from unilateral.fem.form import Form
@@ -69,7 +71,11 @@ class Manufactured:
         u = self.u(*points) + np.zeros(len(s))
         return u, self.u_x(*points) * out_x + self.u_y(*points) * out_y, u - self.g(*points)
 
-    def source_model(self, x, y, steps):
+    @property
+    def source(self):
+        return self
+
+    def model(self, x, y, steps):
         return evaluate(self.formulas[0], {X: x, Y: y})
 
     def enclosed(self, free=()):
@@ -86,7 +92,7 @@ class Manufactured:
 
 @cache
 def enclosed(mesh, problem):
-    return source.enclosed(mesh, problem)
+    return source.enclosed(mesh, problem.source)
 
 
 def given_to(problem, mesh, cells, u_h, lambda_H, free=()):
@@ -96,7 +102,9 @@ def given_to(problem, mesh, cells, u_h, lambda_H, free=()):
         g = problem.enclosed_obstacle
     else:
         g = problem.enclosed(free)
-    return enclosed(mesh, problem), g, cells, u_h, lambda_H, nothing(mesh), Form(free=free)
+    form = Form(free=free)
+    data = MeshData(enclosed(mesh, problem), constraint(g, mesh, form), nothing(mesh), balance=None)
+    return data, cells, u_h, lambda_H, form
 
 
 def u_of(problem, mesh, cells, lambda_H):

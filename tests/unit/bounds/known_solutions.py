@@ -11,9 +11,7 @@ import sympy
 from skfem.quadrature import get_quadrature_tri
 from symbolic import X, Y, compile_numpy, plain
 
-from unilateral.bounds.boundary_flux import given as given_flux
 from unilateral.fem.condense import condense
-from unilateral.fem.form import Form
 from unilateral.fem.p1 import coupling
 from unilateral.fem.splitting import quarter
 from unilateral.formulas import formula
@@ -180,16 +178,14 @@ def flux_moments(of, mesh):
 
 def trials(of, solved, pairs):
     """The error of lambda_H is at least its norm over V_h, and its integral over |Omega|^{1/2}."""
-    mesh, cells, problem = solved.mesh, solved.partition, of.problem
-    source, tau = solved.source, given_flux(problem.enclosed_flux, mesh)
+    mesh, cells = solved.mesh, solved.partition
     moments, on_mesh, to_mesh = flux_moments(of, mesh), condense(mesh), coupling(mesh, cells).T
     errors = of.errors(mesh, [u_h for u_h, _ in pairs]) / (1 + QUADRATURE)
     for pair, error in zip(pairs, errors, strict=True):
         rest = moments - to_mesh @ pair[1]
         dual = np.sqrt(max(rest @ on_mesh.solve_boundary(rest), 0.0))
         of_lambda = max(dual, abs(rest.sum()) / np.sqrt(mesh.polygon.area)) / (1 + OF_MOMENTS) - of.doubt
-        given = source, problem.enclosed_obstacle, cells, *pair, tau, Form(free=problem.free_sides)
-        yield Trial(given, error, of_lambda)
+        yield Trial((solved.data, cells, *pair, solved.form), error, of_lambda)
 
 
 def pressed(of, solved):

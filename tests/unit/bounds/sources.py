@@ -41,7 +41,7 @@ class Source:
         self.jumps = {step: curve(step.args[0])[0] for step in steps}
         self.value = compile_numpy([self.f], "xy")
 
-    def source_model(self, x, y, steps):
+    def model(self, x, y, steps):
         return evaluate(self.f, {"x": x, "y": y}, steps)
 
 
@@ -50,6 +50,6 @@ class Counted(Source):
 
     pieces = 0
 
-    def source_model(self, x, y, steps):
+    def model(self, x, y, steps):
         self.pieces += len(x.rad)
-        return super().source_model(x, y, steps)
+        return super().model(x, y, steps)

@@ -9,7 +9,6 @@ from hand_made import (
     LINEAR_SOURCE,
     NOISE,
     Manufactured,
-    enclosed,
     given_to,
     norm_for,
     pair,
@@ -19,8 +18,9 @@ from known_solutions import Feature
 from symbolic import X
 
 from unilateral.bounds import feasible, local_bounds, sharp_bounds
-from unilateral.bounds.boundary_flux import nothing
+from unilateral.bounds.constraint import constraint
 from unilateral.bounds.local_bounds import local_bound
+from unilateral.bounds.mesh_data import enclose_data
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.errors import InputError
 from unilateral.fem.form import H1
@@ -251,9 +251,10 @@ def test_what_is_not_known_of_g_counts_three_times(monkeypatch):
     force, shorts = of.cells.lengths @ of.lambda_H, []
     own = feasible.missing
     monkeypatch.setattr(feasible, "missing", lambda *given: shorts.append(own(*given)) or shorts[-1])
-    f, g, *others = of.given
+    data, *others = of.given
+    g = of.case.problem.enclosed_obstacle
     for obstacle in (g, replace(g, doubt=g.doubt + t, upper=g.upper + t)):
-        local_bound(f, obstacle, *others)
+        local_bound(replace(data, constraint=constraint(obstacle, of.mesh, H1)), *others)
     known, doubtful = shorts
     assert doubtful.product - known.product == pytest.approx(2 * t * force, rel=1e-6)
     np.testing.assert_allclose(doubtful.added, t, rtol=1e-6)
@@ -273,9 +274,8 @@ def test_a_steep_obstacle_below_u_h_costs_nothing(problem_of, depth):
             g=f"[1, 1, 1, '1 - {depth}*(1 - 1000*x)*1000*x', 1]",
         )
         mesh, cells = meshes.unstructured(problem.polygon, 0.5), partitions.uniform(problem.polygon, 1.0)
-        pair = np.full(mesh.n_nodes, 0.99), np.zeros(cells.n_cells)
-        given = enclosed(mesh, problem), problem.enclosed_obstacle, cells, *pair, nothing(mesh), H1
-        return local_bound(*given).lifting
+        u_h, lambda_H = np.full(mesh.n_nodes, 0.99), np.zeros(cells.n_cells)
+        return local_bound(enclose_data(problem, mesh, H1), cells, u_h, lambda_H, H1).lifting
 
     assert lifting(depth) == pytest.approx(lifting(1), rel=1e-6)
 

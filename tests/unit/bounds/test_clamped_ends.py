@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -12,7 +13,6 @@ from conftest import bound_arguments
 import unilateral as ul
 from unilateral.bounds import clamped_ends as module
 from unilateral.bounds import local_bounds
-from unilateral.bounds.boundary_flux import Given
 from unilateral.bounds.clamped_ends import (
     ADDED,
     ClampedEnds,
@@ -198,12 +198,10 @@ LARGE = 1e6
 
 def with_data(arguments):
     """tau - tau~ is that large as a functional."""
-    given = list(arguments)
-    tau = given[5]
-    squares = np.zeros_like(tau.squares)
+    data, *others = arguments
+    squares = np.zeros_like(data.tau.squares)
     squares[0, 0] = LARGE**2
-    given[5] = Given(tau.ends, squares, tau.doubts)
-    return local_bounds.local_bound(*given)
+    return local_bounds.local_bound(replace(data, tau=data.tau._replace(squares=squares)), *others)
 
 
 def test_the_product_has_a_quarter_of_the_square_of_the_data(arguments):

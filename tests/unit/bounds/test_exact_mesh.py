@@ -16,16 +16,16 @@ from mpmath import mp, mpf
 from symbolic import X, Y, plain
 
 from unilateral.bounds import local_bounds, sharp_bounds
-from unilateral.bounds.boundary_flux import given, nothing
 from unilateral.bounds.equilibrated_flux import flows
 from unilateral.bounds.flux_residuals import defects, misfit
 from unilateral.bounds.forces import forces
 from unilateral.bounds.local_bounds import local_bound
+from unilateral.bounds.mesh_data import enclose_data
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.bounds.source import Source, enclosed
 from unilateral.errors import InputError
 from unilateral.fem.form import H1, Form
-from unilateral.fem.p1 import edge_load, load_vector, stiffness_and_mass
+from unilateral.fem.p1 import stiffness_and_mass
 from unilateral.fem.p2 import linear_squares, quadratic
 from unilateral.formulas.expression import number as exact_number
 from unilateral.geometry import mesh as meshes
@@ -134,18 +134,15 @@ def indices(of, mesh):
     data = scaled(of.problem)
     on, units = meshes.similar(mesh, data.polygon), of.problem.units
     cells = partitions.uniform(data.polygon, data.polygon.lengths.max())
-    source, flux = enclosed(on, data), given(data.enclosed_flux, on)
-    solve = sla.splu(sum(stiffness_and_mass(on)).tocsc()).solve
-    discrete = solve(load_vector(on, source.moments()) + edge_load(on, flux.ends))
+    form = Form(free=data.free_sides)
+    on_mesh = enclose_data(data, on, form)
+    discrete = sla.splu(sum(stiffness_and_mass(on)).tocsc()).solve(on_mesh.load)
     found = []
     with mp.workdps(50):
         at_nodes = of.at(digits(mesh.points)).astype(float) / units.value
         for u_h in (at_nodes, discrete):
-            pair = cells, u_h, np.zeros(cells.n_cells)
-            bounds = [
-                bound(source, data.enclosed_obstacle, *pair, flux, Form(free=data.free_sides)).u
-                for bound in (local_bound, sharp_bound)
-            ]
+            lambda_H = np.zeros(cells.n_cells)
+            bounds = [bound(on_mesh, cells, u_h, lambda_H, form).u for bound in (local_bound, sharp_bound)]
             error = true_error(of, mesh, units.value * u_h)
             found.append(min(bounds) / error if error else np.inf)
     return found
@@ -245,7 +242,7 @@ def test_f_is_enclosed_where_displaced_nodes_put_it():
     polygon = Polygon(KITE, doubt=1e-3)
     mesh = meshes.unstructured(polygon, 0.3)
     g = (exact_number(-9),) * polygon.n_sides
-    source = enclosed(mesh, Problem("moved", polygon, plain(3 * X), g, ()))
+    source = enclosed(mesh, Problem("moved", polygon, plain(3 * X), g, ()).source)
     assert np.all(source.rest >= 3e-3 * np.sqrt(mesh.areas))
 
 
@@ -254,7 +251,7 @@ def test_what_the_sharp_bound_adds_to_the_flux_is_displaced_too():
     polygon = Polygon(KITE, doubt=1e-6)
     mesh, rng = meshes.unstructured(polygon, 0.3), np.random.default_rng(9)
     problem = Problem("waves", polygon, plain(sympy.sin(3 * X) * Y), (exact_number(-9),) * 4, ())
-    source, sigma = enclosed(mesh, problem), np.zeros((len(mesh.boundary), 2))
+    source, sigma = enclosed(mesh, problem.source), np.zeros((len(mesh.boundary), 2))
     away = sharp_bounds._away(quadratic(mesh), source, np.zeros(mesh.n_nodes), sigma)
     phi = rng.uniform(-1, 1, away.spaces.size)
     of_curl = linear_squares(mesh.areas, away.spaces.gradient(phi))
@@ -266,11 +263,11 @@ def test_both_bounds_are_multiplied_by_the_growth(bound, monkeypatch):
     """And so is the norm that bounds a force."""
     mesh, cells = meshes.unstructured(square(), 1 / 4), partitions.uniform(square(), 1 / 2)
     problem = Problem("bowl", square(), plain(X**2 + Y**2), (exact_number(0),) * 4, ())
-    source, pair = enclosed(mesh, problem), (np.sum(mesh.points**2, axis=1), np.ones(cells.n_cells))
+    data, pair = enclose_data(problem, mesh, H1), (np.sum(mesh.points**2, axis=1), np.ones(cells.n_cells))
     found = []
     for growth in (1.0, 1.5):
         monkeypatch.setattr(Mesh, "growth", growth)
-        bounds = bound(source, problem.enclosed_obstacle, cells, *pair, nothing(mesh), H1)
+        bounds = bound(data, cells, *pair, H1)
         found.append([bounds.u, bounds.lambda_, forces(mesh, cells, 0 * pair[1], 0.1, [range(4)])[0].upper])
     np.testing.assert_allclose(found[1], 1.5 * np.array(found[0]), rtol=1e-12)
 

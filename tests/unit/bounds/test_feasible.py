@@ -15,6 +15,7 @@ from unilateral.bounds import constraint as constraints
 from unilateral.bounds import feasible
 from unilateral.bounds.constraint import Constraint, constraint
 from unilateral.bounds.local_bounds import local_bound
+from unilateral.fem.form import H1
 from unilateral.fem.p2 import layer
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.polygon import Polygon, named, square
@@ -30,7 +31,7 @@ WAVES = {
 def on_edges(text, n=4):
     """The constraint on all edges of a mesh of the unit square."""
     problem, mesh = ul.Problem(square(), f=0, g=text), structured(square(), 1 / n)
-    return constraint(problem.enclosed_obstacle, mesh, np.ones(len(mesh.boundary), dtype=bool))
+    return constraint(problem.enclosed_obstacle, mesh, H1)
 
 
 @pytest.mark.parametrize("text", WAVES)
@@ -119,7 +120,7 @@ def test_the_extension_s_norm_is_that_of_its_definition():
     problem = Manufactured(polygon, "x**3 - 2*x*y**2")
     mesh = meshes.from_arrays(polygon, points, [[0, 1, 2]])
     every = np.ones(3, dtype=bool)
-    g = constraint(problem.enclosed(), mesh, every)
+    g = constraint(problem.enclosed(), mesh, H1)
     missing = feasible.missing(g, g.at_unknowns, every, np.ones((3, 2)))
     s, squares = sympy.Symbol("s"), 0.0
     for i in range(3):
@@ -161,7 +162,7 @@ def test_what_is_missing_is_not_less_than_it_is(name):
     d = discrete(name, 8, 4)
     mesh, case = d.mesh, d.exact.ritz.case
     on = np.ones(len(mesh.boundary), dtype=bool)
-    g = constraint(case.problem.enclosed_obstacle, mesh, on)
+    g = constraint(case.problem.enclosed_obstacle, mesh, H1)
     v, rng = np.where(np.isfinite(g.at_unknowns), g.at_unknowns, 0.0), np.random.default_rng(1)
     v[len(on) :] += rng.normal(0, 0.01, len(on))
     flux = rng.random((len(on), 2))
@@ -188,7 +189,7 @@ def test_the_rounding_of_v_is_allowed_for():
     """On an edge where v varies by 1e9 p - v is not known better than to 1e-7 and more."""
     mesh = structured(square(), 1 / 2)
     problem, every = Manufactured(square(), "1", gap="1 + x"), np.ones(8, dtype=bool)
-    g = constraint(problem.enclosed(), mesh, every)
+    g = constraint(problem.enclosed(), mesh, H1)
     steep = np.zeros(16)
     steep[g.unknowns[0]] = 0.0, 1e9, 1e9 / 2
     v = np.maximum(steep, g.at_unknowns)

@@ -17,7 +17,7 @@ from unilateral.bounds.clamped_ends import ClampedEnds, Clamps, unclamped
 from unilateral.bounds.flux_residuals import SUMS
 from unilateral.bounds.force_mesh import LIGHT, MOST, extended, small_mesh
 from unilateral.bounds.forces import balance, forces
-from unilateral.bounds.source import Source, source_of
+from unilateral.bounds.source import Source, enclose_source
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.form import Form
@@ -183,7 +183,7 @@ def test_without_a_bound_of_lambda_there_is_none_of_the_force():
 def test_of_a_solution_from_python():
     s = ul.solve(ul.case("natural"), h=1 / 16, H=1 / 8)
     local, sharp = s.forces(), s.forces(sharp=True)
-    exact = exact_forces(s.solved.data.exact, s.partition)[0]
+    exact = exact_forces(s.problem.exact, s.partition)[0]
     assert local.whole.lower < sharp.whole.lower <= exact <= sharp.whole.upper < local.whole.upper
     assert len(local.sides) == 4
     assert local.whole.value == pytest.approx(sum(side.value for side in local.sides))
@@ -523,7 +523,7 @@ def test_the_balance_of_random_data_on_random_polygons():
             c=0,
         )
         mesh = meshes.unstructured(polygon, 0.5)
-        lower, upper = balance(source_of(mesh, problem), problem.enclosed_flux)
+        lower, upper = balance(enclose_source(mesh, problem.source), problem.enclosed_flux)
         exact = exact_balance(polygon, linear[0], q)
         assert lower <= exact <= upper
         largest = np.abs([linear[0], *q.values()]) @ [1.0, *np.abs(polygon.vertices).max(axis=0)]

@@ -105,9 +105,9 @@ def test_what_the_flux_leaves_of_lambda_counts_for_lambda_alone(arguments, monke
     monkeypatch.setattr(local_bounds, "edge_flux", lambda *of: own(*of)._replace(rest=np.full(16, LARGE**2)))
     found = local_bounds.local_bound(*arguments)
     assert found.u < 1
-    assert found.lambda_ >= own(arguments[0].mesh, *arguments[2:5:2])._replace(
-        rest=np.full(16, LARGE**2)
-    ).distance(arguments[0].mesh)
+    data, cells, _, lambda_H, _ = arguments
+    flux = own(data.mesh, cells, lambda_H)._replace(rest=np.full(16, LARGE**2))
+    assert found.lambda_ >= flux.distance(data.mesh)
 
 
 def test_what_divergence_misses_counts_beside_clamped_sides(arguments, monkeypatch):

@@ -11,6 +11,7 @@ from skfem.quadrature import get_quadrature_tri
 
 from unilateral.bounds import feasible
 from unilateral.bounds import sharp_bounds as bounds
+from unilateral.bounds.constraint import constraint
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.fem import linear_systems
@@ -179,7 +180,7 @@ def test_the_steps_go_to_the_best_potential_and_the_best_flux(monkeypatch):
     of_source, flux = enclosed(mesh, problem), bounds.edge_flux(mesh, cells, lambda_H)
     spaces = quadratic(mesh)
     away = bounds._away(spaces, of_source, u_h, flux.ends)
-    lift, found = feasible.lifting(mesh, problem.enclosed(), u_h, flux, H1), []
+    lift, found = feasible.lifting(constraint(problem.enclosed(), mesh, H1), u_h, flux), []
     load_of_v = spaces.load(of_source.f_h)
     for most in (1, 50):
         monkeypatch.setattr(bounds, "MOST_STEPS", most)

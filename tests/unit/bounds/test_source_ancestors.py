@@ -428,9 +428,9 @@ class Placed(Counted):
         super().__init__(text)
         self.places = []
 
-    def source_model(self, x, y, steps):
+    def model(self, x, y, steps):
         self.places.append(np.stack([of.c[0] - (of.c[1] + of.c[2]) / 3 for of in (x, y)], axis=1))
-        return super().source_model(x, y, steps)
+        return super().model(x, y, steps)
 
 
 @pytest.mark.parametrize("text", ["x**2*y - 3*x", SMOOTH, "sin(30*x)"])

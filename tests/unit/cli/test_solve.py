@@ -8,9 +8,8 @@ import pytest
 from conftest import ROOT, discrete, exact_errors, load
 from typed import FINER, KEYS, OWN_CASE, PROBLEM, SIZES, solve_json
 
-from unilateral.bounds.boundary_flux import nothing
 from unilateral.bounds.local_bounds import local_bound
-from unilateral.bounds.source import enclosed
+from unilateral.bounds.mesh_data import enclose_data
 from unilateral.discrete import condensed
 from unilateral.fem.form import H1
 from unilateral.formulas.decimals import down, interval, up
@@ -49,8 +48,8 @@ def test_json_has_the_library_s_numbers(run):
     errors = exact_errors(alone, solution)
     lower, upper = dual_norm(alone.spaces.partition, [of]).of_error(of, solution.lambda_H[None])
     mesh = alone.exact.ritz.condensed.mesh
-    given = alone.spaces.partition, solution.u_h, solution.lambda_H, nothing(mesh), H1
-    bound = local_bound(enclosed(mesh, of.problem), of.problem.enclosed_obstacle, *given)
+    data = enclose_data(of.problem, mesh, H1)
+    bound = local_bound(data, alone.spaces.partition, solution.u_h, solution.lambda_H, H1)
     expected = {
         "problem": "natural",
         "h": 1 / 16,

@@ -103,9 +103,10 @@ def test_bounds_that_contradict_each_other_are_withdrawn(run, monkeypatch, of_u,
     """Factors of bounds, by unknowns. The second level is the answer where the first and third disagree."""
     own = solution.local_bound
 
-    def spoilt(*arguments):
-        found, (u, of_l) = own(*arguments), (of.get(len(arguments[3]), 1.0) for of in (of_u, of_lambda))
-        return replace(found, u=u * found.u, lambda_=of_l * found.lambda_)
+    def spoilt(data, *others):
+        found, unknowns = own(data, *others), data.mesh.n_nodes
+        u = of_u.get(unknowns, 1.0) * found.u
+        return replace(found, u=u, lambda_=of_lambda.get(unknowns, 1.0) * found.lambda_)
 
     monkeypatch.setattr(solution, "local_bound", spoilt)
     code, out, err = run("solve", "natural", "--accuracy", *options)

@@ -11,10 +11,11 @@ from symbolic import X, Y, compile_numpy, symbolic
 
 import unilateral as ul
 from unilateral.adaptive.level import contradict
-from unilateral.bounds.boundary_flux import given, nothing
-from unilateral.discrete import loads, multilevel
-from unilateral.discrete.loads import BoundaryData, load_of
-from unilateral.fem.p1 import edge_load, h1_norm
+from unilateral.bounds import mesh_data
+from unilateral.bounds.boundary_flux import nothing
+from unilateral.bounds.mesh_data import enclose_data
+from unilateral.discrete import multilevel
+from unilateral.fem.p1 import h1_norm
 from unilateral.formulas.formula import parse
 from unilateral.geometry.adapted import adapted
 from unilateral.problems.scaled import scaled
@@ -93,9 +94,7 @@ def test_the_solutions_solve_their_problems(name):
 def imbalance(found):
     """|int u_h - int f - int q - int lambda_H|, which is 0 by (2.1) with v = 1."""
     data, solved = scaled(found.problem), found.solved
-    load = load_of(data, solved.mesh).values + edge_load(
-        solved.mesh, given(data.enclosed_flux, solved.mesh).ends
-    )
+    load = enclose_data(data, solved.mesh, solved.form).load
     return abs(solved.u_integral - load.sum() - solved.force)
 
 
@@ -123,7 +122,7 @@ def test_errors_fall_as_proved_below_both_bounds(name):
 def test_without_the_flux_in_the_load_the_error_stays(monkeypatch):
     """Control of the rates: u_h does not converge. The bound, which has the flux from the data, says so."""
     of = PROBLEMS["of both signs, beside contact"]
-    monkeypatch.setattr(BoundaryData, "load", lambda _, mesh: np.zeros(mesh.n_nodes))
+    monkeypatch.setattr(mesh_data, "edge_load", lambda mesh, _: np.zeros(mesh.n_nodes))
     errors = []
     for n in (8, 16):
         found = ul.solve(of.problem, h=1 / n, H=2 / n)
@@ -150,8 +149,8 @@ def test_a_wave_that_edges_do_not_see_is_in_the_bounds(monkeypatch):
     def linear(flux, mesh, form):
         return nothing(mesh)._replace(ends=right(flux, mesh, form).ends)
 
-    right = loads.given
-    monkeypatch.setattr(loads, "given", linear)
+    right = mesh_data.given
+    monkeypatch.setattr(mesh_data, "given", linear)
     found = ul.solve(WAVE.problem, h=1 / 4, H=1 / 2)
     assert found.bounds.u < 0.7 * error
     assert found.sharp_bounds.u < 0.7 * error

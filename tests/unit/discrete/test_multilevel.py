@@ -12,9 +12,9 @@ from conftest import DATA, interior_point
 from nested import alone, multilevel
 
 import unilateral as ul
+from unilateral.bounds import mesh_data
 from unilateral.bounds.source import enclosed
 from unilateral.discrete import choice
-from unilateral.discrete import solution as solutions
 from unilateral.discrete.condensed import CondensedProblem, discretise
 from unilateral.discrete.multilevel import MultilevelProblem, discretise_nested, refinements
 from unilateral.fem.p1 import h1_norm, load_vector
@@ -149,18 +149,19 @@ def test_f_is_enclosed_once(monkeypatch, made):
     """The bound has the enclosure that the load is made of: with another one its patches are not balanced."""
     problem = load_problem("one's own")
     found = made(problem)
-    solved, source = found.solved(EXACTLY), found.source
+    solved, source = found.solved(EXACTLY), found.data.source
     np.testing.assert_array_equal(load_vector(found.mesh, source.moments()), found.load)
-    np.testing.assert_array_equal(source.moments(), enclosed(found.mesh, problem).moments())
-    monkeypatch.setattr(solutions, "source_of", None)
+    np.testing.assert_array_equal(source.moments(), enclosed(found.mesh, problem.source).moments())
+    monkeypatch.setattr(mesh_data, "enclose_source", None)
     assert solved.bound().residual <= 1e-9
     assert solved.bound().u >= solved.bound().flux > 0.01
 
 
 @on_both_meshes
 def test_the_norm_from_below_is_one_from_below_and_not_idle(made):
-    found = made(load_problem("one's own"))
-    half = discretise(found.data, found.mesh, found.partition).spaces.operator.half
+    problem = load_problem("one's own")
+    found = made(problem)
+    half = discretise(problem, found.mesh, found.partition).spaces.operator.half
     for seed in range(3):
         lambda_H = np.random.default_rng(seed).uniform(0, 1, len(found.cells))
         below, exact = found.lambda_norm(lambda_H), np.linalg.norm(half @ lambda_H)
@@ -257,7 +258,7 @@ def test_without_a_tolerance_no_less_than_rounding_is_wanted():
 
 
 def cheapest(problem, mesh, cells, stop):
-    return choice.discretised(problem, choice.cheapest(problem, mesh, cells, stop))
+    return choice.discretise_on(problem, choice.choose_spaces(problem, mesh, cells, stop))
 
 
 def chosen(mesh, H, **stop):
@@ -350,7 +351,7 @@ def test_refinements_are_the_solutions_on_ever_finer_meshes():
     anew = discrete.solved(EXACTLY)
     moved = anew.u_h - last.u_h
     assert np.sqrt(moved @ (discrete.grids.finest.of.A @ moved)) <= last.result.bound + 1e-9
-    np.testing.assert_allclose(last.source.moments(), anew.source.moments(), rtol=1e-12)
+    np.testing.assert_allclose(last.data.source.moments(), anew.data.source.moments(), rtol=1e-12)
 
 
 @pytest.mark.parametrize("steps", [1, 2])
@@ -419,6 +420,6 @@ def test_a_mesh_of_one_s_own_goes_the_condensed_way(monkeypatch):
     assert [type(each) for each in found] == [CondensedProblem, MultilevelProblem]
     one = found[0].solved(Stop(tolerance=1e-11, algorithm="active_set"))
     other = found[1].solved(EXACTLY)
-    unknown = sum(each.source.unknown for each in found)
+    unknown = sum(each.data.source.unknown for each in found)
     assert h1_norm(own, one.u_h - other.u_h) <= unknown + 1e-9
     assert unknown < 1e-4 * h1_norm(own, one.u_h)

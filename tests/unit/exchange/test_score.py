@@ -44,8 +44,8 @@ def folder(tmp_path_factory):
 
 
 def kept(of):
-    """The solution of a discrete problem, in the units of the paper's equation."""
-    return make_solution(solve(of), of.data)
+    """The solution of a case's discrete problem, in the units of the paper's equation."""
+    return make_solution(solve(of), of.exact.ritz.case.problem)
 
 
 @cache

@@ -215,7 +215,7 @@ def test_the_rounding_of_f_in_other_units_is_in_its_bound():
     """What is known of f / unit, a rounded quotient by a rounded number, is less than rounding leaves."""
     mesh = alone(MESH)
     problem = ul.Problem(mesh, np.full(mesh.n_nodes, 0.1), 0, k=3, c="1/7")
-    values = scaled(problem).f_at_nodes
+    values = scaled(problem).source
     unit = Fraction(1, 7) / Fraction(3**0.5)  # c k^(-1/2), up to half a unit in the last place
     off = abs(Fraction(values[0]) - Fraction(0.1) / unit)
     of = linear(mesh, values)

@@ -66,7 +66,9 @@ def test_f_and_g_are_the_formulas(declared):
 def test_jumps_of_f_are_where_it_has_them(declared):
     """Kinks are none: there f is enclosed by ever smaller pieces."""
     f = "pos(2*x + 2*y - 1, 0) + pos(1/4 - (x - 1)**2 - (y - 1/2)**2, 0) + pos(x - 1/3, 1)"
-    line, circle = sorted(problem_file.load(declared(f=f)).jumps.values(), key=lambda kink: kink.radius)
+    line, circle = sorted(
+        problem_file.load(declared(f=f)).source.jumps.values(), key=lambda kink: kink.radius
+    )
     on_line, on_circle = np.array([[0.1, 0.4], [0.5, 0.0]]), np.array([[0.5, 0.5], [1.0, 1.0]])
     assert line.level(on_line) == pytest.approx([0, 0], abs=1e-15)
     assert abs(line.level(np.array([[1.0, 1.0]]))) == pytest.approx([1.5 / np.sqrt(2)])
@@ -104,7 +106,7 @@ def test_what_is_0_is_accepted_though_enclosures_of_it_are_larger(declared, zero
 def test_loads_and_means_see_the_kinks(declared):
     """The integral of f over Omega and the means of g, against their closed forms."""
     problem = problem_file.load(declared(f="pos(x - 0.3, 1)*exp(y)", g="pos(x - 1/3, 3/2)"))
-    found = source.enclosed(structured(square(), 1 / 4), problem)
+    found = source.enclosed(structured(square(), 1 / 4), problem.source)
     exact = 0.7**2 / 2 * (np.e - 1)
     assert found.moments().sum() == pytest.approx(exact, abs=found.unknown)
     assert found.unknown <= 1e-3 * exact
@@ -403,7 +405,7 @@ def test_terms_that_cancel_are_no_reason_to_refuse(declared):
     twelfth = sympy.expand((sympy.Symbol("x") - 20) ** 12)
     found = problem_file.load(declared(polygon="[[20, 0], [21, 0], [21, 1], [20, 1]]", f=twelfth, g=0))
     assert found.range_of_f[0] <= 0 <= 1 <= found.range_of_f[1] < np.inf
-    assert 0 < source.enclosed(unstructured(found.polygon, 1 / 4), found).unknown < 1e7
+    assert 0 < source.enclosed(unstructured(found.polygon, 1 / 4), found.source).unknown < 1e7
 
 
 @pytest.mark.parametrize(

@@ -30,7 +30,7 @@ SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 )
 def test_the_integral_of_f_is_the_closed_form(f, integral):
     """A quarter of the disc of area 1 is 1/4. Control: a number that is off by 1e-4."""
-    found = source.enclosed(structured(square(), 1 / 8), ul.Problem(SQUARE, f=f, g=-9))
+    found = source.enclosed(structured(square(), 1 / 8), ul.Problem(SQUARE, f=f, g=-9).source)
     assert found.unknown <= 1e-4
     assert found.moments().sum() == pytest.approx(integral, abs=found.unknown + 1e-14)
     if "pos" in f:
@@ -46,7 +46,7 @@ def test_a_jump_beside_a_root_that_has_no_range_on_large_pieces():
     """
     found = source.enclosed(
         structured(square(), 1 / 2),
-        ul.Problem(SQUARE, f="pos(x - 1/3, 0)*sqrt(x**2 - 2*x*y + y**2 + 1/1000)", g=-9),
+        ul.Problem(SQUARE, f="pos(x - 1/3, 0)*sqrt(x**2 - 2*x*y + y**2 + 1/1000)", g=-9).source,
     )
     d = 1e-3
 

@@ -73,7 +73,7 @@ def test_the_data_of_the_scaled_problem_are_enclosed():
     data, length = scaled(problem), 6.0
     x, y = np.array([2e-4, 7e-4]), np.array([5e-4, 1e-4])
     point = [affine(basis(2, 3), each / length, np.zeros((2, 2)), (each / length,) * 2) for each in (x, y)]
-    lower, upper = data.source_model(*point, {}).range
+    lower, upper = data.source.model(*point, {}).range
     expected = 12 * (1 + 500 * x * y)
     assert ((lower <= expected) & (expected <= upper)).all()
     assert upper - lower == pytest.approx(0, abs=1e-12)
@@ -104,7 +104,7 @@ def test_a_step_is_at_the_same_curve_in_scaled_coordinates(step, places, k, c, l
     Its inside is the same side, and distances are scaled. Control: without scaling they are not on it.
     """
     problem = ul.Problem(UNIT, f=f"pos({step}, 0)", g=0, k=k, c=c)
-    (kink,), places = scaled(problem).jumps.values(), np.array(places)
+    (kink,), places = scaled(problem).source.jumps.values(), np.array(places)
     assert kink.level(places / length) == pytest.approx(0, abs=1e-14)
     assert np.abs(kink.level(places)).max() > 0.1
     x, y = np.random.default_rng(1).random((2, 100))
@@ -136,7 +136,7 @@ def test_a_step_on_a_disc_keeps_its_place(k, c):
     problem = ul.Problem(UNIT, f="pos(9/100 - (x - 2/5)**2 - (y - 1/2)**2, 0)", g=-1, k=k, c=c)
     data, unit = scaled(problem), problem.units.length
     mesh = similar(unstructured(problem.polygon, 1 / 8), data.polygon)
-    found = enclosed(mesh, data)
+    found = enclosed(mesh, data.source)
     inside = 0.09 * np.pi / (problem.units.load * unit**2)
     off = np.sqrt(mesh.areas.sum()) * found.unknown
     assert off < 0.02 * inside

@@ -122,8 +122,7 @@ def of_mesh(problem):
     data = scaled(problem)
     mesh = meshes.similar(MESH, data.polygon)
     form = Form(1.0, problem.clamped_sides, 1.0, problem.free_sides)
-    clamped = form.edges(mesh)
-    return constraint(data.enclosed_obstacle, mesh, form.held(mesh.side) | clamped, clamped)
+    return constraint(data.enclosed_obstacle, mesh, form)
 
 
 def missing_of(g):

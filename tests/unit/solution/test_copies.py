@@ -85,8 +85,7 @@ def values(s):
         arrays = [repr(array) for array in (s.u, s.multiplier, s.gap, s.mesh.points, s.mesh.triangles)]
     points = np.random.default_rng(1).uniform(*np.array(s.polygon.vertices)[[0, 2]], (20, 2))
     at_points = [s.u_at(points).tolist(), s.grad_at(points).tolist()]
-    if s.solved.data is not None:
-        at_points.append(s.flux_at(points).tolist())
+    at_points.append(s.flux_at(points).tolist())
     known = [s.bounds, s.sharp_bounds, s.forces().whole, s.forces().reactions, s.certificate()]
     return [arrays, at_points, repr(known), repr(s), s.contact.intervals]
 

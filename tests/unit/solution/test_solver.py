@@ -5,9 +5,10 @@ import pytest
 import sentences
 
 import unilateral as ul
+from unilateral.bounds import mesh_data
 from unilateral.discrete import choice, multilevel
 from unilateral.geometry import mesh as meshes
-from unilateral.solution import sizes, solver
+from unilateral.solution import sizes
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -31,7 +32,7 @@ COUNTED = {
     "couplings": (choice, "mixed_spaces"),
     "hierarchies": (multilevel, "hierarchy"),
     "cells": (multilevel, "nested_cells"),
-    "loads of f": (solver, "load_of"),
+    "enclosures of f": (mesh_data, "enclose_source"),
 }
 
 
@@ -65,7 +66,7 @@ def same(a, b):
 
 @pytest.mark.parametrize("way", WAYS)
 def test_what_belongs_to_the_mesh_is_made_once(way, counts):
-    """Control: ul.solve makes all of it each time. The load of the problem's own f is made once, too."""
+    """Control: ul.solve makes all of it each time. The problem's own f is enclosed once, too."""
     polygon, size, algorithm = WAYS[way]
     of = ul.Solver(ul.Problem(polygon, **FORMULAS), **size, stop=ul.Stop(algorithm=algorithm))
     for further in FURTHER:
@@ -74,19 +75,19 @@ def test_what_belongs_to_the_mesh_is_made_once(way, counts):
     assert once["meshes"] + once["made"] == 1
     assert once["condensations"] == once["couplings"] == (way == "condensed")
     assert once["hierarchies"] == once["cells"] == (way == "on levels")
-    assert once["loads of f"] == 1 + sum("f" in further for further in FURTHER)
+    assert once["enclosures of f"] == 1 + sum("f" in further for further in FURTHER)
     for _ in range(2):
         ul.solve(ul.Problem(polygon, **FORMULAS), **size, stop=ul.Stop(algorithm=algorithm))
     again = counts["condensations"] + counts["hierarchies"]
     assert again == once["condensations"] + once["hierarchies"] + 2
 
 
-def test_the_load_of_a_formula_is_made_once_while_it_stays(counts):
-    """But not that of a function, which may give other values each time, nor that of an array."""
+def test_a_formula_is_enclosed_once_while_it_stays(counts):
+    """But not a function, which may give other values each time, nor an array."""
     of = ul.Solver(KITE, h=1 / 8, H=1 / 4)
     for f, loads in (("x", 1), ("x", 1), ("x + 0", 1), ("2*x", 2), ("x", 3)):
         of(f, 0)
-        assert counts["loads of f"] == loads
+        assert counts["enclosures of f"] == loads
     factor = 1.0
     function = lambda x, y: factor * x - 3  # noqa: E731
     first = of(function, 0).u

@@ -10,12 +10,11 @@ import xarray as xr
 
 from study import scenes, tables
 from study.tables import error_in
-from unilateral.bounds.boundary_flux import nothing
 from unilateral.bounds.local_bounds import local_bound
+from unilateral.bounds.mesh_data import enclose_data
 from unilateral.bounds.sharp_bounds import sharp_bound
-from unilateral.bounds.source import enclosed
 from unilateral.discrete.condensed import with_load
-from unilateral.discrete.loads import form_of, held_values, load_of, obstacle_means
+from unilateral.discrete.loads import case_load, form_of, obstacle_means
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.formulas.formula import real
@@ -70,20 +69,15 @@ def over_errors(
     indices = np.full((len(NAMES), len(cases), 1), np.nan)
     for c, case in enumerate(cases):
         of = solved.sel(case=case.name).isel(mesh=0, partition=k)
-        mu, held = of["lambda_H"].values[: len(cells)], held_values(case.problem, mesh)
-        load = load_of(case.problem, mesh).values
+        mu = of["lambda_H"].values[: len(cells)]
+        data = enclose_data(case.problem, mesh, form)
+        u_D = data.constraint.clamped_values
         g_means = obstacle_means(case.problem, partition)
-        on = with_load(spaces, load, None, g_means, held)
-        pair = held + spaces.response(on.of_rest[0], mu), spaces.extended(mu)
-        given = (
-            enclosed(mesh, case.problem),
-            case.problem.enclosed_obstacle,
-            partition,
-            *pair,
-            nothing(mesh),
-            form,
-        )
-        sharp, cheap = sharp_bound(*given), local_bound(*given)
+        discrete = with_load(spaces, case_load(case, mesh), None, g_means, u_D)
+        u_h = u_D + spaces.response(discrete.of_rest[0], mu)
+        lambda_H = spaces.extended(mu)
+        sharp = sharp_bound(data, partition, u_h, lambda_H, form)
+        cheap = local_bound(data, partition, u_h, lambda_H, form)
         of_u, of_lambda = float(error_in(of, "h1")), float(error_in(of, "hm12", "upper"))
         of_lambda = of_lambda if of_lambda > ZERO * float(of["u_norm"]) else np.nan
         of_sharp = sharp.u / of_u, sharp.lambda_ / of_lambda, sharp.eta / of_u

@@ -1,0 +1,60 @@
+"""f, g and q of a problem on a mesh, enclosed: after this nothing that solves or bounds knows the problem."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from unilateral.arrays import Array
+from unilateral.bounds.boundary_flux import Given, given
+from unilateral.bounds.constraint import Constraint, constraint
+from unilateral.bounds.forces import balance
+from unilateral.bounds.source import Source, enclose_source
+from unilateral.fem.form import Form
+from unilateral.fem.p1 import edge_load
+from unilateral.geometry.mesh import Mesh
+from unilateral.problems.scaled import Data
+
+
+@dataclass(frozen=True, eq=False)
+class MeshData:
+    """What is known of f, g and q on the mesh of a `source`.
+
+    Parameters
+    ----------
+    source
+        f on the triangles.
+    constraint
+        g on the boundary edges with multipliers, and the u that is given on clamped ones.
+    tau
+        The flux that is given on free edges.
+    balance
+        If c = 0, two numbers between which - int f - int q lies, the sum of all forces and reactions.
+    """
+
+    source: Source
+    constraint: Constraint
+    tau: Given
+    balance: tuple[float, float] | None
+
+    @property
+    def mesh(self) -> Mesh:
+        return self.source.mesh
+
+    @property
+    def load(self) -> Array:
+        """(n,) the load of f and q, exact for the polynomials of their enclosures."""
+        return self.source.load + edge_load(self.mesh, self.tau.ends)
+
+
+def enclose_data(problem: Data, mesh: Mesh, form: Form, source: Source | None = None) -> MeshData:
+    """The data of a problem whose form is known, and its f there if `source` is given."""
+    flux = problem.enclosed_flux
+    tau = given(flux, mesh, form)
+    if source is None:
+        source = enclose_source(mesh, problem.source)
+    return MeshData(
+        source=source,
+        constraint=constraint(problem.enclosed_obstacle, mesh, form),
+        tau=tau,
+        balance=None if form.reaction else balance(source, flux),
+    )
