@@ -19,6 +19,7 @@ from study import tables
 from study.ledger import claims
 from unilateral.cli import main
 from unilateral.discrete.condensed import with_solution
+from unilateral.exchange.score import solve_level
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import partition as partitions
@@ -49,6 +50,7 @@ NEED_RESULTS = (
     "test_manifest.py",
     "test_report.py",
     "test_surveys.py",
+    "test_workflow.py",
 )
 OTHERS = ("conftest", "study", "unilateral")
 """What a file of tests imports, and did not build for itself."""
@@ -132,7 +134,7 @@ def load(name, polygon="square", side=0):
 
 @pytest.fixture
 def shared_cases(monkeypatch):
-    """Cases of the catalogue are loaded once, and their obstacles enclosed once, whoever asks for them."""
+    """Cases of the catalogue are loaded, enclosed and certified once, whoever asks for them."""
 
     def shared(case, polygon, side=0):
         of_catalogue = str(case) in cases.names() and polygon.name in polygon_names()
@@ -141,6 +143,25 @@ def shared_cases(monkeypatch):
         return load_case(case, polygon, side)
 
     monkeypatch.setattr(cases, "load", shared)
+    monkeypatch.setattr("unilateral.cli.cases.certify", certificate)
+
+
+@pytest.fixture(scope="module")
+def own_solutions():
+    return {}
+
+
+@pytest.fixture
+def levels_solved_once(monkeypatch, own_solutions):
+    """This project's solution of a case on a level is the same for all files that are scored beside it."""
+
+    def solve_once(case, level):
+        key = case.name, level.mesh.points.tobytes(), level.cells.points.tobytes()
+        if key not in own_solutions:
+            own_solutions[key] = solve_level(case, level)
+        return own_solutions[key]
+
+    monkeypatch.setattr("unilateral.exchange.score.solve_level", solve_once)
 
 
 def home(name):
@@ -150,8 +171,12 @@ def home(name):
 
 
 @cache
+def certificate(case):
+    return certify(case)
+
+
 def certified(name, polygon="square", side=0):
-    return certify(load(name, polygon, side))
+    return certificate(load(name, polygon, side))
 
 
 @cache

@@ -53,6 +53,7 @@ def _read(file: Path) -> tuple[str, list[Path]]:
     return sha256(ast.dump(tree).encode()).hexdigest(), used
 
 
+@cache
 def _modules(name: str) -> list[Path]:
     """The files of a module of this project and of the packages that it is in; none of another project's.
 

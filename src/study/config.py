@@ -71,9 +71,7 @@ def check(study: Fields, sources: Mapping[str, str], schema: str) -> None:
     not fit together, and for a case that cannot be put on its polygon or that has no expected rates.
     """
     _raise_first(_beyond_files(study), sources)
-    rules = declarations.own(Path(schema))
-    for file in sorted(EXPERIMENTS.glob("*/schema.yaml")):
-        rules["properties"] |= declarations.own(file)
+    rules = _rules(schema)
     for source in dict.fromkeys([*sources.values(), COMMAND_LINE]):
         part = {name: value for name, value in study.items() if sources.get(name, COMMAND_LINE) == source}
         declarations.validate(part, rules, source)
@@ -83,6 +81,15 @@ def check(study: Fields, sources: Mapping[str, str], schema: str) -> None:
     # Cases first: other places may have only names that a scene has, and its misspelt ones would be offered.
     for faults in (_beside_polygons, _unknown_names, _numbers, _folders, _surveys, _unjudged):
         _raise_first(faults(study), sources)
+
+
+@cache
+def _rules(schema: str) -> Fields:
+    """The schema in a file, with the fields of all experiments."""
+    rules: Fields = declarations.own(Path(schema))
+    for file in sorted(EXPERIMENTS.glob("*/schema.yaml")):
+        rules["properties"] |= declarations.own(file)
+    return rules
 
 
 def _raise_first(faults: Iterator[tuple[Place, str]], sources: Mapping[str, str]) -> None:
@@ -187,7 +194,7 @@ def _numbers(study: Fields) -> Iterator[tuple[Place, str]]:
         if isinstance(value, dict) or field not in LIMITS | ORDERS:
             continue
         numbers = value if isinstance(value, list) else [value]
-        sizes = [real(number, field) if isinstance(number, str) else number for number in numbers]
+        sizes = [_size(number) for number in numbers]
         if field in LIMITS:
             keeps, limit, said = LIMITS[field]
             for number, size in zip(numbers, sizes, strict=True):
@@ -201,8 +208,14 @@ def _numbers(study: Fields) -> Iterator[tuple[Place, str]]:
     if study["totals"]["levels"] > fewest:
         yield ("totals", "levels"), f"it has to be at most {fewest}, the levels of its scenes"
     ratios = study["rates"]["ratios"]
-    if real(study["rates"]["judged_ratio"], "") not in [real(ratio, "") for ratio in ratios]:
+    if _size(study["rates"]["judged_ratio"]) not in map(_size, ratios):
         yield ("rates", "judged_ratio"), f"it has to be one of ratios, {', '.join(map(str, ratios))}"
+
+
+@cache
+def _size(number: str | float) -> float:
+    """The number, which may be written as a fraction."""
+    return real(number, "") if isinstance(number, str) else number
 
 
 def _folders(study: Fields) -> Iterator[tuple[Place, str]]:

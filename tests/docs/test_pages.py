@@ -1,10 +1,12 @@
 """The pages that `make docs` builds: without a warning, whole, complete, and right in a browser."""
 
 import inspect
+import json
 import re
 import subprocess
 import sys
 from html.parser import HTMLParser
+from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
 import pytest
@@ -19,18 +21,30 @@ FETCHED = {"src", "srcset", "poster", "data", "background"}
 IN_STYLES = re.compile(r"""@import\s+["']?([^"';)]+)|url\(\s*["']?([^"')]+)""")
 
 
-def built(folder, sources=ROOT, *options, configured="docs"):
-    """What `make docs` runs, into that folder."""
-    command = [sys.executable, "-m", "sphinx", "-qWE", "-c", configured, *options, str(sources), str(folder)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+BUILD = "import sys, json; from sphinx.cmd.build import main; print(*map(main, json.loads(sys.argv[1])))"
+
+
+def built(*builds):
+    """What `make docs` runs, from sources into folders, one after the other: exit codes, and what is told.
+
+    A build is the folder of the configuration, that of the sources, and the one to write to. One process
+    builds all of them, for Sphinx takes seconds to begin.
+    """
+    words = [
+        ["-qWE", "-w", f"{target}.told", "-c", *map(str, (docs, sources, target))]
+        for docs, sources, target in builds
+    ]
+    command = [sys.executable, "-c", BUILD, json.dumps(words)]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=300)
+    told = [Path(f"{target}.told").read_text(encoding="utf-8") for _, _, target in builds]
+    return list(zip(map(int, run.stdout.split()), told, strict=True))
 
 
 @pytest.fixture(scope="session")
 def site(tmp_path_factory):
     """All pages, built once for all tests; Sphinx takes seconds, and notebooks some 20."""
-    folder = tmp_path_factory.mktemp("docs")
-    run = built(folder)
-    assert (run.returncode, run.stderr) == (0, "")
+    folder = tmp_path_factory.mktemp("docs") / "site"
+    assert built(("docs", ROOT, folder)) == [(0, "")]
     return folder
 
 
@@ -95,16 +109,6 @@ def test_links_lead_somewhere_and_nothing_is_fetched_from_elsewhere(site):
     assert faults(site) == []
 
 
-def test_without_the_typeset_paper_links_lead_to_the_page_that_says_how_to_make_it(tmp_path):
-    """All pages are built once more, which takes seconds; notebooks are not run."""
-    run = built(tmp_path, ROOT, "-D", "typeset_paper=", "-D", "nb_execution_mode=off")
-    assert (run.returncode, run.stderr) == (0, "")
-    assert faults(tmp_path) == []
-    links = Page((tmp_path / "docs/accuracy.html").read_text(encoding="utf-8")).links
-    assert "paper.html" in links
-    assert not any(link.startswith("../") and link.endswith("#sec-total") for link in links)
-
-
 NOTEBOOK = """---
 file_format: mystnb
 kernelspec: { name: python3 }
@@ -117,19 +121,56 @@ print(6 * 7)
 """
 
 
+def write_own_pages(folder):
+    """Pages with the configuration of the project's, in a folder without the study.
+
+    One has links of the repository, two are notebooks. Of the tables that the one about the study opens,
+    those of the scene `quick` are there, as after `make quick`.
+    """
+    (folder / "docs/notebooks").mkdir(parents=True)
+    for name in ("conf.py", "rendering.py", "site", "static"):
+        (folder / "docs" / name).symlink_to(ROOT / "docs" / name)
+    for name in ("quick/errors.nc", "quick/rates.nc", "square/rates.nc"):
+        (folder / "results" / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / "results" / name).touch()
+    for name in ("README", "paper", "supplement"):
+        (folder / f"{name}.md").write_text("# Other\n")
+    links = "[a folder](../docs), [another text](../README.md), [this page](index.md#home), "
+    links += "[the paper](../paper.md), [a part](../supplement.md#sec-total)"
+    contents = "```{toctree}\npaper\nnotebook\nnotebooks/study-tables\n```\n"
+    (folder / "docs/index.md").write_text(f"# Home\n\n{links}\n\n{contents}")
+    (folder / "docs/paper.md").write_text("# How to make it\n")
+    (folder / "docs/notebook.md").write_text(NOTEBOOK)
+    text = (ROOT / "docs/notebooks/study-tables.md").read_text(encoding="utf-8")
+    (folder / "docs/notebooks/study-tables.md").write_text(re.sub(r"\]\(\.\.[^)]+\)", "]", text))
+
+
+def write_failing_notebook(folder):
+    (folder / "docs").mkdir(parents=True)
+    (folder / "docs/index.md").write_text(NOTEBOOK.replace("6 * 7", "1 / 0"))
+
+
 @pytest.fixture(scope="module")
-def own_pages(tmp_path_factory):
-    """A page with links of the repository, and a notebook: built without a warning."""
-    folder = tmp_path_factory.mktemp("own")
-    (folder / "sources/docs").mkdir(parents=True)
-    (folder / "sources/README.md").write_text("# Other\n")
-    links = "[a folder](../docs), [another text](../README.md), [this page](index.md#home)"
-    contents = "```{toctree}\nnotebook\n```\n"
-    (folder / "sources/docs/index.md").write_text(f"# Home\n\n{links}\n\n{contents}")
-    (folder / "sources/docs/notebook.md").write_text(NOTEBOOK)
-    run = built(folder / "pages", folder / "sources")
-    assert (run.returncode, run.stderr) == (0, "")
-    return folder / "pages/docs"
+def small_sites(tmp_path_factory):
+    """The pages of three small sites: their folder, the exit code of their build, and what it tells."""
+    folder = tmp_path_factory.mktemp("sites")
+    write_own_pages(folder / "own")
+    write_spoilt_pages(folder / "spoilt")
+    write_failing_notebook(folder / "failing")
+    configured = {"own": folder / "own/docs", "spoilt": "docs", "failing": "docs"}
+    builds = [(docs, folder / name, folder / name / "pages") for name, docs in configured.items()]
+    return {
+        name: (folder / name / "pages/docs", *told)
+        for name, told in zip(configured, built(*builds), strict=True)
+    }
+
+
+@pytest.fixture
+def own_pages(small_sites):
+    """The folder of the small site without a fault, which is built without a warning."""
+    folder, code, told = small_sites["own"]
+    assert (code, told) == (0, "")
+    return folder
 
 
 def test_links_of_the_repository_to_what_is_no_page_are_text(own_pages):
@@ -138,9 +179,31 @@ def test_links_of_the_repository_to_what_is_no_page_are_text(own_pages):
     assert "<p>a folder, another text, <a " in text
 
 
+def test_without_the_typeset_paper_links_lead_to_the_page_that_says_how_to_make_it(own_pages):
+    """Pages in other folders have no such links."""
+    links = Page((own_pages / "index.html").read_text(encoding="utf-8")).links
+    assert links.count("paper.html") >= 3  # the two, and the one of the contents
+    assert not any("sec-total" in link for link in links)
+    to_a_paper = re.compile(r"\]\([./]*(paper|supplement)\.md(#[\w-]+)?\)")
+    assert to_a_paper.search((ROOT / "docs/accuracy.md").read_text(encoding="utf-8"))
+    elsewhere = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
+    for folder in ("docs/notebooks", "manufactured", "benchmarks"):
+        elsewhere += (ROOT / folder).glob("*.md")
+    assert not [file for file in elsewhere if to_a_paper.search(file.read_text(encoding="utf-8"))]
+
+
 def test_a_notebook_shows_what_it_prints(own_pages):
     """Control of the notebook that fails, below."""
     assert ">42\n" in (own_pages / "notebook.html").read_text(encoding="utf-8")
+
+
+UNREAD = "This page was built without the study"
+
+
+def test_without_results_the_notebook_about_them_says_what_to_run(own_pages):
+    page = (own_pages / "notebooks/study-tables.html").read_text(encoding="utf-8")
+    assert UNREAD in page
+    assert "cell_output" not in page
 
 
 SPOILT = {
@@ -188,26 +251,23 @@ BROKEN = [
 ]
 
 
-@pytest.fixture(scope="module")
-def refused(tmp_path_factory):
-    """What is said of pages with a fault each: the build goes on to the end."""
-    sources = tmp_path_factory.mktemp("spoilt")
-    (sources / "docs").mkdir()
-    (sources / "docs/index.md").write_text("# Home\n")
+def write_spoilt_pages(folder):
+    """Pages with a fault each: the build goes on to the end."""
+    (folder / "docs").mkdir(parents=True)
+    (folder / "docs/index.md").write_text("# Home\n")
     for k, (text, _) in enumerate(BROKEN):
-        (sources / f"docs/spoilt_{k}.md").write_text(f"---\norphan: true\n---\n# Spoilt\n\n{text}\n")
-    run = built(sources / "pages", sources)
-    assert run.returncode != 0
-    return run.stderr
+        (folder / f"docs/spoilt_{k}.md").write_text(f"---\norphan: true\n---\n# Spoilt\n\n{text}\n")
 
 
 @pytest.mark.parametrize("told", [told for _, told in BROKEN])
-def test_a_page_with_a_fault_is_not_built(refused, told):
+def test_a_page_with_a_fault_is_not_built(small_sites, told):
     """Control: a link, an anchor, a name that is not there, and a type without a description.
 
     With -W any one of these warnings refuses the pages.
     """
-    assert re.search(told, refused)
+    _, code, warnings = small_sites["spoilt"]
+    assert code != 0
+    assert re.search(told, warnings)
 
 
 NOTEBOOKS = sorted(file.stem for file in (ROOT / "docs/notebooks").glob("*.md"))
@@ -222,36 +282,9 @@ def test_a_notebook_was_run(site, name):
     assert UNREAD not in page
 
 
-def test_a_notebook_that_fails_refuses_the_pages(tmp_path):
+def test_a_notebook_that_fails_refuses_the_pages(small_sites):
     """The first one that fails ends the build."""
-    (tmp_path / "sources/docs").mkdir(parents=True)
-    (tmp_path / "sources/docs/index.md").write_text(NOTEBOOK.replace("6 * 7", "1 / 0"))
-    assert built(tmp_path / "pages", tmp_path / "sources").returncode != 0
-
-
-UNREAD = "This page was built without the study"
-
-
-def test_without_results_the_notebook_about_them_says_what_to_run(tmp_path):
-    """The configuration of the pages, in a folder without one of the two tables that it opens.
-
-    Those of the scene `quick` are there, as after `make quick`.
-    """
-    for table in ("quick/errors.nc", "quick/rates.nc", "square/rates.nc"):
-        (tmp_path / "results" / table).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / "results" / table).touch()
-    (tmp_path / "docs/notebooks").mkdir(parents=True)
-    for name in ("conf.py", "rendering.py", "site", "static"):
-        (tmp_path / "docs" / name).symlink_to(ROOT / "docs" / name)
-    own = "# Home\n\n```{toctree}\nnotebooks/study-tables\n```\n"
-    (tmp_path / "docs/index.md").write_text(own)
-    text = (ROOT / "docs/notebooks/study-tables.md").read_text(encoding="utf-8")
-    (tmp_path / "docs/notebooks/study-tables.md").write_text(re.sub(r"\]\(\.\.[^)]+\)", "]", text))
-    run = built(tmp_path / "pages", tmp_path, configured=str(tmp_path / "docs"))
-    assert (run.returncode, run.stderr) == (0, "")
-    page = (tmp_path / "pages/docs/notebooks/study-tables.html").read_text(encoding="utf-8")
-    assert UNREAD in page
-    assert "cell_output" not in page
+    assert small_sites["failing"][1] != 0
 
 
 def documented():

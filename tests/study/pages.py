@@ -9,10 +9,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pandas as pd
 import xarray as xr
-from conftest import ROOT
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
+ROOT = Path(__file__).parents[2]
 NUMBERS = {
     "adaptive": ["error", "bound", "beta", "beta_of_edges"],
     "benchmarks": ["y"],
@@ -96,6 +96,18 @@ def drawn(figure, table):
 def page(figure):
     """What is drawn from `table`."""
     return drawn(figure, table(figure))
+
+
+def faults(page):
+    """What is wrong with a page: text that is smaller than in a paper, what is beyond it, its width."""
+    (width, height), box = page.get_size_inches(), page.get_tightbbox()
+    seen = [text for text in page.findobj(Text) if text.get_visible() and text.get_text()]
+    found = [f"small: {text.get_text()}" for text in seen if float(text.get_fontsize()) < 8]
+    if min(box.x0, box.y0) < 0 or box.x1 > width or box.y1 > height:
+        found.append(f"beyond the page: {box}")
+    if abs(width - 17 / 2.54) > 1e-6:
+        found.append(f"width: {width}")
+    return found
 
 
 def said(page):

@@ -13,19 +13,33 @@ from study import code
 SCRIPTS = sorted(file.stem for file in (ROOT / "workflow/scripts").glob("*.py") if file.stem != "job")
 
 
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    """A copy of the project."""
+    return copy_project(tmp_path_factory.mktemp("study"))
+
+
 @pytest.fixture
-def project(tmp_path, monkeypatch):
-    """A copy of the project, as the current folder."""
-    monkeypatch.chdir(copy_project(tmp_path))
-    yield Path()
-    code._read.cache_clear()
+def digest_of_change(project, monkeypatch):
+    """The digest of the script `cells` where a text in one file is another one, which alone is read anew."""
+    monkeypatch.chdir(project)
+    read = code._read
+
+    def change(name, old, new, first):
+        file = Path(name)
+        text = file.read_text()
+        assert text.count(old) == 1 or first is not None
+        file.write_text(text.replace(old, new, 1))
+        with monkeypatch.context() as changed:
+            changed.setattr(code, "_read", lambda each: (read.__wrapped__ if each == file else read)(each))
+            digest = code.digest(CELLS)
+        file.write_text(text)
+        return digest
+
+    return change
 
 
-def digest(script="cells"):
-    code._read.cache_clear()
-    return code.digest(f"workflow/scripts/{script}.py")
-
-
+CELLS = "workflow/scripts/cells.py"
 MEASURE = "src/study/experiments/cells/measure.py"
 UNCHANGED = {
     "docstring of a module": ("src/unilateral/solvers/uzawa.py", '"""', '"""Edited. ', 0),
@@ -56,26 +70,15 @@ CHANGED = {
 }
 
 
-def change(file, old, new, first):
-    """Edit a file at the only place of that text, or at the first one."""
-    text = Path(file).read_text()
-    assert text.count(old) == 1 or first is not None
-    Path(file).write_text(text.replace(old, new, 1))
-
-
 @pytest.mark.parametrize("name", UNCHANGED)
-def test_what_no_result_of_a_script_depends_on_leaves_its_digest(project, name):
-    before = digest()
-    change(*UNCHANGED[name])
-    assert digest() == before
+def test_what_no_result_of_a_script_depends_on_leaves_its_digest(digest_of_change, name):
+    assert digest_of_change(*UNCHANGED[name]) == code.digest(CELLS)
 
 
 @pytest.mark.parametrize("name", CHANGED)
-def test_what_a_script_runs_or_reads_changes_its_digest(project, name):
+def test_what_a_script_runs_or_reads_changes_its_digest(digest_of_change, name):
     """Control."""
-    before = digest()
-    change(*CHANGED[name], 0)
-    assert digest() != before
+    assert digest_of_change(*CHANGED[name], 0) != code.digest(CELLS)
 
 
 @cache

@@ -1,15 +1,13 @@
 """`python workflow/compare.py A B` sees every difference of two trees of results, and says no more."""
 
 import json
-import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 
-COMPARE = Path(__file__).parents[2] / "workflow" / "compare.py"
+from workflow import compare
 
 
 @pytest.fixture
@@ -29,17 +27,26 @@ def trees(tmp_path):
     return tmp_path / "before", tmp_path / "after"
 
 
-def run(*arguments):
-    command = [sys.executable, COMPARE, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+@pytest.fixture
+def run(monkeypatch, capsys):
+    """The exit code with these arguments, and what is printed on standard output and error."""
+
+    def compared(*arguments):
+        monkeypatch.setattr(sys, "argv", ["compare.py", *map(str, arguments)])
+        try:
+            code = compare.main()
+        except SystemExit as end:
+            code = end.code
+        return code, *capsys.readouterr()
+
+    return compared
 
 
-def test_equal_values_are_equal_whatever_attributes_and_timings_say(trees):
-    result = run(*trees)
-    assert (result.returncode, result.stdout) == (0, "4 files compared: all are equal\n")
+def test_equal_values_are_equal_whatever_attributes_and_timings_say(run, trees):
+    assert run(*trees) == (0, "4 files compared: all are equal\n", "")
 
 
-def test_every_kind_of_difference_is_named_with_its_file(trees):
+def test_every_kind_of_difference_is_named_with_its_file(run, trees):
     before, after = trees
     table = after / "results" / "square" / "errors.nc"
     xr.Dataset(
@@ -48,8 +55,8 @@ def test_every_kind_of_difference_is_named_with_its_file(trees):
     (after / "results" / "claims.json").write_text(json.dumps([{"id": "4.11", "verdict": "fails"}]))
     (after / "results" / "numbers.json").write_text(json.dumps({"study.h": "1/8", "rate": 1.5, "more": 1}))
     (after / "figures" / "rates.csv").unlink()
-    result = run(*trees)
-    assert result.returncode == 1
+    code, out, _ = run(*trees)
+    assert code == 1
     for line in (
         f"figures/rates.csv: is only in {before}",
         "results/claims.json: 4.11.verdict is 'fails' instead of 'holds'",
@@ -61,31 +68,31 @@ def test_every_kind_of_difference_is_named_with_its_file(trees):
         "results/square/errors.nc: case(mesh) is 'c' instead of 'b'",
         "4 files compared: 4 differ",
     ):
-        assert line in result.stdout.splitlines()
+        assert line in out.splitlines()
 
 
 @pytest.mark.parametrize(("tolerance", "code"), [("1e-13", 1), ("1e-12", 0)])
-def test_a_tolerance_is_relative_to_the_largest_number(trees, tolerance, code):
+def test_a_tolerance_is_relative_to_the_largest_number(run, trees, tolerance, code):
     table = xr.Dataset({"h1_error": ("mesh", [2.0, 1.0 + 1e-12, np.nan]), "case": ("mesh", ["a", "b", ""])})
     table.to_netcdf(trees[1] / "results" / "square" / "errors.nc")
-    assert run(*trees, "--within", tolerance).returncode == code
+    assert run(*trees, "--within", tolerance)[0] == code
 
 
-def test_a_number_that_is_no_longer_computed_is_no_small_difference(trees):
+def test_a_number_that_is_no_longer_computed_is_no_small_difference(run, trees):
     table = xr.Dataset({"h1_error": ("mesh", [2.0, np.nan, np.nan]), "case": ("mesh", ["a", "b", ""])})
     table.to_netcdf(trees[1] / "results" / "square" / "errors.nc")
-    assert run(*trees, "--within", "1").returncode == 1
+    assert run(*trees, "--within", "1")[0] == 1
 
 
-def test_the_same_numbers_along_another_dimension_are_no_equal_table(trees):
+def test_the_same_numbers_along_another_dimension_are_no_equal_table(run, trees):
     table = xr.Dataset({"h1_error": ("cell", [2.0, 1.0, np.nan]), "case": ("mesh", ["a", "b", ""])})
     table.to_netcdf(trees[1] / "results" / "square" / "errors.nc")
-    result = run(*trees, "--within", "1")
-    assert result.returncode == 1
-    assert "results/square/errors.nc: h1_error(mesh) is gone" in result.stdout.splitlines()
+    code, out, _ = run(*trees, "--within", "1")
+    assert code == 1
+    assert "results/square/errors.nc: h1_error(mesh) is gone" in out.splitlines()
 
 
-def test_a_folder_without_results_is_bad_input(tmp_path):
-    result = run(tmp_path, tmp_path)
-    assert result.returncode == 2
-    assert "has no results/ or figures/" in result.stderr
+def test_a_folder_without_results_is_bad_input(run, tmp_path):
+    code, _, err = run(tmp_path, tmp_path)
+    assert code == 2
+    assert "has no results/ or figures/" in err

@@ -11,6 +11,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
@@ -26,74 +27,113 @@ def tree(tmp_path_factory):
     return copy_project(tmp_path_factory.mktemp("study"))
 
 
+class Server:
+    """Runs of Snakemake, one after the other, in children of one process: see snakemake_server.py."""
+
+    def __init__(self, process):
+        self.process = process
+
+    def start(self, folder, *arguments):
+        """The number of a process that runs Snakemake in that folder."""
+        self.process.stdin.write(json.dumps([str(folder), *arguments]) + "\n")
+        self.process.stdin.flush()
+        return int(self.process.stdout.readline())
+
+    def end(self):
+        """The exit code of the started process, and what it printed on standard output and error."""
+        return json.loads(self.process.stdout.readline())
+
+    def run(self, folder, *arguments):
+        self.start(folder, *arguments)
+        return self.end()
+
+
 @pytest.fixture(scope="module")
-def dry_run(tree):
-    """The exit code of a dry run in the project, and what it prints on standard output and error."""
-    command = [sys.executable, str(Path(__file__).with_name("dry_runs.py"))]
+def server():
+    command = [sys.executable, str(Path(__file__).with_name("snakemake_server.py"))]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
-
-        def run(*arguments):
-            process.stdin.write(json.dumps([str(tree), "-n", "-c1", *arguments]) + "\n")
-            process.stdin.flush()
-            return json.loads(process.stdout.readline())
-
-        yield run
+        yield Server(process)
         process.stdin.close()
 
 
-@pytest.fixture
-def plan(dry_run):
-    """The text of a dry run, and how many jobs it plans of each rule."""
-    return lambda *target: planned(*dry_run(*target))
-
-
-def planned(code, out, err):
-    text = out + err
-    assert code == 0, text
-    table = text.partition("Job stats:")[2].partition("\ntotal ")[0]
-    return text, {rule: int(count) for rule, count in re.findall(r"^(\w+) +(\d+)$", table, re.MULTILINE)}
+@pytest.fixture(scope="module")
+def dry_run(server, tree):
+    return lambda *arguments: server.run(tree, "-n", "-c1", *arguments)
 
 
 SOLVED = ("mesh.vtu", "solutions.nc", "errors.nc", "infsup.nc", "timings.nc")
-QUICK = [
-    ("dual_norm.nc", "dual_norm"),
-    *((name, "solve") for name in SOLVED),
-    ("rates.nc", "rates"),
-]
-"""Files of the scene `quick` and their rules, in the order in which they are made."""
+RULES = {"dual_norm.nc": "dual_norm", **dict.fromkeys(SOLVED, "solve"), "rates.nc": "rates"}
+"""The files of a scene and their rules, in the order in which they are made."""
+MISSING = {
+    "square": "dual_norm.nc",
+    "unstructured": "mesh.vtu",
+    "lshape": "solutions.nc",
+    "irregular": "errors.nc",
+    "cantor": "infsup.nc",
+    "corners": "timings.nc",
+    "clamped": "rates.nc",
+}
+"""Scenes, each with the file that is missing there; those of `quick` are all there."""
+MESSAGES = {"the dual norm": "dual_norm", "all cases on all levels": "solve", "rates, judged": "rates"}
+"""What rules say when they begin, behind the name of the scene."""
 
 
-@pytest.fixture
-def computed(tree):
-    """The project with files in place of the scene's results."""
-    folder = tree / "results/quick"
+def make_results(tree, scene):
+    """Files in place of the results of a scene, in their folder."""
+    folder = tree / f"results/{scene}"
     folder.mkdir(parents=True)
-    for i, (name, _) in enumerate(QUICK):
+    for i, name in enumerate(RULES):
         (folder / name).write_text("a result")
         os.utime(folder / name, (time.time() + i, time.time() + i))
-    yield folder
+    return folder
+
+
+def jobs_of_scenes(text):
+    """The rules of the jobs that a dry run plans, by their scenes."""
+    jobs = defaultdict(list)
+    for scene, message in re.findall(r"^Job \d+: (\w+): (.*)$", text, re.MULTILINE):
+        jobs[scene].append(MESSAGES[message])
+    return jobs
+
+
+@pytest.fixture(scope="module")
+def planned(tree, dry_run):
+    """The jobs of scenes where one file each is missing, and of `quick`."""
+    for scene, name in MISSING.items():
+        (make_results(tree, scene) / name).unlink()
+    make_results(tree, "quick")
+    files = [f"results/{scene}/{name}" for scene in [*MISSING, "quick"] for name in RULES]
+    code, out, err = dry_run(*files, "--rerun-triggers", "mtime")
     shutil.rmtree(tree / "results")
+    assert code == 0, out + err
+    return jobs_of_scenes(out + err)
 
 
-def test_what_is_there_is_not_made_anew(plan, computed):
-    """Control. It waits until the process of all dry runs has imported Snakemake."""
-    assert "Nothing to be done" in plan("quick", "--rerun-triggers", "mtime")[0]
+def test_what_is_there_is_not_made_anew(planned):
+    """Control. It waits until the process of all runs has imported Snakemake."""
+    assert planned["quick"] == []
 
 
-@pytest.mark.parametrize(("name", "rule"), QUICK)
-def test_what_is_missing_is_made_anew_with_what_follows_from_it(plan, computed, name, rule):
-    (computed / name).unlink()
-    _, jobs = plan("quick", "--rerun-triggers", "mtime")
-    assert jobs[rule] == 1
-    assert jobs["rates"] == 1
+@pytest.mark.parametrize("scene", MISSING)
+def test_what_is_missing_is_made_anew_with_what_follows_from_it(planned, scene):
+    rules = planned[scene]
+    assert rules.count(RULES[MISSING[scene]]) == 1
+    assert rules.count("rates") == 1
 
 
-@pytest.mark.parametrize(("name", "rule"), [QUICK[i] for i in (0, 2, 3)])
-def test_one_command_makes_a_damaged_file_anew(plan, computed, name, rule):
+DAMAGED = {"square": "dual_norm.nc", "unstructured": "solutions.nc", "lshape": "errors.nc"}
+
+
+def test_one_command_makes_a_damaged_file_anew(tree, dry_run):
     """The one that messages name."""
-    assert plan("-f", f"results/quick/{name}", "--rerun-triggers", "mtime")[1] == {rule: 1}
-    with sentences.raises(StorageError, name):
-        tables.load(computed / name)
+    folders = {scene: make_results(tree, scene) for scene in DAMAGED}
+    files = [f"results/{scene}/{name}" for scene, name in DAMAGED.items()]
+    _, out, err = dry_run("-f", *files, "--rerun-triggers", "mtime")
+    assert jobs_of_scenes(out + err) == {scene: [RULES[name]] for scene, name in DAMAGED.items()}
+    for scene, name in DAMAGED.items():
+        with sentences.raises(StorageError, name):
+            tables.load(folders[scene] / name)
+    shutil.rmtree(tree / "results")
 
 
 REFUSED = [
@@ -129,18 +169,16 @@ def test_a_parameter_from_the_command_line_is_checked_too(dry_run):
     assert "field stop: 4 is not of type 'object'; write a mapping" in err
 
 
-def test_a_failing_job_says_why_and_leaves_nothing_half_written(tree, computed):
-    """The dual norm that it reads is no table. This takes as long as Snakemake and a job take to begin."""
-    left = set(computed.iterdir()) - {computed / name for name in SOLVED}
-    command = [sys.executable, "-m", "snakemake", "-c1", "-f", "results/quick/errors.nc"]
-    command += ["--rerun-triggers", "mtime"]
-    found = subprocess.run(command, cwd=tree, capture_output=True, text=True, timeout=60)
-    said = re.findall(
-        r"^unilateral: .*dual_norm\.nc is damaged .*\n", found.stdout + found.stderr, re.MULTILINE
-    )
-    assert (found.returncode, len(said)) == (1, 1)
+def test_a_failing_job_says_why_and_leaves_nothing_half_written(server, tree):
+    """The dual norm that it reads is no table. This takes as long as a job takes to begin."""
+    folder = make_results(tree, "quick")
+    left = set(folder.iterdir()) - {folder / name for name in SOLVED}
+    code, out, err = server.run(tree, "-c1", "-f", "results/quick/errors.nc", "--rerun-triggers", "mtime")
+    said = re.findall(r"^unilateral: .*dual_norm\.nc is damaged .*\n", out + err, re.MULTILINE)
+    assert (code, len(said)) == (1, 1)
     assert (tree / "results/logs/solve/quick.log").read_text() == said[0]
-    assert set(computed.iterdir()) == left
+    assert set(folder.iterdir()) == left
+    shutil.rmtree(tree / "results")
 
 
 ACCEPTED = {"Specify a conda environment or container for each rule."}
@@ -148,20 +186,23 @@ ACCEPTED = {"Specify a conda environment or container for each rule."}
 its own could only repeat it, in a second way to set it up."""
 
 
-def lints(folder):
+@pytest.fixture
+def lints(server):
     """The titles of what Snakemake's linter says of the Snakefile in a folder."""
-    command = [sys.executable, "-m", "snakemake", "--lint"]
-    found = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
-    assert "Lints for" in found.stderr, found.stderr
-    return set(re.findall(r"^    \* (.*):$", found.stderr, re.MULTILINE))
+
+    def titles(folder):
+        _, _, err = server.run(folder, "--lint")
+        assert "Lints for" in err, err
+        return set(re.findall(r"^    \* (.*):$", err, re.MULTILINE))
+
+    return titles
 
 
-def test_snakemake_s_linter_has_nothing_else_to_say(tree):
-    """This and its control take as long as Snakemake takes to begin."""
+def test_snakemake_s_linter_has_nothing_else_to_say(lints, tree):
     assert lints(tree) <= ACCEPTED
 
 
-def test_a_rule_without_a_log_would_be_found(tmp_path):
+def test_a_rule_without_a_log_would_be_found(lints, tmp_path):
     """Control."""
     (tmp_path / "Snakefile").write_text("rule made:\n    output: 'x'\n    shell: 'touch x'\n")
     assert lints(tmp_path) - ACCEPTED == {"No log directive defined"}
@@ -268,21 +309,21 @@ def test_make_refuses_folders_below_which_snakemake_fails(tmp_path, name):
         assert (done.returncode, done.stderr) == (0, "")
 
 
-def test_a_run_that_is_killed_can_be_taken_up_and_one_that_lives_cannot(tree, resume, monkeypatch):
-    """A real one, killed as soon as it has its lock. This takes as long as Snakemake takes to begin."""
+def test_a_run_that_is_killed_can_be_taken_up_and_one_that_lives_cannot(server, tree, resume, monkeypatch):
+    """A real one, killed as soon as it has its lock."""
     monkeypatch.chdir(tree)
-    command = [sys.executable, "-m", "snakemake", "-c1", "quick"]
-    run = subprocess.Popen(command, stderr=subprocess.DEVNULL, start_new_session=True)
+    run = server.start(tree, "-c1", "quick")
     try:
         locks = Path(".snakemake/locks")
+        begun = time.monotonic()
         while not (locks.is_dir() and list(locks.iterdir())):
-            assert run.poll() is None
+            assert time.monotonic() < begun + 60
             time.sleep(0.05)
         with pytest.raises(SystemExit, match="Another run of the study is at work"):
             resume()
     finally:
-        os.killpg(run.pid, signal.SIGKILL)
-        run.wait()
+        os.killpg(run, signal.SIGKILL)
+    assert server.end()[0] == -signal.SIGKILL
     assert list(locks.iterdir())
     resume()
     assert not list(locks.iterdir())

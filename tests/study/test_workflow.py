@@ -248,6 +248,20 @@ def test_a_file_of_results_has_one_rule(planned):
     assert set(made.values()) == {1}
 
 
+def test_the_stored_manifest_names_every_file_and_its_rule(plan, planned):
+    """Those that the whole study makes, but those of the machine, the manifest, and what is told of it."""
+    files, _ = plan("all")
+    made = {(file, job["rule"]) for job in planned for file in job["output"] if file in files}
+    known = {
+        (file, rule)
+        for file, rule in made
+        if not file.endswith("timings.nc") and rule not in ("manifest", "pages", "curves")
+    }
+    manifest = json.loads((ROOT / "results/manifest.json").read_text())["files"]
+    assert {(file["path"], file["rule"]) for file in manifest} == known
+    assert len(manifest) > 100
+
+
 PEAK = re.compile(r"^done in .* s, with at most (\d+) MB$", re.MULTILINE)
 SNAKEMAKE = 350
 """MB that Snakemake's own two processes took in a job of Slurm."""

@@ -6,6 +6,7 @@ import sentences
 
 import unilateral as ul
 
+pytestmark = pytest.mark.usefixtures("shared_cases")
 MESH = ul.mesh([(0, 0), (1, 0), (1, 1), (0, 1)], [(0, 1, 2), (0, 2, 3)], halvings=1)
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 SIZES = {"h": 1 / 4, "H": 1 / 2}

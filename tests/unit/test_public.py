@@ -18,6 +18,7 @@ WITH_EXAMPLES = sorted(
 )
 
 
+@pytest.mark.usefixtures("shared_cases")
 @pytest.mark.parametrize("name", WITH_EXAMPLES)
 def test_examples_in_docstrings_run(name):
     failed, tried = doctest.testmod(import_module(name))

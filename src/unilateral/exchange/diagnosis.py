@@ -151,8 +151,10 @@ def _against_exact(mu: Trace | None, of: Residual, own: Errors) -> Iterator[Faul
 
 def _of_conditions(case: Problem, mu: Trace, of: Residual, allowed: float) -> Iterator[Fault]:
     """The other conditions that u has, if it has none of those that belong to mu."""
+    right = []
     missed = {}
     for each in conditions(case, of.discrete, mu):
+        right.append(each)
         load, bound = each.multiplier_load(of.discrete.spaces.condensed, of.trace, allowed)
         missed[each.what] = of.norm(of.boundary - load) - bound
         if missed[each.what] <= allowed:
@@ -162,7 +164,7 @@ def _of_conditions(case: Problem, mu: Trace, of: Residual, allowed: float) -> It
     distance = f"at least {down(missed[nearest], '.2g')} in {of.names[1]}"
     measured = f"u is {distance} away from the solution with u >= g {nearest}"
     found = set()
-    for what, each in mistaken(case, of.discrete, mu, of.u[of.discrete.mesh.boundary]):
+    for what, each in mistaken(case, of.discrete, mu, right, of.u[of.discrete.mesh.boundary]):
         load, bound = each.multiplier_load(of.discrete.spaces.condensed, of.trace, most)
         if of.norm(of.boundary - load) + bound <= most:
             found.add(what)

@@ -10,7 +10,7 @@ means, so that one solver does for all. `mistaken` ones are what authors take in
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -128,21 +128,20 @@ def _on_cells(case: Problem, mesh: Mesh, cells: Partition, mu: Trace) -> Conditi
 
 
 def mistaken(
-    case: Problem, discrete: CondensedProblem, mu: Trace, trace: Array
+    case: Problem, discrete: CondensedProblem, mu: Trace, right: Sequence[Conditions], trace: Array
 ) -> Iterator[tuple[str, Conditions]]:
-    """Conditions that an author may have in place of the right ones, and what is wrong with them.
+    """Conditions that an author may have in place of the `right` ones, and what is wrong with them.
 
     `trace` (nb,) is u on the boundary: a side is ignored if mu is 0 there, and u below g.
     """
-    every = list(conditions(case, discrete, mu))
-    for each in every:
+    for each in right:
         fields = vars(each)
         yield "the conditions hold as equations (u = g everywhere)", Equal(**fields)
         yield "the conditions are reversed (u <= g and lambda <= 0)", Reversed(**fields)
         yield "g has the wrong sign", replace(each, g=-each.g)
         yield "g is taken as 0", replace(each, g=np.zeros_like(each.g))
-    yield from _counted(every[-1], mu)
-    yield from _ignored(case, discrete, mu, trace)
+    yield from _counted(right[-1], mu)
+    yield from _ignored(case, discrete, mu, right[0], trace)
 
 
 def _counted(of_cells: Conditions, mu: Trace) -> Iterator[tuple[str, Conditions]]:
@@ -172,10 +171,9 @@ def moves(mu: Trace) -> Iterator[tuple[str, Trace]]:
 
 
 def _ignored(
-    case: Problem, discrete: CondensedProblem, mu: Trace, trace: Array
+    case: Problem, discrete: CondensedProblem, mu: Trace, first: Conditions, trace: Array
 ) -> Iterator[tuple[str, Conditions]]:
     """The conditions without the sides, and the nodes at their ends, that look ignored."""
-    first = next(conditions(case, discrete, mu))
     below, pushed = _below_and_pushed(first, trace)
     sides = []
     for side, (start, end) in enumerate(pairwise(case.polygon.starts)):

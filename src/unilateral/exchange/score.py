@@ -15,9 +15,10 @@ from unilateral.discrete.condensed import CondensedProblem, discretise, solve
 from unilateral.exchange.boundary_function import Trace, constant, continuous
 from unilateral.exchange.diagnosis import Judged, judged
 from unilateral.exchange.discrete_conditions import conditions
-from unilateral.exchange.exported_folder import SAME, Foreign
+from unilateral.exchange.exported_folder import SAME, ExportedLevel, Foreign
 from unilateral.formulas.decimals import down, up
 from unilateral.formulas.formula import real
+from unilateral.geometry.mesh import Mesh
 from unilateral.norms.dual import DualNorm, Errors, dual_norm
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems.case_certificate import PROVED
@@ -76,21 +77,37 @@ class Rate(NamedTuple):
         return "reaches the proved rate" if self.reaches else "falls short"
 
 
+@dataclass(frozen=True, eq=False)
+class OwnSolution:
+    """This project's solution of a case on a level, and its errors, beside which others are scored."""
+
+    discrete: CondensedProblem
+    norm: DualNorm
+    u_h: Array
+    errors: Errors
+
+
+def solve_level(case: Problem, level: ExportedLevel) -> OwnSolution:
+    """This project's solution of a case on an exported level."""
+    discrete = discretise(case, level.mesh, level.cells)
+    norm = dual_norm(level.cells, [case.known_solution()])
+    solved = solve(discrete)
+    lambda_H = constant(level.cells, solved.lambda_H) if discrete.unique else None
+    errors = _errors(norm, case, level.mesh, solved.u_h, lambda_H)
+    return OwnSolution(discrete, norm, solved.u_h, errors)
+
+
 def score(case: Problem, given: Foreign) -> Scored:
     """The errors of one solution; those of lambda are NaN without a multiplier."""
-    mesh, cells = given.level.mesh, given.level.cells
-    discrete = discretise(case, mesh, cells)
-    norm, solved = dual_norm(cells, [case.known_solution()]), solve(discrete)
-    lambda_H = constant(cells, solved.lambda_H) if discrete.unique else None
-    own = _errors(norm, case, given, solved.u_h, lambda_H)
-    errors = _errors(norm, case, given, given.u, given.multiplier)
-    told = judged(case, given, discrete, own, solved.u_h)
-    return Scored(given, errors, own, told, extremes(case, given, discrete))
+    own = solve_level(case, given.level)
+    errors = _errors(own.norm, case, given.level.mesh, given.u, given.multiplier)
+    told = judged(case, given, own.discrete, own.errors, own.u_h)
+    return Scored(given, errors, own.errors, told, extremes(case, given, own.discrete))
 
 
-def _errors(norm: DualNorm, case: Problem, given: Foreign, u: Array, mu: Trace | None) -> Errors:
+def _errors(norm: DualNorm, case: Problem, mesh: Mesh, u: Array, mu: Trace | None) -> Errors:
     exact = case.known_solution()
-    h1 = h1_distance(exact, given.level.mesh, u)
+    h1 = h1_distance(exact, mesh, u)
     if mu is None:
         return Errors(h1, math.nan, math.nan, math.nan)
     on = mu.without(case.clamped_sides)

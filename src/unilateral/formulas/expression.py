@@ -164,7 +164,9 @@ def expression(atom: Atom) -> Expression:
     return product(1, [(atom, Fraction(1))])
 
 
+@lru_cache(maxsize=64)
 def variable(name: str) -> Expression:
+    """Made once: each formula that is read asks for all variables of its place."""
     return expression(Atom(name))
 
 

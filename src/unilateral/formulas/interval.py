@@ -15,8 +15,6 @@ from unilateral.arrays import Array, Mask
 
 Interval = tuple[Array, Array]
 ULPS = 8
-EXPONENT_BITS = np.int64(0x7FF0000000000000)
-"""The bits of a double that hold its exponent."""
 LARGE = 1e308
 PRODUCT = 2.0**-50
 """Each factor of a power adds this to the relative rounding error of the power."""
@@ -35,18 +33,8 @@ QUIET = np.errstate(all="ignore")
 def outward(lower: Array, upper: Array) -> Interval:
     """The interval widened by the rounding; a number that overflows is at least LARGE in size."""
     lower, upper = np.minimum(lower, LARGE), np.maximum(upper, -LARGE)
-    # fmax and fmin take the infinite bound where the other one is NaN
-    return np.fmax(lower - rounding(lower), -np.inf), np.fmin(upper + rounding(upper), np.inf)
-
-
-def rounding(values: Array) -> Array:
-    """(k,) ULPS units in the last place of numbers (k,).
-
-    As ULPS * np.spacing(np.abs(values)), but several times faster: the bits of the exponent alone are those
-    of the power of two below a number.
-    """
-    powers = (values.view(np.int64) & EXPONENT_BITS).view(np.float64)
-    return np.maximum(ULPS * 2.0**-52 * powers, ULPS * 2.0**-1074)
+    lower, upper = lower - ULPS * np.spacing(np.abs(lower)), upper + ULPS * np.spacing(np.abs(upper))
+    return np.fmax(lower, -np.inf), np.fmin(upper, np.inf)  # NaN, which is inf - inf, becomes infinite
 
 
 @QUIET

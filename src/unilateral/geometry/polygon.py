@@ -188,6 +188,7 @@ def names() -> list[str]:
     return list(_named())
 
 
+@cache
 def named(name: str) -> Polygon:
     """The polygon of that name in polygons.yaml. Raises InputError, with the known names, for others."""
     if name not in _named():

@@ -47,6 +47,9 @@ $$\begin{aligned} (u_h, v)_1 &= (f, v)_0 && \text{for all } v \in V_h \end{align
 
 ![What it shows.](one.svg){#fig-one}
 
+It is 0.19
+here: $x=0.19$.
+
 <!-- wide: begin -->
 | a | b | c | d | e | f | g | h |
 |---|---|---|---|---|---|---|---|
@@ -76,21 +79,31 @@ prefix: S
 """
 
 
-@pytest.fixture
-def typeset(tmp_path):
-    """Typesets a page; returns its HTML and its PDF."""
-    (tmp_path / "paper.bib").write_text(BIBLIOGRAPHY)
-    (tmp_path / "one.svg").write_text(PICTURE)
-    (tmp_path / "other.md").write_text(OTHER)
+def typesetter(folder):
+    """Typesets a page in that folder; returns its HTML and its PDF."""
+    (folder / "paper.bib").write_text(BIBLIOGRAPHY)
+    (folder / "one.svg").write_text(PICTURE)
+    (folder / "other.md").write_text(OTHER)
     templates = [ROOT / "workflow/paper" / name for name in ("numbers.lua", "paper.html", "paper.typ")]
-    html, pdf = tmp_path / "paper.html", tmp_path / "paper.pdf"
+    html, pdf = folder / "paper.html", folder / "paper.pdf"
 
     def run(text):
-        (tmp_path / "paper.md").write_text(text, encoding="utf-8")
-        typesetting.typeset(tmp_path / "paper.md", *templates, html, pdf)
+        (folder / "paper.md").write_text(text, encoding="utf-8")
+        typesetting.typeset(folder / "paper.md", *templates, html, pdf)
         return html.read_text(encoding="utf-8"), pdf.read_bytes()
 
     return run
+
+
+@pytest.fixture
+def typeset(tmp_path):
+    return typesetter(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory):
+    """The HTML and the PDF of the page with every feature."""
+    return typesetter(tmp_path_factory.mktemp("page"))(FRONT + PAGE)
 
 
 def shown(html):
@@ -99,8 +112,8 @@ def shown(html):
     return " ".join(re.sub(r"<annotation.*?</annotation>|<[^>]*>", "", body, flags=re.DOTALL).split())
 
 
-def test_a_page_with_every_feature_becomes_html_and_pdf(typeset):
-    html, pdf = typeset(FRONT + PAGE)
+def test_a_page_with_every_feature_becomes_html_and_pdf(page):
+    html, pdf = page
     assert pdf.startswith(b"%PDF")
     text = shown(html).replace("\u00a0", " ")
     for expected in ("The title", "The developers1", "1Nowhere", "21 November 2026", "one tag, another"):
@@ -110,7 +123,7 @@ def test_a_page_with_every_feature_becomes_html_and_pdf(typeset):
         assert numbered in text
     assert '<span class="number">(2.7)</span>' in html, "pandoc drops \\tag"
     assert '<div class="proof">' in html
-    assert html.count("<math") == 3
+    assert html.count("<math") == 4
     assert 'form="prefix">‖' in html, "the bars of a norm open and close"
     assert "one.svg" not in html, "figures are part of the page"
     contents = html.split("<nav")[1].split("</nav>")[0]
@@ -141,34 +154,36 @@ def test_numbers_have_the_prefix_of_their_paper(typeset):
         assert numbered in text
 
 
-def test_links_into_another_paper_lead_to_its_page_and_are_text_in_print(typeset):
+def test_links_into_another_paper_lead_to_its_page_and_are_text_in_print(page):
     """A PDF file would lead nowhere once it is moved; its links have a URI, those within it none."""
-    html, pdf = typeset(FRONT + PAGE)
+    html, pdf = page
     assert '<a href="other.html#tbl-there">Supplement, Table\u00a0S1</a>' in html
     assert '<a href="other.html#lem-there">Supplement, Lemma\u00a03</a>' in html
     assert b"/URI" not in pdf
 
 
-def test_the_same_page_gives_the_same_bytes(typeset):
-    first = typeset(FRONT + PAGE)
-    assert typeset(FRONT + PAGE) == first
-    assert typeset(FRONT + PAGE.replace("It is", "It was"))[1] != first[1]
+def test_the_same_page_gives_the_same_bytes(typeset, page):
+    """In another folder, too. Control: another page."""
+    assert typeset(FRONT + PAGE) == page
+    assert typeset(FRONT + PAGE.replace("It is", "It was"))[1] != page[1]
 
 
-def test_marks_are_not_seen_in_text_formulas_tables_and_captions(typeset):
+def test_marks_are_not_seen_in_text_formulas_tables_and_captions(typeset, page):
     """The same bytes as without them."""
-    text = "\n\nIt is 0.19 here: $x=0.19$.\n"
-    marked = PAGE.replace("| 1 |", "| <!--=a-->1<!--/--> |").replace(
-        "What it lists", "What <!--?A.1-->it lists<!--/-->"
-    )
-    assert marked.count("<!--") == PAGE.count("<!--") + 4
-    given = "\n\nIt <!--?A.1-->is <!--=a:.2f-->0.19<!--/-->\nhere:<!--/--> $x=<!--=a:.2f-->0.19<!--/-->$.\n"
-    assert typeset(FRONT + marked + given) == typeset(FRONT + PAGE + text.replace("0.19 here", "0.19\nhere"))
+    marked = PAGE
+    for text, with_marks in (
+        ("| 1 |", "| <!--=a-->1<!--/--> |"),
+        ("What it lists", "What <!--?A.1-->it lists<!--/-->"),
+        ("It is 0.19\nhere:", "It <!--?A.1-->is <!--=a:.2f-->0.19<!--/-->\nhere:<!--/-->"),
+        ("$x=0.19$", "$x=<!--=a:.2f-->0.19<!--/-->$"),
+    ):
+        assert marked.count(text) == 1
+        marked = marked.replace(text, with_marks)
+    assert typeset(FRONT + marked) == page
 
 
-def test_a_wide_table_gives_each_column_its_longest_word_and_long_cells_the_rest(typeset):
-    html, _ = typeset(FRONT + PAGE)
-    widths = [int(width) for width in re.findall(r'<col style="width: (\d+)%"', html)]
+def test_a_wide_table_gives_each_column_its_longest_word_and_long_cells_the_rest(typeset, page):
+    widths = [int(width) for width in re.findall(r'<col style="width: (\d+)%"', page[0])]
     assert len(widths) == 8
     assert sum(widths) <= 100
     assert min(widths[6:]) > 2 * max(widths[:6])

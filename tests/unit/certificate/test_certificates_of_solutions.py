@@ -27,6 +27,7 @@ from unilateral.geometry.structured import structured
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 PENTAGON = [(0, 0), (2, 0), (2, 1), (1, 1.5), (-1 / 3, 0.8)]
+KITE = [(0, 0), (2, 0), (7 / 3, 1), (1, 1.5)]
 
 
 def load_checkers():
@@ -54,6 +55,28 @@ def on_own_mesh():
     return ul.solve(problem, mesh=ul.mesh(points, mesh.triangles), H=1 / 4)
 
 
+def on_a_mesh_without_order():
+    """The nodes are numbered at random, and sides are slanted."""
+    mesh = ul.solve(ul.Problem(KITE, f=-1, g=0), h=0.1, H=0.2, mesh="unstructured").mesh
+    number = np.random.default_rng(4).permutation(mesh.n_nodes)
+    points = np.empty_like(mesh.points)
+    points[number] = mesh.points
+    own = ul.mesh(points, number[mesh.triangles])
+    return ul.solve(ul.Problem(own.polygon, f="3*x - 5", g="(x - 1)*(2 - x)/8"), mesh=own, H=0.2)
+
+
+def with_flux():
+    """k and c are not 1, and a flux is given on a slanted side."""
+    fields = {"free_sides": [1], "q": [None, "x - 2*y", None, None], "k": 2.5, "c": "1/7"}
+    return ul.solve(ul.Problem(KITE, f="x**2 - 4", g="(x - 1)*(2 - x)/8", **fields), accuracy=0.05)
+
+
+def without_reaction():
+    """u is given on a slanted side, and k is not 1."""
+    fields = {"u": {1: "x*y/5 + 1"}, "k": 3, "c": 0}
+    return ul.solve(ul.Problem(KITE, f="x - 30", g="-x/9 - 1/10", **fields), h=1 / 32, H=1 / 16)
+
+
 def clamped_above_the_obstacle():
     """c = 0, and the given u is above g at both ends of its side."""
     problem = ul.Problem(SQUARE, f="-4*x", g=["x - 1", 0, 0, None], u={3: "y - 1/2"}, c=0)
@@ -65,9 +88,9 @@ def coefficients(k, c, scale, h):
 
 
 SOLUTIONS = {
-    "README": lambda: example("arch", accuracy=0.05),
-    "cog": lambda: example("cog", accuracy=0.05),
-    "plate": lambda: example("plate", h=1e-3 / 32, H=1e-3 / 16),
+    "README": lambda: example("arch", accuracy=0.1),
+    "cog": lambda: example("cog", accuracy=0.1),
+    "plate": lambda: example("plate", h=1e-3 / 16, H=1e-3 / 8),
     "seal": lambda: example("seal", h=1 / 50, H=1 / 25),
     "shelf": lambda: example("shelf", h=1 / 16, H=1 / 8),
     "shelter": lambda: example("shelter", h=1 / 16, H=1 / 8),
@@ -77,9 +100,12 @@ SOLUTIONS = {
     "small k": lambda: coefficients("1/1000", 1, 1, 1 / 32),
     "large k": lambda: coefficients(10**5, 1000, 10**5, 1 / 16),
     "own mesh": on_own_mesh,
+    "mesh without order": on_a_mesh_without_order,
+    "flux": with_flux,
+    "without reaction": without_reaction,
 }
 POLYGONS = FAR | OTHERS
-CELLS_CUT_EDGES = {"slanted"}
+CELLS_CUT_EDGES = {"slanted", "mesh without order", "flux", "without reaction"}
 """The multiplier's cells are no whole edges there, so that p.n, which is judged, is not lambda_H."""
 PROVED = ["README", "cog", "seal", "shelf", "step", "slanted", "clamped", "large k", "own mesh"]
 """The checker's bounds are not above the project's, so that the check proves the project's numbers.
@@ -89,11 +115,10 @@ On the seal and the shelf f is constant and c = 0: they differ by the project's 
 
 
 class Checked(NamedTuple):
-    """A solution, its certificate and the file that has it, and the bounds that the check has proved."""
+    """A solution, its certificate, and the bounds that the check has proved."""
 
     solution: ul.Solution
     stated: dict
-    path: Path
     u: Fraction
     multiplier: Fraction
 
@@ -107,7 +132,7 @@ def checked(tmp_path_factory):
         solution, path = SOLUTIONS[name](), folder / f"{name}.json.gz"
         solution.save_certificate(path)
         stated = json.loads(gzip.decompress(path.read_bytes()))
-        return Checked(solution, stated, path, *bounds_of(stated))
+        return Checked(solution, stated, *bounds_of(stated))
 
     return checked
 
@@ -167,7 +192,7 @@ def interpreters():
     versions = {}
     for place in places:
         answer = subprocess.run(
-            [place, "-c", "import sys; print(sys.version_info[1])"],
+            [place, "-I", "-S", "-c", "import sys; print(sys.version_info[1])"],
             capture_output=True,
             text=True,
             check=False,
@@ -178,15 +203,17 @@ def interpreters():
 
 
 @pytest.mark.parametrize(("name", "program"), [("shelf", "check.py"), ("shelter", "check_formulas.py")])
-def test_a_python_that_has_nothing_installed_proves_the_same(name, program, checked, tmp_path):
+def test_a_python_that_has_nothing_installed_proves_the_same(name, program, tmp_path):
     """-I -S leaves out all packages. The output is the same, because the arithmetic is exact."""
-    proved = checked(name)
-    command = ["-I", "-S", ROOT / "certificate" / program, proved.path]
+    path = tmp_path / "certificate.json"
+    example(name, h=1 / 4, H=1 / 2).save_certificate(path)
+    u, multiplier = bounds_of(json.loads(path.read_text(encoding="utf-8")))
+    command = ["-I", "-S", ROOT / "certificate" / program, path]
     for version, python in interpreters().items():
         answer = subprocess.run([python, *command], cwd=tmp_path, capture_output=True, text=True, check=False)
         assert (answer.returncode, answer.stderr) == (0, ""), version
         last = answer.stdout.splitlines()[-1]
         assert last == (
-            f"PROVED: |||u - v||| <= {check.upward(proved.u)}, "
-            f"the dual norm of k du/dn - p.n is <= {check.upward(proved.multiplier)}"
+            f"PROVED: |||u - v||| <= {check.upward(u)}, "
+            f"the dual norm of k du/dn - p.n is <= {check.upward(multiplier)}"
         )

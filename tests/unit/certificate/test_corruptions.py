@@ -36,6 +36,8 @@ PENTAGON = [(0, 0), (2, 0), (2, 1), (1, Fraction(3, 2)), (Fraction(-1, 3), Fract
 BOWL = polynomial(one="17/64", x="-3/8", y="-5/8", xx="1/2", yy="1/2")
 """((x - 3/8)^2 + (y - 5/8)^2) / 2, whose normal derivative is positive on polygons around (3/8, 5/8)."""
 COUNT = 500
+ROUNDING = 1e-9
+"""Of the true error: its quadrature is exact otherwise, and u - v loses some six digits of sixteen."""
 PRINTED = "PROVED: |||u - v||| <= "
 HARMONIC = [polynomial(one=1), polynomial(x=1), polynomial(y=1), polynomial(xy=1), polynomial(xx=1, yy=-1)]
 VALUES = [None, True, "1", "x", "1/0", "", [], {}, [[0]], -1, 0, 7, 0.5, 1e30, -1e30, 10**30, 5e-324]
@@ -56,7 +58,7 @@ def full_contact():
     """g = u on the whole boundary of the square."""
     sides = [("contact", BOWL)] * 4
     load = [*BOWL, *polynomial(one=-2)]
-    mesh = fan(SQUARE, (Fraction(3, 8), Fraction(1, 2)), 5)
+    mesh = fan(SQUARE, (Fraction(3, 8), Fraction(1, 2)), 3)
     return certificate(SQUARE, sides, load, c=1, **mesh, **interpolated(BOWL, 1)), BOWL
 
 
@@ -64,7 +66,7 @@ def gaps():
     """u = x^2 touches g at x = 1, and is 1 above it on the other sides, where du/dn = 0; k = 2, c = 1/3."""
     u, below = polynomial(xx=1), polynomial(xx=1, one=-1)
     sides = [("contact", below), ("contact", u), ("contact", below), ("contact", below)]
-    mesh = fan(SQUARE, (Fraction(1, 2), Fraction(5, 8)), 5)
+    mesh = fan(SQUARE, (Fraction(1, 2), Fraction(5, 8)), 3)
     load = polynomial(one=-4, xx="1/3")
     return certificate(SQUARE, sides, load, k=2, c=Fraction(1, 3), **mesh, **interpolated(u, 2)), u
 
@@ -78,7 +80,7 @@ def clamped_and_free():
         ("clamped", polynomial()),
     ]
     u = polynomial(x=1, xy="1/2", xxx="1/6")
-    mesh = fan(SQUARE, (Fraction(5, 8), Fraction(1, 2)), 5)
+    mesh = fan(SQUARE, (Fraction(5, 8), Fraction(1, 2)), 3)
 
     def field(x, y):
         return Fraction(5, 4) * (x - 1), 0
@@ -89,7 +91,7 @@ def clamped_and_free():
 def slanted():
     """g = u on the whole boundary of a pentagon with slanted sides; k = 1/2, c = 3."""
     load = [[i, j, str(3 * Fraction(c))] for i, j, c in BOWL] + polynomial(one=-1)
-    mesh = fan(PENTAGON, (Fraction(3, 4), Fraction(5, 8)), 4)
+    mesh = fan(PENTAGON, (Fraction(3, 4), Fraction(5, 8)), 3)
     sides = [("contact", BOWL)] * 5
     return certificate(
         PENTAGON, sides, load, k=Fraction(1, 2), c=3, **mesh, **interpolated(BOWL, Fraction(1, 2))
@@ -316,7 +318,7 @@ def printed_bound(output):
 def judge(run):
     """Counts what a checker says of corruptions, and gives the least bound over error that it prints.
 
-    A corruption that lowers this index is kept, and the next ones are made of it.
+    A corruption that lowers this index is kept, and the next ones are made of it. One lie is enough.
     """
 
     def judge(module, make):
@@ -338,25 +340,24 @@ def judge(run):
                 index = float(printed_bound(output)) / true_error(stated, u)
                 if index < least:
                     text, least = json.dumps(stated), index
+                if least < 1 - ROUNDING:
+                    break
         return counts, least
 
     return judge
 
 
-ROUNDING = 1e-9
-"""Of the true error: its quadrature is exact otherwise, and u - v loses some six digits of sixteen."""
-
-
 @pytest.mark.parametrize("make", PROBLEMS)
 def test_each_is_refused_or_its_bound_holds(make, judge):
     counts, least = judge(checker(), make)
+    assert least >= 1 - ROUNDING
     assert counts.total() == COUNT / len(PROBLEMS)
     assert min(counts["refused"], counts["accepted"]) > counts.total() / 5  # so that both are tried
-    assert least >= 1 - ROUNDING
 
 
 @pytest.mark.parametrize(
-    ("make", "part"), [(full_contact, "v + y >= g"), (slanted, "rho - mean of rho"), (slanted, "|||y|||")]
+    ("make", "part"),
+    [(full_contact, "v + y >= g"), (slanted, "rho - mean of rho"), (clamped_and_free, "|||y|||")],
 )
 def test_a_spoilt_checker_is_exposed(make, part, judge):
     """Control."""

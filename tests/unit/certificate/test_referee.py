@@ -183,7 +183,7 @@ def test_texts_of_any_alphabet_are_refused_on_a_terminal_of_ascii(tmp_path):
         )
         (tmp_path / "greek.json").write_text(json.dumps(certificate))
         for checker in (CHECKER, CHECKER.with_name("check_formulas.py")):
-            command = [sys.executable, checker, tmp_path / "greek.json"]
+            command = [sys.executable, "-S", checker, tmp_path / "greek.json"]
             environment = {"PYTHONIOENCODING": "ascii"}
             done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
             assert (done.returncode, done.stderr) == (1, "")

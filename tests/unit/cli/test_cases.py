@@ -7,12 +7,13 @@ import types
 
 import numpy as np
 import pytest
-from conftest import CANTOR, ROOT, certified, home, load
+from conftest import CANTOR, ROOT, home, load
 
 from unilateral.exchange.case_formulas import module
 from unilateral.geometry.mesh import unstructured
 from unilateral.problems import case as cases
 
+pytestmark = pytest.mark.usefixtures("shared_cases")
 CLOSED = [name for name in cases.names() if name not in CANTOR]
 SHELTER = str(ROOT / "examples/shelter.yaml")
 
@@ -21,8 +22,7 @@ def of(name):
     return load(name, home(name).name)
 
 
-def test_cases_lists_the_catalogue_with_its_certificates(run, monkeypatch):
-    monkeypatch.setattr("unilateral.cli.cases.certify", lambda of: certified(of.name, of.polygon.name))
+def test_cases_lists_the_catalogue_with_its_certificates(run):
     code, out, err = run("cases")
     assert (code, err) == (0, "")
     for name in cases.names():
@@ -36,9 +36,8 @@ def test_cases_lists_the_catalogue_with_its_certificates(run, monkeypatch):
     assert re.search(r"natural .* 0: 0\.5-1; sides 1, 2, 3 +square", out)
 
 
-def test_json_has_every_case_on_every_polygon(run, monkeypatch):
+def test_json_has_every_case_on_every_polygon(run):
     """natural: contact on half of side 0 and on the others; lambda of singular is not bounded."""
-    monkeypatch.setattr("unilateral.cli.cases.certify", lambda of: certified(of.name, of.polygon.name))
     code, out, err = run("cases", "--json")
     assert (code, err, out.count("\n")) == (0, "", 1)
     found = {each["name"]: each for each in json.loads(out)["cases"]}

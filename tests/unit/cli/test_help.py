@@ -19,6 +19,7 @@ from unilateral.solvers.uzawa_steps import STEPS
 SCRIPT = Path(sys.executable).with_name("unilateral")
 
 
+@pytest.mark.usefixtures("shared_cases")
 @pytest.mark.parametrize("name", ["", *sorted({*application.commands} - {"claims"})])
 def test_the_examples_of_help_work_as_typed(run, tmp_path, monkeypatch, name):
     """One after the other, in an empty folder. Those of `claims` are run where the results are."""

@@ -192,7 +192,7 @@ from unilateral.geometry import triangulate
 initialise, names, replaced = triangulate.gmsh.initialize, [], os.replace
 triangulate.gmsh.initialize = lambda **options: (names.append("gmsh"), initialise(**options))
 def replace(*paths):
-    if paths[1].name == "b.svg":
+    if paths[1].name == "b.json":
         print(*sorted(set(names)), len(list(paths[1].parent.glob(".*.tmp"))), file=sys.stderr, flush=True)
         os.kill(os.getpid(), signal.SIGNAL)
     replaced(*paths)
@@ -210,7 +210,7 @@ def test_a_signal_after_gmsh_while_files_are_written_leaves_nothing_half_written
 ):
     """It is told; the file that was finished before stays. gmsh resets the handler of SIGTERM."""
     source = SENT_WHILE_WRITING.replace("SIGNAL", name)
-    files = [option for file in ("a.csv", "b.svg") for option in ("-o", str(tmp_path / file))]
+    files = [option for file in ("a.csv", "b.json") for option in ("-o", str(tmp_path / file))]
     command = [sys.executable, "-c", source, "solve", PROBLEM, *sizes, *files]
     done = subprocess.run(command, capture_output=True, encoding="utf-8", timeout=60)
     assert (done.returncode, done.stderr) == (code, f"gmsh 1\nunilateral: {told}\n")

@@ -22,13 +22,13 @@ from conftest import ROOT
 
 from unilateral.arrays import Array
 from unilateral.cli import main
-from unilateral.discrete.condensed import CondensedProblem, discretise, solve
+from unilateral.discrete.condensed import CondensedProblem, solve
 from unilateral.errors import InputError
-from unilateral.exchange.boundary_function import Trace, constant
+from unilateral.exchange.boundary_function import constant
 from unilateral.exchange.diagnosis import judged
 from unilateral.exchange.exported_folder import ExportedLevel, Foreign, exported, foreign
 from unilateral.exchange.fault import UNEXPLAINED
-from unilateral.exchange.score import score
+from unilateral.exchange.score import solve_level
 from unilateral.norms.dual import Errors
 from unilateral.problems.problem import Problem
 
@@ -169,7 +169,6 @@ class Solved(NamedTuple):
     level: ExportedLevel
     discrete: CondensedProblem
     u_h: Array
-    lambda_H: Trace
     own: Errors
     author: author.Level
 
@@ -198,11 +197,8 @@ def seen(tmp_path_factory):
             options = ["--polygon", str(polygon), "--free-sides", "2,3", "--h", "1/8", "--H", "1/4"]
         assert main(["export", "thirds" if name == "own" else name, *options, "--out", str(folder)]) == 0
         case, (level,) = exported(folder)
-        of = discretise(case, level.mesh, level.cells)
-        solved = solve(of)
-        lambda_H = constant(level.cells, solved.lambda_H)
-        own = score(case, Foreign("", level, solved.u_h, lambda_H, "")).own
-        return Solved(case, level, of, solved.u_h, lambda_H, own, author.read(folder, level.name))
+        own = solve_level(case, level)
+        return Solved(case, level, own.discrete, own.u_h, own.errors, author.read(folder, level.name))
 
     return made
 
@@ -269,8 +265,9 @@ def test_no_bug_is_named_by_chance(seen):
         assert all(not fault.explained for fault in found.faults)
         assert bool(found.faults) == (size >= 1e-3)
         assert found.remarks == []
+    right = constant(of.level.cells, solve(of.discrete).lambda_H)
     for u in (of.u_h + 0.3, of.u_h + 1, of.u_h - 0.5, 0 * of.u_h):
-        found = judged(of.case, Foreign("", of.level, u, of.lambda_H, ""), of.discrete, of.own, of.u_h)
+        found = judged(of.case, Foreign("", of.level, u, right, ""), of.discrete, of.own, of.u_h)
         assert [fault.explained for fault in found.faults] == [False]
 
 

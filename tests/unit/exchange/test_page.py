@@ -17,6 +17,7 @@ from unilateral.exchange.fault import Fault
 from unilateral.exchange.page import page
 from unilateral.exchange.score import Rate, holds, rates, score, verdict
 
+pytestmark = pytest.mark.usefixtures("levels_solved_once")
 VERDICT = "reaches the proved rates"
 NAMES = ("natural", "no_contact", "rough")
 

@@ -31,6 +31,7 @@ from unilateral.geometry.polygon import square
 from unilateral.norms.dual import Errors
 from unilateral.solution.solution import make_solution
 
+pytestmark = pytest.mark.usefixtures("levels_solved_once")
 LEVELS = {"level_0": (4, 2), "level_1": (8, 4), "level_2": (16, 8)}
 FINEST = (16, 8)
 

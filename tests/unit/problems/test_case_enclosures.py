@@ -1,6 +1,6 @@
 """u and f of the cases on boxes, enclosed, against their values in points, which are computed another way."""
 
-from functools import reduce
+from functools import cache, reduce
 
 import numpy as np
 import pytest
@@ -41,6 +41,11 @@ def on_boxes(polygon, arm):
     return models, sigma, points
 
 
+@cache
+def load_of_size(name, polygon, size):
+    return cases.load(name, Polygon(size * named(polygon).vertices, polygon))
+
+
 @pytest.mark.parametrize(("name", "polygon"), CASES)
 @pytest.mark.parametrize("size", [1.0, 3.0])
 @pytest.mark.parametrize("arm", [0.0, 0.01, 0.1])
@@ -51,7 +56,7 @@ def test_no_value_leaves_its_enclosure(name, polygon, size, arm):
     On nine tenths of the boxes at least there is a remainder. Control: values that are a thousandth of
     the largest one larger leave some of the points.
     """
-    case = cases.load(name, Polygon(size * named(polygon).vertices, polygon))
+    case = load_of_size(name, polygon, size)
     (x, y), sigma, points = on_boxes(case.polygon, arm)
     inside = case.polygon.contains(points.reshape(-1, 2)).reshape(points.shape[:2])
     assert inside.sum() > 500

@@ -3,6 +3,8 @@
 Derivatives are sympy's, in polar coordinates all of them: that the polar factors are harmonic is not used.
 """
 
+from functools import cache
+
 import mpmath
 import numpy as np
 import pytest
@@ -27,21 +29,24 @@ PLACES = [
 ]
 
 
-class Derived:
+@cache
+def compiled(expression, *symbols):
+    """A function of numbers with DIGITS, made once for all polygons."""
+    return with_digits(expression, *symbols)
+
+
+@cache
+def derive(v, polar):
     """v of an atom, its slopes along both coordinates, polar or Cartesian, and its Laplacian."""
-
-    def __init__(self, v, polar):
-        symbols = (R, THETA) if polar else (T, D)
-        first, second = symbols
-        r = R if polar else sympy.Integer(1)
-        along, across = sympy.diff(v, first), sympy.diff(v, second) / r
-        laplacian = sympy.diff(v, first, 2) + sympy.diff(v, second, 2) / r**2
-        if polar:
-            laplacian += along / r
-        self.parts = [with_digits(e, *symbols) for e in (v, along, across, laplacian)]
-
-    def __call__(self, first, second):
-        return [part(first, second) for part in self.parts]
+    symbols = (R, THETA) if polar else (T, D)
+    first, second = symbols
+    r = R if polar else sympy.Integer(1)
+    along, across = sympy.diff(v, first), sympy.diff(v, second) / r
+    laplacian = sympy.diff(v, first, 2) + sympy.diff(v, second, 2) / r**2
+    if polar:
+        laplacian += along / r
+    parts = [compiled(e, *symbols) for e in (v, along, across, laplacian)]
+    return lambda first, second: [part(first, second) for part in parts]
 
 
 def cut_off(v, entry):
@@ -76,6 +81,33 @@ def polar_factor(entry, omega):
     return times * v
 
 
+def quotient(fraction):
+    return mpmath.mpf(fraction.p) / fraction.q
+
+
+def turned(derived):
+    """The parts of an atom in polar coordinates, in Cartesian ones with the same origin."""
+
+    def parts(along, into):
+        r, theta = mpmath.hypot(along, into), mpmath.atan2(into, along) % (2 * mpmath.pi)
+        v, outward, around, laplacian = derived(r, theta)
+        c, s = mpmath.cos(theta), mpmath.sin(theta)
+        return [v, outward * c - around * s, outward * s + around * c, laplacian]
+
+    return parts
+
+
+def sum_of_intervals(intervals):
+    """The sum of atoms (a, b, their parts), each of which is 0 beyond the distance b - a from a."""
+    places = [(quotient(a), quotient(b - a), turned(derived)) for a, b, derived in intervals]
+
+    def parts(along, into):
+        near = [atom(along - a, into) for a, reach, atom in places if mpmath.hypot(along - a, into) < reach]
+        return [mpmath.fsum(each) for each in zip(*near, strict=True)] or [mpmath.mpf(0)] * 4
+
+    return parts
+
+
 class Oracle:
     """u, grad u, f, lambda and the gap of a case, from its declaration."""
 
@@ -99,58 +131,51 @@ class Oracle:
             u = self.formula(entry["formula"], x=X, y=Y)
             slopes = [sympy.diff(u, z) for z in (X, Y)]
             parts = [u, *slopes, sympy.diff(slopes[0], X) + sympy.diff(slopes[1], Y)]
-            parts = [with_digits(part, X, Y) for part in parts]
+            parts = [compiled(part, X, Y) for part in parts]
             self.atoms.append(lambda x, y: [part(x, y) for part in parts])
             return
         side = entry["vertex"] if "vertex" in entry else (self.side + entry["side"]) % n
         if entry["atom"] == "tensor":
             cutoff = exact(entry["cutoff"])
             v = -D * self.formula(entry["profile"], t=T) * pos(1 - (D / cutoff) ** 2, 4)
-            self.atoms.append(self.on_side(side, 0, Derived(v, polar=False), polar=False))
+            self.atoms.append(self.on_side(side, 0, derive(v, polar=False), polar=False))
         elif entry["atom"] == "cantor":
             unit = {"alpha": entry["alpha"], "cutoff": 1}
-            derived = Derived(cut_off(polar_factor(unit, None), unit), polar=True)
+            derived = derive(cut_off(polar_factor(unit, None), unit), polar=True)
             alpha = exact(entry["alpha"])
-            for a, b in contact_intervals(entry):
-                self.atoms.append(self.on_side(side, a, self.scaled(derived, b - a, alpha), reach=b - a))
+            intervals = [(a, b, self.scaled(derived, b - a, alpha)) for a, b in contact_intervals(entry)]
+            self.atoms.append(self.on_side(side, 0, sum_of_intervals(intervals), polar=False))
         else:
             angle = (
                 sympy.nsimplify(self.polygon.angles[side] / np.pi, rational=True, tolerance=1e-9) * sympy.pi
             )
-            derived = Derived(cut_off(polar_factor(entry, angle), entry), polar=True)
+            derived = derive(cut_off(polar_factor(entry, angle), entry), polar=True)
             self.atoms.append(self.on_side(side, exact(entry.get("at", 0)), derived))
 
     @staticmethod
     def scaled(derived, length, alpha):
         """The unit atom on a contact of another length: v(r) = l^(1 + alpha) v_1(r / l)."""
-        size = mpmath.mpf(length.p) / length.q
+        size = quotient(length)
 
         def parts(r, theta):
             v, along, across, laplacian = derived(r / size, theta)
-            factor = size ** (1 + mpmath.mpf(alpha.p) / alpha.q)
+            factor = size ** (1 + quotient(alpha))
             return factor * v, factor * along / size, factor * across / size, factor * laplacian / size**2
 
         return parts
 
-    def on_side(self, side, t, derived, polar=True, reach=None):
+    def on_side(self, side, t, derived, polar=True):
         """u, its two derivatives and its Laplacian by x and y, of L v(x / L)."""
         a, b = (self.vertices[i % self.polygon.n_sides] for i in (side, side + 1))
         length = mpmath.hypot(b[0] - a[0], b[1] - a[1])
         p, q = ((b[i] - a[i]) / length for i in range(2))
-        t = mpmath.mpf(t.p) / t.q if t else mpmath.mpf(0)
-        reach = mpmath.inf if reach is None else mpmath.mpf(reach.p) / reach.q
+        t = quotient(t) if t else mpmath.mpf(0)
 
         def parts(x, y):
             dx, dy = (x - a[0]) / length - t * p, (y - a[1]) / length - t * q
             along, into = p * dx + q * dy, p * dy - q * dx
             into = abs(into) if abs(into) < 1e-12 else into
-            r, theta = mpmath.hypot(along, into), mpmath.atan2(into, along) % (2 * mpmath.pi)
-            if r >= reach:
-                return [mpmath.mpf(0)] * 4
-            v, first, second, laplacian = derived(*((r, theta) if polar else (along, into)))
-            if polar:
-                c, s = mpmath.cos(theta), mpmath.sin(theta)
-                first, second = first * c - second * s, first * s + second * c
+            v, first, second, laplacian = (turned(derived) if polar else derived)(along, into)
             return length * v, first * p - second * q, first * q + second * p, laplacian / length
 
         return parts
@@ -176,7 +201,7 @@ class Oracle:
             gap = cantor_gap(here[0]["cantor"])
         else:
             gap = self.formula(here[0]["formula"] if here else declared["elsewhere"], t=T)
-        value = with_digits(gap, T)
+        value = compiled(gap, T)
         with mpmath.workdps(DIGITS):
             return np.array([value(mpmath.mpf(each)) for each in t.tolist()], dtype=float)
 

@@ -5,6 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+import sentences
 from nested import alone
 
 import unilateral as ul
@@ -102,7 +103,7 @@ def test_the_bound_of_a_function_is_not_that_of_its_values_between_the_nodes():
     assert exact.certificate()["linear_between_nodes"] == []
 
 
-def kinked(seed, n=MESH.n_nodes):
+def kinked(seed, n):
     """Values that jump from node to node, f of both signs."""
     rng = np.random.default_rng(seed)
     return rng.uniform(-20, 10, n), rng.uniform(-0.6, 0, n), rng.uniform(-1, 2, n)
@@ -126,14 +127,14 @@ def test_the_bounds_hold_for_the_functions_that_arrays_stand_for(given, seed, wa
     So the distance of both solutions is at most the sum of the bounds. The sharp ones exceed the errors by
     less than half elsewhere, so twice the distance and the smaller bound are a control.
     """
-    mesh = ul.mesh([(0, 0), (1, 0), (1, 1), (0, 1)], TWO, halvings=3)
+    mesh = ul.mesh([(0, 0), (1, 0), (1, 1), (0, 1)], TWO, halvings=2)
     finer = ul.mesh(mesh, halvings=3)
-    f, g, q = kinked(seed)
+    f, g, q = kinked(seed, mesh.n_nodes)
     given = {"free_sides": [2], **given}
     of_g = ("-x/4 - y/9",) * 2 if way == "a formula of g" else (g, prolonged(mesh, g, finer))
     coarse, fine = (
         ul.solve(ul.Problem(on, prolonged(mesh, f, on), of, q=prolonged(mesh, q, on), **given), H=H)
-        for on, of, H in zip((mesh, finer), of_g, (1 / 4, 1 / 32), strict=True)
+        for on, of, H in zip((mesh, finer), of_g, (1 / 2, 1 / 16), strict=True)
     )
     of = fine.solved.mesh
     distance = h1_norm(of, fine.solved.u_h - prolonged(mesh, coarse.solved.u_h, finer))
@@ -253,9 +254,9 @@ def test_arrays_that_do_not_fit_are_refused(f, g, message):
 
 
 def test_an_array_without_a_mesh_is_refused():
-    with pytest.raises(ul.InputError, match="give the mesh in place of the polygon"):
+    with sentences.raises(ul.InputError, "mesh"):
         ul.Problem(KITE, X, 0)
-    with pytest.raises(ul.InputError, match="give the mesh in place of the polygon"):
+    with sentences.raises(ul.InputError, "mesh"):
         ul.Problem(KITE, 0, [0, 0, X, 0])
     assert ul.Problem(KITE, np.float64(3), np.array(0)).f.rational == 3
 
@@ -263,13 +264,12 @@ def test_an_array_without_a_mesh_is_refused():
 @pytest.mark.parametrize("given", [-0.002, "-1/500", lambda x, y: 0 * x - 0.002, 0 * X - 0.002])
 def test_an_obstacle_on_a_free_side_is_refused_however_it_is_given(given):
     """As one on a clamped side. Control: null there, and one for all sides, which is for the other ones."""
-    message = r"field g\[3\]: side 3 is free; write null, or take it out of free_sides"
-    with pytest.raises(ul.InputError, match=message):
+    with sentences.raises(ul.InputError, "g[3]", "free_sides"):
         ul.Problem(MESH, -1, [-0.001, None, None, given], free_sides=[1, 2, 3])
     solver = ul.Solver(MESH, H=0.3, free_sides=[1, 2, 3])
-    with pytest.raises(ul.InputError, match=message):
+    with sentences.raises(ul.InputError, "g[3]", "free_sides"):
         solver(-1, [-0.001, None, None, given])
-    with pytest.raises(ul.InputError, match=r"field g\[3\]: side 3 is clamped"):
+    with sentences.raises(ul.InputError, "g[3]", "clamped"):
         ul.Problem(MESH, -1, [-0.001, None, None, given], free_sides=[1, 2], u={3: 0})
     for accepted in ([given, None, None, None], given):
         assert ul.Problem(MESH, -1, accepted, free_sides=[1, 2, 3]).free_sides == (1, 2, 3)

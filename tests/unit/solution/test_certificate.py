@@ -9,6 +9,8 @@ import unilateral as ul
 from unilateral.solution import record
 from unilateral.solution.bounds import Bounds, relative
 
+pytestmark = pytest.mark.usefixtures("shared_cases")
+
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 
 

@@ -22,6 +22,8 @@ from unilateral.solution.contact import Contact
 from unilateral.solution.faults import FLAT, flat_triangles
 from unilateral.solution.forces import in_units
 
+pytestmark = pytest.mark.usefixtures("shared_cases")
+
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 SIZES = {"h": 1 / 16, "H": 1 / 8}
 

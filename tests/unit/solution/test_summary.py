@@ -14,13 +14,15 @@ from unilateral.discrete.solution import DiscreteSolution
 from unilateral.problems.fields import as_html
 from unilateral.solution import summary
 
+pytestmark = pytest.mark.usefixtures("shared_cases")
+
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 SIZES = {"h": 1 / 16, "H": 1 / 8}
 
 
 @pytest.fixture(scope="module")
 def cog():
-    return ul.solve(ul.load(ROOT / "examples/cog.yaml"), accuracy=0.05)
+    return ul.solve(ul.load(ROOT / "examples/cog.yaml"), accuracy=0.1)
 
 
 @pytest.fixture
@@ -37,7 +39,7 @@ def test_a_solution_prints_what_is_known_of_it(cog):
     pattern = r"at most (\S+), (\S+) % of \|\|u\|\|_1, guaranteed"
     bound, percent = re.fullmatch(pattern, rows["error of u"]).groups()
     assert cog.bounds.u <= float(bound) <= 1.01 * cog.bounds.u
-    assert 100 * cog.bounds.relative_u <= float(percent) <= 5
+    assert 100 * cog.bounds.relative_u <= float(percent) <= 10
     assert rows["contact"].startswith(f"length {cog.contact.length:.4g} of ")
 
 

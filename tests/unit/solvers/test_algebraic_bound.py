@@ -114,14 +114,14 @@ def problem(scale: float, c: float = 1, clamped: tuple[int, ...] = ()) -> ul.Pro
 
 
 POLYGON = problem(1).polygon
-MESH = structured(POLYGON, 1 / 8)
+MESH = structured(POLYGON, 1 / 6)
 ADAPTED = refined(adapted(structured(POLYGON, 1 / 4)), np.arange(0, 32, 3))
 
 
 def made(way: str, of_scale: ul.Problem):
     if way == "adapted":
         return discretise_nested(of_scale, ADAPTED)
-    cells = uniform(POLYGON, 1 / 8 if way == "singular" else 1 / 4)
+    cells = uniform(POLYGON, 1 / 6 if way == "singular" else 1 / 3)
     return multilevel(of_scale, MESH, cells) if way == "multigrid" else discretise(of_scale, MESH, cells)
 
 

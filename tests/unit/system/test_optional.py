@@ -8,6 +8,7 @@ import tomllib
 from functools import cache
 
 import pytest
+import sentences
 import smoke
 from conftest import ROOT
 from packaging.requirements import Requirement
@@ -70,7 +71,7 @@ def test_a_set_does_what_it_should_with_its_own_packages_only(tmp_path, name):
     assert done.stdout.startswith(f"{name}: ")
 
 
-@pytest.mark.parametrize(("name", "module"), [("core", "yaml"), ("plot", "kiwisolver"), ("mesh", "gmsh")])
+@pytest.mark.parametrize(("name", "module"), [("core", "yaml"), ("mesh", "gmsh")])
 def test_a_set_without_one_of_its_packages_fails(tmp_path, name, module):
     """Control."""
     assert tried(name, tmp_path, [*absent(name), module]).returncode != 0
@@ -94,7 +95,6 @@ def test_all_extras_together_have_what_the_solver_can_use():
 def test_what_is_asked_for_names_every_missing_package(monkeypatch):
     for name in ("gmsh", "pandas", "xarray"):
         monkeypatch.setitem(sys.modules, name, None)
-    wanted_line = r"^tasks need gmsh, pandas and xarray; type: pip install 'unilateral\[files,mesh\]'$"
-    with pytest.raises(optional.InputError, match=wanted_line):
+    with sentences.raises(optional.InputError, "gmsh, pandas and xarray"):
         optional.require("tasks need", "gmsh", "xarray", "meshio", "pandas")
     optional.require("tasks need", "meshio")

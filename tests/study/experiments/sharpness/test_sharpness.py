@@ -264,29 +264,26 @@ def test_predicted_rates(norm, alpha, gamma, best, left):
     assert float(surfaces.left_by_proof(norm, alpha, gamma)) == pytest.approx(left, rel=1e-14)
 
 
-def two_level_rates(at_third):
-    """alpha = 1/2, gamma = 1 on three levels."""
-    levels = []
-    for H in LEVELS[1:4]:
-        cells = partitions.uniform(SQUARE, float(H))
-        at = [R(1, 3)] if at_third else places(H, 8)
-        family = seen(cells, at, ([R(1, 2)], [R(1)]))
-        levels.append(measure(condensed("square", int(2 / H)), family, Stop()))
-    return surfaces.rates_over(surfaces.along_levels(levels))
-
-
 def judged(table):
     """Whether all rates of lambda in L2 reach min(1, alpha + 1/2) less the study's tolerance."""
     return bool((table["rate"].sel(norm="l2") >= 1 - 0.1).all())
 
 
 def test_a_fixed_transition_fakes_rates_and_the_average_does_not():
-    """At 1/3 theta is 1/3 and 2/3 in turn: the consistency term jumps by 2^(gamma - alpha), either way.
+    """alpha = 1/2, gamma = 1 on three levels, with the transition at 1/3 and at 8 places of its cell.
 
+    At 1/3 theta is 1/3 and 2/3 in turn: the consistency term jumps by 2^(gamma - alpha), either way.
     0.15 is room for the cutoff: at H = 1/16 it takes up to 4 (H/R)^2 = 25 % of lambda in the cell.
     Two pairs of levels need a mesh with h = 1/128, which takes seconds.
     """
-    third, average = two_level_rates(True), two_level_rates(False)
+    levels = []
+    for H in LEVELS[1:4]:
+        cells = partitions.uniform(SQUARE, float(H))
+        family = seen(cells, [R(1, 3), *places(H, 8)], ([R(1, 2)], [R(1)]))
+        levels.append(measure(condensed("square", int(2 / H)), family, Stop()))
+    errors = surfaces.along_levels(levels)
+    third = surfaces.rates_over(errors.isel(position=[0]))
+    average = surfaces.rates_over(errors.isel(position=slice(1, None)))
     jump = third["consistency_rate"].values.ravel() - 2.5
     np.testing.assert_allclose(np.abs(jump), 0.5, rtol=0, atol=0.15)
     assert jump[0] * jump[1] < 0

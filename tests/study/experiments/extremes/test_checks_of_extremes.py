@@ -1,0 +1,104 @@
+"""The checks of the extremes on made-up tables, by hand; see made_up.py."""
+
+from functools import partial
+
+import pytest
+from made_up import INF, NAN, observes, table
+
+from study.experiments.extremes import checks as extremes
+from study.experiments.extremes.outcome import NEVER_RIGHT, NOT_CONVERGED, REFUSED, RIGHT, WRONG
+
+
+def points(**values):
+    """On an axis a, the sixth one on another."""
+    n = len(values["value"])
+    return table(axis_of=5 * ["a"] + ["b"] if n == 6 else n * ["a"], **values)
+
+
+SLOPE = points(value=[1, 1 / 4, 1 / 8, 1 / 16, 1 / 32, 1 / 64], measured=[9, 48, 192, NAN, 3072, 1])
+"""3 x^-2 on x = 1/4, 1/8, 1/32; what is coarser, not known or elsewhere is not in the slope, -2."""
+
+
+def power(exponent):
+    return partial(extremes.power, table="t", axis="a", below=0.25, exponent=exponent, most=0.1)
+
+
+def axes(**changed):
+    """A table of two axes, the first upwards with a limit, the second downwards without."""
+    of = {
+        "axis_of": ["up", "up", "down", "down"],
+        "value": [1.0, 2.0, 1.0, 0.5],
+        "outcome": [RIGHT, NOT_CONVERGED, RIGHT, REFUSED],
+        "tool": [RIGHT, RIGHT, RIGHT, REFUSED],
+        "true_error": [0.5, 0.5, 1.05, NAN],
+        "guaranteed": [1.0, 1.0, 1.0, NAN],
+        "allowance": [0.1, 0.1, 0.1, NAN],
+        "predicted_limit": [1.999, NAN],
+        "measured_limit": [2.0, NAN],
+        "predicted_tool_limit": [NAN, NAN],
+        "measured_tool_limit": [NAN, NAN],
+    }
+    return table(**of | changed, axis=["up", "down"])
+
+
+def by_another(error, bound):
+    """Of the last point, that one solver refuses, numbers by another one."""
+    made = {"true_error": [0.5, 0.5, 1.05, error], "guaranteed": [1.0, 1.0, 1.0, bound]}
+    return axes(**made, allowance=4 * [0.1])
+
+
+def step_limit(distance):
+    return partial(extremes.step_limit, table="t", nearest={"up": distance})
+
+
+def steps(limit, *outcome):
+    return axes(predicted_limit=[limit, NAN], outcome=[*outcome, RIGHT, REFUSED])
+
+
+def floors(*measured):
+    return points(value=[1.0, 0.5], predicted=[1.0, 4.0], measured=list(measured))
+
+
+STEPS = table(measured_limit=[1.5, 1.0], axis=["step_partial", "b"])
+FLOOR = partial(extremes.floor, table="t", axis="a", factor=5.0)
+
+
+ROWS = [
+    *[(power(exponent), SLOPE, distance) for exponent, distance in ((-2, 0), (-1, 1), (-3, 1))],
+    (power(-2), points(value=[0.2, 0.1], measured=[1, NAN]), "fewer than two numbers are known on the"),
+    # The first step that fails is the measured one.
+    ("X.partial", STEPS, (1.5, True)),
+    # Outcomes are recomputed.
+    ("X.wrong", axes(), 0),
+    ("X.wrong", axes(true_error=[0.5, 1.2, 1.05, NAN]), 1),
+    ("X.wrong", axes(true_error=[0.5, NAN, 1.05, NAN]), 1),
+    ("X.wrong", axes(outcome=[WRONG, RIGHT, RIGHT, REFUSED]), 1),
+    ("X.wrong", axes(guaranteed=[1.0, INF, 1.0, NAN]), 1),
+    ("X.wrong", axes(allowance=[0.1, INF, 0.1, NAN]), 1),
+    ("X.wrong", by_another(0.5, 1.0), 0),
+    ("X.wrong", by_another(2.0, 1.0), 1),
+    ("X.wrong", by_another(NAN, 1.0), 1),
+    ("X.wrong", by_another(0.5, INF), 1),
+    # A limit that is met early counts, and one where all was promised; where nothing was none is early.
+    ("X.limits", axes(), 0),
+    ("X.limits", axes(predicted_limit=[2.001, NAN]), 1),
+    ("X.limits", axes(measured_limit=[2.0, 0.5]), 1),
+    ("X.limits", axes(measured_tool_limit=[2.0, NAN]), 1),
+    ("X.limits", axes(measured_tool_limit=[NAN, 1.0]), 1),
+    ("X.limits", axes(predicted_limit=[1.999, NEVER_RIGHT], measured_limit=[2.0, 1.0]), 0),
+    # Steps on the wrong side of their limit count if it was tried next to it.
+    (step_limit(1 / 3), steps(1.5, RIGHT, NOT_CONVERGED), 0),
+    (step_limit(1 / 3), steps(1.5, RIGHT, RIGHT), 1),
+    (step_limit(1 / 3), steps(1.5, REFUSED, NOT_CONVERGED), 1),
+    (step_limit(0.2), steps(2.5, RIGHT, NOT_CONVERGED), 1),
+    (step_limit(0.1), steps(1.5, RIGHT, NOT_CONVERGED), r"^0\.9 of the limit was not tried on"),
+    # Floors are within a factor, and outgrow their predictions.
+    (FLOOR, floors(2.0, 16.0), 0),
+    *[(FLOOR, floors(*both), 1) for both in ((2.0, 26.0), (0.19, 5.0), (2.0, 8.0))],
+    *[(FLOOR, floors(*both), 1) for both in ((3.0, 3.0), (2.0, NAN))],
+]
+
+
+@pytest.mark.parametrize(("check", "given", "expected"), ROWS)
+def test_what_a_check_observes_is_what_is_found_by_hand(check, given, expected):
+    observes(check, given, expected)
