@@ -194,8 +194,14 @@ def _middle(values: Interval) -> tuple[Array, Array]:
 
 def _by_degree(of: Basis, c: Array) -> Array:
     """(n + 1, k) sums of |c_alpha| over the monomials of each degree."""
-    sizes = np.abs(c)
-    return np.stack([sizes[i] + sizes[i + 1 : j].sum(axis=0) for i, j in pairwise(of.first.tolist())])
+    sizes = np.abs(c, order="C")  # sums of many rows are rounded by their order in memory
+    if len(of.degree) == of.order + 1:  # of one variable there is one monomial of each degree
+        return sizes
+    sums = sizes[of.first[:-1]]
+    for degree, (i, j) in enumerate(pairwise(of.first.tolist())):
+        if j - i > 1:
+            sums[degree] += np.add.reduce(sizes[i + 1 : j])
+    return sums
 
 
 @QUIET
@@ -206,12 +212,11 @@ def _product(of: Basis, a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple
     for i in np.flatnonzero(x.any(axis=1)):
         for others, into in of.times[i]:
             c[into] += x[i] * y[others]
-    of_x, of_y = _by_degree(of, x), _by_degree(of, y)
-    from_y = of_y.copy()
-    for k in range(of.order)[::-1]:
-        from_y[k] += from_y[k + 1]
-    above = (of_x[1:] * from_y[:0:-1]).sum(axis=0)
-    all_x, all_y = of_x.sum(axis=0), from_y[0]
+    of_x = _by_degree(of, x)
+    # from_y[i] is the sum over the degrees of y from n - i on, whose products with degree i + 1 are left out
+    from_y = np.add.accumulate(_by_degree(of, y)[::-1])
+    above = np.add.reduce(of_x[1:] * from_y[:-1])
+    all_x, all_y = np.add.reduce(of_x), from_y[-1]
     rounding = (len(of.degree) + 2) * EPS * (all_x * all_y)  # EPS times one of them may underflow
     return c, upward(of, above + (all_x + r) * s + all_y * r + rounding)
 

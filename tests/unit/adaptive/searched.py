@@ -1,5 +1,7 @@
 """The problems that tests of accuracies solve, and the levels of a search."""
 
+from functools import cache
+
 from conftest import DATA, load
 
 from unilateral.adaptive.loop import search
@@ -9,6 +11,7 @@ FILES = sorted((DATA / "problems").glob("*.yaml"))
 """Problems without a known solution."""
 
 
+@cache
 def problem(name):
     """What one of these files declares, or a case on the square or, if it is for that, on the L-shape."""
     if name.endswith(".yaml"):

@@ -31,6 +31,18 @@ def towards(goal, done):
     return [judge_by(level, goal) for level in done]
 
 
+@pytest.fixture(scope="module")
+def natural_levels():
+    """Of a smooth problem."""
+    return levels(load("natural").problem, Goal(0.02))
+
+
+@pytest.fixture(scope="module")
+def lshape_levels():
+    """Of a problem whose u is singular at the re-entrant corner."""
+    return levels(problem("lshape.yaml"), Goal(0.3))
+
+
 @pytest.fixture
 def soon(monkeypatch):
     """A plan from few unknowns on."""
@@ -48,7 +60,7 @@ def machine(monkeypatch):
 @pytest.mark.parametrize(
     ("name", "goal", "adapted"),
     [
-        ("natural", Goal(0.005), False),
+        ("natural", Goal(0.01), False),
         ("natural", Goal(0.02, absolute=True), False),
         ("violates_j", Goal(0.02), True),
         ("hexagon_jump.yaml", Goal(0.03), True),
@@ -75,14 +87,13 @@ def test_a_dry_run_ends_with_the_first_level_that_is_large_enough():
     assert repr(one) == f"Search: {len(one.levels)} levels, not certified"
 
 
-def test_limits_that_do_not_allow_a_plan_are_named():
+def test_limits_that_do_not_allow_a_plan_are_named(natural_levels):
     """Each a little below what is planned; control: none a little above it."""
-    done = levels(load("natural").problem, Goal(0.05))
-    free = plan(towards(Goal(0.001), done))
+    free = plan(towards(Goal(0.001), natural_levels))
     for share, missed in ((0.99, ["max_unknowns", "max_memory", "max_seconds"]), (1.01, [])):
         limits = [share * value for value in (free.unknowns, free.peak_mb)]
         goal = Goal(0.001, max_unknowns=limits[0], max_seconds=share * free.seconds, max_memory=limits[1])
-        found = plan(towards(goal, done)).missed
+        found = plan(towards(goal, natural_levels)).missed
         assert [limit.split("=")[0] for limit in found] == missed
 
 
@@ -104,26 +115,24 @@ def test_an_accuracy_that_is_out_of_reach_ends_the_search_after_the_plan(name, m
 
 
 @pytest.mark.usefixtures("soon", "machine")
-def test_a_limit_that_somebody_set_is_spent():
+def test_a_limit_that_somebody_set_is_spent(natural_levels):
     """The same accuracy; so is one that the plan does not exclude by far."""
     found = search(load("natural").problem, Goal(1e-9, max_unknowns=2000))
     assert found.ended == "out of budget (max_unknowns=2000)"
     assert found.reach is None
-    done = levels(load("natural").problem, Goal(0.02))
-    allowed = min(allowed_unknowns(done).values())
+    allowed = min(allowed_unknowns(natural_levels).values())
     for times, far in ((HOPELESS / 2, False), (2 * HOPELESS, True)):
-        last = done[-1]
+        last = natural_levels[-1]
         accuracy = last.total / last.solved.u_norm / (times * allowed / last.unknowns) ** 0.5 / TARGET_PART
-        assert is_hopeless(towards(Goal(accuracy), done)) == far
+        assert is_hopeless(towards(Goal(accuracy), natural_levels)) == far
 
 
 @pytest.mark.usefixtures("soon", "machine")
 @pytest.mark.parametrize("limit", [{"max_seconds": MAX_SECONDS}, {"max_memory": 1e9}, {"max_unknowns": 1e9}])
-def test_a_limit_is_spent_even_if_it_is_the_default_or_never_reached(limit):
+def test_a_limit_is_spent_even_if_it_is_the_default_or_never_reached(limit, natural_levels):
     """The plan ends nothing; control: it does so without the limit."""
-    done = levels(load("natural").problem, Goal(0.02))
     for given, far in ((limit, False), ({}, True)):
-        assert is_hopeless(towards(Goal(1e-9, **given), done)) == far
+        assert is_hopeless(towards(Goal(1e-9, **given), natural_levels)) == far
 
 
 @pytest.mark.usefixtures("soon", "machine")
@@ -151,29 +160,30 @@ def test_what_is_certified_needs_nothing_more():
     assert found.plan.missed == ()
 
 
-def test_costs_and_what_they_allow_agree():
+def test_costs_and_what_they_allow_agree(natural_levels):
     """The unknowns within the seconds and the MB of a level are its own; none are within no time."""
-    done = levels(load("natural").problem, Goal(0.05))
-    seconds = done[-1].elapsed + predict_seconds(done, 12_345)
-    goal = Goal(0.05, max_seconds=seconds, max_memory=predict_mb(done, 12_345))
-    _, by_memory, by_seconds = allowed_unknowns(towards(goal, done)).values()
+    last = natural_levels[-1]
+    seconds = last.elapsed + predict_seconds(natural_levels, 12_345)
+    goal = Goal(0.05, max_seconds=seconds, max_memory=predict_mb(natural_levels, 12_345))
+    _, by_memory, by_seconds = allowed_unknowns(towards(goal, natural_levels)).values()
     assert by_memory == pytest.approx(12_345)
     assert by_seconds == pytest.approx(12_345)
-    assert allowed_unknowns(towards(Goal(0.05, max_seconds=1e-9), done))["max_seconds=1e-09"] == 0.0
-    assert predict_mb(done, done[-1].unknowns) >= max(level.mb for level in done)
+    no_time = towards(Goal(0.05, max_seconds=1e-9), natural_levels)
+    assert allowed_unknowns(no_time)["max_seconds=1e-09"] == 0.0
+    assert predict_mb(natural_levels, last.unknowns) >= max(level.mb for level in natural_levels)
 
 
-def test_seconds_are_predicted_by_the_rate_of_the_levels():
+def test_seconds_are_predicted_by_the_rate_of_the_levels(lshape_levels):
     """Twice the unknowns and the overhead take twice the time of the last level, beside what encloses f."""
-    first, *_, last = levels(problem("lshape.yaml"), Goal(0.3))
+    first, *_, last = lshape_levels
     done = [replace(first, enclosing=0.25), replace(last, seconds=1.0, enclosing=0.25)]
     twice = 2 * (done[-1].unknowns + OVERHEAD_UNKNOWNS) - OVERHEAD_UNKNOWNS
     assert predict_seconds(done, twice) == pytest.approx(0.25 + 2 * 0.75)
 
 
-def test_what_encloses_f_is_taken_to_grow_on_but_not_to_fall():
+def test_what_encloses_f_is_taken_to_grow_on_but_not_to_fall(lshape_levels):
     """Linearly from the last two levels: by 0.1 s with as many new unknowns as it grew by 0.1 s before."""
-    first, *_, last = levels(problem("lshape.yaml"), Goal(0.3))
+    first, *_, last = lshape_levels
     more = last.unknowns - first.unknowns
     for before, added in ((0.1, 0.1), (0.3, 0.0)):
         done = [
@@ -183,9 +193,9 @@ def test_what_encloses_f_is_taken_to_grow_on_but_not_to_fall():
         assert predict_seconds(done, last.unknowns + more) == pytest.approx(0.2 + added)
 
 
-def test_a_level_on_the_same_mesh_tells_nothing_of_growth():
+def test_a_level_on_the_same_mesh_tells_nothing_of_growth(lshape_levels):
     """As where a bound was missed by so little that no triangle is halved for it."""
-    first, *_, last = levels(problem("lshape.yaml"), Goal(0.3))
+    first, *_, last = lshape_levels
     done = [first, replace(last, enclosing=0.1), replace(last, seconds=0.2, enclosing=0.2)]
     assert predict_seconds(done[1:], last.unknowns) == pytest.approx(0.2)
 

@@ -6,26 +6,33 @@ Peaks, waves and kinks of f that rules do not see, obstacles that touch u in poi
 import numpy as np
 import sympy
 from known_solutions import Feature, Known, Tried, fluxes
-from symbolic import X, Y, pos
+from symbolic import X, Y, plain, pos
 
-import unilateral as ul
 from unilateral.adaptive.goal import Goal
 from unilateral.adaptive.loop import search
+from unilateral.formulas.expression import ZERO
+from unilateral.formulas.formula import parse
+from unilateral.geometry.polygon import Polygon
+from unilateral.problems.atoms import laplacian
+from unilateral.problems.problem import Problem
 
 MOST = 400
 """Unknowns on the finest mesh."""
 
 
-def adversary(u, gap=0, features=(), free=(), shift=0, spoil="", with_fluxes=False):
+def adversary(u, gap=0, features=(), free=(), shift=0, spoil="0", with_fluxes=False):
     """u with g = u - gap on the unit square moved by `shift`; `features` of u and g.
 
     `spoil` is a formula that is 0, added to f. On `free` sides du/dn is 0, or it is given there.
     """
-    square = [(shift, 0), (shift + 1, 0), (shift + 1, 1), (shift, 1)]
-    f = f"{u - sympy.diff(u, X, 2) - sympy.diff(u, Y, 2)}{spoil}"
-    g = [None if side in free else str(u - gap) for side in range(4)]
-    q = [str(of_u) if i in free else None for i, of_u in enumerate(fluxes(u, square))] if with_fluxes else 0
-    return Known(ul.Problem(square, f, g, [*free], q=q), u, tuple(features))
+    square = Polygon(np.array([(shift, 0), (shift + 1, 0), (shift + 1, 1), (shift, 1)]), "adversary")
+    f = plain(u) - laplacian(plain(u), "x", "y") + parse(spoil, ("x", "y"), "spoil")
+    g = (plain(u - gap),) * 4
+    q = ()
+    if with_fluxes:
+        du_dn = fluxes(u, square.vertices)
+        q = tuple(plain(du_dn[side]) if side in free else ZERO for side in range(4))
+    return Known(Problem(square.name, square, f, g, tuple(free), q=q), u, tuple(features))
 
 
 def known(family, number):
@@ -111,7 +118,7 @@ def large(rng):
     shift = int(rng.choice([0, 10, 100, 1000]))
     u = sympy.expand(bowl(rng, shift) + (X - shift) ** 3 / 20)
     c = 10 ** int(rng.integers(2, 8))
-    spoil = f" + {c}*(x - y)**2 - {c}*x**2 + {2 * c}*x*y - {c}*y**2"
+    spoil = f"{c}*(x - y)**2 - {c}*x**2 + {2 * c}*x*y - {c}*y**2"
     return adversary(u, shift=shift, spoil=spoil)
 
 

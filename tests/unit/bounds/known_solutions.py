@@ -3,7 +3,7 @@
 It is refined to features that are declared here and that the certificate does not know.
 """
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,7 +11,6 @@ import sympy
 from skfem.quadrature import get_quadrature_tri
 from symbolic import X, Y, compile_numpy, plain
 
-from unilateral.bounds.mesh_data import enclose_data
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling
 from unilateral.fem.splitting import quarter
@@ -171,17 +170,22 @@ class Tried:
         return [pressed(self.of, solved) for solved, _ in self.solutions]
 
 
+@lru_cache(maxsize=8)
+def flux_moments(of, mesh):
+    """(nb,) the moments of lambda on a mesh, which trials and forces share."""
+    return of.flux_moments(mesh)
+
+
 def trials(of, solved, pairs):
     """The error of lambda_H is at least its norm over V_h, and its integral over |Omega|^{1/2}."""
     mesh, cells = solved.mesh, solved.partition
-    data = solved.data or enclose_data(of.problem, mesh, solved.form)  # a case is solved without
-    moments, on_mesh, to_mesh = of.flux_moments(mesh), condense(mesh), coupling(mesh, cells).T
+    moments, on_mesh, to_mesh = flux_moments(of, mesh), condense(mesh), coupling(mesh, cells).T
     errors = of.errors(mesh, [u_h for u_h, _ in pairs]) / (1 + QUADRATURE)
     for pair, error in zip(pairs, errors, strict=True):
         rest = moments - to_mesh @ pair[1]
         dual = np.sqrt(max(rest @ on_mesh.solve_boundary(rest), 0.0))
         of_lambda = max(dual, abs(rest.sum()) / np.sqrt(mesh.polygon.area)) / (1 + OF_MOMENTS) - of.doubt
-        yield Trial((data, cells, *pair, solved.form), error, of_lambda)
+        yield Trial((solved.data, cells, *pair, solved.form), error, of_lambda)
 
 
 def pressed(of, solved):
@@ -190,7 +194,7 @@ def pressed(of, solved):
     The moments of lambda with the hats of a side's nodes, with its ends and without, have its force between
     them.
     """
-    mesh, moments = solved.mesh, of.flux_moments(solved.mesh)
+    mesh, moments = solved.mesh, flux_moments(of, solved.mesh)
     parts = [[*range(mesh.polygon.n_sides)], *([side] for side in range(mesh.polygon.n_sides))]
     off = OF_MOMENTS * np.abs(moments).sum() + 1e-12 * solved.u_norm  # of the quadrature, and of rounding
     exact = []

@@ -17,9 +17,13 @@ from random_polygons import columns, distances, over_a_base, star, wedge
 from symbolic import X, Y, plain, pos
 
 from unilateral.adaptive.loop import two_edges_per_cell
-from unilateral.discrete.condensed import discretise
+from unilateral.bounds.mesh_data import enclose_data
+from unilateral.discrete.condensed import on_spaces
+from unilateral.discrete.loads import form_of
 from unilateral.discrete.multilevel import discretise_nested
+from unilateral.fem.condense import condense
 from unilateral.fem.p1 import h1_norm
+from unilateral.fem.spaces import mixed_spaces
 from unilateral.formulas.expression import ZERO
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
@@ -57,9 +61,15 @@ def solutions(problem, rng):
     polygon, stop = problem.polygon, Stop()
     H = polygon.lengths.max() / rng.integers(1, 5)
     mesh, cells = uniform(polygon, H, rng.random())
-    found = discretise(problem, mesh, cells).solved(stop)
+    form = form_of(problem, mesh)
+    factorised = condense(mesh, form)
+    data = enclose_data(problem, mesh, form)  # of a case, too, which is solved without them
+    discrete = on_spaces(problem, mixed_spaces(factorised, cells), data.source)
+    found = replace(discrete, data=data).solved(stop)
     yield found
-    yield discretise(problem, mesh, partitions.shifted(polygon, 1.3 * H, rng.random())).solved(stop)
+    shifted = partitions.shifted(polygon, 1.3 * H, rng.random())
+    discrete = on_spaces(problem, mixed_spaces(factorised, shifted), data.source)
+    yield replace(discrete, data=data).solved(stop)
     of, discrete = adapted(mesh), None
     for _ in range(ADAPTED):
         of = refined(of, marked(of.mesh, found.shares))

@@ -38,14 +38,14 @@ BOUNDS = pytest.mark.parametrize("bound", [local_bound, sharp_bound])
 @pytest.mark.parametrize(
     ("bound", "name", "fineness"),
     [
-        (local_bound, "natural", (16, 32)),
-        (local_bound, "full_contact", (16, 32)),
+        (local_bound, "natural", (8, 16)),
+        (local_bound, "full_contact", (8, 16)),
         (local_bound, "smooth", (24, 48)),
-        (local_bound, "thirds", (64, 128)),
-        (sharp_bound, "natural", (8, 16)),
-        (sharp_bound, "full_contact", (8, 16)),
-        (sharp_bound, "smooth", (32,)),
-        (sharp_bound, "thirds", (32,)),
+        (local_bound, "thirds", (24, 48)),
+        (sharp_bound, "natural", (4, 8)),
+        (sharp_bound, "full_contact", (4, 8)),
+        (sharp_bound, "smooth", (24,)),
+        (sharp_bound, "thirds", (24,)),
     ],
 )
 def test_the_bounds_are_sharp_on_smooth_cases(bound, name, fineness):
@@ -53,7 +53,7 @@ def test_the_bounds_are_sharp_on_smooth_cases(bound, name, fineness):
 
     1.3 is the round number of claim F.cheap; theory says of the cheap bound that its index is bounded, and of
     the sharp one that eta is of higher order, so that 2.5 is much for the index of lambda. The last two cases
-    have contact zones and cutoffs of 1/3 and 1/4, so they need finer meshes and take some seconds.
+    have contact zones and cutoffs of 1/3 and 1/4, so they need finer meshes.
     """
     found = [(bound(*of.given), of) for of in (pair(name, n) for n in fineness)]
     indices = [each.u / of.h1_error for each, of in found]

@@ -113,7 +113,9 @@ def test_no_bound_is_below_a_true_error(one, bound):
     assert not violations(one, bounds(bound, one))
 
 
-@pytest.mark.parametrize(("one", "share"), [(CONTROLS[0], 0.6), (CONTROLS[1], 0.8)], indirect=["one"])
+@pytest.mark.parametrize(
+    ("one", "share"), [(CONTROLS[0], 0.6), (CONTROLS[1], 0.8)], indirect=["one"], scope="module"
+)
 @BOUNDS
 @pytest.mark.parametrize("name", ["u", "lambda_"])
 def test_a_bound_that_is_too_small_is_noticed(one, share, bound, name):

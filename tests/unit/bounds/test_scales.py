@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from functools import cache
 
 import numpy as np
 import pytest
@@ -63,12 +64,18 @@ def is_bounded(found: ul.Solution, name: str, size: float) -> bool:
     return 0 < error <= min(bounds(found)[::2]) / size < math.inf
 
 
+@cache
+def solution(name: str, size: float) -> ul.Solution:
+    """The solution for data times a number."""
+    return ul.solve(problem(name, repr(size)), h=1 / 16, H=1 / 8, stop=ul.Stop(algorithm="active_set"))
+
+
 @pytest.mark.parametrize("name", U)
 @pytest.mark.parametrize("power", [-463, -300, 300, 460])
 def test_data_times_a_power_of_two_have_the_same_bounds_times_that(name: str, power: int) -> None:
     """But for those of numbers written as decimals, and for what is added as squares may vanish."""
-    sizes, stop, size = {"h": 1 / 32, "H": 1 / 16}, ul.Stop(algorithm="active_set"), 2.0**power
-    one, scaled = (ul.solve(problem(name, repr(s)), **sizes, stop=stop) for s in (1.0, size))
+    size = 2.0**power
+    one, scaled = solution(name, 1.0), solution(name, size)
     np.testing.assert_allclose(
         np.array(bounds(scaled)) / size, bounds(one), rtol=1e-6, atol=20 * UNDERFLOW / size
     )

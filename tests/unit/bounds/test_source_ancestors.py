@@ -33,7 +33,7 @@ from unilateral.geometry.structured import structured
 KITE = np.array([[0, 0], [1.1, -0.3], [1.4, 1.2], [0.2, 0.8]])
 FAR = Polygon(KITE + 1e5 / 3, "far")
 MESHES = {
-    "square": lambda: structured(square(), 1 / 16),
+    "square": lambda: structured(square(), 1 / 12),
     "lshape": lambda: structured(named("lshape"), 1 / 12),
     "kite": lambda: meshes.refine(meshes.unstructured(Polygon(KITE, "kite"), 1 / 3), 2),
     "far": lambda: meshes.refine(meshes.unstructured(FAR, 1 / 3), 2),

@@ -1,6 +1,7 @@
 """Given fluxes, from the problem to the certificate: known solutions, rates, all solvers, and controls."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pytest
@@ -24,7 +25,8 @@ LSHAPE = [(-1, -1), (0, -1), (0, 0), (1, 0), (1, 1), (-1, 1)]
 KITE = [(0, 0), (1.125, -0.25), (1.5, 1.25), (0.25, 0.75)]
 
 
-class Known(NamedTuple):
+@dataclass(frozen=True)
+class Known:
     """u on a polygon, of which some sides are held up by g = u - gap; du/dn is given on all others."""
 
     polygon: list
@@ -33,16 +35,16 @@ class Known(NamedTuple):
     k: int = 1
     c: int = 1
 
-    @property
+    @cached_property
     def formula(self):
         return symbolic(parse(self.u, ("x", "y"), "u"))
 
-    @property
+    @cached_property
     def fluxes(self):
         """k du/dn on all sides, exact."""
         return [self.k * of_u for of_u in fluxes(self.formula, self.polygon)]
 
-    @property
+    @cached_property
     def problem(self):
         u = self.formula
         f = -self.k * (u.diff(X, 2) + u.diff(Y, 2)) + self.c * u

@@ -3,10 +3,11 @@
 Which of them is chosen, in what memory; and solutions that follow one another on ever finer meshes.
 """
 
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 import pytest
+import sentences
 from conftest import DATA, interior_point
 from nested import alone, multilevel
 
@@ -58,6 +59,11 @@ PROBLEMS = {
 }
 
 
+@cache
+def load_problem(name):
+    return PROBLEMS[name]()
+
+
 def on_uniform(problem, edges=2):
     """On a refined mesh, and cells of that many edges."""
     cells = uniform(problem.polygon, problem.polygon.lengths.max() / 2)
@@ -99,7 +105,7 @@ def by_active_set(problem, found):
 @pytest.mark.parametrize(("name", "made", "arguments"), ON_MESHES)
 def test_both_ways_lead_to_the_same_solution(name, made, arguments):
     """By active sets and by clarabel, both independent of these sets and steps."""
-    problem = PROBLEMS[name]()
+    problem = load_problem(name)
     found = made(problem, *arguments)
     other, expected = by_active_set(problem, found)
     solved = found.solved(EXACTLY)
@@ -127,10 +133,10 @@ def test_both_ways_lead_to_the_same_solution(name, made, arguments):
 
 def test_the_comparison_notices_another_load_and_a_cell_that_is_left_out():
     """f that is a millionth larger has another solution."""
-    found = on_uniform(PROBLEMS["functions"]())
-    other, expected = by_active_set(PROBLEMS["functions"](), found)
+    found = on_uniform(load_problem("functions"))
+    other, expected = by_active_set(load_problem("functions"), found)
     larger = ul.Problem(
-        KITE, lambda x, y: (1 + 1e-6) * (np.exp(x) - 4 * y - 2), g=PROBLEMS["functions"]().g[0]
+        KITE, lambda x, y: (1 + 1e-6) * (np.exp(x) - 4 * y - 2), g=load_problem("functions").g[0]
     )
     assert np.abs(on_uniform(larger).solved(EXACTLY).u_h - expected.u_h).max() > 1e-8
     lambda_H = found.solved(EXACTLY).result.lambda_H
@@ -141,7 +147,7 @@ def test_the_comparison_notices_another_load_and_a_cell_that_is_left_out():
 @on_both_meshes
 def test_f_is_enclosed_once(monkeypatch, made):
     """The bound has the enclosure that the load is made of: with another one its patches are not balanced."""
-    problem = FORMULAS["one's own"]()
+    problem = load_problem("one's own")
     found = made(problem)
     solved, source = found.solved(EXACTLY), found.data.source
     np.testing.assert_array_equal(load_vector(found.mesh, source.moments()), found.load)
@@ -153,7 +159,7 @@ def test_f_is_enclosed_once(monkeypatch, made):
 
 @on_both_meshes
 def test_the_norm_from_below_is_one_from_below_and_not_idle(made):
-    problem = FORMULAS["one's own"]()
+    problem = load_problem("one's own")
     found = made(problem)
     half = discretise(problem, found.mesh, found.partition).spaces.operator.half
     for seed in range(3):
@@ -226,7 +232,7 @@ def test_the_default_stop_is_a_hundredth_of_the_error(name):
 @on_both_meshes
 def test_it_stops_where_it_is_told_and_goes_on(made):
     """Steps are counted. Without a tolerance it stops at a hundredth of the error or of its bound."""
-    found = made(FORMULAS["one's own"]())
+    found = made(load_problem("one's own"))
     crude = found.iterated(None, Stop(fraction=1))
     assert 0 < crude.result.bound <= crude.tolerance
     fine = found.improved(crude, 1e-8, Stop())
@@ -273,7 +279,7 @@ def test_large_refined_meshes_are_for_multigrid(monkeypatch):
 
 
 def test_multigrid_in_vain_is_refused():
-    with pytest.raises(ul.InputError, match="multigrid needs a mesh of 'square' made by refinement"):
+    with sentences.raises(ul.InputError, "multigrid"):
         ul.solve(ul.case("natural"), h=1 / 32, H=1 / 32, stop=Stop(algorithm="multigrid"))
 
 
@@ -300,13 +306,9 @@ def test_an_accuracy_is_certified_by_multigrid(monkeypatch):
 
 def test_more_than_the_memory_is_refused_before_it_is_taken(monkeypatch):
     monkeypatch.setattr(choice, "available_mb", lambda: 0.4)
-    with pytest.raises(
-        ul.InputError, match=r"h = 0.01 makes 1e\+04 unknowns .* take at least 4 MB.*h >= 0.031"
-    ):
+    with sentences.raises(ul.InputError, "h = 0.01", "4 MB", "h >= 0.031"):
         ul.solve(ul.case("natural"), h=1 / 100, H=1 / 50)
-    with pytest.raises(
-        ul.InputError, match="289 unknowns, 64 of them on the boundary, take about 2 MB without"
-    ):
+    with sentences.raises(ul.InputError, "289 unknowns", "2 MB"):
         ul.solve(ul.case("natural"), H=1 / 8, mesh=structured(square(), 1 / 16))
 
 
@@ -316,7 +318,7 @@ def test_most_of_the_total_bound_is_not_algebraic():
     Control: where the residual is not asked to be small in the sum over nodes, too, it is large, and the
     algebraic bound a hundredth of it at once.
     """
-    found = on_adapted(FORMULAS["one's own"](), 14)
+    found = on_adapted(load_problem("one's own"), 14)
     assert np.diff(found.mesh.s).min() < 1e-4
     solved, best = found.solved(Stop()), found.solved(EXACTLY).total("h1")
     assert solved.result.bound <= 0.01 * solved.total("h1") <= 0.01 * (1.01 * best)
@@ -328,7 +330,7 @@ def test_most_of_the_total_bound_is_not_algebraic():
 
 def test_refinements_are_the_solutions_on_ever_finer_meshes():
     """Each as from nothing; of a mesh two triangles are refined here, and no mesh has too many unknowns."""
-    problem, asked = FORMULAS["one's own"](), []
+    problem, asked = load_problem("one's own"), []
 
     def two(solution):
         asked.append(solution)
@@ -355,7 +357,7 @@ def test_refinements_are_the_solutions_on_ever_finer_meshes():
 @pytest.mark.parametrize("steps", [1, 2])
 def test_what_is_known_of_a_coarser_mesh_is_taken_over(steps):
     """Its levels, f, and u_h, whose values at new nodes are those of the piecewise linear function."""
-    problem, of = FORMULAS["one's own"](), mesh_for(FORMULAS["one's own"](), 2)
+    problem, of = load_problem("one's own"), mesh_for(load_problem("one's own"), 2)
     before = discretise_nested(problem, of)
     last = before.solved(EXACTLY)
     for k in range(steps):
@@ -378,7 +380,7 @@ def test_what_is_known_of_a_coarser_mesh_is_taken_over(steps):
 
 def test_a_start_is_the_set_to_begin_with():
     """That of the solution leaves one step."""
-    found = on_adapted(FORMULAS["one's own"]())
+    found = on_adapted(load_problem("one's own"))
     cold = found.grids.solve(1e-8)
     again = found.iterated(1e-8, Stop(), cold.lambda_H)
     warm = found.grids.solve(1e-8, (found.guess, cold.active))
@@ -388,7 +390,7 @@ def test_a_start_is_the_set_to_begin_with():
 
 def test_the_residual_is_small_against_the_total_bound():
     """In the sum over nodes, which the cheap bound sees. Control: not so without that."""
-    problem = FORMULAS["one's own"]()
+    problem = load_problem("one's own")
     found = on_adapted(problem, 10)
     total = found.solved(Stop()).total("h1")
     loose = 10 * found.grids.finest.of.n**0.5 * total
@@ -409,7 +411,7 @@ def test_the_residual_is_small_against_the_total_bound():
 def test_a_mesh_of_one_s_own_goes_the_condensed_way(monkeypatch):
     """It has no levels. The same triangles, made by refinement, have; the solutions differ as f's p do."""
     monkeypatch.setattr(choice, "PAYS", 10)
-    problem, of = FORMULAS["one's own"](), mesh_for(FORMULAS["one's own"]())
+    problem, of = load_problem("one's own"), mesh_for(load_problem("one's own"))
     own = meshes.from_arrays(problem.polygon, of.mesh.points, of.mesh.triangles)
     assert not own.adapted
     assert multilevel(problem, own, of.partition) is None
