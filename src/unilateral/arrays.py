@@ -28,6 +28,12 @@ NUMBERS = "it has to be an array of real numbers"
 """What is wanted of an array, as messages say it."""
 
 
+def read_only(array: Array) -> Array:
+    """The array, which cannot be written into any more."""
+    array.setflags(write=False)
+    return array
+
+
 def blocks(count: int, size: int = 0) -> Iterator[slice]:
     """Slices of so many rows, by default BLOCK at a time."""
     for begin in range(0, count, size or BLOCK):

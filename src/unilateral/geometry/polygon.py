@@ -8,7 +8,7 @@ from importlib import resources
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Mask, floats
+from unilateral.arrays import Array, Index, Mask, floats, read_only
 from unilateral.errors import InputError, meant
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.plane import cross, first_crossing
@@ -62,8 +62,7 @@ class Polygon:
 
     def __post_init__(self) -> None:
         pairs = "its vertices have to be pairs (x, y), such as [(0, 0), (1, 0), (0, 1)]"
-        vertices = floats(self.vertices, f"polygon '{self.name}'", pairs)
-        vertices.setflags(write=False)
+        vertices = read_only(floats(self.vertices, f"polygon '{self.name}'", pairs))
         object.__setattr__(self, "vertices", vertices)
         _check(vertices, self.name)
 
@@ -82,22 +81,22 @@ class Polygon:
     @cached_property
     def edges(self) -> Array:
         """(n, 2) vectors along the sides."""
-        return np.roll(self.vertices, -1, axis=0) - self.vertices
+        return read_only(np.roll(self.vertices, -1, axis=0) - self.vertices)
 
     @cached_property
     def lengths(self) -> Array:
         """(n,) lengths of the sides."""
-        return np.hypot(*self.edges.T)
+        return read_only(np.hypot(*self.edges.T))
 
     @cached_property
     def starts(self) -> Array:
         """(n + 1,) arc lengths of the vertices, the perimeter last."""
-        return np.concatenate([[0.0], np.cumsum(self.lengths)])
+        return read_only(np.concatenate([[0.0], np.cumsum(self.lengths)]))
 
     @cached_property
     def stretch(self) -> Array:
         """(n,) how far the differences of `starts` may be from the exact lengths, relative to these."""
-        return (np.spacing(self.perimeter) + 2 * self.doubt) / self.lengths + 4 * EPS
+        return read_only((np.spacing(self.perimeter) + 2 * self.doubt) / self.lengths + 4 * EPS)
 
     @property
     def perimeter(self) -> float:
@@ -106,19 +105,19 @@ class Polygon:
     @cached_property
     def tangents(self) -> Array:
         """(n, 2) unit vectors along the sides."""
-        return self.edges / self.lengths[:, None]
+        return read_only(self.edges / self.lengths[:, None])
 
     @cached_property
     def normals(self) -> Array:
         """(n, 2) outward unit normals of the sides."""
-        return np.column_stack([self.tangents[:, 1], -self.tangents[:, 0]])
+        return read_only(np.column_stack([self.tangents[:, 1], -self.tangents[:, 0]]))
 
     @cached_property
     def angles(self) -> Array:
         """(n,) interior angles at the vertices, in radians."""
         before = np.roll(self.tangents, 1, axis=0)
         turn = np.arctan2(cross(before, self.tangents), np.sum(before * self.tangents, axis=1))
-        return np.pi - turn
+        return read_only(np.pi - turn)
 
     @cached_property
     def area(self) -> float:

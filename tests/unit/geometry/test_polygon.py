@@ -118,6 +118,17 @@ def test_sizes_that_are_refused(size):
     assert square().counts(1e-6).tolist() == [10**6] * 4
 
 
+@pytest.mark.parametrize("name", ["edges", "lengths", "starts", "stretch", "tangents", "normals", "angles"])
+def test_nothing_changes_a_polygon_that_all_cases_share(name):
+    """Control: a copy can be written into."""
+    shared = getattr(named("square"), name)
+    copied = shared.copy()
+    copied[0] = 5.0
+    with pytest.raises(ValueError, match="read-only"):
+        shared[0] = 5.0
+    assert_array_equal(getattr(Polygon(named("square").vertices), name), shared)
+
+
 def test_named():
     assert {"square", "lshape"} <= set(names())
     assert [named(name).name for name in names()] == names()
