@@ -47,7 +47,7 @@ class MeshData:
 
 
 def enclose_data(problem: Data, mesh: Mesh, form: Form, source: Source | None = None) -> MeshData:
-    """The data of a problem whose form is known, and its f there if `source` is given."""
+    """f, g and q of a problem on a mesh, and its form there. f is not enclosed if its `source` is known."""
     flux = problem.enclosed_flux
     tau = given(flux, mesh, form)
     if source is None:

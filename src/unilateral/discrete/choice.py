@@ -73,7 +73,7 @@ def choose_spaces(problem: Data, mesh: Mesh, partition: Partition, stop: Stop) -
     return condensed_spaces(mesh, partition, form)
 
 
-def discretise_on(problem: Data, spaces: Spaces, source: Source | None = None) -> DiscreteProblem:
+def discretise_on_spaces(problem: Data, spaces: Spaces, source: Source | None = None) -> DiscreteProblem:
     """The problem on its spaces, with f as the `source` has it, if that is known."""
     if isinstance(spaces, MixedSpaces):
         return on_spaces(problem, spaces, source)
@@ -84,7 +84,7 @@ def discretise_on(problem: Data, spaces: Spaces, source: Source | None = None) -
 
 def solve_on(problem: Data, mesh: Mesh, partition: Partition, stop: Stop) -> DiscreteSolution:
     """(u_h, lambda_H) on a mesh and a partition, as `choose_spaces` takes them."""
-    discrete = discretise_on(problem, choose_spaces(problem, mesh, partition, stop))
+    discrete = discretise_on_spaces(problem, choose_spaces(problem, mesh, partition, stop))
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
         return discrete.solved(stop)
 

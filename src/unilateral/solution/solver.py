@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from unilateral.bounds.source import Source
 from unilateral.discrete.base import DiscreteProblem
-from unilateral.discrete.choice import choose_spaces, condensed_spaces, discretise_on
+from unilateral.discrete.choice import choose_spaces, condensed_spaces, discretise_on_spaces
 from unilateral.errors import InputError, IterationWarning, shown
 from unilateral.fem.spaces import DualOperator, MixedSpaces
 from unilateral.formulas.expression import Expression
@@ -116,7 +116,7 @@ class Solver:
         data = self._data if problem is self.problem else scaled(problem)
         formula = problem.f if isinstance(problem.f, Expression) and problem.exact is None else None
         known = None if formula is None else self._sources.get(formula)
-        discrete = discretise_on(data, self._spaces, known)
+        discrete = discretise_on_spaces(data, self._spaces, known)
         if formula is not None and discrete.data:
             self._sources = {each: kept for each, kept in self._sources.items() if each == self.problem.f}
             self._sources[formula] = discrete.data.source

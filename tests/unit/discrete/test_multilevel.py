@@ -258,7 +258,7 @@ def test_without_a_tolerance_no_less_than_rounding_is_wanted():
 
 
 def cheapest(problem, mesh, cells, stop):
-    return choice.discretise_on(problem, choice.choose_spaces(problem, mesh, cells, stop))
+    return choice.discretise_on_spaces(problem, choice.choose_spaces(problem, mesh, cells, stop))
 
 
 def chosen(mesh, H, **stop):
