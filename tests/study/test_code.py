@@ -30,11 +30,14 @@ def digest_of_change(project, monkeypatch):
         text = file.read_text()
         assert text.count(old) == 1 or first is not None
         file.write_text(text.replace(old, new, 1))
-        with monkeypatch.context() as changed:
-            changed.setattr(code, "_read", lambda each: (read.__wrapped__ if each == file else read)(each))
-            digest = code.digest(CELLS)
-        file.write_text(text)
-        return digest
+        try:
+            with monkeypatch.context() as changed:
+                changed.setattr(
+                    code, "_read", lambda each: (read.__wrapped__ if each == file else read)(each)
+                )
+                return code.digest(CELLS)
+        finally:
+            file.write_text(text)  # all tests share the project
 
     return change
 
