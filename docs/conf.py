@@ -67,7 +67,7 @@ nitpicky = True
 others = ["collections", "matplotlib", "numpy", "os", "pandas", "pd", "scipy", "sympy", "xarray", "xr"]
 nitpick_ignore_regex = [
     ("py:.*", rf"({'|'.join(others)})\..*"),
-    ("py:class", "|".join(["Axes", "DiscreteSolution", "Figure", *aliases])),
+    ("py:class", "|".join(["Axes", r"(.*\.)?DiscreteSolution", "Figure", *aliases])),
 ]
 
 html_theme = "furo"
