@@ -120,7 +120,7 @@ def given(flux: Flux, mesh: Mesh, form: Form = H1) -> Given:
     """The `Given` of a problem's flux on a mesh; infinite where the flux has no bound."""
     if not flux.given.any():
         return nothing(mesh)
-    samples, lengths = flux.sampled(mesh.s), np.diff(mesh.s)
+    samples, lengths = flux.sample(mesh.s), np.diff(mesh.s)
     here = flux.given[samples.piece]
     half, piece, s, p = samples.half[here], samples.piece[here], samples.s[here], samples.value[here]
     edge, weight = _edges(mesh, samples.middle[here]), half[:, None] * samples.weights

@@ -47,7 +47,10 @@ class MeshData:
 
 
 def enclose_data(problem: Data, mesh: Mesh, form: Form, source: Source | None = None) -> MeshData:
-    """f, g and q of a problem on a mesh, and its form there. f is not enclosed if its `source` is known."""
+    """f, g and q of a problem, enclosed on a mesh; the `form` is the problem's on that mesh.
+
+    If `source` is given it is f on the mesh, which then is not enclosed again.
+    """
     flux = problem.enclosed_flux
     tau = given(flux, mesh, form)
     if source is None:

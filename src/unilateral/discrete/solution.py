@@ -31,7 +31,7 @@ class DiscreteSolution:
     Parameters
     ----------
     data
-        f, g and q on the mesh, by which errors are bounded; None if only a load of them is known.
+        f, g and q on the mesh, by which errors are bounded; None where they were not enclosed.
     mesh, partition, form
         The spaces, and the bilinear form with its clamped and free sides.
     cells : (m,)

@@ -166,7 +166,7 @@ def expression(atom: Atom) -> Expression:
 
 @lru_cache(maxsize=64)
 def variable(name: str) -> Expression:
-    """Made once: each formula that is read asks for all variables of its place."""
+    """The variable as an expression. It is made once, for each formula that is read asks for it."""
     return expression(Atom(name))
 
 

@@ -97,8 +97,8 @@ class Obstacle(Piecewise):
     end_doubts: Array
 
     def means(self, points: Array) -> Array:
-        """(m,) the polynomials' means between the arc lengths `points` (m + 1,) of the perimeter."""
-        samples = self.sampled(points, ORDER // 2 + 1)
+        """(m,) the polynomials' means between arc lengths `points` (m + 1,), from 0 to the perimeter."""
+        samples = self.sample(points, ORDER // 2 + 1)
         cell = np.searchsorted(points, samples.middle) - 1
         integrals = samples.half * (samples.value @ samples.weights)
         return np.asarray(np.bincount(cell, integrals, len(points) - 1) / np.diff(points))
@@ -126,7 +126,7 @@ class Obstacle(Piecewise):
         The `chosen` edges (nb,) are cut into so many equal `parts`, and where pieces end.
         """
         inner = s[:-1, None] + np.diff(s)[:, None] * np.arange(parts) / parts
-        samples = self.sampled(np.append(inner.ravel(), s[-1]))
+        samples = self.sample(np.append(inner.ravel(), s[-1]))
         edge = np.searchsorted(s, samples.middle) - 1
         wanted = chosen[edge]
         piece = samples.piece[wanted]

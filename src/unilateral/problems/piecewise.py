@@ -113,8 +113,8 @@ class Piecewise:
         """The pieces (...) on which the arc lengths s (...) of the perimeter lie."""
         return np.clip(np.searchsorted(self.points, s, side="right") - 1, 0, len(self.side) - 1)
 
-    def sampled(self, cuts: Array, count: int = ORDER + 1) -> Samples:
-        """The polynomials at `count` Gauss points of intervals, which end at `cuts` (k,) and with pieces."""
+    def sample(self, cuts: Array, count: int = ORDER + 1) -> Samples:
+        """The polynomials at `count` Gauss points of the intervals between `cuts` (k,) and ends of pieces."""
         ends = np.union1d(cuts, self.points)
         middle = 0.5 * (ends[1:] + ends[:-1])
         half = 0.5 * np.diff(ends)

@@ -86,7 +86,7 @@ def bound_errors(solution: Solution, sharp: bool) -> Bounds | None:
         return None
     solved, units = solution.bounded, solution.problem.units
     bound = solved.bound(sharp)
-    assert bound is not None  # the data of a user's problem are known
+    assert bound is not None  # the data are enclosed
     return Bounds(
         u=bound.u,
         multiplier=bound.lambda_ if len(solved.cells) else math.nan,
