@@ -51,7 +51,7 @@ def cases(scene: Mapping[str, Any]) -> list[ExactSolution]:
     first = loaded[0]
     for each in loaded:
         certify(each)
-        if (each.clamped_sides, each.reaction) != (first.clamped_sides, first.reaction):
+        if (each.clamped_sides, each.c) != (first.clamped_sides, first.c):
             raise InputError(
                 f"cases '{first.name}' and '{each.name}' differ in their clamped sides or in c; put them "
                 "into different scenes"

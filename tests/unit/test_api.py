@@ -17,7 +17,7 @@ from conftest import DATA, ROOT
 
 import unilateral as ul
 from unilateral.adaptive import forecast
-from unilateral.fem.p1 import h1_norm
+from unilateral.fem.p1 import energy_norm
 from unilateral.formulas.decimals import up
 from unilateral.geometry.files import write_mesh
 from unilateral.geometry.polygon import square
@@ -333,10 +333,10 @@ def test_relative_bounds_are_parts_of_lower_bounds_of_the_norms():
     """The bound over the discrete norm less the bound, or a little more for rounding; NaN for u = 0."""
     s = ul.solve("natural", **SIZES)
     for sharp, of in ((False, s.bounds), (True, s.sharp_bounds)):
-        size = h1_norm(s.mesh, s.u) - of.u
+        size = energy_norm(s.mesh, s.u) - of.u
         assert of.u / size <= of.relative_u <= (1 + 1e-6) * of.u / size
         assert of.relative_multiplier == record(s, of, None, sharp)["hm12_relative_bound"] > 0
-    exact = h1_norm(s.mesh, s.problem.exact.value_and_gradient(s.mesh.points)[0])
+    exact = energy_norm(s.mesh, s.problem.exact.value_and_gradient(s.mesh.points)[0])
     assert s.errors.h1 / exact < s.bounds.relative_u
     nothing = ul.solve(ul.Problem(SQUARE, f=0, g=-1), **SIZES).bounds
     assert math.isnan(nothing.relative_u)

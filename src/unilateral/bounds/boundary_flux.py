@@ -131,7 +131,7 @@ def given(flux: Flux, mesh: Mesh, form: Form = H1) -> Given:
     size, integral = _of_rho(flux, mesh, edge, 2 * half, flux.doubt[piece])
     rounding = _rounding(flux, mesh, edge, np.abs(p).max(axis=1))
     size, integral = size + np.sqrt(lengths) * rounding, integral + lengths * rounding
-    integral *= form.of_H1
+    integral *= math.hypot(1.0, form.value_constant)
     return Given(ends, *(_squares(mesh, rest, size, integral) for rest in (left, np.zeros_like(left))))
 
 

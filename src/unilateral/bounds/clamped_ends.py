@@ -67,7 +67,7 @@ class Clamps(NamedTuple):
     @property
     def weight(self) -> float:
         """The weight of the squared L2 norm in that of w; see `of_fluxes` of the bounds."""
-        return self.form.friedrichs**-2
+        return self.form.coercivity
 
 
 def unclamped(n: int) -> Clamps:

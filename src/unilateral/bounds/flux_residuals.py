@@ -37,7 +37,7 @@ by areas.
 def underflow(mesh: Mesh, form: Form = H1) -> float:
     """What underflow takes on a mesh; it is added to a bound."""
     divided = DIVIDED / math.sqrt(float(mesh.areas.min()))
-    return form.of_H1 * (UNDERFLOW * (1 + mesh.polygon.perimeter**2) + divided)
+    return math.hypot(1.0, form.value_constant) * (UNDERFLOW * (1 + mesh.polygon.perimeter**2) + divided)
 
 
 def misfit(mesh: Mesh, u_h: Array, q: Array, of: Index | slice) -> Array:

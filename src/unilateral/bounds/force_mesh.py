@@ -51,7 +51,7 @@ def condensed(mesh: Mesh, cells: Partition, load: Array, clamps: Clamps) -> tupl
         if polygon.diameter < SMALL:
             vertices = SMALL / polygon.diameter * polygon.vertices
             enlarged = meshes.similar(small, Polygon(vertices, polygon.name))
-        return small, condense(enlarged, Form(clamps.weight))
+        return small, condense(enlarged, Form(c=clamps.weight))
     except InputError:
         return mesh, None
 

@@ -44,7 +44,8 @@ from unilateral.bounds.flux_residuals import SUMS
 from unilateral.bounds.force_mesh import condensed, extended
 from unilateral.bounds.source import Source
 from unilateral.fem.condense import Condensed
-from unilateral.fem.p1 import coupling, h1_norm
+from unilateral.fem.form import Form
+from unilateral.fem.p1 import coupling, energy_norm
 from unilateral.formulas.decimals import guaranteed, interval
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
@@ -214,5 +215,5 @@ class Best:
         on_edges = (l + np.roll(l, -1, axis=0)) * np.abs(np.roll(trace, -1, axis=0) - trace)
         of_places = EPS * polygon.perimeter * (1 / np.diff(self.mesh.s)) @ on_edges
         off = (SUMS + polygon.stretch.max()) * (self.pairing @ np.abs(trace)) + of_places
-        norms = (1 + SUMS) * np.array([h1_norm(self.mesh, each, self.weight) for each in w.T])
+        norms = (1 + SUMS) * np.array([energy_norm(self.mesh, each, Form(c=self.weight)) for each in w.T])
         return np.asarray(self.pairing @ trace + off + self.mesh.growth * self.bound * norms)

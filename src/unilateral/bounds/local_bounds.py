@@ -128,7 +128,7 @@ def local_bound(
     lift = lifting(data.constraint, u_h, flux)
     *of_boundary, short = lift.lifted(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
     of, d = lift.of, lift.of.function(*of_boundary)
-    of_gradient, residual, rounding = defects(source, u_h, q, form.reaction)
+    of_gradient, residual, rounding = defects(source, u_h, q, form.c)
     of_d, of_added = of.norms(*d), lift.added(short)
     more = short.norm + root(of_added)
     distance = (1 + SUMS) * (root(of_d) + more)
@@ -136,7 +136,7 @@ def local_bound(
     inside = of_gradient + mesh.areas * residual**2
     defect, slack = root(inside) + rounding, 2 * short.product
     of_u = (1 + SUMS) * math.hypot(defect, distance, math.sqrt(slack))
-    moved = _of_feasible(of, u_h, q, inside, form.reaction, residual, d)
+    moved = _of_feasible(of, u_h, q, inside, form.c, residual, d)
     eta = (1 + SUMS) * math.hypot(root(moved) + rounding + more, math.sqrt(slack))
     of_data = _of_data(source, u_h, form)
     data_error = (1 + SUMS) * (norm(of_data) + tau.distance + unbalanced) + underflow(mesh, form)
@@ -155,8 +155,8 @@ def local_bound(
         lambda_=of_lambda if form.held(mesh.side).any() else 0.0,
         lifting=distance,
         data=data_error,
-        unknown=form.friedrichs * source.unknown + doubt,
-        irreducible=doubt + form.friedrichs * source.irreducible,
+        unknown=form.value_constant * source.unknown + doubt,
+        irreducible=doubt + form.value_constant * source.irreducible,
         flux=root(of_gradient),
         residual=math.sqrt(mesh.areas @ residual**2),
         shares=shares,
@@ -170,7 +170,7 @@ def local_bound(
 def flux_of(source: Source, u_h: Array, sigma: Array, form: Form) -> Array:
     """The flux by `equilibrated` with q.n = sigma (nb, 2) on the edges that are not clamped."""
     given = np.where(form.edges(source.mesh)[:, None], math.nan, sigma)
-    return equilibrated(source.mesh, u_h, source.moments, given, form.reaction)
+    return equilibrated(source.mesh, u_h, source.moments, given, form.c)
 
 
 def of_divergence(
@@ -183,8 +183,8 @@ def of_divergence(
     may as well stay beside the `misfit` M = ||grad u_h - q||, where the square root of M^2 + r^2 is less than
     M + C r.
     """
-    C, r = form.friedrichs, root(areas * residual**2)
-    if form.clamped and (not form.reaction or (1 - C * C) * r > 2 * C * misfit):
+    C, r = form.value_constant, root(areas * residual**2)
+    if form.clamped and (not form.c or (1 - C * C) * r > 2 * C * misfit):
         return C * (r + rounding), np.zeros_like(residual)
     return 0.0, residual
 
@@ -226,7 +226,7 @@ def _of_data(source: Source, u_h: Array, form: Form) -> Array:
     """(r, m) the squares whose `norm` bounds that of f - f~ as a functional."""
     mesh, squares = source.mesh, np.empty((2 if form.clamped else 1, len(source.f_h)))
     for of in blocks(squares.shape[1]):
-        a, b, c = source.f_h[of].T - form.reaction * u_h.take(mesh.triangles[of].T)
+        a, b, c = source.f_h[of].T - form.c * u_h.take(mesh.triangles[of].T)
         more = np.sqrt(mesh.areas[of] / 36 * ((b - a) ** 2 + (c - b) ** 2 + (a - c) ** 2))
         squares[:, of] = source.squares(form, more, of)
     return squares

@@ -59,5 +59,5 @@ def enclose_data(problem: Data, mesh: Mesh, form: Form, source: Source | None = 
         source=source,
         constraint=constraint(problem.enclosed_obstacle, mesh, form),
         tau=tau,
-        balance=None if form.reaction else balance(source, flux),
+        balance=None if form.c else balance(source, flux),
     )

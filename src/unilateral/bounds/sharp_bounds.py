@@ -109,8 +109,8 @@ def sharp_bound(
         lambda_=mesh.growth * of_lambda if form.held(mesh.side).any() else 0.0,
         lifting=distance,
         data=data_error,
-        unknown=form.friedrichs * source.unknown + doubt,
-        irreducible=doubt + form.friedrichs * source.irreducible,
+        unknown=form.value_constant * source.unknown + doubt,
+        irreducible=doubt + form.value_constant * source.irreducible,
         eta=eta,
         steps=steps,
         outflows=away.outflows,
@@ -156,7 +156,7 @@ class _Away:
         areas, (hats, bubbles) = self.spaces.mesh.areas, self.spaces.coefficients(d)
         of_gradient = squares(areas, self.hats + self.spaces.gradient(d), self.bubbles)
         of_values = squares(areas, hats + self.residual, bubbles)
-        return float((of_gradient + self.form.reaction * of_values).sum())
+        return float((of_gradient + self.form.c * of_values).sum())
 
     def norm(self, d: Array) -> float:
         """The root of `square`, with rounding added: it is not below the exact root."""
@@ -188,7 +188,7 @@ def balanced(source: Source, u_h: Array, sigma: Array, form: Form = H1) -> tuple
     w = u_h
     for last in (False, True):
         q = flux_of(source, w, sigma, form)
-        of_gradient, residual, rounding = defects(source, w, q, form.reaction)
+        of_gradient, residual, rounding = defects(source, w, q, form.c)
         sizes = np.minimum(source.mesh.longest_edges, 1.0)
         least = max(UNBALANCED * float(sizes**2 @ of_gradient), rounding**2)
         if last or source.mesh.areas @ residual**2 <= least:
@@ -214,10 +214,10 @@ def _away(spaces: Quadratic, source: Source, u_h: Array, sigma: Array, form: For
     mesh = spaces.mesh
     w, q, residual, rounding = balanced(source, u_h, sigma, form)
     unbalanced, residual = of_divergence(form, mesh.areas, residual, rounding)
-    p, x = form.reaction * w[mesh.triangles] - source.f_h, mesh.points[mesh.triangles]
+    p, x = form.c * w[mesh.triangles] - source.f_h, mesh.points[mesh.triangles]
     along, by = np.roll(x, -1, axis=1) - x, np.roll(p, -1, axis=1) - p
     of_r, rest = by[..., None] * along / 12, p - p.mean(axis=1, keepdims=True)
-    of_field = squares(mesh.areas, np.zeros_like(of_r), of_r) if form.reaction else np.zeros(len(p))
+    of_field = squares(mesh.areas, np.zeros_like(of_r), of_r) if form.c else np.zeros(len(p))
     theta = _share(linear_squares(mesh.areas, rest), of_field)[:, None]
     sizes = (ROUNDING + mesh.distortion) * (mesh.longest_edges + 2) * np.abs(p).max(axis=1)
     rounding += math.sqrt(float(mesh.areas @ sizes**2))
@@ -253,7 +253,7 @@ def _descended(lift: Lifting, away: _Away, load: Array, slack: float) -> tuple[A
     square, free, inner = away.square(d) + slack, spaces.free(lift.contact), spaces.free(outer)
     field = spaces.load_of_gradients(_turned(away.hats), _turned(away.bubbles))
     of_phi = spaces.descent(spaces.matrix(mass=0), field, np.zeros(spaces.size), inner)
-    of_v = spaces.descent(spaces.matrix(away.form.reaction), load, w + d, free)
+    of_v = spaces.descent(spaces.matrix(away.form.c), load, w + d, free)
     gain, steps = math.inf, 0
     while gain > ENOUGH * abs(square) and steps < MOST_STEPS:  # below 0 where v < g
         gain = of_v.step() + of_phi.step()

@@ -91,7 +91,7 @@ class Source:
         free, rest = self.oscillation[of] + more, self.rest[of]
         of_mean_free = (poincare(self.mesh.longest_edges[of]) * free) ** 2
         if form.clamped:
-            return np.stack([of_mean_free, (form.friedrichs * rest) ** 2])
+            return np.stack([of_mean_free, (form.value_constant * rest) ** 2])
         return np.minimum(of_mean_free + rest**2, (free + rest) ** 2)[None]
 
     @property

@@ -67,7 +67,7 @@ def judge_solution(solved: DiscreteSolution, mesh: Mesh, units: Units) -> Judged
     assert flux is not None
     assert data is not None
     scaled, form = solved.mesh, solved.form
-    if not form.reaction:
+    if not form.c:
         means = data.source.moments().sum(axis=1) / scaled.areas
         flux = flux + flux_of_source(scaled, form.clamped, means + divergence(scaled, flux))
     raised, bubbles = solved.u_h[scaled.boundary] + bound.lift[0], bound.lift[1]
@@ -183,7 +183,7 @@ def flux_of_source(mesh: Mesh, clamped: tuple[int, ...], f: Array) -> Array:
 
     phi is 0 on the clamped sides, and the flux through all others is 0.
     """
-    form = Form(0.0, clamped)
+    form = Form(clamped=clamped)
     fixed = form.fixed(mesh)
     moments = np.repeat((mesh.areas * f / 3)[:, None], 3, axis=1)
     stiffness, _ = stiffness_and_mass(mesh)

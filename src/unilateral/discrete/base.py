@@ -13,7 +13,7 @@ from unilateral.arrays import Array, Index
 from unilateral.bounds.mesh_data import MeshData
 from unilateral.discrete.solution import DiscreteSolution, integral
 from unilateral.fem.form import H1, Form
-from unilateral.fem.p1 import coupling, h1_norm, of_rest
+from unilateral.fem.p1 import coupling, energy_norm, of_rest
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.solvers.stop import Stop
@@ -116,7 +116,7 @@ class DiscreteProblem(ABC):
             tolerance=tolerance,
             beta=self.beta,
             unique=self.unique,
-            u_norm=h1_norm(self.mesh, u_h, self.form.reaction),
+            u_norm=energy_norm(self.mesh, u_h, self.form),
             u_integral=integral(self.mesh, u_h),
             force=float(self.partition.lengths @ lambda_H),
             lambda_norm=self.lambda_norm(result.lambda_H),

@@ -17,7 +17,7 @@ from unilateral.discrete.loads import form_of
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
-from unilateral.fem.p1 import h1_norm
+from unilateral.fem.p1 import energy_norm
 from unilateral.fem.residual_rounding import Rounded, constrained, dual_norm, loaded, residual
 from unilateral.fem.spaces import FORMS, MixedSpaces, mixed_spaces
 from unilateral.formulas.taylor import EPS
@@ -144,7 +144,7 @@ class CondensedProblem(DiscreteProblem):
             z = on.solve(left.values)
             rest = residual(*on.for_products, z, left)
             of_rest = dual_norm(np.abs(rest.values) + rest.doubt, on.mass)
-            delta = (1 + FORMS) * h1_norm(self.mesh, z, self.form.reaction) + of_rest
+            delta = (1 + FORMS) * energy_norm(self.mesh, z, self.form) + of_rest
         return certified(spaces.operator, mu, gap, delta, result.rho)
 
 

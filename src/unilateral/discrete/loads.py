@@ -18,10 +18,11 @@ from unilateral.problems.scaled import Data
 
 def form_of(problem: Data, mesh: Mesh) -> Form:
     """The form of a problem. The mesh serves for the constant that it needs where a side is clamped."""
-    clamped, reaction = problem.clamped_sides, problem.reaction
-    known = 1.0 if reaction else math.inf
-    C = friedrichs(mesh, clamped, known) if clamped else known
-    return Form(reaction, clamped, C, problem.free_sides)
+    clamped = problem.clamped_sides
+    c = problem.reaction
+    known = 1.0 if c else math.inf
+    C = friedrichs(mesh, clamped, known) if clamped else math.inf
+    return Form(c=c, clamped=clamped, free=problem.free_sides, friedrichs=C)
 
 
 def case_load(case: ExactSolution, mesh: Mesh) -> Array:

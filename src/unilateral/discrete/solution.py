@@ -16,7 +16,7 @@ from unilateral.bounds.local_bounds import Bound, flux_of, local_bound
 from unilateral.bounds.mesh_data import MeshData
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.fem.form import Form
-from unilateral.fem.p1 import coupling, h1_norm
+from unilateral.fem.p1 import coupling, energy_norm
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.solvers.uzawa import DualResult
@@ -167,7 +167,7 @@ def replace_u(solution: DiscreteSolution, u_h: Array) -> DiscreteSolution:
     return replace(
         solution,
         u_h=u_h,
-        u_norm=h1_norm(solution.mesh, u_h, solution.form.reaction),
+        u_norm=energy_norm(solution.mesh, u_h, solution.form),
         u_integral=integral(solution.mesh, u_h),
         potential=solution.u_h,
     )

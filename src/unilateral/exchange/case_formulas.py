@@ -64,7 +64,7 @@ def formulas(case: ExactSolution, coordinates: tuple[str, str] = COORDINATES["py
         gap.append(_with_values(case.gaps[i], {"t": t}))
     return {
         "u": _text(u, coordinates),
-        "f": _text(f if case.reaction else f - u, coordinates),
+        "f": _text(f if case.c else f - u, coordinates),
         "grad_u": [_text(each, coordinates) for each in gradient],
         "g": [_text(u - each, coordinates) for each in gap],
         "gap": [_text(each, coordinates) for each in gap],
@@ -89,7 +89,7 @@ def module(case: ExactSolution, kind: str) -> str:
         name=case.name,
         title=case.title,
         polygon=case.polygon.name,
-        equation="-lap u + u = f" if case.reaction else "-lap u = f",
+        equation="-lap u + u = f" if case.c else "-lap u = f",
         clamped=f", but u = g on the sides {listed(case.clamped_sides)}" if case.clamped_sides else "",
         vertices=case.polygon.vertices.tolist(),
         definitions=DEFINITIONS,

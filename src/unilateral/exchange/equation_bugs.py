@@ -26,7 +26,7 @@ from unilateral.exchange.equation_residual import Residual, loads
 from unilateral.exchange.exported_folder import SAME
 from unilateral.exchange.fault import Fault, wrong
 from unilateral.fem.form import Form
-from unilateral.fem.p1 import h1_norm, of_rest, stiffness_and_mass
+from unilateral.fem.p1 import energy_norm, of_rest, stiffness_and_mass
 from unilateral.problems.problem import Problem
 
 EXPLAINS = 0.1
@@ -94,7 +94,7 @@ def explanations(case: Problem, plain: Residual, allowed: float) -> list[Undone]
 def _bugs(of: Residual) -> Iterator[Undone]:
     """Each bug of u's equation that is known, undone with the factor that fits best."""
     K_u, M_u = (each @ of.u for each in stiffness_and_mass(of.discrete.mesh))
-    if of.discrete.form.reaction:
+    if of.discrete.form.c:
         for term, signature in (("mass term (u, v)", M_u), ("stiffness term (grad u, grad v)", K_u)):
             c = of.share(signature)
             without = of.plus(c * signature)
@@ -161,7 +161,7 @@ def not_given(of: Residual, allowed: float) -> Iterator[Fault]:
     mesh, form = discrete.mesh, discrete.form
     off = np.where(condensed.fixed, of.u - discrete.held, 0.0)
     least = off + condensed.solve(of_rest(mesh, form, np.zeros(len(off)), off))
-    if h1_norm(mesh, least) <= allowed:
+    if energy_norm(mesh, least) <= allowed:
         return
     worst = np.abs(off).argmax()
     ends = np.abs(off[mesh.boundary]) > EXACT * abs(off[worst])
@@ -176,7 +176,7 @@ def _how(of: Residual, edges: Mask, allowed: float) -> str:
     """What u is on those edges (nb,): left free if the equation holds at the nodes inside the sides, too."""
     mesh, A = of.discrete.mesh, of.discrete.spaces.condensed.A
     inner, every = (mesh.boundary[at] for at in (edges & np.roll(edges, 1), edges | np.roll(edges, 1)))
-    forces = of_rest(mesh, Form(of.discrete.form.reaction), of.load, of.u) / np.sqrt(A.diagonal())
+    forces = of_rest(mesh, Form(c=of.discrete.form.c), of.load, of.u) / np.sqrt(A.diagonal())
     if inner.size and np.linalg.norm(forces[inner]) <= allowed:
         return "left free"
     return "not u_D" if of.u[every].any() else "0, not u_D,"

@@ -20,8 +20,8 @@ from unilateral.discrete.condensed import CondensedProblem
 from unilateral.fem.p1 import load_vector, of_rest, stiffness_and_mass
 from unilateral.problems.case import ExactSolution
 
-NAMES = {1.0: ("(u, v)_1", "H1"), 0.0: ("(grad u, grad v)", "|.|_1")}
-"""What the form and its norm are called, by the factor of the reaction term."""
+NAMES = {True: ("(u, v)_1", "H1"), False: ("(grad u, grad v)", "|.|_1")}
+"""What the form and its norm are called, by whether it has a reaction term."""
 
 
 class Fit(NamedTuple):
@@ -51,7 +51,7 @@ class Residual:
     @property
     def names(self) -> tuple[str, str]:
         """What the form and its norm are called."""
-        return NAMES[self.discrete.form.reaction]
+        return NAMES[self.discrete.form.c > 0]
 
     @cached_property
     def values(self) -> Array:

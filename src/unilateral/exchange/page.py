@@ -19,8 +19,8 @@ from unilateral.solution.plot import svg
 
 TITLES = {"h1": "u in {}", "hm12": "λ in H<sup>−1/2</sup>", "l2": "λ in L²"}
 DRAWN = {"h1": "$u$ in {}", "hm12": "$\\lambda$ in $H^{-1/2}$", "l2": "$\\lambda$ in $L^2$"}
-NORMS = {1.0: ("H¹", "$H^1$"), 0.0: ("|·|₁", "$|\\cdot|_1$")}
-"""The norm of u in a title of HTML and in one that is drawn, by the factor of the reaction term."""
+NORMS = {True: ("H¹", "$H^1$"), False: ("|·|₁", "$|\\cdot|_1$")}
+"""The norm of u in a title of HTML and in one that is drawn, by whether there is a reaction term."""
 THEIRS, OWN, EXACT = "tab:red", "tab:blue", "0.3"
 POINTS = 400
 """The exact values are drawn at this many points of each side."""
@@ -31,7 +31,7 @@ def page(case: Problem, scored: Sequence[Scored], rates: dict[str, Rate]) -> str
     ladder = sorted(scored, key=lambda one: -one.given.level.mesh.h)
     titles, drawn = (
         of | {"h1": of["h1"].format(norm)}
-        for of, norm in zip((TITLES, DRAWN), NORMS[case.reaction], strict=True)
+        for of, norm in zip((TITLES, DRAWN), NORMS[case.reaction > 0], strict=True)
     )
     template = resources.files("unilateral.exchange") / "page.template.html"
     faults = [escape(sentence) for sentence in sentences(scored)]

@@ -55,7 +55,7 @@ class Condensed:
     @cached_property
     def mass(self) -> Array:
         """(n,) numbers m_i with sum m_i v_i^2 <= 4 ||v||^2 for all v in V_h, see `residual_rounding`."""
-        return lumped_mass(self.mesh) / self.form.friedrichs**2
+        return self.form.coercivity * lumped_mass(self.mesh)
 
     @cached_property
     def for_products(self) -> tuple[sp.csr_array, Array]:
@@ -64,8 +64,8 @@ class Condensed:
         That is faster to make where the mesh knows its edges.
         """
         if self.mesh.known:
-            return edge_matrix.matrix(self.mesh.known, self.mesh.points, self.form.reaction, self.fixed)[:2]
-        return self.A, row_sums(self.A, self.form.reaction * lumped_mass(self.mesh), self.fixed)
+            return edge_matrix.matrix(self.mesh.known, self.mesh.points, self.form, self.fixed)[:2]
+        return self.A, row_sums(self.A, self.form.c * lumped_mass(self.mesh), self.fixed)
 
     def solve(self, rhs: Array) -> Array:
         """A^{-1} rhs on all nodes, for rhs (n,) or (n, k)."""
@@ -93,7 +93,7 @@ class Condensed:
 def matrix(mesh: Mesh, form: Form = H1) -> sp.csr_array:
     """A (n, n), the matrix of the form on V_h."""
     stiffness, mass = stiffness_and_mass(mesh)
-    return decoupled(stiffness + form.reaction * mass, form.fixed(mesh))
+    return decoupled(form.k * stiffness + form.c * mass, form.fixed(mesh))
 
 
 def condense(mesh: Mesh, form: Form = H1) -> Condensed:
@@ -118,11 +118,11 @@ def by_sparse(mesh: Mesh, factors: Sparse, form: Form = H1) -> Condensed:
 def _check(mesh: Mesh, factors: Sparse | Recursive, form: Form) -> None:
     """Raises InputError as `condense`."""
     if not form.clamped:
-        check_constants(mesh, factors.solve(form.reaction * lumped_mass(mesh)))
+        check_constants(mesh, factors.solve(form.c * lumped_mass(mesh)))
 
 
 def check_constants(mesh: Mesh, u: Array) -> None:
-    """Raises InputError unless u, with (u, v)_1 = (1, v)_0, is 1: on small domains K + M loses M."""
+    """Raises InputError unless u, with (u, v) = c (1, v)_0, is 1: where c is small k K + c M loses c M."""
     if not np.max(np.abs(u - 1)) <= CONSTANTS:
         polygon = mesh.polygon
         raise InputError(

@@ -1,11 +1,11 @@
 """The matrix of a form (`form`) from the edges of a triangulation, without sorting entries.
 
-An off-diagonal entry belongs to an edge: the sum over the triangles T at it of |T| / 12, from the mass, and
-of the product of the gradients of its ends' hats, from the stiffness, which is
+An off-diagonal entry belongs to an edge: the sum over the triangles T at it of c |T| / 12, from the mass, and
+of k times the product of the gradients of its ends' hats, from the stiffness, which is
 
     (e_j . e_k) / (4 |T|)      for the edge opposite to node i, e_j and e_k the other two edges.
 
-The stiffness maps constants to 0, so the rows add up to those of the mass, a third of the area around the
+The stiffness maps constants to 0, so the rows add up to those of the mass, c thirds of the area around the
 node. That gives the diagonal. Then entries off the diagonal that belong to `fixed` nodes become 0.
 """
 
@@ -15,6 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from unilateral.arrays import Array, Int32, Mask, blocks
+from unilateral.fem.form import H1, Form
 from unilateral.geometry.refinement import Triangulation
 
 ROWS = 1 << 17
@@ -33,8 +34,13 @@ def elements(points: Array, nodes: Int32) -> tuple[Array, Array]:
     return stiffness, area
 
 
+def _entries(form: Form, stiffness: Array, area: Array) -> Array:
+    """(T, 3) the parts of triangles in the entries of their edges."""
+    return form.k * stiffness + (form.c * area / 12)[:, None]
+
+
 def matrix(
-    tri: Triangulation, points: Array, reaction: float = 1.0, fixed: Mask | None = None
+    tri: Triangulation, points: Array, form: Form = H1, fixed: Mask | None = None
 ) -> tuple[sp.csr_array, Array, Array]:
     """The matrix A of those triangles and of a form, in which some nodes (n,) may be `fixed`.
 
@@ -45,8 +51,8 @@ def matrix(
     for of in blocks(len(tri.nodes)):
         stiffness, area = elements(points, tri.nodes[of])
         np.add.at(mass, tri.nodes[of].ravel(), np.repeat(area / 3, 3))
-        np.add.at(beside, tri.edges[of].ravel(), (stiffness + (reaction * area / 12)[:, None]).ravel())
-    sums = reaction * mass
+        np.add.at(beside, tri.edges[of].ravel(), _entries(form, stiffness, area).ravel())
+    sums = form.c * mass
     diagonal = sums.copy()
     for end in tri.ends.T:
         np.subtract.at(diagonal, end, beside)
@@ -60,15 +66,13 @@ def matrix(
     return _once(np.concatenate([diagonal, beside, beside]), *places, (n, n)), sums, mass
 
 
-def some_rows(
-    points: Array, nodes: Int32, chosen: Int32, n: int, reaction: float, fixed: Mask
-) -> sp.csr_array:
+def some_rows(points: Array, nodes: Int32, chosen: Int32, n: int, form: Form, fixed: Mask) -> sp.csr_array:
     """(k, n) the rows of the nodes (k,) alone, from the triangles with those nodes (T, 3); see `matrix`."""
-    parts = [_rows(points, nodes, chosen[of], n, reaction, fixed) for of in blocks(len(chosen), ROWS)]
+    parts = [_rows(points, nodes, chosen[of], n, form, fixed) for of in blocks(len(chosen), ROWS)]
     return sp.vstack(parts, format="csr") if parts else sp.csr_array((0, n))
 
 
-def _rows(points: Array, nodes: Int32, chosen: Int32, n: int, reaction: float, fixed: Mask) -> sp.csr_array:
+def _rows(points: Array, nodes: Int32, chosen: Int32, n: int, form: Form, fixed: Mask) -> sp.csr_array:
     """(k, n) the rows of some nodes (k,), as in `some_rows`.
 
     Each edge from an inner node leads to the next node of one triangle and to the last node of another.
@@ -77,11 +81,11 @@ def _rows(points: Array, nodes: Int32, chosen: Int32, n: int, reaction: float, f
     place[chosen] = np.arange(len(chosen), dtype=np.int32)
     some = np.flatnonzero((place[nodes] >= 0).any(axis=1))
     (stiffness, area), corners = elements(points, nodes[some]), nodes[some].T
-    beside, row = (stiffness + (reaction * area / 12)[:, None]).T, place[corners]
+    beside, row = _entries(form, stiffness, area).T, place[corners]
     at = [np.flatnonzero(each >= 0) for each in row]
     rows = np.concatenate([each[here] for each, here in zip(row, at, strict=True)])
     diagonal, shape = np.zeros(len(chosen)), (len(chosen), n)
-    np.add.at(diagonal, rows, reaction * np.concatenate([area[here] for here in at]) / 3)
+    np.add.at(diagonal, rows, form.c * np.concatenate([area[here] for here in at]) / 3)
     off_diagonal = sp.csr_array(shape)
     for to, opposite in ((1, 2), (2, 1)):
         columns = np.concatenate([corners[(i + to) % 3][here] for i, here in enumerate(at)])

@@ -2,9 +2,8 @@
 
 It also says where multipliers are: on sides that are neither clamped nor free.
 
-With c > 0 the scaled problem (`problems.units`) has the form (., .)_1 of (1.1). With c = 0 it is
-(grad ., grad .)_0, a scalar product of functions that vanish on a side. Their ||v|| = (v, v)^{1/2} is the
-energy norm in both cases.
+The form is (v, w) = k (grad v, grad w)_0 + c (v, w)_0, that of (1.1) for k = c = 1. It is a scalar product,
+for c > 0 or a side is clamped. ||v|| = (v, v)^{1/2} is the energy norm.
 
 Matrices are those of all hats, with 0 in the rows and columns of the `fixed` nodes but for the diagonal. So a
 vector that is 0 there stays so, and nothing else has to know which nodes are fixed.
@@ -23,22 +22,27 @@ from unilateral.geometry.mesh import Mesh
 
 
 class Form(NamedTuple):
-    """(v, w) = (grad v, grad w)_0 + reaction (v, w)_0, the reaction 1 or 0, where v, w = 0 if `clamped`.
+    """(v, w) = k (grad v, grad w)_0 + c (v, w)_0 for functions that vanish on the `clamped` sides.
 
-    Forces are bounded with another weight in the place of the reaction. `friedrichs` is a number C with
-    ||v||_0 <= C ||v||: 1 if no side is clamped, else that of `poincare` if c = 0 or it is smaller. There are
-    no multipliers on `free` sides.
+    There are no multipliers on the `free` sides. `friedrichs` is a number C with ||v||_0 <= C |v|_1 for these
+    functions; it is infinite where no side is clamped, and may be so where c > 0.
     """
 
-    reaction: float = 1.0
+    k: float = 1.0
+    c: float = 1.0
     clamped: tuple[int, ...] = ()
-    friedrichs: float = 1.0
     free: tuple[int, ...] = ()
+    friedrichs: float = math.inf
 
     @property
-    def of_H1(self) -> float:
-        """A number C with ||v||_1 <= C ||v||."""
-        return 1.0 if self.reaction else math.hypot(1.0, self.friedrichs)
+    def coercivity(self) -> float:
+        """A number m > 0 with m ||v||_0^2 <= ||v||^2: c + k / C^2."""
+        return self.c + self.k / self.friedrichs**2
+
+    @property
+    def value_constant(self) -> float:
+        """A number W with ||v||_0 <= W ||v||."""
+        return self.coercivity**-0.5
 
     def held(self, side: Index) -> Mask:
         """(k,) on which of these sides (k,) there are multipliers."""

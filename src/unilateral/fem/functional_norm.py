@@ -20,7 +20,7 @@ gives M_{j+k} <= M_j M_k. Both are Proposition S13 of the supplement. The map fr
 ratio r_T <= 1 of its singular values, the same for all descendants of the triangle T of level 0, changes
 |v|_1^2 by a factor between r_T and 1 / r_T, and w_e not at all. So, summed over the triangles t of a level,
 
-    sum over e of w_e^2 rho_e <= |v|_1^2,      rho_e = sum of r_T / (C M) over the triangles t at e,
+    sum over e of w_e^2 rho_e <= k |v|_1^2,      rho_e = sum of k r_T / (C M) over the triangles t at e,
 
 M for what was refined below the children of t, which is 1 if nothing was. Let R_e be R of the level's new
 hats. If R vanishes on V_0, Cauchy's inequality on each level gives
@@ -28,7 +28,7 @@ hats. If R vanishes on V_0, Cauchy's inequality on each level gives
     ||R|| <= sum_l (sum_e R_e^2 / rho_e)^{1/2}.                                                     (3)
 
 Any R is (z, .) + R' with z from a V-cycle that smooths on its way down only, and solves on V_0
-exactly. So R' vanishes there, and ||R|| <= ||z||_1 + (3) for R'.
+exactly. So R' vanishes there, and ||R|| <= ||z|| + (3) for R'.
 
 The bound with the lumped mass (`residual_rounding`) is too large by up to 1/h; this one is so by up to a
 multiple of log 1/h on uniform meshes, and by more where (1) is used several times, as at a corner where
@@ -136,5 +136,5 @@ def weights(of: Hierarchy) -> Iterator[Array]:
         np.maximum.at(below, step.parent, deep - level.halved)
         np.maximum.at(deepest, step.parent, deep)
         children = np.bincount(step.parent, minlength=step.before)
-        rho = of.roundness[of.root[: step.before]] / (CONSTANT[children] * of_halvings[below])
+        rho = of.form.k * of.roundness[of.root[: step.before]] / (CONSTANT[children] * of_halvings[below])
         yield rho[step.at[:, 0]] + np.where(step.at[:, 1] >= 0, rho[step.at[:, 1]], 0)

@@ -194,7 +194,7 @@ def hierarchy(mesh: Mesh, known: Hierarchy | None = None, form: Form = H1) -> Hi
         nodes, root, halved = step.put(nodes, step.nodes), step.inherited(root), step.put(halved, more)
         level = _level(step, more, fixed)
         if step is not steps[-1]:
-            level = level.with_rows(_rows(level, mesh.points, nodes, form.reaction, fixed))
+            level = level.with_rows(_rows(level, mesh.points, nodes, form, fixed))
         levels.append(level)
     of_mesh = _of_mesh(mesh, form)
     return replace(found, levels=levels, nodes=nodes, root=root, halved=halved, **of_mesh)
@@ -203,18 +203,18 @@ def hierarchy(mesh: Mesh, known: Hierarchy | None = None, form: Form = H1) -> Hi
 def _of_mesh(mesh: Mesh, form: Form) -> dict[str, Any]:
     """The fields that belong to the mesh of the last level."""
     fixed = form.fixed(mesh)
-    A, sums, mass = matrix(mesh.triangulation, mesh.points, form.reaction, fixed)
-    mass /= form.friedrichs**2
+    A, sums, mass = matrix(mesh.triangulation, mesh.points, form, fixed)
+    mass *= form.coercivity
     return {"A": A, "sums": sums, "mass": mass, "fixed": fixed, "boundary": mesh.boundary, "s": mesh.s}
 
 
-def _rows(level: FinerSpace, points: Array, nodes: Int32, reaction: float, fixed: Mask) -> sp.csr_array:
+def _rows(level: FinerSpace, points: Array, nodes: Int32, form: Form, fixed: Mask) -> sp.csr_array:
     """The rows of a level whose triangles have those nodes (T, 3)."""
-    of_form = reaction, fixed[: level.n]
+    fixed = fixed[: level.n]
     if level.step.after:
-        return matrix(level.step.after, points, *of_form)[0]
+        return matrix(level.step.after, points, form, fixed)[0]
     assert level.smoothed is not None
-    return some_rows(points, nodes, level.smoothed, level.n, *of_form)
+    return some_rows(points, nodes, level.smoothed, level.n, form, fixed)
 
 
 def _on_level_0(mesh: Mesh, form: Form) -> Hierarchy:

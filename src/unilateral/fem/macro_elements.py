@@ -76,7 +76,7 @@ class Recursive:
     def __init__(self, mesh: Mesh, form: Form = H1) -> None:
         self.boundary, self.fixed = mesh.boundary, form.fixed(mesh)[mesh.boundary]
         self.stages: list[Stage] = []
-        nodes, matrices = self._macro_elements(mesh, form.reaction)
+        nodes, matrices = self._macro_elements(mesh, form)
         uses = np.bincount(nodes.ravel(), minlength=mesh.n_nodes)
         uses[mesh.boundary] += 1  # these are never met often enough
         parts = [
@@ -101,12 +101,12 @@ class Recursive:
             stage.expand(x)
         return x.T.reshape(rhs.shape)
 
-    def _macro_elements(self, mesh: Mesh, reaction: float) -> tuple[Index, Array]:
+    def _macro_elements(self, mesh: Mesh, form: Form) -> tuple[Index, Array]:
         """The nodes (s, p, 3m) around the coarse triangles, and the matrix (s, 3m, 3m) of each shape."""
         coarse = mesh.coarse or mesh
         of = coarse.triangulation
         shapes = 1 if of.alike else len(of.nodes)
-        K = element_matrices(coarse.points[of.nodes[:shapes]] / 2.0**mesh.halvings, reaction)
+        K = element_matrices(coarse.points[of.nodes[:shapes]] / 2.0**mesh.halvings, form)
         lines = (each.reshape(shapes, -1, each.shape[-1]) for each in boundary_lines(of, mesh.halvings))
         nodes = next(lines)
         for around in lines:
@@ -166,12 +166,12 @@ class Recursive:
         return schur
 
 
-def element_matrices(corners: Array, reaction: float = 1.0) -> Array:
+def element_matrices(corners: Array, form: Form = H1) -> Array:
     """(s, 3, 3): a form of the barycentric functions of the triangles with those corners (s, 3, 2)."""
     sides = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
     area = 0.5 * np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])[:, None, None]
-    mass = reaction * area / 12 * (np.ones((3, 3)) + np.eye(3))
-    return sides @ np.swapaxes(sides, 1, 2) / (4 * area) + mass
+    mass = form.c * area / 12 * (np.ones((3, 3)) + np.eye(3))
+    return form.k * sides @ np.swapaxes(sides, 1, 2) / (4 * area) + mass
 
 
 def boundary_lines(coarse: Triangulation, halvings: int) -> Iterator[Index]:

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 
 from unilateral.arrays import Array, Index, Mask, blocks
 from unilateral.errors import InputError
-from unilateral.fem.form import Form
+from unilateral.fem.form import H1, Form
 from unilateral.fem.quadrature import triangle_rules
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, overlay
@@ -139,7 +139,7 @@ def of_rest(mesh: Mesh, form: Form, load: Array, held: Array) -> Array:
     def moments(part: Mesh) -> Array:
         slopes, values = gradients(part), held[part.triangles]
         along = np.einsum("tid,tjd,tj->ti", slopes, slopes, values)
-        return part.areas[:, None] * along + form.reaction * linear_moments(part.areas, values)
+        return form.k * part.areas[:, None] * along + form.c * linear_moments(part.areas, values)
 
     near = mesh.part(np.flatnonzero(held[mesh.triangles].any(axis=1)))
     return np.where(form.fixed(mesh), 0.0, load - by_parts(near, moments))
@@ -154,8 +154,8 @@ def boundary_mass(mesh: Mesh, edges: Mask | None = None) -> sp.csr_array:
     return from_elements(ends, sixth[:, None, None] * np.array([[2, 1], [1, 2]]), nb)
 
 
-def h1_norm(mesh: Mesh, v: Array, reaction: float = 1.0) -> float:
-    """(|v|_1^2 + reaction ||v||_0^2)^{1/2} of v (n,), triangle by triangle.
+def energy_norm(mesh: Mesh, v: Array, form: Form = H1) -> float:
+    """||v|| = (k |v|_1^2 + c ||v||_0^2)^{1/2} of v (n,), triangle by triangle.
 
     In v . A v the gradient of a constant would not cancel. The norm is computed in units of the largest
     value, for squares of tiny and of huge ones vanish or overflow.
@@ -168,6 +168,6 @@ def h1_norm(mesh: Mesh, v: Array, reaction: float = 1.0) -> float:
         nodal, (x, y) = v.take(mesh.triangles[of].T) / unit, mesh.points.T[:, mesh.triangles[of].T]
         along = [np.sum(nodal * (z[[2, 0, 1]] - z[[1, 2, 0]]), axis=0) for z in (x, y)]
         of_value = (nodal.sum(axis=0) ** 2 + (nodal**2).sum(axis=0)) / 12
-        square += float(np.sum(0.25 * (along[0] ** 2 + along[1] ** 2) / mesh.areas[of]))
-        square += reaction * float(mesh.areas[of] @ of_value)
+        square += form.k * float(np.sum(0.25 * (along[0] ** 2 + along[1] ** 2) / mesh.areas[of]))
+        square += form.c * float(mesh.areas[of] @ of_value)
     return unit * math.sqrt(square)

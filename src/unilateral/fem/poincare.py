@@ -101,7 +101,7 @@ def friedrichs(mesh: Mesh, clamped: tuple[int, ...], known: float = math.inf) ->
 
 def _is_coarse_at(mesh: Mesh, clamped: tuple[int, ...]) -> bool:
     """Whether an edge next to a clamped side is much longer than the edge there."""
-    lengths, on = np.diff(mesh.s), Form(0.0, clamped).edges(mesh)
+    lengths, on = np.diff(mesh.s), Form(clamped=clamped).edges(mesh)
     ratio = np.roll(lengths, -1) / lengths
     after = on & ~np.roll(on, -1) & (ratio > EVEN)
     before = ~on & np.roll(on, -1) & (ratio < 1 / EVEN)
@@ -112,7 +112,7 @@ def _on(mesh: Mesh, clamped: tuple[int, ...]) -> float:
     """The constant by that mesh, or halves of it; infinite if rounding hides it."""
     while mesh.n_nodes < FEW:
         mesh = refine(mesh)
-    clamped_edges = mesh.triangulation.boundary[Form(0.0, clamped).edges(mesh)]
+    clamped_edges = mesh.triangulation.boundary[Form(clamped=clamped).edges(mesh)]
     mu = _least(_without(crouzeix_raviart(mesh)[0], clamped_edges))
     return mesh.growth * math.sqrt(1 / mu + (KAPPA * mesh.diameter) ** 2) if mu > 0 else math.inf
 

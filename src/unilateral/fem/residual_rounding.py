@@ -13,7 +13,7 @@ On any mesh, for R on V_h, let m_i be thirds of the areas of the triangles at ea
     R . x <= (sum R_i^2 / m_i)^{1/2} (sum m_i x_i^2)^{1/2},     sum m_i x_i^2 <= 4 ||x||_0^2,
 
 the second since on every triangle the lumped mass, 1/3, is at most 4 times the least eigenvalue of the mass,
-1/12. With ||x||_0 <= C ||x||, and m_i over C^2 in place of m_i, ||R|| <= 2 (sum R_i^2 / m_i)^{1/2}. That is
+1/12. With m ||x||_0^2 <= ||x||^2, and m m_i in place of m_i, ||R|| <= 2 (sum R_i^2 / m_i)^{1/2}. That is
 too large by up to 1/h, h the shortest edge.
 """
 

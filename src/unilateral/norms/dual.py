@@ -190,8 +190,8 @@ def dual_norm(
     polygon = partition.polygon
     singular = [polygon.arc_length(p.side, p.t) for case in cases for p in case.flux_singular()]
     singular += polygon.starts[:-1][polygon.angles > math.pi * (1 + 1e-9)].tolist()
-    of = form or (Form(cases[0].reaction, cases[0].clamped_sides) if cases else H1)
-    spaces = reference_spaces(partition, singular, edges_per_cell, of.clamped, of.reaction)
+    norm_form = form or (Form(c=cases[0].c, clamped=cases[0].clamped_sides) if cases else H1)
+    spaces = reference_spaces(partition, singular, edges_per_cell, norm_form)
     return DualNorm(partition, spaces)
 
 
@@ -236,7 +236,7 @@ def errors(
     if unique and dual:
         lower, upper = dual_norm(cells, [case]).of_error(case, lambda_H[None])
         bounds = float(lower[0]), float(upper[0])
-    return (Errors if case.reaction else ErrorsWithoutReaction)(h1, *bounds, l2)
+    return (Errors if case.c else ErrorsWithoutReaction)(h1, *bounds, l2)
 
 
 def _root(squares: Array) -> Array:

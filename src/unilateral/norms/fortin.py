@@ -60,15 +60,17 @@ def beta_below(mesh: Mesh, partition: Partition, form: Form = H1) -> float:
         return 0.0
     of = majorant(mesh, partition, cells, form)
     most = norm(of, of.gradients, of.W_gradients)
-    if form.reaction:
-        most = of_operator(most, norm(of, of.values, of.W_values, steps=1) + KAPPA * mesh.diameter)
+    if form.c:
+        n = norm(of, of.values, of.W_values, steps=1) + KAPPA * mesh.diameter
+        most = of_operator(most, math.sqrt(form.c / form.k) * n)
     return 1 / (SLACK * mesh.growth**2 * most)
 
 
 def of_operator(rho: float, n: float) -> float:
-    """A bound on ||P|| if |P v|_1 <= rho |v|_1 and ||v - P v||_0 <= n |v|_1 for all v.
+    """A bound on ||P|| if |P v|_1 <= rho |v|_1 and (c/k)^{1/2} ||v - P v||_0 <= n |v|_1 for all v.
 
-    With a = |v|_1 and b = ||v||_0, ||P v||_1^2 is at most rho^2 a^2 + (b + n a)^2, a form in a and b.
+    With a = k^{1/2} |v|_1 and b = c^{1/2} ||v||_0, ||P v||^2 is at most rho^2 a^2 + (b + n a)^2, a form in a
+    and b.
     """
     return math.sqrt(float(np.linalg.eigvalsh([[rho**2 + n**2, n], [n, 1.0]])[-1]))
 

@@ -16,6 +16,7 @@ import skfem
 from skfem.helpers import div, dot
 
 from unilateral.arrays import Array, Index, Mask
+from unilateral.fem.form import H1, Form
 from unilateral.fem.linear_systems import Factor
 from unilateral.geometry.mesh import Mesh
 
@@ -43,12 +44,14 @@ class Energy(NamedTuple):
         return 0.5 * (direct + direct.T) - self.of_inner.products(response.tocsr()[self.inner].tocsc())
 
 
-def with_divergence(mesh: Mesh, facet: Index, given: Mask, p2: skfem.Basis, rank: Array) -> LeastFluxes:
+def with_divergence(
+    mesh: Mesh, facet: Index, given: Mask, p2: skfem.Basis, rank: Array, form: Form = H1
+) -> LeastFluxes:
     """Of BDM1, where q.n is given on some edges (nb,)."""
     bdm1 = skfem.Basis(p2.mesh, skfem.ElementTriBDM1())
     of_bdm1 = np.empty(bdm1.N)
     of_bdm1[bdm1.facet_dofs] = rank[p2.facet_dofs]
-    normal, matrix = normal_fluxes(bdm1, mesh, facet), sp.csr_array(hdiv.assemble(bdm1))
+    normal, matrix = normal_fluxes(bdm1, mesh, facet), sp.csr_array(hdiv.assemble(bdm1, k=form.k, c=form.c))
     energy = Energy.of(matrix, bdm1.facet_dofs[:, facet[given]], of_bdm1)
     return lambda fluxes: energy.least((normal @ fluxes).tocsc())
 
@@ -58,7 +61,7 @@ def without_divergence(mesh: Mesh, nodes: Index, given: Mask, K: sp.csr_array, r
 
     q.n is the derivative of psi along the boundary. So it gives psi on every arc of edges that are not
     clamped, up to a constant. On the first arc that is 0; the others are unknowns after those of P2, whose
-    matrix of (grad v, grad w) is K (n, n). `nodes` (nb, 3) are those of `ReferenceSpaces`.
+    matrix of (grad v, grad w) / k is K (n, n). `nodes` (nb, 3) are those of `ReferenceSpaces`.
     """
     from_one = np.roll(np.arange(len(given)), -int(np.argmax(given & ~np.roll(given, 1))))
     edges = from_one[given[from_one]]
@@ -106,9 +109,9 @@ def _differences(psi: Array, last: np.intp) -> tuple[Array, Array]:
 
 
 @skfem.BilinearForm
-def hdiv(q, r, _):  # type: ignore[no-untyped-def]
-    """(q, r) + (div q, div r)."""
-    return dot(q, r) + div(q) * div(r)
+def hdiv(q, r, form):  # type: ignore[no-untyped-def]
+    """(q, r) / k + (div q, div r) / c."""
+    return dot(q, r) / form.k + div(q) * div(r) / form.c
 
 
 def normal_fluxes(space: skfem.Basis, mesh: Mesh, facet: Index) -> sp.csr_array:

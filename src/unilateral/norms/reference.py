@@ -6,7 +6,7 @@ the boundary.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from skfem.models.poisson import laplace, mass
 
 from unilateral.arrays import Array, Index
 from unilateral.fem.condense import check_constants
-from unilateral.fem.form import decoupled
+from unilateral.fem.form import H1, Form, decoupled
 from unilateral.fem.linear_systems import Factor, elimination_order, factorise
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
@@ -53,8 +53,7 @@ def reference_spaces(
     partition: Partition,
     singular: Iterable[float] = (),
     edges_per_cell: int = EDGES_PER_CELL,
-    clamped: Collection[int] = (),
-    reaction: float = 1.0,
+    form: Form = H1,
 ) -> ReferenceSpaces:
     """The reference spaces of a partition, refined towards the given arc lengths too, for a form."""
     polygon = partition.polygon
@@ -63,19 +62,19 @@ def reference_spaces(
     of_skfem = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
     facet = boundary_facets(of_skfem, mesh)
     p2 = skfem.Basis(of_skfem, skfem.ElementTriP2())
-    given = ~np.isin(mesh.side, [*clamped])
+    given = ~form.edges(mesh)
     M, start, end = mass.assemble(p2), mesh.boundary, np.roll(mesh.boundary, -1)
     nodes = np.stack([p2.nodal_dofs[0][start], p2.nodal_dofs[0][end], p2.facet_dofs[0][facet]], axis=1)
     fixed, K = np.isin(np.arange(p2.N), nodes[~given]), sp.csr_array(laplace.assemble(p2))
-    matrix = decoupled(sp.csr_array(K + reaction * M), fixed)
+    matrix = decoupled(sp.csr_array(form.k * K + form.c * M), fixed)
     rank = ranks(p2, matrix)
     factor = Factor(matrix, np.argsort(rank, kind="stable"))
     if given.all():
-        check_constants(mesh, factorise(matrix, factor.order).solve(M.sum(axis=1)[factor.order]))
-    if reaction:
-        least = with_divergence(mesh, facet, given, p2, rank)
+        check_constants(mesh, factorise(matrix, factor.order).solve(form.c * M.sum(axis=1)[factor.order]))
+    if form.c:
+        least = with_divergence(mesh, facet, given, p2, rank, form)
     else:
-        least = without_divergence(mesh, nodes, given, K, rank)
+        least = without_divergence(mesh, nodes, given, K / form.k, rank)
     return ReferenceSpaces(mesh, p2.N, nodes, factor, np.flatnonzero(fixed), least)
 
 

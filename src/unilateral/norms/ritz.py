@@ -16,6 +16,7 @@ from scipy.linalg import solve_triangular
 from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.fem.condense import Condensed
+from unilateral.fem.form import H1, Form
 from unilateral.fem.p1 import gradients, h1_load, load_vector, of_rest, parts
 from unilateral.fem.quadrature import BoundaryRule, TriangleRule, boundary_rule, triangle_rules
 from unilateral.geometry.mesh import Mesh
@@ -89,7 +90,7 @@ def ritz_projections(
     for case, values in zip(cases, at_nodes, strict=True):
         _check_size(case, float(np.abs(values).max()))
     form, fixed = condensed.form, condensed.fixed
-    seen = [moments(case, mesh, v, degree, form.reaction) for case, v in zip(cases, at_nodes, strict=True)]
+    seen = [moments(case, mesh, v, degree, form) for case, v in zip(cases, at_nodes, strict=True)]
     f, residual = (np.array(each) for each in list(zip(*seen, strict=True))[:2])
     traces = [_trace(case, mesh) for case in cases]
     flux = np.array([hat_load(mesh, rule, of_lambda) for rule, _, of_lambda in traces])
@@ -142,7 +143,7 @@ def h1_distance(case: ExactSolution, mesh: Mesh, v_h: Array, degree: int | None 
         for rule in triangle_rules(used, case, degree):
             u, grad_u = _seen(case.value_and_gradient, rule)
             value, slope = _difference(rule, u, grad_u, *of_v)
-            square += _square(rule.weight, value, slope, case.reaction)
+            square += _square(rule.weight, value, slope, Form(c=case.c))
     return math.sqrt(square)
 
 
@@ -166,14 +167,14 @@ def _difference(
     return value, grad_u - slope_of_v[rule.triangle][:, None]
 
 
-def _square(w: Array, value: Array, slope: Array, reaction: float) -> float:
-    return float(np.sum(w * (reaction * value**2 + slope[..., 0] ** 2 + slope[..., 1] ** 2)))
+def _square(w: Array, value: Array, slope: Array, form: Form) -> float:
+    return float(np.sum(w * (form.c * value**2 + form.k * (slope[..., 0] ** 2 + slope[..., 1] ** 2))))
 
 
 def moments(
-    case: ExactSolution, mesh: Mesh, v_h: Array, degree: int | None, reaction: float = 1.0
+    case: ExactSolution, mesh: Mesh, v_h: Array, degree: int | None, form: Form = H1
 ) -> tuple[Array, Array, float, float]:
-    """(f, phi_i), (u - v_h, phi_i), ||u - v_h||^2 and ||u||^2, in one pass where u or v_h is not 0."""
+    """(f, phi_i), (u - v_h, phi_i), ||u - v_h||^2, ||u||^2 of a form, in one pass where u or v_h is not 0."""
     mesh = _where_not_0(case, mesh, v_h)
     nodal, slopes = v_h[mesh.triangles], gradients(mesh)
     slope_of_v = np.einsum("ti,tid->td", nodal, slopes)
@@ -184,11 +185,11 @@ def moments(
         w, phi = rule.weight, rule.barycentric
         u, grad_u, f = _seen(case.whole, rule)
         value, slope = _difference(rule, u, grad_u, nodal, slope_of_v)
-        u_square += _square(w, u, grad_u, reaction)
-        square += _square(w, value, slope, reaction)
+        u_square += _square(w, u, grad_u, form)
+        square += _square(w, value, slope, form)
         np.add.at(of_f, rule.triangle, np.einsum("kq,kqb->kb", w * f, phi))
-        np.add.at(of_difference, rule.triangle, np.einsum("kq,kqb->kb", reaction * w * value, phi))
-        np.add.at(gradient, rule.triangle, np.einsum("kq,kqd->kd", w, slope))
+        np.add.at(of_difference, rule.triangle, np.einsum("kq,kqb->kb", form.c * w * value, phi))
+        np.add.at(gradient, rule.triangle, np.einsum("kq,kqd->kd", form.k * w, slope))
     return load_vector(mesh, of_f), h1_load(mesh, slopes, of_difference, gradient), square, u_square
 
 

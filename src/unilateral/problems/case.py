@@ -70,8 +70,8 @@ class ExactSolution:
         )
 
     @cached_property
-    def reaction(self) -> float:
-        """What u is multiplied by in (1.1), c: 1 or 0."""
+    def c(self) -> float:
+        """What u is multiplied by in (1.1): 1 or 0."""
         return float(self.declaration.get("c", 1))
 
     @property
@@ -98,7 +98,7 @@ class ExactSolution:
     def whole(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array, Array]:
         """What `value_and_gradient` returns, and f = -Delta u + c u (k,), (1.1)."""
         value, gradient, f = _summed(atom.whole(points, offset) for atom in self.atoms)
-        return value, gradient, f if self.reaction else f - value
+        return value, gradient, f if self.c else f - value
 
     def source(self, points: Array, offset: Array | float = 0.0) -> Array:
         """f (k,) at the places points + offset (k, 2) of Omega."""
@@ -111,7 +111,7 @@ class ExactSolution:
     def source_model(self, x: Model, y: Model) -> Model:
         """f on the boxes of x and y."""
         f = reduce(Model.__add__, (atom.source_model(x, y) for atom in self.atoms))
-        return f if self.reaction else f + self._value_model(x, y).scaled(-1.0)
+        return f if self.c else f + self._value_model(x, y).scaled(-1.0)
 
     def _value_model(self, x: Model, y: Model) -> Model:
         return reduce(Model.__add__, (atom.value_model(x, y) for atom in self.atoms))

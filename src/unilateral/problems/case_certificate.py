@@ -74,7 +74,7 @@ def certify(case: ExactSolution) -> Certificate:
     size = _size(case, samples)
     for sample in samples:
         (_check_given if sample.side in case.values else _check)(case, sample, size)
-    if not (case.reaction or case.values):
+    if not (case.c or case.values):
         raise InputError(f"case '{case.name}', field c: it is 0, and no side is clamped")
     _continuous_at_vertices(case, samples)
     known = [atom.regularity for atom in case.atoms]

@@ -16,7 +16,7 @@ from unilateral.bounds.mesh_data import MeshData
 from unilateral.discrete.condensed import solve
 from unilateral.fem.condense import condense
 from unilateral.fem.form import Form
-from unilateral.fem.p1 import coupling, h1_norm, load_vector
+from unilateral.fem.p1 import coupling, energy_norm, load_vector
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.norms.dual import dual_norm
@@ -144,7 +144,7 @@ class Pair(NamedTuple):
     def with_noise(self, size, rng):
         """u_h off by a random function of that norm."""
         noise = rng.standard_normal(self.mesh.n_nodes)
-        return self._replace(u_h=self.u_h + noise * (size / h1_norm(self.mesh, noise)))
+        return self._replace(u_h=self.u_h + noise * (size / energy_norm(self.mesh, noise)))
 
 
 @cache

@@ -22,7 +22,7 @@ from unilateral.discrete.condensed import on_spaces
 from unilateral.discrete.loads import form_of
 from unilateral.discrete.multilevel import discretise_nested
 from unilateral.fem.condense import condense
-from unilateral.fem.p1 import h1_norm
+from unilateral.fem.p1 import energy_norm
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.formulas.expression import ZERO
 from unilateral.geometry import mesh as meshes
@@ -90,7 +90,7 @@ def pairs(solved, rng):
     """(u_h, lambda_H), and others that do not solve the discrete problem."""
     u, lambda_H, mesh = solved.u_h, solved.lambda_H, solved.mesh
     noise = rng.standard_normal(len(u))
-    noise *= 10.0 ** rng.uniform(-4, 1) * h1_norm(mesh, u) / h1_norm(mesh, noise)
+    noise *= 10.0 ** rng.uniform(-4, 1) * energy_norm(mesh, u) / energy_norm(mesh, noise)
     inside = u.copy()
     inside[mesh.boundary] = 0.0
     yield u, lambda_H

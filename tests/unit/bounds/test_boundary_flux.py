@@ -236,7 +236,9 @@ def test_the_mean_of_what_is_unknown_is_tested_in_H1():
     mesh = structured(square(), 1 / 8)
     flux = flux_of("1")
     flux = replace(flux, doubt=np.full_like(flux.doubt, 1e-3))
-    plain, weaker = (given(flux, mesh, form).squares for form in (Form(), Form(0.0, (2,), 3.0)))
+    plain, weaker = (
+        given(flux, mesh, form).squares for form in (Form(), Form(c=0.0, clamped=(2,), friedrichs=3.0))
+    )
     inner = has_square(mesh) & (mesh.side == 0)
     assert inner.any()
     assert weaker[1, inner] == pytest.approx((1 + 3.0**2) * plain[1, inner])

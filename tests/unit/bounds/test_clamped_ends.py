@@ -55,7 +55,7 @@ def ends(clamped, u_on_side_0=U_H, doubts=(), pushed=(), upper=()):
     push, u_h = np.zeros(16), np.full(16, 9.0)
     push[list(pushed)] = 1e-9
     u_h[:5] = u_on_side_0
-    form = Form(0.0, (clamped,), free=tuple({1, 2, 3} - {clamped}))
+    form = Form(c=0.0, clamped=(clamped,), free=tuple({1, 2, 3} - {clamped}))
     lift = SimpleNamespace(g=g)
     return module.clamped_ends(BOUNDARY, form, lift, u_h, SimpleNamespace(push=push), 7.0)
 
@@ -122,7 +122,7 @@ def test_next_to_contact_there_is_no_gap(pushed, reach):
 
 
 def clamps(reach, gamma, product=6.0, clamped=(3,), free=()):
-    form = Form(0.0, clamped, 2.0, free)
+    form = Form(c=0.0, clamped=clamped, friedrichs=2.0, free=free)
     known = ClampedEnds(np.array(reach, float), np.array(gamma, float), product)
     return Clamps(form, np.zeros((2, 4)), known, 0.5)
 
@@ -178,7 +178,7 @@ def test_outflows_are_the_flux_through_clamped_sides_and_its_magnitude():
     mesh = structured(square(), 1 / 2)
     q = np.zeros((2, len(mesh.triangulation.ends)))
     q[0, mesh.triangulation.boundary] = np.arange(8.0) * [1, 1, 1, 1, 1, 1, 1, -1]
-    found = outflows(mesh, Form(0.0, (3,)), q)
+    found = outflows(mesh, Form(c=0.0, clamped=(3,)), q)
     assert found.tolist() == [[0, 0, 0, -6.0 + 7.0], [0, 0, 0, 13.0]]
 
 
@@ -283,7 +283,11 @@ def test_all_of_it_grows_on_the_exact_mesh(arguments, monkeypatch):
 
 def test_divergence_counts_with_its_rounding():
     """C (||residual|| + rounding); ||residual||^2 = 2 * 3^2 + 1 * 4^2. Nothing of it is left then."""
-    form, areas, residual = Form(0.0, (3,), 2.0), np.array([2.0, 1.0]), np.array([3.0, -4.0])
+    form, areas, residual = (
+        Form(c=0.0, clamped=(3,), friedrichs=2.0),
+        np.array([2.0, 1.0]),
+        np.array([3.0, -4.0]),
+    )
     added, left = local_bounds.of_divergence(form, areas, residual, 0.5)
     assert added == pytest.approx(2 * (math.sqrt(34) + 0.5))
     assert not left.any()
@@ -292,7 +296,7 @@ def test_divergence_counts_with_its_rounding():
 @pytest.mark.parametrize("misfit", [0.1, 3.0])
 def test_with_a_reaction_divergence_counts_in_the_way_that_costs_less(misfit):
     """M + C r or (M^2 + r^2)^(1/2), with r^2 = 34 and C = 0.8; they are equal for M = 1.31."""
-    form, areas, residual = Form(1.0, (3,), 0.8), np.array([2.0, 1.0]), np.array([3.0, -4.0])
+    form, areas, residual = Form(clamped=(3,), friedrichs=0.8), np.array([2.0, 1.0]), np.array([3.0, -4.0])
     added, left = local_bounds.of_divergence(form, areas, residual, 0.0, misfit)
     both = misfit + 0.8 * math.sqrt(34), math.hypot(misfit, math.sqrt(34))
     assert math.hypot(misfit, math.sqrt(areas @ left**2)) + added == pytest.approx(min(both))

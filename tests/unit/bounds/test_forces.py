@@ -359,7 +359,7 @@ def clamped_at(*sides, constant=1.0, flows=(0.0, 0.0), reach=0.0, gamma=1.0, pro
     """`Clamps` of the unit square: flow and its magnitude through side 3, a gap at vertex 0."""
     at_vertex_0, through_3 = np.arange(4) == 0, np.arange(4) == 3
     ends = ClampedEnds(np.where(at_vertex_0, reach, 0.0), np.where(at_vertex_0, gamma, 1.0), product)
-    return Clamps(Form(0.0, sides, constant), np.outer(flows, through_3), ends, bound)
+    return Clamps(Form(c=0.0, clamped=sides, friedrichs=constant), np.outer(flows, through_3), ends, bound)
 
 
 def test_a_function_counts_in_L2_by_friedrichs_constant():
@@ -434,7 +434,7 @@ def test_what_w_is_at_least_on_a_square_with_two_edges_to_a_side(part, above, be
 @pytest.fixture
 def boundary(monkeypatch):
     """`Best` on sixteen boundary edges; edge 0 is as short as 1e-12. No w has a norm."""
-    monkeypatch.setattr(of_forces, "h1_norm", lambda *of: 0.0)
+    monkeypatch.setattr(of_forces, "energy_norm", lambda *of: 0.0)
     s = np.linspace(0, 4, 17)
     s[1] = 1e-12
     mesh = SimpleNamespace(boundary=np.arange(16), polygon=square(), s=s, growth=1.0, n_nodes=16)
@@ -469,7 +469,7 @@ def test_the_pairing_is_longer_by_the_stretch(boundary, monkeypatch):
 def test_the_norm_of_w_is_rounded_up_and_grows(boundary, monkeypatch):
     """E = 1/2; the norm of w by its weight, for the form has another one."""
     seen = []
-    monkeypatch.setattr(of_forces, "h1_norm", lambda mesh, w, weight: seen.append(weight) or 1e6)
+    monkeypatch.setattr(of_forces, "energy_norm", lambda mesh, w, weight: seen.append(weight) or 1e6)
     boundary.mesh.growth = 1.5
     (found,) = boundary._most(np.zeros((16, 1)))
     assert 1.5 * 0.5 * 1e6 * (1 + 0.999 * SUMS) <= found <= 1.5 * 0.5 * 1e6 * (1 + 1.001 * SUMS)

@@ -128,13 +128,15 @@ TRIANGLES = meshes.unstructured(named("lshape"), 0.5)
 VALUES = np.random.default_rng(3).standard_normal(TRIANGLES.n_nodes)
 
 
-@pytest.mark.parametrize("form", [Form(), Form(1.0, (0,), 0.7), Form(0.0, (0,), 0.7)])
+@pytest.mark.parametrize(
+    "form", [Form(), Form(clamped=(0,), friedrichs=0.7), Form(c=0.0, clamped=(0,), friedrichs=0.7)]
+)
 def test_what_f_and_u_differ_by_from_their_means_is_data(form):
     """sum (d/j)^2 ||w - mean w||_T^2, w = u_h - f_h with a reaction and f_h without, by a mass matrix."""
     f_h = np.random.default_rng(4).standard_normal((len(TRIANGLES.triangles), 3))
     zero = np.zeros(len(f_h))
     squares = local_bounds._of_data(Source(TRIANGLES, f_h, zero, zero), VALUES, form)
-    w = form.reaction * VALUES[TRIANGLES.triangles] - f_h
+    w = form.c * VALUES[TRIANGLES.triangles] - f_h
     w = w - w.mean(axis=1, keepdims=True)
     mass = (np.ones((3, 3)) + np.eye(3)) / 12
     norms = TRIANGLES.areas * np.einsum("ti,ij,tj->t", w, mass, w)
@@ -147,9 +149,9 @@ def test_parts_of_f_count_by_poincares_and_friedrichs_constants():
     mesh = structured(square(), 1)
     of = Source(mesh, np.zeros((2, 3)), oscillation=np.array([3.0, 0.0]), rest=np.array([0.0, 5.0]))
     constant = poincare(mesh.longest_edges)[0]
-    clamped = of.squares(Form(0.0, (3,), 0.6), more=np.array([1.0, 0.0]))
+    clamped = of.squares(Form(c=0.0, clamped=(3,), friedrichs=0.6), more=np.array([1.0, 0.0]))
     assert clamped == pytest.approx(np.array([[(4 * constant) ** 2, 0], [0, (0.6 * 5) ** 2]]))
-    assert of.distance(Form(0.0, (3,), 0.6)) == pytest.approx(3 * constant + 3)
+    assert of.distance(Form(c=0.0, clamped=(3,), friedrichs=0.6)) == pytest.approx(3 * constant + 3)
     free = of.squares(Form(), more=np.array([1.0, 0.0]))
     assert free == pytest.approx(np.array([[(4 * constant) ** 2, 25.0]]))
     assert of.distance() == pytest.approx(math.hypot(3 * constant, 5))
@@ -189,7 +191,7 @@ def test_squares_that_underflow_are_allowed_for():
     assert lost <= flux_residuals.DIVIDED**2
     small = structured(Polygon(1e-6 * square().vertices, "small"), 1e-6)
     assert underflow(small) >= math.sqrt(2e10) * 2.0**-537 / math.sqrt(0.5e-12)
-    form = Form(0.0, (3,), 3.0)
+    form = Form(c=0.0, clamped=(3,), friedrichs=3.0)
     assert underflow(small, form) / underflow(small) == pytest.approx(math.hypot(1, 3))
 
 

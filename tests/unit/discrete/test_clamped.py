@@ -121,7 +121,7 @@ def dual_error(of: Manufactured, s) -> float:
     """A lower bound on the dual norm of lambda - lambda_H: the supremum over P1 on the mesh, refined once."""
     mesh, clamped = refine(s.mesh), s.problem.clamped_sides
     K, M = stiffness_and_mass(mesh)
-    fixed, load = Form(0.0, clamped).fixed(mesh), np.zeros(mesh.n_nodes)
+    fixed, load = Form(c=0.0, clamped=clamped).fixed(mesh), np.zeros(mesh.n_nodes)
     x, w = np.polynomial.legendre.leggauss(6)
     x, w, lengths = 0.5 * (x + 1), 0.5 * w, np.diff(mesh.s)
     for edge in np.flatnonzero(np.isin(mesh.side, of.contact)):
@@ -246,7 +246,7 @@ def test_a_kink_beside_which_places_are_rounded_counts() -> None:
     known = replace(kinked, steep=np.zeros_like(kinked.steep))
 
     def norm(of) -> float:
-        return constraint(of, mesh, Form(0.0, clamped=(3,), free=(0, 1, 2))).steep.max()
+        return constraint(of, mesh, Form(c=0.0, clamped=(3,), free=(0, 1, 2))).steep.max()
 
     least = 1e6 * math.sqrt(2 * 8 * np.spacing(problem.polygon.perimeter))
     assert least <= norm(known) <= norm(kinked)
@@ -394,7 +394,7 @@ def test_matrices_have_the_equations_of_all_other_nodes() -> None:
     )
     solver = ul.Solver(problem, h=1 / 8, H=1 / 4, stop=ul.Stop(tolerance=1e-10))
     s, of = solver(), solver.matrices()
-    free = ~Form(0.0, (3,)).fixed(s.mesh)
+    free = ~Form(c=0.0, clamped=(3,)).fixed(s.mesh)
     left = of.A @ s.u - of.B.T @ s.multiplier[of.cells] - of.F
     assert np.abs(left[free]).max() < 1e-9
     assert np.abs(left[~free]).max() > 1e-3
@@ -439,5 +439,5 @@ def test_one_bound_conflicts_where_a_part_ends_between_clamp_and_contact(part, f
     w = 1 on the part. If that is the clamp, w is too large beside it for the bound below; if it is the side
     with contact, w = 0 on the clamp is too small for the one above. Free sides have no force.
     """
-    clamps = unclamped(4)._replace(form=Form(0.0, (3,), free=tuple(free)))
+    clamps = unclamped(4)._replace(form=Form(c=0.0, clamped=(3,), free=tuple(free)))
     assert conflicts(np.array(part), clamps) == found

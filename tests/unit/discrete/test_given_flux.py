@@ -15,7 +15,7 @@ from unilateral.bounds import mesh_data
 from unilateral.bounds.boundary_flux import nothing
 from unilateral.bounds.mesh_data import enclose_data
 from unilateral.discrete import multilevel
-from unilateral.fem.p1 import h1_norm
+from unilateral.fem.p1 import energy_norm
 from unilateral.formulas.formula import parse
 from unilateral.geometry.adapted import adapted
 from unilateral.problems.scaled import scaled
@@ -166,7 +166,7 @@ def test_bounds_hold_where_the_flux_is_not_smooth(q):
     """
     problem = ul.Problem(SQUARE, f="1 - 3*x", g=[None, -0.1, -0.1, -0.1], free_sides=[0], q=q)
     coarse, fine = (ul.solve(problem, h=h, H=2 * h, mesh="structured") for h in (1 / 8, 1 / 64))
-    distance = h1_norm(fine.mesh, fine.u - coarse.u_at(fine.mesh.points))
+    distance = energy_norm(fine.mesh, fine.u - coarse.u_at(fine.mesh.points))
     for kind in ("bounds", "sharp_bounds"):
         of_coarse, of_fine = getattr(coarse, kind).u, getattr(fine, kind).u
         assert distance <= of_coarse + of_fine

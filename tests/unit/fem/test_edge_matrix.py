@@ -61,7 +61,7 @@ def test_some_rows_are_those_of_the_matrix(of: tuple[str, str, int], share: floa
     mesh, rng = made(*of).mesh, np.random.default_rng(4)
     count = max(1, int(share * mesh.n_nodes))
     chosen = rng.choice(mesh.n_nodes, count, replace=False).astype(np.int32)
-    rows = some_rows(mesh.points, mesh.triangulation.nodes, chosen, mesh.n_nodes, 1.0, H1.fixed(mesh))
+    rows = some_rows(mesh.points, mesh.triangulation.nodes, chosen, mesh.n_nodes, H1, H1.fixed(mesh))
     expected = assembled(mesh)
     assert rows.shape == (count, mesh.n_nodes)
     assert abs(rows - expected[chosen]).max() < rounding(mesh) * abs(expected).max()

@@ -19,14 +19,19 @@ from unilateral.geometry.polygon import Polygon, named, square
 from unilateral.geometry.structured import structured
 from unilateral.norms.fortin import beta_below
 
-FORMS = [Form(1.0, (3,)), Form(0.0, (1,), 2.0), Form(0.0, (0, 1), 2.0), Form(1.0, (2,))]
+FORMS = [
+    Form(clamped=(3,)),
+    Form(c=0.0, clamped=(1,), friedrichs=2.0),
+    Form(c=0.0, clamped=(0, 1), friedrichs=2.0),
+    Form(clamped=(2,)),
+]
 
 
 def dense(mesh, form):
     """A on the nodes that are not fixed, and these."""
     K, M = stiffness_and_mass(mesh)
     free = np.flatnonzero(~form.fixed(mesh))
-    return (K + form.reaction * M).toarray()[np.ix_(free, free)], free
+    return (K + form.c * M).toarray()[np.ix_(free, free)], free
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -54,7 +59,7 @@ def test_the_load_of_what_is_left_has_the_given_values(form):
     held, load = rng.normal(size=(2, mesh.n_nodes))
     v = held + condense(mesh, form).solve(of_rest(mesh, form, load, held))
     K, M = stiffness_and_mass(mesh)
-    left = (K + form.reaction * M) @ v - load
+    left = (K + form.c * M) @ v - load
     assert np.abs(left[~fixed]).max() < 1e-10
     assert np.array_equal(v[fixed], held[fixed])
 
@@ -76,7 +81,7 @@ def test_all_levels_are_decoupled_and_functionals_are_bounded(form, adapted):
     rows = whole if level.smoothed is None else whole[level.smoothed][:, level.columns]
     assert abs(level.rows - rows).max() < 1e-12
     A, free = dense(mesh, form)
-    form = form._replace(friedrichs=1.0 if form.reaction else friedrichs(mesh, form.clamped))
+    form = form._replace(friedrichs=1.0 if form.c else friedrichs(mesh, form.clamped))
     of = hierarchy(mesh, form=form)
     for _ in range(5):
         R = np.zeros(mesh.n_nodes)
@@ -105,12 +110,12 @@ def test_beta_is_at_least_its_bound(form, kind):
     assert 0.1 < bound <= np.sqrt(square_of_beta)
 
 
-def test_the_energy_norm_bounds_that_of_H1():
-    """v = sin(pi x / 2) on the unit square, clamped at x = 0, has ||v||_0 = 2/pi |v|_1: attained."""
-    constant = 2 / np.pi
-    assert Form(0.0, (3,), constant).of_H1 >= np.sqrt(1 + constant**2) * (1 - 1e-15)
-    assert Form(0.0, (3,), constant).of_H1 == pytest.approx(np.sqrt(1 + constant**2))
-    assert Form(1.0, (3,), constant).of_H1 == 1.0
+@pytest.mark.parametrize("k, c", [(1.0, 0.0), (1.0, 1.0), (1e-6, 3.0), (2.0, 1e-30)])
+def test_the_energy_norm_bounds_that_in_L2(k, c):
+    """v = sin(pi x / 2) on the unit square, clamped at x = 0, has ||v||_0^2 = 1/2, |v|_1^2 = pi^2/8: attained."""
+    form = Form(k, c, clamped=(3,), friedrichs=2 / np.pi)
+    assert form.value_constant**2 == pytest.approx(0.5 / (k * np.pi**2 / 8 + c / 2), rel=1e-14)
+    assert Form(k, 1.0).value_constant == 1.0
 
 
 @pytest.mark.parametrize("constant", [1 / 4, 4.0])
@@ -118,7 +123,7 @@ def test_the_mass_of_a_hierarchy_is_divided_by_the_square_of_friedrichs_constant
     """sum m_i v_i^2 <= 4 ||v||_0^2 / C^2, for m_i thirds of the areas at a node, over C^2."""
     mesh = refine(structured(square(), 1 / 2))
     thirds = np.bincount(mesh.triangles.ravel(), np.repeat(mesh.areas / 3, 3))
-    found = hierarchy(mesh, form=Form(0.0, (3,), constant)).mass
+    found = hierarchy(mesh, form=Form(c=0.0, clamped=(3,), friedrichs=constant)).mass
     assert found == pytest.approx(thirds / constant**2)
 
 
@@ -137,10 +142,15 @@ def test_fixed_nodes_are_those_of_clamped_edges():
     """Both ends of a clamped side among them. On the square with h = 1/2, nodes by their places."""
     mesh = structured(square(), 1 / 2)
     x, y = mesh.points.T
-    assert np.array_equal(Form(0.0, (3,)).fixed(mesh), x == 0)
-    assert np.array_equal(Form(0.0, (0, 3)).fixed(mesh), (x == 0) | (y == 0))
+    assert np.array_equal(Form(c=0.0, clamped=(3,)).fixed(mesh), x == 0)
+    assert np.array_equal(Form(c=0.0, clamped=(0, 3)).fixed(mesh), (x == 0) | (y == 0))
     assert not Form().fixed(mesh).any()
 
 
 def test_multipliers_are_on_sides_that_are_neither_clamped_nor_free():
-    assert Form(0.0, (3,), free=(1,)).held(np.array([0, 1, 2, 3])).tolist() == [True, False, True, False]
+    assert Form(clamped=(3,), free=(1,)).held(np.array([0, 1, 2, 3])).tolist() == [
+        True,
+        False,
+        True,
+        False,
+    ]

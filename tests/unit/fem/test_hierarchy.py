@@ -273,7 +273,7 @@ def test_partitions_that_the_levels_cannot_follow_are_declined() -> None:
     assert nested_cells(levels, Partition(polygon, moved)) is not None
 
 
-@pytest.mark.parametrize("form", [Form(), Form(1.0, (3,)), Form(0.0, (3,), 2.0)])
+@pytest.mark.parametrize("form", [Form(), Form(clamped=(3,)), Form(c=0.0, clamped=(3,), friedrichs=2.0)])
 def test_the_level_before_is_the_hierarchy_of_its_mesh(form: Form) -> None:
     """The same matrix, sums of rows and masses as without the last step, but for masses at fixed nodes.
 

@@ -72,7 +72,7 @@ def beside(d):
 
 def conforming(mesh, clamped):
     """A constant of P1, which is not above the best one: by its least eigenvalue, and on a graded mesh."""
-    inside = ~poincare.Form(0.0, clamped).fixed(mesh)
+    inside = ~poincare.Form(c=0.0, clamped=clamped).fixed(mesh)
     K, M = (p1.stiffness_and_mass(mesh)[i][inside][:, inside] for i in (0, 1))
     return 1 / math.sqrt(eigsh(K.tocsc(), M=M.tocsc(), k=1, sigma=0.0, return_eigenvectors=False)[0])
 

@@ -11,7 +11,7 @@ from nested import coarse
 from numpy.testing import assert_allclose
 
 from unilateral.errors import InputError
-from unilateral.fem.p1 import h1_norm
+from unilateral.fem.p1 import energy_norm
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry import exact_mesh
 from unilateral.geometry.mesh import refine, similar, unstructured
@@ -134,7 +134,7 @@ def test_norms_and_constants_grow_by_no_more_than_the_growth(way):
     off = mesh.points if way == "apart" else directions(rng.uniform(0, 2 * np.pi, mesh.n_nodes))
     moved = replace(mesh, points=mesh.points + 1e-4 * off)
     values = [rng.uniform(-1, 1, mesh.n_nodes) for _ in range(20)]
-    grown = [h1_norm(moved, v) / h1_norm(mesh, v) for v in [*values, np.ones(mesh.n_nodes)]]
+    grown = [energy_norm(moved, v) / energy_norm(mesh, v) for v in [*values, np.ones(mesh.n_nodes)]]
     edges = np.stack([mesh.boundary, np.roll(mesh.boundary, -1)])
     for constants in (trace_constants, value_constants):
         old, new = (

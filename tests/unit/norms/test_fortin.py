@@ -296,7 +296,7 @@ def test_where_triangles_are_too_thin_nothing_is_known(width, known):
 
 def test_averages_vanish_on_clamped_sides():
     """Those of functions whose means are 0 on the edges there. Control: without the form they do not."""
-    mesh, form = structured(square(), 1 / 4), Form(1.0, (3,))
+    mesh, form = structured(square(), 1 / 4), Form(clamped=(3,))
     n, rng = len(mesh.triangulation.ends), np.random.default_rng(5)
     means = rng.normal(size=n)
     means[mesh.triangulation.boundary[form.edges(mesh)]] = 0.0
@@ -322,7 +322,7 @@ def parts_of(mesh, cells, form):
     return norms[0], norms[1], KAPPA * mesh.diameter
 
 
-FORMS = [Form(), Form(1.0, (3,)), Form(1.0, (0, 3), free=(1,)), Form(0.0, (3,))]
+FORMS = [Form(), Form(clamped=(3,)), Form(clamped=(0, 3), free=(1,)), Form(c=0.0, clamped=(3,))]
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -334,19 +334,19 @@ def test_the_bound_has_all_its_parts(name, form):
     """
     mesh, cells = PAIRS[name]()
     rho, of_averages, of_means = parts_of(mesh, cells, form)
-    n = (of_averages + of_means) * form.reaction
+    n = (of_averages + of_means) * form.c
     angle = np.linspace(0, np.pi, 10_001)
     largest = np.sqrt(np.max(rho**2 * np.cos(angle) ** 2 + (np.sin(angle) + n * np.cos(angle)) ** 2))
-    exact = largest if form.reaction else rho
+    exact = largest if form.c else rho
     assert exact * (1 - 1e-6) <= 1 / beta_below(mesh, cells, form)
-    if not form.reaction:
+    if not form.c:
         assert 1 / beta_below(mesh, cells, form) <= 1.02 * exact
 
 
 def test_the_part_in_L2_needs_the_averages(monkeypatch):
     """Control on the large square, where they are most of that part; without them the bound is below it."""
     mesh, cells = PAIRS["large"]()
-    form = Form(1.0, (3,))
+    form = Form(clamped=(3,))
     rho, of_averages, of_means = parts_of(mesh, cells, form)
     least = fortin.of_operator(rho, of_averages + of_means)
     assert least <= 1 / beta_below(mesh, cells, form)
@@ -359,8 +359,8 @@ def test_what_functions_differ_by_from_their_means_counts_by_the_longest_edge(mo
     """As if that were 10^6, beside which the averages are nothing; with c = 0 only gradients count."""
     mesh, cells = PAIRS["two edges"]()
     monkeypatch.setattr(type(mesh), "diameter", property(lambda _: 1e6))
-    assert KAPPA * 1e6 <= 1 / beta_below(mesh, cells, Form(1.0, (3,))) <= 1.001 * KAPPA * 1e6
-    assert beta_below(mesh, cells, Form(0.0, (3,))) > 0.1
+    assert KAPPA * 1e6 <= 1 / beta_below(mesh, cells, Form(clamped=(3,))) <= 1.001 * KAPPA * 1e6
+    assert beta_below(mesh, cells, Form(c=0.0, clamped=(3,))) > 0.1
 
 
 def test_both_norms_grow_on_the_exact_mesh(monkeypatch):

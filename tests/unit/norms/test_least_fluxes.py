@@ -23,7 +23,7 @@ mu is the sum of 4/p sin(p y) over p = pi, 3 pi, and so on, and u that of 4/p^2 
 def squares(cells: Partition, clamped: tuple[int, ...], mu: dict[int, float]) -> tuple[float, float]:
     """Bounds on the square of the norm of a mu that is constant on sides."""
     values = np.array([mu.get(side, 0.0) for side in cells.side.tolist()])
-    of = dual_norm(cells, form=Form(0.0, clamped)).of_p0(values[None])
+    of = dual_norm(cells, form=Form(c=0.0, clamped=clamped)).of_p0(values[None])
     return float(of.lower[0]) ** 2, float(of.upper[0]) ** 2
 
 
@@ -41,7 +41,7 @@ def test_without_a_reaction_the_norm_lies_between_its_bounds(clamped, mu, exact)
 
 def test_the_form_is_that_of_single_functions():
     """The form on all cells, by differences of columns, against one function at a time. Two arcs."""
-    norm = dual_norm(uniform(square(), 1 / 4), form=Form(0.0, (0, 2)))
+    norm = dual_norm(uniform(square(), 1 / 4), form=Form(c=0.0, clamped=(0, 2)))
     gram, mu = norm.gram(), np.random.default_rng(3).standard_normal((5, 16))
     kept = mu[:, gram.cells]
     single = norm.of_p0(mu)
@@ -71,7 +71,7 @@ def test_bounds_on_cells_graded_to_a_vertex_are_as_near_each_other_as_for_c_1(sm
     cells = Partition(polygon, np.union1d(uniform(polygon, 1 / 2).points, at))
 
     def excess(c):
-        lower, upper = dual_norm(cells, form=Form(c, (1,))).gram().p0
+        lower, upper = dual_norm(cells, form=Form(c=c, clamped=(1,))).gram().p0
         ratios = np.linalg.eigvals(np.linalg.solve(lower, upper)).real - 1
         assert ratios.min() > -1e-9
         return ratios.max()

@@ -10,7 +10,7 @@ from nested import alone
 
 import unilateral as ul
 from unilateral.bounds.source import linear
-from unilateral.fem.p1 import h1_norm
+from unilateral.fem.p1 import energy_norm
 from unilateral.formulas.taylor import affine, basis
 from unilateral.problems.nodal import NodalTrace
 from unilateral.problems.scaled import scaled
@@ -137,7 +137,7 @@ def test_the_bounds_hold_for_the_functions_that_arrays_stand_for(given, seed, wa
         for on, of, H in zip((mesh, finer), of_g, (1 / 2, 1 / 16), strict=True)
     )
     of = fine.solved.mesh
-    distance = h1_norm(of, fine.solved.u_h - prolonged(mesh, coarse.solved.u_h, finer))
+    distance = energy_norm(of, fine.solved.u_h - prolonged(mesh, coarse.solved.u_h, finer))
     assert fine.sharp_bounds.u < 0.3 * coarse.sharp_bounds.u
     for bound in (coarse.bounds, coarse.sharp_bounds):
         assert distance <= bound.u + fine.sharp_bounds.u

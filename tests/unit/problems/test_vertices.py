@@ -121,7 +121,7 @@ def of_mesh(problem):
     """The constraint on a mesh of the problem's polygon, which is scaled by k and c."""
     data = scaled(problem)
     mesh = meshes.similar(MESH, data.polygon)
-    form = Form(1.0, problem.clamped_sides, 1.0, problem.free_sides)
+    form = Form(clamped=problem.clamped_sides, friedrichs=1.0, free=problem.free_sides)
     return constraint(data.enclosed_obstacle, mesh, form)
 
 

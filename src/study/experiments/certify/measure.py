@@ -87,7 +87,7 @@ def nodal_problem(case: ExactSolution, mesh: Mesh, element: skfem.Element) -> No
     """A case with u >= g at the element's boundary unknowns: nodes, and for P2 the midpoints of edges."""
     of_skfem = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
     basis = skfem.Basis(of_skfem, element, intorder=DEGREE)
-    A = laplace.assemble(basis) + case.reaction * mass.assemble(basis)
+    A = laplace.assemble(basis) + case.c * mass.assemble(basis)
 
     @skfem.LinearForm
     def load(v: Any, w: Any) -> Any:
