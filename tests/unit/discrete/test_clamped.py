@@ -155,23 +155,13 @@ def without_reaction() -> ul.Solution:
     return solved(random_problem(67, 1_000_000, 0), "adapted")
 
 
-@pytest.mark.parametrize("c", [f"1/{10**n}" for n in (3, 6, 9)])
+@pytest.mark.parametrize("c", [f"1/{10**n}" for n in (3, 6, 9, 24)])
 def test_a_tiny_reaction_costs_no_accuracy(c, without_reaction) -> None:
-    """The scaled domain has a diameter down to 1e-7. With C = 1 rounding hid convergence from 1e-4 on.
-
-    One per cent is room for what the terms with c and rounding, about 1e-16 over the diameter, add.
-    """
+    """c u is next to nothing beside f. One per cent is room for what the terms with c add."""
     s = solved(random_problem(67, 1_000_000, c), "adapted")
     assert s.search.certified
     assert len(s.u) == len(without_reaction.u)
     assert s.bounds.u == pytest.approx(without_reaction.bounds.u, rel=0.01)
-
-
-def test_on_a_domain_of_diameter_1e_9_rounding_is_in_the_bound(without_reaction) -> None:
-    """A limit: c/k = 1e-18. The bound is certified, and above that for c = 0."""
-    tiny = solved(random_problem(67, 1_000_000, "1/1000000000000"), "adapted")
-    assert tiny.search.certified
-    assert tiny.bounds.u > without_reaction.bounds.u
 
 
 @pytest.mark.parametrize(("clamped", "told"), [((), True), ((3,), False)])
