@@ -26,6 +26,7 @@ from unilateral.bounds.constraint import constraint
 from unilateral.fem.form import Form, decoupled
 from unilateral.fem.p1 import gradients, stiffness_and_mass
 from unilateral.fem.quadrature import symmetric
+from unilateral.formulas.expression import ZERO
 from unilateral.geometry.mesh import refine, unstructured
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import laplacian
@@ -397,7 +398,7 @@ def test_a_solver_of_a_case_with_other_data_keeps_its_clamped_sides() -> None:
     case = ul.case("clamped")
     s = ul.Solver(case, h=1 / 8, H=1 / 4)(f=0, g=-9)
     assert s.problem.clamped_sides == (2,)
-    assert s.problem.reaction == 0
+    assert s.problem.c == ZERO
     x = s.mesh.points[np.isclose(s.mesh.points[:, 1], 1), 0]
     assert np.allclose(s.u_at(np.column_stack([x, np.ones_like(x)])), np.cos(np.pi * x) / 2, atol=1e-12)
 
