@@ -128,6 +128,6 @@ def check_constants(mesh: Mesh, form: Form, u: Array) -> None:
         edge = np.diff(mesh.s).min()
         raise InputError(
             f"polygon '{polygon.name}' of diameter {polygon.diameter:.3g} with boundary edges e down to "
-            f"{edge:.3g}: c = {form.c:.3g} is lost in rounding beside k/e^2 = {form.k / edge**2:.3g}, as no side "
-            "is clamped; take a larger c, clamp a side, or take longer edges"
+            f"{edge:.3g}: c = {form.c:.3g} is lost in rounding beside k/e^2 = {form.k / edge**2:.3g}, as no "
+            "side is clamped; take a larger c, clamp a side, or take longer edges"
         )
