@@ -6,6 +6,7 @@ import math
 from functools import partial
 
 from unilateral.arrays import Array
+from unilateral.errors import InputError
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import by_parts, case_moments
 from unilateral.fem.poincare import friedrichs
@@ -19,9 +20,14 @@ from unilateral.problems.scaled import Data
 def form_of(problem: Data, mesh: Mesh) -> Form:
     """The form of a problem. The mesh serves for the constant that it needs where a side is clamped."""
     clamped, reaction = problem.clamped_sides, problem.reaction
-    known = 1.0 if reaction else math.inf
-    C = friedrichs(mesh, clamped, known) if clamped else known
-    return Form(reaction, clamped, C, problem.free_sides)
+    constant = 1.0 if reaction else math.inf
+    if clamped:
+        try:
+            constant = min(constant, friedrichs(mesh, clamped))
+        except InputError:
+            if not reaction:
+                raise
+    return Form(reaction, clamped, constant, problem.free_sides)
 
 
 def case_load(case: ExactSolution, mesh: Mesh) -> Array:
