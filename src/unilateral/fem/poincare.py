@@ -15,21 +15,22 @@ and ||v - I v||_0 <= KAPPA h |v - I v|_1. With t = |v - I v|_1,
 
 so lambda is at least the least value of t^2 + lambda_h (1 - KAPPA h t)^2, which is the right-hand side.
 
-lambda_h is the least eigenvalue of a matrix B with the diagonal D. Let L and U be the factors that are
-computed of B - shift D - mu, and P > 0 their pivots. U is P L^T up to rounding, W = U - P L^T, and
+lambda_h is the least eigenvalue of a matrix B with the diagonal D and the half bandwidth b. If Cholesky's
+algorithm finds a factor R of A = B - shift D - mu, then R^T R = A + E is positive definite. An entry of R^T R
+is a sum of at most b + 1 products, so that
 
-    L P L^T = B - shift D - mu + E - L W,     |E_ij| <= (r + 2) EPS/2 (D_ii D_jj)^{1/2},
+    |E_ij| <= (b + 2) EPS/2 (D_ii D_jj)^{1/2}
 
-for at most r numbers in a row of L (N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002,
-theorem 9.3, and for the root Cauchy and Schwarz as in theorem 10.3), and E_ij = 0 where L + L^T has no place.
-The entries of B are rounded likewise, by less than 20 EPS/2. With at most w numbers in a row of L + L^T,
-E <= (r + 22) w EPS/2 D by Gershgorin's theorem for D^{-1/2} E D^{-1/2}. With
+(N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002, theorem 10.3; the entries of |R^T| |R|
+are bounded by Cauchy and Schwarz), with b + 4 in place of b + 2 if quotients are products with rounded
+reciprocals. The entries of B are rounded likewise, by less than 20 EPS/2, and then the diagonal of A by
+4 EPS/2. The rounding of areas, which is large on flat triangles, belongs to `Mesh.growth`. There are at most
+2 b + 1 entries in a row. By Gershgorin's theorem for D^{-1/2} E D^{-1/2}, B >= mu if
 
-    shift = (r + 16) w EPS
+    shift = (b + 28) (b + 1) EPS.
 
-that is at most 3/4 shift D, as r >= 1. That W leaves a quarter is seen once L and U are known. So B >= mu if
-the pivots are positive. However small the least triangles are, v . shift D v is small where v is smooth, for
-D has the squares of gradients.
+However small the least triangles are, v . shift D v is small where v is smooth, for D has the squares of
+gradients. Where triangles are flat, it grows with the square of their length over their height.
 """
 
 from __future__ import annotations
@@ -38,12 +39,12 @@ import math
 
 import numpy as np
 import scipy.sparse as sp
-from scipy.sparse.linalg import LinearOperator, SuperLU, eigsh
+from scipy.linalg import LinAlgError, cho_solve_banded, cholesky_banded
+from scipy.sparse.csgraph import reverse_cuthill_mckee
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
-from unilateral.arrays import Array, Index
+from unilateral.arrays import Array
 from unilateral.errors import InputError
-from unilateral.fem.form import Form
-from unilateral.fem.linear_systems import dissected, factorise
 from unilateral.fem.p1 import from_elements, gradients
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh, refine, with_boundary
@@ -55,66 +56,98 @@ KAPPA = 0.19
 Proved with Proposition S1 in supplement.md; the computation in its proof is tests/unit/fem/test_kappa.py.
 No constant below 0.189 is enough for equilateral triangles.
 """
-FEW = 250
-"""The mesh is halved until it has so many nodes. A coarser one has a larger constant."""
-LESS = 1 - 1e-6
+MIN_NODES = 250
+"""A mesh is halved until it has so many nodes. A coarser one has a larger constant."""
+MAX_NODES = 10_000
+"""A mesh with more nodes is not used. Another one has almost the same constant, and takes less time."""
+EIGENVALUE_SHARE = 1 - 1e-6
 """mu is this part of what is left of the eigenvalue that was computed."""
-EVEN = 4.0
+MAX_EDGE_RATIO = 4.0
 """A mesh whose boundary edges at a clamped side are longer by this than their neighbours is too coarse there.
 
 Only the size of the constant depends on it.
 """
-PARTS, GROWTH = 8, 0.4
-"""The graded mesh has boundary edges of at most the PARTS-th of the diameter; for GROWTH see `with_boundary`.
+BOUNDARY_PARTS = 8
+"""No boundary edge of the graded mesh is longer than this fraction of the diameter: 1 / BOUNDARY_PARTS.
 
-They are at most twice as long as their neighbours.
+None is more than twice as long as its neighbours.
 """
+GROWTH = 0.4
+"""How fast triangles grow with the distance from the boundary in the graded mesh, see `with_boundary`."""
 
 
-def friedrichs(mesh: Mesh, clamped: tuple[int, ...], known: float = math.inf) -> float:
-    """The constant for the `clamped` sides of the mesh's polygon, or one that is `known` if it is smaller.
+def friedrichs(mesh: Mesh, clamped: tuple[int, ...]) -> float:
+    """A number C with ||v||_0 <= C |v|_1 for functions v that are 0 on some sides of the mesh's polygon.
 
-    Where none is known, and rounding hides the eigenvalue on the mesh or the one it was refined from, or that
-    is too coarse at a clamped side, gmsh makes another one, graded to short sides. Raises InputError where
-    rounding hides the eigenvalue even so, or gmsh is missing then.
+    It is computed on the mesh, or on the one that it was refined from. If that is large, or too coarse beside
+    clamped sides, or rounding hides C there, gmsh makes another one, graded to short sides.
+
+    Parameters
+    ----------
+    mesh
+        a mesh of the polygon
+    clamped
+        the numbers of the sides, at least one
+
+    Returns
+    -------
+    float
+        C, a length, for norms on this mesh and on the exact one
+
+    Raises
+    ------
+    InputError
+        where rounding hides C on both meshes, or the first one does not do and gmsh makes no other
     """
-    given, polygon = mesh.coarse or mesh, mesh.polygon
-    constant = min(mesh.growth * _on(given, clamped), known)
-    if constant < math.inf and (known < math.inf or not _is_coarse_at(given, clamped)):
+    coarse = mesh.coarse or mesh
+    polygon = mesh.polygon
+    # norms on the exact mesh may be larger by the growth
+    constant = mesh.growth * constant_on(coarse, clamped) if coarse.n_nodes <= MAX_NODES else math.inf
+
+    # at an end of a clamped side: the length of the boundary edge off it over that of the edge on it
+    lengths = np.diff(coarse.s)
+    is_clamped = np.isin(coarse.side, clamped)
+    at_end = is_clamped != np.roll(is_clamped, -1)
+    ratios = (np.roll(lengths, -1) / lengths) ** np.where(is_clamped, 1, -1)
+    if constant < math.inf and np.all(ratios[at_end] <= MAX_EDGE_RATIO):
         return constant
+
+    needed = f"polygon '{polygon.name}': c = 0 needs Friedrichs' constant for the clamped sides {[*clamped]}"
     try:
-        graded = balanced(uniform(polygon, polygon.diameter / PARTS))
-        finer = with_boundary(polygon, graded.points[:-1], GROWTH)
-        constant = min(constant, mesh.growth * _on(finer, clamped))
-    except InputError:
-        if constant == math.inf:
-            raise
+        edges = balanced(uniform(polygon, polygon.diameter / BOUNDARY_PARTS))
+        graded = with_boundary(polygon, edges.points[:-1], GROWTH)
+    except InputError as error:
+        if constant < math.inf:
+            return constant
+        nodes = f"this mesh of {coarse.n_nodes} nodes"
+        raise InputError(f"{needed}, which {nodes} does not yield; {error}") from error
+    constant = min(constant, mesh.growth * constant_on(graded, clamped))
     if constant == math.inf:
-        lengths = polygon.lengths
+        height = float((2 * graded.areas / graded.longest_edges).min()) / polygon.diameter
         raise InputError(
-            f"polygon '{polygon.name}': rounding hides the least eigenvalue of -Delta for functions that are "
-            f"0 on the clamped sides {[*clamped]}, which c = 0 needs; sides have lengths from "
-            f"{lengths.min():.3g} to {lengths.max():.3g}; clamp a longer side, or give a c above 0"
+            f"{needed}, which rounding hides, for triangles have heights down to {height:.1g} of the "
+            "diameter; make the polygon thicker or its short sides longer, or give a c above 0"
         )
     return constant
 
 
-def _is_coarse_at(mesh: Mesh, clamped: tuple[int, ...]) -> bool:
-    """Whether an edge next to a clamped side is much longer than the edge there."""
-    lengths, on = np.diff(mesh.s), Form(clamped=clamped).edges(mesh)
-    ratio = np.roll(lengths, -1) / lengths
-    after = on & ~np.roll(on, -1) & (ratio > EVEN)
-    before = ~on & np.roll(on, -1) & (ratio < 1 / EVEN)
-    return bool(np.any(after | before))
-
-
-def _on(mesh: Mesh, clamped: tuple[int, ...]) -> float:
-    """The constant by that mesh, or halves of it; infinite if rounding hides it."""
-    while mesh.n_nodes < FEW:
-        mesh = refine(mesh)
-    clamped_edges = mesh.triangulation.boundary[Form(clamped=clamped).edges(mesh)]
-    mu = _least(_without(crouzeix_raviart(mesh)[0], clamped_edges))
-    return mesh.growth * math.sqrt(1 / mu + (KAPPA * mesh.diameter) ** 2) if mu > 0 else math.inf
+def constant_on(mesh: Mesh, clamped: tuple[int, ...]) -> float:
+    """The least constant by a mesh and by its halves, up to MIN_NODES; infinite if rounding hides all."""
+    constant = math.inf
+    while True:
+        B, _ = crouzeix_raviart(mesh)
+        is_free = np.ones(B.shape[0], dtype=bool)
+        is_free[mesh.triangulation.boundary[np.isin(mesh.side, clamped)]] = False
+        mu = bound_eigenvalue(B[is_free][:, is_free])
+        if mu > 0:
+            # C^2 = 1 / lambda_h + KAPPA^2 h^2, and the exact domain is larger by the growth
+            constant = min(constant, mesh.growth * math.sqrt(1 / mu + (KAPPA * mesh.diameter) ** 2))
+        if mesh.n_nodes >= MIN_NODES:
+            return constant
+        try:
+            mesh = refine(mesh)
+        except InputError:  # edges as short as rounding
+            return constant
 
 
 def crouzeix_raviart(mesh: Mesh) -> tuple[sp.csr_array, Array]:
@@ -123,60 +156,39 @@ def crouzeix_raviart(mesh: Mesh) -> tuple[sp.csr_array, Array]:
     Returns (n, n) B = M^{-1/2} K M^{-1/2} on the n edges and (n,) the diagonal of M^{1/2}: K is the stiffness
     matrix, and M the mass matrix, which is diagonal.
     """
-    edges, of = mesh.opposite_edges, mesh.triangulation
+    edges, n = mesh.opposite_edges, len(mesh.triangulation.ends)
     slopes = -2 * gradients(mesh)
     stiffness = mesh.areas[:, None, None] * (slopes @ slopes.transpose(0, 2, 1))
-    mass = np.bincount(edges.ravel(), np.repeat(mesh.areas / 3, 3), len(of.ends))
+    mass = np.bincount(edges.ravel(), np.repeat(mesh.areas / 3, 3), n)
     root = sp.diags_array(1 / np.sqrt(mass))
-    return (root @ from_elements(edges, stiffness, len(of.ends)) @ root).tocsr(), np.sqrt(mass)
+    return (root @ from_elements(edges, stiffness, n) @ root).tocsr(), np.sqrt(mass)
 
 
-def _without(B: sp.csr_array, clamped: Index) -> sp.csr_array:
-    """B without the rows and columns of clamped edges."""
-    free = np.ones(B.shape[0], dtype=bool)
-    free[clamped] = False
-    return B[free][:, free].tocsr()
-
-
-def _least(B: sp.csr_array) -> float:
-    """A number that no eigenvalue of B (n, n) is below; 0 if rounding hides the least one."""
-    D = B.diagonal()
-    try:
-        factor = dissected(B)
-        solve = LinearOperator(B.shape, factor.solve)
-        found, x = eigsh(B, k=1, sigma=0.0, OPinv=solve, v0=np.ones(len(D)))
-        # shift = (r + 16) w EPS; v . shift D v counts twice, for what it takes is of second order, too
-        r, w = _most_in_rows(B, factor.order)
-        shift = (r + 16) * w * EPS
-        mu = LESS * float(found[0] - 2 * shift * (D @ x[:, 0] ** 2))
-        # B - shift D - mu has positive pivots, with places for as many numbers in L
-        shifted = factorise((B - sp.diags_array(mu + shift * D)).tocsr(), factor.order)
-    except RuntimeError:  # a pivot is 0, or the iteration for the eigenvalue does not end
+def bound_eigenvalue(B: sp.csr_array) -> float:
+    """A number that no eigenvalue of the symmetric B (n, n) is below; 0 if rounding hides it, or n < 2."""
+    if B.shape[0] < 2:
         return 0.0
-    positive = np.array_equal(shifted.perm_r, shifted.perm_c) and shifted.U.diagonal().min() > 0
-    return mu if mu > 0 and positive and _skew(shifted, D[factor.order]) <= shift / 4 else 0.0
-
-
-def _most_in_rows(B: sp.csr_array, order: Index) -> tuple[int, int]:
-    """The most places for numbers in a row of the factor L of B (n, n), and in one of L + L^T.
-
-    SuperLU leaves out numbers that cancel to 0. Nothing cancels in a matrix with the same places whose
-    numbers beside the diagonal are negative; this one is a graph's Laplacian, plus 1/n.
-    """
-    n, places = B.shape[0], B.copy()
-    places.data[:] = -1.0
-    places.setdiag(np.diff(B.indptr) - 1 + 1 / n)
-    L = factorise(places, order).L
-    in_rows, in_columns = np.bincount(L.indices), np.diff(L.indptr)
-    return int(in_rows.max()), int((in_rows + in_columns).max())
-
-
-def _skew(factors: SuperLU, D: Array) -> float:
-    """A number s with |v . L W v| <= s v . D v, for W = U - P L^T, by Gershgorin's theorem."""
-    root = np.empty(len(D))
-    root[factors.perm_c] = np.sqrt(D)
-    L, U = factors.L, factors.U
-    W = abs(U - sp.diags_array(U.diagonal()) @ L.T)
-    rows = abs(L) @ (W @ (1 / root)) / root
-    columns = W.T @ (abs(L).T @ (1 / root)) / root
-    return float(np.max(rows + columns) / 2)
+    order = reverse_cuthill_mckee(sp.csr_matrix(B), symmetric_mode=True)
+    B = B[order][:, order]
+    D = B.diagonal()
+    # entries (b + 1, n) of B on and below its diagonal, as LAPACK stores them
+    entries = sp.coo_array(sp.tril(B))
+    below = entries.row - entries.col
+    b = int(below.max(initial=0))
+    band = np.zeros((b + 1, len(D)))
+    band[below, entries.col] = entries.data
+    shift = (b + 28) * (b + 1) * EPS
+    try:
+        factor = cholesky_banded(band, lower=True)
+        inverse = LinearOperator(B.shape, lambda rhs: cho_solve_banded((factor, True), rhs))
+        # an error of 1e-8 in x is one of 1e-16 in the eigenvalue; twenty vectors would take twice as long
+        eigenvalue, x = eigsh(
+            B, k=1, sigma=0.0, OPinv=inverse, v0=np.ones(len(D)), ncv=min(10, len(D)), tol=1e-8
+        )
+        # v . shift D v counts twice, for what it takes is of second order, too
+        mu = EIGENVALUE_SHARE * float(eigenvalue[0] - 2 * shift * (D @ x[:, 0] ** 2))
+        band[0] -= mu + shift * D
+        cholesky_banded(band, lower=True)
+    except (LinAlgError, ArpackError):  # no factor, or the iteration for the eigenvalue does not end
+        return 0.0
+    return max(mu, 0.0)

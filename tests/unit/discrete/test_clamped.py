@@ -23,6 +23,8 @@ from unilateral.adaptive.level import contradict
 from unilateral.bounds import feasible, local_bounds
 from unilateral.bounds.clamped_ends import conflicts, unclamped
 from unilateral.bounds.constraint import constraint
+from unilateral.discrete import loads
+from unilateral.errors import InputError
 from unilateral.fem.form import Form, decoupled
 from unilateral.fem.p1 import gradients, stiffness_and_mass
 from unilateral.fem.quadrature import symmetric
@@ -260,6 +262,22 @@ def test_divergence_counts_by_friedrichs_constant(c, square, share, monkeypatch)
     )
     bound = replace(found, form=weaker, u_h=np.zeros_like(found.u_h)).local_bound.u
     assert (bound >= math.sqrt(square)) == (share == 1.0)
+
+
+@pytest.mark.parametrize("c", [0, 1e-30, 1])
+def test_with_a_reaction_friedrichs_constant_may_be_unknown(c, monkeypatch) -> None:
+    """u = x(2 - x)/2 for c = 0, and nearly so for the tiny c. Control: c = 0 needs the constant."""
+
+    def hide(mesh, clamped):
+        raise InputError("rounding hides it")
+
+    problem = ul.Problem(POLYGONS["square"], 1, -1, [0, 1, 2], c=c, u={3: 0})
+    monkeypatch.setattr(loads, "friedrichs", hide)
+    if c == 0:
+        with pytest.raises(InputError, match="rounding hides it"):
+            ul.solve(problem, h=1 / 4, H=1 / 2)
+    else:
+        assert math.isfinite(ul.solve(problem, h=1 / 4, H=1 / 2).bounds.u)
 
 
 def exact_reactions() -> tuple[object, dict[int, float]]:
