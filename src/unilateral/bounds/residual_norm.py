@@ -1,0 +1,110 @@
+"""The norm of a residual, from what it is made of on each triangle (supplement, S8.1).
+
+Let q be a flux with the normal flux of the residual R on the boundary, and rho = f + div q - c v, so that
+
+    R(z) = (f, z) + <q.n, z> - k (grad v, grad z) - c (v, z) = (q - k grad v, grad z) + (rho, z).
+
+On a triangle T with the longest edge d let m = ||q - k grad v||_T, let r be the norm of a part of rho that is
+constant, o that of one with mean 0, and E that of the rest. With j = 3.83.., the first zero of the Bessel
+function J_1, ||z - mean z||_T <= d/j |z|_{1,T}: this is the optimal constant in Poincare's inequality for
+triangles of that diameter (Laugesen and Siudeja, J. Differential Equations 249, 2010).
+
+(i) All of the mean-free part may count by the gradient of z or by z itself. So for every theta in [0, 1] the
+part of T in R is at most s ||z||_T, the energy norm on T, with
+
+    s^2 = (m + theta d/j o)^2 / k + ((r^2 + (1 - theta)^2 o^2)^{1/2} + E)^2 / c.
+
+If E = 0 the best theta is (o - m d/j c/k) / (o (1 + (d/j)^2 c/k)), or the nearest end of [0, 1]. (k/c)^{1/2} is below the size of T, integration by parts on T may bound that part by a smaller s'
+(`flux_residuals`). S_1 = (sum min(s, s')^2)^{1/2} bounds R on all of H^1.
+
+(ii) Where ||z||_0 <= C |z|_1, let M^2 = sum (m + d/j o)^2 and N^2 = sum (r + E)^2. For every gamma in [0, 1]
+the squared energy norm of z is at least (1 - gamma) k |z|_1^2 + (c + gamma k / C^2) ||z||_0^2. With the best
+gamma that gives
+
+    S_2 = (M + C N) / (k + c C^2)^{1/2} if c C M <= k N, else (M^2 / k + N^2 / c)^{1/2}.
+
+R is at most S = min(S_1, S_2). As c tends to 0, S tends to its value for c = 0.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from unilateral.arrays import Array, blocks
+from unilateral.fem.form import Form
+from unilateral.geometry.mesh import Mesh
+
+J = 3.8317
+"""The first zero of the Bessel function J_1, 3.83170597.., rounded down."""
+SUMS = 1e-9
+"""At most this fraction of a sum of squares is rounding."""
+UNDERFLOW = 1e-150
+"""Squares that underflow take less than this from the root of their sum.
+
+There are fewer than 10^9 triangles, and each square is off by 2^-1074 at most.
+"""
+
+
+class ResidualParts(NamedTuple):
+    """Norms of the parts of a residual on the triangles of a mesh, (m,) each, which include their rounding.
+
+    `misfit` is that of q - k grad v; `mean`, `oscillation` and `rest` are those of the parts of rho that are
+    constant, have mean 0, and may have any mean. `by_parts` is s' for the form that R is for. It is infinite
+    where it is not computed.
+    """
+
+    mesh: Mesh
+    misfit: Array
+    oscillation: Array
+    mean: Array
+    rest: Array
+    by_parts: Array
+
+    def squares(self, form: Form) -> Array:
+        """(m,) the squares of min(s, s')."""
+        squares = np.empty(len(self.misfit))
+        weight = form.c**-0.5 if form.c else math.inf
+        for of in blocks(len(squares)):
+            m, o, r, E = self.misfit[of], self.oscillation[of], self.mean[of], self.rest[of]
+            poincare = self.mesh.longest_edges[of] / J
+
+            # (i): theta is best for E = 0; s is infinite if c = 0 and the mean is not
+            ratio = form.c / form.k
+            theta = np.ones_like(o)
+            np.divide(o - ratio * poincare * m, o * (1 + ratio * poincare**2), out=theta, where=o > 0)
+            theta = np.clip(theta, 0.0, 1.0)
+            of_values = np.hypot(r, (1 - theta) * o) + E
+            np.multiply(of_values, weight, out=of_values, where=of_values > 0)
+            s = np.hypot((m + theta * poincare * o) / math.sqrt(form.k), of_values)
+            squares[of] = np.minimum(s, self.by_parts[of]) ** 2
+        return squares
+
+    def norm_on_H1(self, form: Form) -> float:
+        """S_1, a bound on R(z) over the energy norm of z for all z in H^1."""
+        return _root(float(self.squares(form).sum()))
+
+    def norm(self, form: Form) -> float:
+        """S, a bound on R(z) over the energy norm of z, for z that vanish on the form's clamped sides."""
+        on_H1, C = self.norm_on_H1(form), form.friedrichs
+        if math.isinf(C):
+            return on_H1
+
+        # (ii)
+        of_gradients = of_values = 0.0
+        for of in blocks(len(self.misfit)):
+            poincare = self.mesh.longest_edges[of] / J
+            of_gradients += float(np.sum((self.misfit[of] + poincare * self.oscillation[of]) ** 2))
+            of_values += float(np.sum((self.mean[of] + self.rest[of]) ** 2))
+        M, N = _root(of_gradients), _root(of_values)
+        k, c = form.k, form.c
+        if c * C * M <= k * N:
+            return min(on_H1, (M + C * N) / math.hypot(math.sqrt(k), math.sqrt(c) * C))
+        return min(on_H1, math.hypot(M / math.sqrt(k), N / math.sqrt(c)))
+
+
+def _root(squares: float) -> float:
+    """The root of a sum of squares, with its rounding."""
+    return (1 + SUMS) * math.sqrt(squares) + UNDERFLOW
