@@ -169,7 +169,14 @@ def test_before_a_clamped_side_nodes_are_counted_from_its_vertex(reach, nodes):
 def test_the_depth_is_the_smaller_one_of_the_layer_and_friedrichs_constant():
     """C |v|_1 bounds ||v||_0, and c ||v||_0^2 is in the energy: N is equivalent to the energy norm, c = 0 or not."""
     known = clamps([0] * 4, [1] * 4)  # C = 2
-    for k, c, depth in ((1, 0, 2.0), (9, 0, 2.0), (9, 1, 2.0), (1, 1e-30, 2.0), (1, 4, 0.5), (1e-50, 1e50, 1e-50)):
+    for k, c, depth in (
+        (1, 0, 2.0),
+        (9, 0, 2.0),
+        (9, 1, 2.0),
+        (1, 1e-30, 2.0),
+        (1, 4, 0.5),
+        (1e-50, 1e50, 1e-50),
+    ):
         assert known._replace(form=known.form._replace(k=k, c=c)).depth == pytest.approx(depth, rel=1e-14)
     assert unclamped(4).depth == 1.0
     assert not none(4).reach.any()

@@ -14,6 +14,8 @@ import sympy
 from known_solutions import fluxes
 from mpmath import mp, mpf
 from symbolic import X, Y, plain
+from unilateral.problems.scaled import scaled
+from unilateral.problems.units import make_units
 
 from unilateral.bounds import local_bounds, sharp_bounds
 from unilateral.bounds.equilibrated_flux import flows
@@ -36,8 +38,6 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.triangulation_checks import round_off
 from unilateral.problems.problem import Problem
-from unilateral.problems.scaled import scaled
-from unilateral.problems.units import make_units
 
 KITE = np.array([[0, 0], [1, 0], [1, 0.7], [0, 1.3]])
 
