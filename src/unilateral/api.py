@@ -35,11 +35,10 @@ from unilateral.problems.build import OnSides, problem_of_arguments
 from unilateral.problems.named import case, find_problem, load
 from unilateral.problems.problem_file import polygon_of
 from unilateral.problems.reading import Given
-from unilateral.problems.scaled import scaled
 from unilateral.solution import certification
 from unilateral.solution.faults import tell_faults
 from unilateral.solution.sizes import KINDS, Size, check_kind, number, put_on_sizes
-from unilateral.solution.solution import Solution, make_solution
+from unilateral.solution.solution import Solution
 from unilateral.solution.solver import Solver, check_stop
 from unilateral.solution.summary import LINEAR
 from unilateral.solvers.stop import Stop
@@ -230,7 +229,7 @@ def solve(
         _check_sizes_alone(limits, absolute=absolute, dry_run=dry_run, norm=other_norm)
         stop = stop or Stop()
         problem, triangulation, partition = put_on_sizes(problem, h, H, mesh, stop)
-        solution = make_solution(solve_on(scaled(problem), triangulation, partition, stop), problem)
+        solution = Solution(problem, solve_on(problem, triangulation, partition, stop))
         tell_faults(solution, on_own_mesh)
         return solution
     if h is not None or H is not None or isinstance(mesh, Mesh):
@@ -259,8 +258,8 @@ def solve(
     ):
         raise InputError(f"'{problem.name}': {LINEAR}; ask for an accuracy of u, in the norm h1")
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
-        levels = search(scaled(problem), goal, tell, dry_run, begin)
-    solution = make_solution(levels.best.solved, problem, levels)
+        levels = search(problem, goal, tell, dry_run, begin)
+    solution = Solution(problem, levels.best.solved, levels)
     if not dry_run:
         tell_faults(solution)
     return solution

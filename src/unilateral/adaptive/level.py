@@ -35,7 +35,7 @@ class Level:
     Parameters
     ----------
     solved
-        The solution, on the scaled domain.
+        The solution.
     goal
         What is wanted.
     predicted

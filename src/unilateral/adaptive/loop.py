@@ -58,7 +58,7 @@ from unilateral.geometry.adapted import divided as divided_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import halved_cells, natural_kind
-from unilateral.problems.scaled import Data
+from unilateral.problems.problem import Problem
 from unilateral.system.memory import forget_peak, peak_mb
 
 INTERRUPTED = "interrupted"
@@ -118,7 +118,7 @@ def make_search(
 
 
 def search(
-    problem: Data,
+    problem: Problem,
     goal: Goal,
     tell: Callable[[Level], None] | None = None,
     dry_run: bool = False,
@@ -129,7 +129,7 @@ def search(
     Parameters
     ----------
     problem
-        The problem on its scaled domain.
+        The problem, whose functions have values.
     goal
         The accuracy, and the limits. Without a limit of its own, the loop ends as soon as the default ones
         do not suffice by far.
@@ -278,7 +278,7 @@ def next_division(levels: Sequence[Level], dry_run: bool = False) -> Division | 
 
 
 def discretise_on(
-    mesh: AdaptedMesh, problem: Data, goal: Goal, before: DiscreteProblem | None, levels: Sequence[Level]
+    mesh: AdaptedMesh, problem: Problem, goal: Goal, before: DiscreteProblem | None, levels: Sequence[Level]
 ) -> DiscreteProblem:
     """The discrete problem on a mesh, from that `before` and the last level's solution, if there are any."""
     if wants_multigrid(goal.stop, math.inf):

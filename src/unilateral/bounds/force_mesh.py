@@ -14,7 +14,6 @@ from unilateral.geometry import exact_mesh
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, balanced, uniform
-from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import natural_kind, structured
 
 FEW, LARGE = 250, 2000
@@ -45,13 +44,9 @@ def condensed(mesh: Mesh, cells: Partition, load: Array, clamps: Clamps) -> tupl
     that is too small is enlarged before it is condensed.
     """
     try:
-        small = enlarged = _reached(small_mesh(mesh, cells, load), clamps)
-        polygon = small.polygon
-        exact_mesh.check(polygon, small.points, small.triangles, small.distortion)
-        if polygon.diameter < SMALL:
-            vertices = SMALL / polygon.diameter * polygon.vertices
-            enlarged = meshes.similar(small, Polygon(vertices, polygon.name))
-        return small, condense(enlarged, Form(c=clamps.weight))
+        small = _reached(small_mesh(mesh, cells, load), clamps)
+        exact_mesh.check(small.polygon, small.points, small.triangles, small.distortion)
+        return small, condense(small, Form(clamps.form.k, clamps.weight))
     except InputError:
         return mesh, None
 

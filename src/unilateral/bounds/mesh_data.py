@@ -12,7 +12,7 @@ from unilateral.bounds.source import Source, enclose_source
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import edge_load
 from unilateral.geometry.mesh import Mesh
-from unilateral.problems.scaled import Data
+from unilateral.problems.problem import Problem
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +46,7 @@ class MeshData:
         return self.source.load + edge_load(self.mesh, self.tau.ends)
 
 
-def enclose_data(problem: Data, mesh: Mesh, form: Form, source: Source | None = None) -> MeshData:
+def enclose_data(problem: Problem, mesh: Mesh, form: Form, source: Source | None = None) -> MeshData:
     """f, g and q of a problem, enclosed on a mesh; the `form` is the problem's on that mesh.
 
     If `source` is given it is f on the mesh, which then is not enclosed again.

@@ -11,7 +11,6 @@ from __future__ import annotations
 import gzip
 import json
 import os
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,10 +23,10 @@ from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.form import Form, decoupled
 from unilateral.fem.linear_systems import dissected
 from unilateral.fem.p1 import load_vector, stiffness_and_mass
+from unilateral.formulas.expression import ZERO
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.piecewise import ORDER, SIGNS, on_intervals
 from unilateral.problems.problem import Problem
-from unilateral.problems.units import Units
 from unilateral.system.files import replacing
 
 FORMAT = "unilateral certificate 1"
@@ -44,7 +43,7 @@ FIELD_MARGIN = 1e-9
 
 
 class JudgedFunction(NamedTuple):
-    """A function `v` (n,) on the user's mesh, and what proves a bound on its error, in the user's units.
+    """A function `v` (n,) on a mesh, and what proves a bound on its error.
 
     `flux` (2, E) has the flows and tilts of p on edges, as `equilibrated` gives them. `trace` (2 nb,) is
     v + y at the boundary nodes, then at the midpoints of boundary edges; it is raised to g when written.
@@ -56,8 +55,8 @@ class JudgedFunction(NamedTuple):
     trace: Array
 
 
-def judge_solution(solved: DiscreteSolution, mesh: Mesh, units: Units) -> JudgedFunction:
-    """What the cheap bound of a solution rests on, on the user's mesh.
+def judge_solution(solved: DiscreteSolution) -> JudgedFunction:
+    """What the cheap bound of a solution rests on.
 
     If c = 0, the flux is balanced: a checker multiplies the mean of f + div p on triangles by a constant that
     is less sharp than the program's. It is what the iteration left of the discrete equations.
@@ -66,15 +65,13 @@ def judge_solution(solved: DiscreteSolution, mesh: Mesh, units: Units) -> Judged
     assert bound is not None  # the data of a user's problem are known
     assert flux is not None
     assert data is not None
-    scaled, form = solved.mesh, solved.form
+    mesh, form = solved.mesh, solved.form
     if not form.c:
-        means = data.source.moments().sum(axis=1) / scaled.areas
-        flux = flux + flux_of_source(scaled, form.clamped, means + divergence(scaled, flux))
-    raised, bubbles = solved.u_h[scaled.boundary] + bound.lift[0], bound.lift[1]
-    trace = units.value * np.append(raised, 0.5 * (raised + np.roll(raised, -1)) + bubbles)
-    # Rounding could number the edges of the user's mesh in another order
-    numbered = replace(mesh, known=scaled.triangulation)
-    return JudgedFunction(numbered, units.value * solved.u_h, units.force * flux, trace)
+        means = data.source.moments().sum(axis=1) / mesh.areas
+        flux = flux + flux_of_source(mesh, form.clamped, means + divergence(mesh, flux))
+    raised, bubbles = solved.u_h[mesh.boundary] + bound.lift[0], bound.lift[1]
+    trace = np.append(raised, 0.5 * (raised + np.roll(raised, -1)) + bubbles)
+    return JudgedFunction(mesh, solved.u_h, flux, trace)
 
 
 def make_certificate(problem: Problem, judged: JudgedFunction) -> dict[str, Any]:
@@ -104,7 +101,7 @@ def make_certificate(problem: Problem, judged: JudgedFunction) -> dict[str, Any]
         "flux": round_to_grid(edge_values(mesh, judged.flux, contact), VALUE_BITS).ravel().tolist(),
         "trace": raise_trace(problem, judged, places, contact).tolist(),
     }
-    if not problem.units.reaction:
+    if problem.c == ZERO:
         field = edge_values(mesh, friedrichs_field(mesh, problem.clamped_sides))
         record["field"] = round_to_grid(field, VALUE_BITS).ravel().tolist()
     return record

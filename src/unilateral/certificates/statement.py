@@ -46,8 +46,8 @@ def state_problem(problem: Problem) -> dict[str, Any]:
             raise _unread_error(f"{place}:", "it is no quadratic polynomial with fractions")
         sides.append({kind: function})
     return {
-        "k": _state_number(problem.units.k, f"{name}, field k"),
-        "c": _state_number(problem.units.c, f"{name}, field c"),
+        "k": _state_number(problem.k, f"{name}, field k"),
+        "c": _state_number(problem.c, f"{name}, field c"),
         "polygon": [[str(x), str(y)] for x, y in vertices],
         "f": _state_function(problem.f, f"{name}, field f", lambda terms: _degree(terms) <= 2),
         "sides": sides,

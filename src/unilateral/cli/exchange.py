@@ -19,6 +19,7 @@ from unilateral.exchange import score as scores
 from unilateral.exchange.equation_residual import NAMES
 from unilateral.exchange.exported_folder import exported, foreign
 from unilateral.exchange.score import Rate, Scored
+from unilateral.formulas.expression import ZERO
 from unilateral.geometry.partition import uniform
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
@@ -132,7 +133,7 @@ def _numbers(found: dict[str, float]) -> dict[str, float | None]:
 
 def _table(case: Problem, scored: list[Scored]) -> Iterator[str]:
     """The errors, with this project's own below them."""
-    of_u = f"u in {NAMES[case.reaction > 0][1]}"
+    of_u = f"u in {NAMES[case.c != ZERO][1]}"
     yield f"{'level':10} {'h':>9} {of_u:>10} {'lambda in H^(-1/2)':>22} {'in L2':>10}  multiplier"
     for one in scored:
         rows = ((one.errors, one.given.level.name, one.given.kind), (one.own, "  own", "constant on cells"))

@@ -14,7 +14,7 @@ from unilateral.arrays import Array
 from unilateral.errors import InputError, shown
 from unilateral.formulas.decimals import down, up
 from unilateral.formulas.exact_numbers import rounded
-from unilateral.formulas.expression import ZERO, Expression
+from unilateral.formulas.expression import ONE, ZERO, Expression
 from unilateral.formulas.formula import compile_numpy
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem, as_formula
@@ -67,11 +67,11 @@ def check(name: str, picture: str | None) -> str:
 
 def describe(problem: Problem) -> Iterator[str]:
     """The lines that `check` prints."""
-    polygon, units = problem.polygon, problem.units
-    if units.reaction:
-        yield f"{problem.name}: -k lap u + c u = f with k = {units.k} and c = {units.c}"
+    polygon = problem.polygon
+    if problem.c != ZERO:
+        yield f"{problem.name}: -k lap u + c u = f with k = {problem.k} and c = {problem.c}"
     else:
-        yield f"{problem.name}: -k lap u = f with k = {units.k}"
+        yield f"{problem.name}: -k lap u = f with k = {problem.k}"
     yield f"  polygon     {polygon.n_sides} sides, area {polygon.area:.6g}, perimeter {polygon.perimeter:.6g}"
     lower, upper = problem.range_of_f
     largest = max(abs(lower), abs(upper))
@@ -85,9 +85,9 @@ def describe(problem: Problem) -> Iterator[str]:
         yield f"  contact     {LINEAR}"
     if problem.least > -np.inf:
         size = abs(problem.least) if problem.clamped_sides else largest
-        least = outward(problem.least, size / (rounded(units.c) if units.reaction else 1.0), down)
+        least = outward(problem.least, size / (rounded(problem.c) if problem.c != ZERO else 1.0), down)
         reason = "as f >= 0"
-        if units.reaction:
+        if problem.c != ZERO:
             reason = "a lower bound on inf f / c" + " and u on clamped sides" * bool(problem.clamped_sides)
         yield f"  guaranteed  u >= {least}, {reason}, rounding included"
     idle = problem.idle_sides()
@@ -104,7 +104,7 @@ def _condition(problem: Problem, side: int) -> str:
     least, largest = (x if abs(x) > ROUND_OFF * size else 0.0 for x in (values.min(), values.max()))
     text = _formula(formula, f"from {least:.4g} to {largest:.4g}")
     if side in problem.free_sides:
-        return f"free, {'' if problem.units.k.rational == 1 else 'k '}du/dn = {text}"
+        return f"free, {'' if problem.k == ONE else 'k '}du/dn = {text}"
     return f"clamped, u = {text}" if side in problem.clamped_sides else f"u >= {text}"
 
 

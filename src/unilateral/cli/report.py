@@ -19,7 +19,7 @@ from unilateral.bounds.forces import Force
 from unilateral.cli.guard import as_options
 from unilateral.errors import counted
 from unilateral.formulas.decimals import down, guaranteed, interval, up
-from unilateral.problems.units import Units
+from unilateral.problems.problem import Problem
 from unilateral.solution.bounds import Bounds, Named, energy, relative, sizes
 from unilateral.solution.summary import LINEAR
 from unilateral.system.files import sized
@@ -41,9 +41,9 @@ def head(found: dict[str, Any]) -> str:
     return f"{found['problem']}: h = {found['h']:.6g}, H = {found['H']:.6g}, h/H = {ratio:.4g}"
 
 
-def errors_of(units: Units) -> Named:
+def errors_of(problem: Problem) -> Named:
     """The names of the errors that are bounded."""
-    return Named(energy(units, "u - u_h"), "||lambda - lambda_H||_-1/2")
+    return Named(energy(problem, "u - u_h"), "||lambda - lambda_H||_-1/2")
 
 
 class ForceRow(NamedTuple):
@@ -60,7 +60,7 @@ def table(
     least: dict[str, float],
     forces: Sequence[ForceRow],
     doubt: str,
-    units: Units,
+    problem: Problem,
 ) -> str:
     """Rows for a reader: what was found with its bounds.
 
@@ -83,13 +83,13 @@ def table(
         of_beta = f"as beta >= {down(found['beta'], '.3f')}"
         rows["that of lambda_H"] = f"{guaranteed(of_lambda, -math.inf, bound)}, {of_beta}"
     if not _unknown(found["h1_error"]):
-        rows |= _errors(found, unique, errors_of(units))
+        rows |= _errors(found, unique, errors_of(problem))
     if bounds is not None:
         label = "guaranteed" if bounds.u < math.inf else "error of u"
-        rows[label] = _bounded("h1", bounds.u, least["h1"], units)
+        rows[label] = _bounded("h1", bounds.u, least["h1"], problem)
         if found["multipliers"]:
             label = "also guaranteed" if bounds.multiplier < math.inf else "error of lambda"
-            rows[label] = _bounded("hm12", bounds.multiplier, least["hm12"], units)
+            rows[label] = _bounded("hm12", bounds.multiplier, least["hm12"], problem)
         enclosed = f"at most {up(bounds.unknown, '.1e')} for approximating f, g and q"
         rows["these bounds include"] = f"all rounding errors, and {enclosed}"
     rows |= _contact(found["contact"]) if found["multipliers"] else {"contact": LINEAR}
@@ -101,14 +101,14 @@ def table(
     return "\n".join(f"  {name:27} {value}" for name, value in rows.items())
 
 
-def _bounded(norm: str, bound: float, size: float, units: Units) -> str:
+def _bounded(norm: str, bound: float, size: float, problem: Problem) -> str:
     """A bound on the error in a norm, and, where that is known to be `size` or more, on the relative one."""
-    error = getattr(errors_of(units), norm)
+    error = getattr(errors_of(problem), norm)
     if not bound < math.inf:
         return f"{error} is unknown"
     text = f"{error} <= {up(bound, DIGITS)}"
     if size > 0:
-        share, named = up(relative(bound, size), ".3g"), getattr(sizes(units), norm)
+        share, named = up(relative(bound, size), ".3g"), getattr(sizes(problem), norm)
         text += f" <= {share} {named}, {named} >= {down(size, DIGITS)}"
     return text
 
@@ -150,19 +150,19 @@ def _errors(found: dict[str, Any], unique: bool, names: Named) -> dict[str, str]
     return {names.h1: f" = {number('h1_error')}"} | (of_lambda if found["multipliers"] else {})
 
 
-def level_head(name: str, first: Level, units: Units) -> str:
+def level_head(problem: Problem, first: Level) -> str:
     """What is wanted, the columns' names and the first level."""
     columns, goal = "".join(f"{column:>12}" for column in COLUMNS), first.goal
-    error, size = (getattr(of, goal.norm) for of in (errors_of(units), sizes(units)))
-    wanted = f"{name}: {error} <= {goal.accuracy:g}" + f" {size}" * (not goal.absolute)
-    return "\n".join([wanted, columns, level_line(first, units.length)])
+    error, size = (getattr(of, goal.norm) for of in (errors_of(problem), sizes(problem)))
+    wanted = f"{problem.name}: {error} <= {goal.accuracy:g}" + f" {size}" * (not goal.absolute)
+    return "\n".join([wanted, columns, level_line(first)])
 
 
-def level_line(level: Level, length: float) -> str:
-    """The row of a level. Sizes are in the user's units: 1 in the level's is a `length` in these."""
+def level_line(level: Level) -> str:
+    """The row of a level."""
     solved, mesh = level.solved, level.solved.mesh
     sizes = mesh.h, float(np.diff(mesh.s).min()), level.partition.H
-    shown = [f"{length * size:.4g}" for size in sizes]
+    shown = [f"{size:.4g}" for size in sizes]
     shown += [f"{level.unknowns}", f"{len(solved.cells)}", f"{solved.result.iterations:.4g}"]
     wanted = down(level.target, ".4g") if level.target else f"{level.nothing:.4g}"
     shown += [up(level.algebraic, ".4g"), up(level.total, ".4g"), wanted]
@@ -174,12 +174,12 @@ def next_line(level: Level) -> str:
     return f"  next: about {level.next_unknowns:.2g} unknowns, {level.next_seconds:.2g} s"
 
 
-def ending(search: Search, units: Units) -> str:
+def ending(search: Search, problem: Problem) -> str:
     """Whether the accuracy is certified, and if not what ended the search, by default the budget."""
     best, norm = search.best, search.best.goal.norm
     if not search.believed:
         return f"  NOT certified, {search.ended}: no bound is left"
-    reached = _bounded(norm, best.total, best.size, units)
+    reached = _bounded(norm, best.total, best.size, problem)
     if best.certified:
         return f"  certified: {reached}"
     bound = best.solved.bound(best.goal.sharp)

@@ -38,6 +38,7 @@ from unilateral.cli.report import (
 )
 from unilateral.errors import InputError, counted
 from unilateral.formulas.decimals import fields, interval
+from unilateral.formulas.expression import ONE, ZERO
 from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
 from unilateral.solution.bounds import Bounds, energy, too_large
@@ -158,13 +159,13 @@ def level_printer(problem: Problem, by_default: bool) -> Callable[[Level], None]
 
     On a terminal it announces a next level that is expected to take long.
     """
-    first, units = True, problem.units
+    first = True
 
     def print_level(level: Level) -> None:
         nonlocal first
         if first and by_default:
             say(BY_DEFAULT)
-        say(level_head(problem.name, level, units) if first else level_line(level, units.length))
+        say(level_head(problem, level) if first else level_line(level))
         first = False
         if level.next_seconds >= LONG and sys.stderr.isatty():
             print(next_line(level), file=sys.stderr, flush=True)
@@ -185,7 +186,7 @@ def report(
     After an interrupt true errors and forces are left out. One while they are computed ends this only where
     no accuracy was asked for. Seconds count from `begin` on.
     """
-    search, solved, units = solution.search, solution.solved, solution.problem.units
+    search, solved, problem = solution.search, solution.solved, solution.problem
     refusal = too_large(solution, sharp)
     bounds = None
     if refusal:
@@ -199,7 +200,7 @@ def report(
         if withdrawn:
             tell(f"{counted(withdrawn, 'bound')} {WITHDRAWN}")
         if not json:
-            say(ending(search, units))
+            say(ending(search, problem))
     errors, forces = None, []
     if not interrupted:
         try:
@@ -232,12 +233,12 @@ def report(
         say(head(record))
     if solved.foreign:
         say(f"  {'u':27} of another program; lambda_H and the contact set are this program's")
-    if not units.reaction:
-        say(f"  {WITHOUT_REACTION.format(energy(units, 'v'))}")
-    elif not units.trivial:
+    if problem.c == ZERO:
+        say(f"  {WITHOUT_REACTION.format(energy(problem, 'v'))}")
+    elif not problem.k == problem.c == ONE:
         say(f"  {NORMS_WITH_COEFFICIENTS}")
     least = {norm: solution.bounded.size(norm, sharp) if bounds else math.nan for norm in NORMS}
-    say(table(record, bounds, least, forces, doubt, units))
+    say(table(record, bounds, least, forces, doubt, problem))
     if bounds and not (search or errors or solved.foreign) and is_too_coarse(solution, bounds):
         say(f"  {'hint':27} {TOO_COARSE}{'; it makes its own meshes' * on_own_mesh}")
     return record, interrupted

@@ -15,12 +15,10 @@ from unilateral.errors import InputError, IterationWarning
 from unilateral.fem.condense import REFINED, condense
 from unilateral.fem.form import Form
 from unilateral.fem.spaces import MixedSpaces, mixed_spaces
-from unilateral.geometry import mesh as meshes
-from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
-from unilateral.problems.scaled import Data
+from unilateral.problems.problem import Problem
 from unilateral.solvers.stop import Stop
 from unilateral.system.memory import available_mb
 
@@ -49,15 +47,12 @@ DENSE = 64
 """Bytes per entry of A_3 or S: about eight matrices of that size are held."""
 
 
-def choose_spaces(problem: Data, mesh: Mesh, partition: Partition, stop: Stop) -> Spaces:
+def choose_spaces(problem: Problem, mesh: Mesh, partition: Partition, stop: Stop) -> Spaces:
     """The spaces of a problem, on nested levels where these pay and can follow the partition.
 
-    The mesh and the partition may be in other units of length than the problem. If levels do not pay, the
-    spaces are condensed ones. An algorithm or a rho that is asked for decides. Raises InputError where
-    multigrid is asked for but not possible.
+    If levels do not pay, the spaces are condensed ones. An algorithm or a rho that is asked for decides.
+    Raises InputError where multigrid is asked for but not possible.
     """
-    mesh = meshes.similar(mesh, problem.polygon)
-    partition = partitions.similar(partition, problem.polygon)
     form = form_of(problem, mesh)
     if wants_multigrid(stop, mesh.n_nodes):
         from unilateral.discrete.multilevel import nested_spaces  # and with it PyAMG
@@ -73,7 +68,7 @@ def choose_spaces(problem: Data, mesh: Mesh, partition: Partition, stop: Stop) -
     return condensed_spaces(mesh, partition, form)
 
 
-def discretise_on_spaces(problem: Data, spaces: Spaces, source: Source | None = None) -> DiscreteProblem:
+def discretise_on_spaces(problem: Problem, spaces: Spaces, source: Source | None = None) -> DiscreteProblem:
     """The problem on its spaces, with f as the `source` has it, if that is known."""
     if isinstance(spaces, MixedSpaces):
         return on_spaces(problem, spaces, source)
@@ -82,7 +77,7 @@ def discretise_on_spaces(problem: Data, spaces: Spaces, source: Source | None = 
     return on_levels(problem, spaces, source)
 
 
-def solve_on(problem: Data, mesh: Mesh, partition: Partition, stop: Stop) -> DiscreteSolution:
+def solve_on(problem: Problem, mesh: Mesh, partition: Partition, stop: Stop) -> DiscreteSolution:
     """(u_h, lambda_H) on a mesh and a partition, as `choose_spaces` takes them."""
     discrete = discretise_on_spaces(problem, choose_spaces(problem, mesh, partition, stop))
     with warnings.catch_warnings(action="ignore", category=IterationWarning):

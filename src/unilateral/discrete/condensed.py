@@ -24,7 +24,7 @@ from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import Exact, exact
-from unilateral.problems.scaled import Data
+from unilateral.problems.problem import Problem
 from unilateral.solvers.algebraic_bound import certified
 from unilateral.solvers.dispatch import iterate
 from unilateral.solvers.stop import Stop
@@ -170,12 +170,12 @@ def with_solution(spaces: MixedSpaces, exact: Exact) -> CondensedProblem:
     return replace(with_load(spaces, ritz.load, ritz.trace, exact.means.g_means, ritz.held), exact=exact)
 
 
-def discretise(problem: Data, mesh: Mesh, partition: Partition) -> CondensedProblem:
+def discretise(problem: Problem, mesh: Mesh, partition: Partition) -> CondensedProblem:
     """The problem on one mesh and one partition, factorised, without multipliers on its free sides."""
     return on_spaces(problem, mixed_spaces(condense(mesh, form_of(problem, mesh)), partition))
 
 
-def on_spaces(problem: Data, spaces: MixedSpaces, source: Source | None = None) -> CondensedProblem:
+def on_spaces(problem: Problem, spaces: MixedSpaces, source: Source | None = None) -> CondensedProblem:
     """The problem on its spaces, with f as the `source` has it, if that is known.
 
     The data of a case are not enclosed, which takes longer than to solve it. Raises InputError where S is 0.

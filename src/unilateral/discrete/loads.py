@@ -9,20 +9,21 @@ from unilateral.arrays import Array
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import by_parts, case_moments
 from unilateral.fem.poincare import friedrichs
+from unilateral.formulas.exact_numbers import rounded
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.case import ExactSolution
-from unilateral.problems.scaled import Data
+from unilateral.problems.problem import Problem
 
 
-def form_of(problem: Data, mesh: Mesh) -> Form:
+def form_of(problem: Problem, mesh: Mesh) -> Form:
     """The form of a problem. The mesh serves for the constant that it needs where a side is clamped."""
-    clamped = problem.clamped_sides
-    c = problem.reaction
-    known = 1.0 if c else math.inf
-    C = friedrichs(mesh, clamped, known) if clamped else math.inf
-    return Form(c=c, clamped=clamped, free=problem.free_sides, friedrichs=C)
+    form = Form(rounded(problem.k), rounded(problem.c), problem.clamped_sides, problem.free_sides)
+    if not form.clamped:
+        return form
+    known = form.value_constant * math.sqrt(form.k) if form.c else math.inf
+    return form._replace(friedrichs=friedrichs(mesh, form.clamped, known))
 
 
 def case_load(case: ExactSolution, mesh: Mesh) -> Array:
@@ -30,7 +31,7 @@ def case_load(case: ExactSolution, mesh: Mesh) -> Array:
     return by_parts(mesh, partial(case_moments, case))
 
 
-def obstacle_means(problem: Data, cells: Partition) -> Array:
+def obstacle_means(problem: Problem, cells: Partition) -> Array:
     """(cells,) the means of g: of a case exact up to rounding, else of the enclosure."""
     if problem.exact:
         return cell_means(problem.exact, cells).g_means

@@ -30,7 +30,7 @@ from unilateral.geometry.adapted import AdaptedMesh, refined
 from unilateral.geometry.adapted import adapted as adapted_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
-from unilateral.problems.scaled import Data
+from unilateral.problems.problem import Problem
 from unilateral.solvers.multigrid import IN_L2, Multigrid, MultigridResult, multigrid
 from unilateral.solvers.multigrid_bounds import dual_norm_below
 from unilateral.solvers.stop import Stop
@@ -140,7 +140,7 @@ def nested_spaces(
 
 
 def on_levels(
-    problem: Data, spaces: NestedSpaces, source: Source | None = None, guess: Array | None = None
+    problem: Problem, spaces: NestedSpaces, source: Source | None = None, guess: Array | None = None
 ) -> MultilevelProblem:
     """The problem on its spaces, with f as the `source` has it, if that is known.
 
@@ -187,7 +187,7 @@ def _extended(clamped_values: Array, mesh: Mesh, form: Form) -> Array:
 
 
 def discretise_nested(
-    problem: Data,
+    problem: Problem,
     of: AdaptedMesh,
     before: MultilevelProblem | None = None,
     last: DiscreteSolution | None = None,
@@ -213,7 +213,7 @@ def discretise_nested(
 
 
 def refinements(
-    problem: Data, mesh: Mesh, stop: Stop, chosen: Callable[[DiscreteSolution], Index], most: float
+    problem: Problem, mesh: Mesh, stop: Stop, chosen: Callable[[DiscreteSolution], Index], most: float
 ) -> Iterator[DiscreteSolution]:
     """The solutions on a mesh with two boundary edges in each cell, and on finer ones, up to `most` unknowns.
 

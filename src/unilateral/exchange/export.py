@@ -26,6 +26,8 @@ from unilateral.exchange.case_formulas import DEFINITIONS, formulas
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import case_moments, load_vector
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
+from unilateral.formulas.exact_numbers import rounded
+from unilateral.formulas.expression import ZERO
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.files import write_mesh
 from unilateral.geometry.mesh import Mesh, refine
@@ -111,7 +113,7 @@ def _problem(case: Problem) -> dict[str, Any]:
         "free_sides": list(case.free_sides),
         "clamped_sides": list(case.clamped_sides),
         "k": 1,
-        "c": int(case.reaction),
+        "c": int(rounded(case.c)),
         "hypotheses": exact.declaration["hypotheses"],
         "definitions": DEFINITIONS,
         **formulas(exact),
@@ -190,6 +192,6 @@ def _readme(case: Problem, found: dict[str, Any]) -> str:
         levels="\n".join(rows),
         free=FREE.format(", ".join(map(str, case.free_sides))) if case.free_sides else "",
         clamped=CLAMPED.format(sides=listed(case.clamped_sides), values=", ".join(values)) if values else "",
-        norm=energy(case.units, "v"),
-        **{name: term if case.reaction else "" for name, term in TERMS.items()},
+        norm=energy(case, "v"),
+        **{name: term if case.c != ZERO else "" for name, term in TERMS.items()},
     )

@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from unilateral import __version__
 from unilateral.exchange.boundary_function import has_obstacle, obstacle
 from unilateral.exchange.score import Rate, Scored, at_boundary, error_in, sentences, texts, verdict
+from unilateral.formulas.expression import ZERO
 from unilateral.problems.problem import Problem
 from unilateral.solution.plot import svg
 
@@ -31,7 +32,7 @@ def page(case: Problem, scored: Sequence[Scored], rates: dict[str, Rate]) -> str
     ladder = sorted(scored, key=lambda one: -one.given.level.mesh.h)
     titles, drawn = (
         of | {"h1": of["h1"].format(norm)}
-        for of, norm in zip((TITLES, DRAWN), NORMS[case.reaction > 0], strict=True)
+        for of, norm in zip((TITLES, DRAWN), NORMS[case.c != ZERO], strict=True)
     )
     template = resources.files("unilateral.exchange") / "page.template.html"
     faults = [escape(sentence) for sentence in sentences(scored)]

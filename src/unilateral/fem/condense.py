@@ -99,7 +99,7 @@ def matrix(mesh: Mesh, form: Form = H1) -> sp.csr_array:
 def condense(mesh: Mesh, form: Form = H1) -> Condensed:
     """Factorise A on the mesh and condense it to the boundary nodes.
 
-    Raises InputError where the domain is so small that rounding loses the constants, if no side is clamped.
+    Raises InputError where c is so small that rounding loses the constants, if no side is clamped.
     """
     if mesh.halvings < REFINED:
         return by_sparse(mesh, dissected(matrix(mesh, form), mesh.boundary), form)
@@ -118,16 +118,15 @@ def by_sparse(mesh: Mesh, factors: Sparse, form: Form = H1) -> Condensed:
 def _check(mesh: Mesh, factors: Sparse | Recursive, form: Form) -> None:
     """Raises InputError as `condense`."""
     if not form.clamped:
-        check_constants(mesh, factors.solve(form.c * lumped_mass(mesh)))
+        check_constants(mesh, form, factors.solve(form.c * lumped_mass(mesh)))
 
 
-def check_constants(mesh: Mesh, u: Array) -> None:
+def check_constants(mesh: Mesh, form: Form, u: Array) -> None:
     """Raises InputError unless u, with (u, v) = c (1, v)_0, is 1: where c is small k K + c M loses c M."""
     if not np.max(np.abs(u - 1)) <= CONSTANTS:
         polygon = mesh.polygon
         raise InputError(
             f"polygon '{polygon.name}' of diameter {polygon.diameter:.3g} with boundary edges down to "
-            f"{np.diff(mesh.s).min():.3g} is too small for double precision, or too thin; lengths "
-            "are multiples of (k/c)^(1/2) for the fields k and c; choose these so that the diameter is about "
-            "1, or take longer edges"
+            f"{np.diff(mesh.s).min():.3g}: c = {form.c:.3g} is too small beside k = {form.k:.3g} for double "
+            "precision, as no side is clamped; take a larger c, clamp a side, or take longer edges"
         )

@@ -29,7 +29,7 @@ def shifts(polygon: Polygon, places: Array, side: Index, s: Array) -> Array:
     t = (s - polygon.starts[side]) / np.diff(polygon.starts)[side]
     along = t[:, None] * polygon.edges[side]
     off = places - polygon.vertices[side] - along
-    return polygon.doubt + np.hypot(*off.T) + 4 * EPS * np.hypot(*along.T)
+    return np.hypot(*off.T) + 4 * EPS * np.hypot(*along.T)
 
 
 def distortion(shift: Array, triangles: Index, longest: Array, areas: Array) -> Array:

@@ -120,7 +120,7 @@ class Mesh:
     @cached_property
     def shift(self) -> Array:
         """(n,) how far the nodes may be from those of the `exact` mesh."""
-        shift, places = np.full(self.n_nodes, self.polygon.doubt), self.points[self.boundary]
+        shift, places = np.zeros(self.n_nodes), self.points[self.boundary]
         shift[self.boundary] = exact_mesh.shifts(self.polygon, places, self.side, self.s[:-1])
         return shift
 
@@ -153,16 +153,6 @@ def from_arrays(
     mesh = conforming(polygon, nodes, cells, where, rounded)
     triangulation_checks.check_areas(mesh.points, cells, where)
     return mesh
-
-
-def similar(mesh: Mesh, polygon: Polygon) -> Mesh:
-    """The same triangles on a polygon of the same shape that is larger or smaller, seen from the origin."""
-    if polygon is mesh.polygon:
-        return mesh
-    factor = polygon.largest / mesh.polygon.largest
-    coarse = similar(mesh.coarse, polygon) if mesh.coarse else None
-    s = polygon.similar(mesh.polygon, mesh.s)
-    return replace(mesh, polygon=polygon, points=factor * mesh.points, s=s, coarse=coarse)
 
 
 def conforming(

@@ -154,13 +154,6 @@ def common_refinement(partitions: Sequence[Partition]) -> Partition:
     return from_points(polygon, points[new])
 
 
-def similar(partition: Partition, polygon: Polygon) -> Partition:
-    """The same cells on a polygon of the same shape."""
-    if polygon is partition.polygon:
-        return partition
-    return Partition(polygon, polygon.similar(partition.polygon, partition.points))
-
-
 def refine(partition: Partition, parts: int = 2) -> Partition:
     """The partition with every cell cut into that many equal ones."""
     at = np.arange(parts * partition.n_cells + 1) / parts

@@ -37,9 +37,6 @@ class Polygon:
         They are listed anticlockwise.
     name : str
         How messages call it.
-    doubt : float
-        The polygon is the one that was given, where that is 0, or an image of it. Then its points are at most
-        so far from those of the exact image, because coordinates are rounded.
 
     Raises
     ------
@@ -58,7 +55,6 @@ class Polygon:
 
     vertices: Array
     name: str = field(default="polygon")
-    doubt: float = 0.0
 
     def __post_init__(self) -> None:
         pairs = "its vertices have to be pairs (x, y), such as [(0, 0), (1, 0), (0, 1)]"
@@ -96,7 +92,7 @@ class Polygon:
     @cached_property
     def stretch(self) -> Array:
         """(n,) how far the differences of `starts` may be from the exact lengths, relative to these."""
-        return read_only((np.spacing(self.perimeter) + 2 * self.doubt) / self.lengths + 4 * EPS)
+        return read_only(np.spacing(self.perimeter) / self.lengths + 4 * EPS)
 
     @property
     def perimeter(self) -> float:
@@ -173,13 +169,6 @@ class Polygon:
         side = np.repeat(np.arange(self.n_sides), counts)
         index = np.arange(len(side)) - (np.cumsum(counts) - counts)[side]
         return np.append(self.starts[side] + self.lengths[side] * index / counts[side], self.perimeter)
-
-    def similar(self, other: Polygon, s: Array) -> Array:
-        """(k,) where the arc lengths s (k,) of another polygon of the same shape are on this one."""
-        side = np.minimum(other.sides_of(s), self.n_sides - 1)
-        factor = self.lengths[side] / other.lengths[side]
-        found = self.starts[side] + factor * (s - other.starts[side])
-        return np.where(s == other.perimeter, self.perimeter, found)
 
 
 def names() -> list[str]:

@@ -70,7 +70,9 @@ def reference_spaces(
     rank = ranks(p2, matrix)
     factor = Factor(matrix, np.argsort(rank, kind="stable"))
     if given.all():
-        check_constants(mesh, factorise(matrix, factor.order).solve(form.c * M.sum(axis=1)[factor.order]))
+        check_constants(
+            mesh, form, factorise(matrix, factor.order).solve(form.c * M.sum(axis=1)[factor.order])
+        )
     if form.c:
         least = with_divergence(mesh, facet, given, p2, rank, form)
     else:

@@ -33,9 +33,7 @@ from unilateral.problems.reading import (
     read_sides,
     read_source,
 )
-from unilateral.problems.scaled import scaled_polygon
 from unilateral.problems.side_models import SideData
-from unilateral.problems.units import make_units
 
 OnSides = Given | Sequence[Given]
 """What a user gives for all sides, or for each."""
@@ -113,10 +111,8 @@ def build(
     there. Raises InputError, beginning with `where` and the field.
     """
     ends = ends_of_sides(corners)
-    units = make_units(
-        k=_coefficient(k, f"{where}, field k"),
-        c=_coefficient(c, f"{where}, field c", or_0=True),
-    )
+    conductivity = _coefficient(k, f"{where}, field k")
+    reaction = _coefficient(c, f"{where}, field c", or_0=True)
     free = tuple(sorted(arguments.sides(free_sides, polygon.n_sides, f"{where}, field free_sides")))
     clamped_values = [*u]
     clamped = arguments.sides([side for side, _ in clamped_values], polygon.n_sides, f"{where}, field u")
@@ -124,7 +120,7 @@ def build(
         raise InputError(
             f"{where}, field free_sides: side {side} is clamped; remove it from free_sides or from u"
         )
-    if not (clamped or units.reaction):
+    if not clamped and reaction == ZERO:
         raise InputError(
             f"{where}, field c: it is 0 and no side is clamped, so that u is not unique; clamp a side in the "
             "field u, or take a c above 0"
@@ -141,16 +137,13 @@ def build(
         f=source,
         g=tuple(obstacles),
         free_sides=free,
-        units=units,
+        k=conductivity,
+        c=reaction,
         q=tuple(fluxes),
         mesh=mesh,
         title=title,
         clamped_sides=tuple(sorted(clamped)),
     )
-    try:
-        scaled_polygon(problem)
-    except InputError as error:
-        raise InputError(f"{where}, fields k and c: scaled by (c/k)^(1/2), {error}") from None
     return _checked(problem, mesh, where)
 
 

@@ -33,7 +33,6 @@ from unilateral.problems.case_builder import Atom, Builder, constants_of
 from unilateral.problems.catalogue import folder, names
 from unilateral.problems.problem import Problem
 from unilateral.problems.side_models import on_sides, places
-from unilateral.problems.units import make_units
 from unilateral.system import declarations
 
 
@@ -63,7 +62,7 @@ class ExactSolution:
             f=ZERO,
             g=tuple(self.values.get(side, ZERO) for side in range(self.polygon.n_sides)),
             free_sides=(),
-            units=make_units(c=number(self.declaration.get("c", 1))),
+            c=number(self.declaration.get("c", 1)),
             title=self.title,
             clamped_sides=self.clamped_sides,
             exact=self,

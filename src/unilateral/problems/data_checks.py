@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from fractions import Fraction
 from functools import partial
@@ -11,7 +11,9 @@ from functools import partial
 import numpy as np
 
 from unilateral.errors import InputError, shown
-from unilateral.formulas.expression import Expression, product, roots_in
+from unilateral.formulas.exact_numbers import rounded
+from unilateral.formulas.expression import ZERO, Expression, product, roots_in
+from unilateral.geometry.polygon import Polygon
 from unilateral.problems.formula_range import POINTS, may_be_0, range_in, range_on_side, some_points
 from unilateral.problems.nodal import NodalTrace
 from unilateral.problems.problem import Problem, as_formula
@@ -20,33 +22,36 @@ from unilateral.problems.reading import plain, read_source
 SMALLEST, LARGEST = 1e-140, 1e140
 """The limits of |f|, |g| and |q|, so that squares of data are normal numbers.
 
-For the squares of errors see `flux_residuals.underflow`.
+They hold for the products of g with k^{1/2} and c^{1/2}, too, and of f and q with k^{-1/2} and c^{-1/2}. For
+the squares of errors see `flux_residuals.underflow`.
 """
 POWER = 2
-"""Data are multiplied by this power of the root of the area in units of (k/c)^{1/2}, if that is above 1."""
+"""Data are multiplied by this power of the root of the area, if that is above 1."""
 
 
 def check(problem: Problem, name: str) -> None:
     """Raises InputError unless f, g, u and q are finite and fit together at each vertex, see `_check_vertex`.
 
-    A g that jumps at a vertex is the trace of no u in H^1. The sizes of f, g and q are looked at in the units
-    in which the problem is solved.
+    A g that jumps at a vertex is the trace of no u in H^1.
     """
     check_roots(problem, name)
-    units, obstacle = problem.units, problem.enclosed_obstacle
-    of_f, unit = max(map(abs, problem.range_of_f)), math.sqrt(problem.polygon.area) / units.length
-    _check_size(of_f, units.load, unit, f"{name}, field f", "in the polygon", lambda: _no_load(problem))
+    obstacle = problem.enclosed_obstacle
+    roots = [math.sqrt(rounded(each)) for each in (problem.k, problem.c) if each != ZERO]
+    of_values = limits(problem.polygon, roots)
+    of_fluxes = limits(problem.polygon, [1 / root for root in roots])
+    of_f = max(map(abs, problem.range_of_f))
+    _check_size(of_f, of_fluxes, problem, f"{name}, field f", "in the polygon", lambda: _no_load(problem))
     held = [side for side in range(problem.polygon.n_sides) if side not in problem.free_sides]
     sizes = {side: max(map(abs, obstacle.range(side))) for side in held}
     largest = max(sizes.values(), default=0.0)
     for side, size in sizes.items():
         where, place = _field(problem, name, side), f"on side {side}"
         is_0 = partial(_may_be_0_on, problem, side, problem.g[side])
-        _check_size(size, units.value, unit, where, place, is_0 if size == largest else _always)
+        _check_size(size, of_values, problem, where, place, is_0 if size == largest else _always)
     for side in problem.flux_sides:
         of_q = max(map(abs, problem.enclosed_flux.range(side)))
         is_0 = partial(_may_be_0_on, problem, side, problem.q[side])
-        _check_size(of_q, units.flux, unit, f"{name}, field q", f"on side {side}", is_0)
+        _check_size(of_q, of_fluxes, problem, f"{name}, field q", f"on side {side}", is_0)
     for vertex in vertices_between(problem):
         allowed = obstacle.rounded_jumps[vertex] + obstacle.end_doubts[:, vertex].sum()
         end, start = obstacle.ends[:, vertex].tolist()
@@ -152,20 +157,33 @@ def _may_be_0_on(problem: Problem, side: int, data: object) -> bool:
     return may_be_0(as_formula(data), problem.polygon.at(np.full(POINTS, side), s))
 
 
-def _check_size(
-    given: float, one: float, unit: float, where: str, place: str, is_0: Callable[[], bool]
-) -> None:
-    """Raises InputError if |f|, |g| or |q|, `given`, is too large, or too small and not 0.
+def limits(polygon: Polygon, factors: Sequence[float]) -> tuple[float, float]:
+    """The least and the largest size of data on a polygon, which are multiplied by the `factors`, too."""
+    length = math.sqrt(polygon.area)
+    smallest = SMALLEST / min(length, 1.0) / min(1.0, factors[0])
+    largest = LARGEST / max(length, 1.0) ** POWER / max(1.0, *factors)
+    return smallest, largest
 
-    `one` is what is 1 in (1.1)-(1.2), where `unit` is the root of the polygon's area. A root of what
-    interval arithmetic makes of 0 is not much smaller than SMALLEST: whether it is 0 its size does not say.
+
+def _check_size(
+    size: float,
+    allowed: tuple[float, float],
+    problem: Problem,
+    where: str,
+    place: str,
+    is_0: Callable[[], bool],
+) -> None:
+    """Raises InputError if the size of |f|, |g| or |q| is above what is allowed, or below it and not 0.
+
+    A root of what interval arithmetic makes of 0 is not much smaller than SMALLEST: whether it is 0 its size
+    does not say.
     """
-    size = given / one
     if not np.isfinite(size):
         raise InputError(f"{where}: it is not finite {place}, or no bound can be found")
-    smallest, largest = SMALLEST / min(unit, 1.0), LARGEST / max(unit, 1.0) ** POWER
+    smallest, largest = allowed
     if size > largest or (size < smallest and not is_0()):
-        of_polygon = f" on a polygon with the area {unit**2:.3g}" if unit != 1 else ""
+        area = problem.polygon.area
+        of_polygon = f" on a polygon with the area {area:.3g}" if area != 1 else ""
         raise InputError(
             f"{where}: it is as large as {size:.3g} {place}, and squares of errors{of_polygon} leave the "
             f"range of double precision; scale the data to a size between {smallest:.3g} and {largest:.3g}"

@@ -31,7 +31,7 @@ def fields_of(of: Problem) -> dict[str, str]:
     found |= {"g": _on_sides(of.g, held)} if held else {}
     if clamped:
         found["clamped sides"], found["u there"] = listed(clamped), _on_sides(of.g, clamped)
-    found |= {name: str(each) for name, each in (("k", of.units.k), ("c", of.units.c)) if each != ONE}
+    found |= {name: str(each) for name, each in (("k", of.k), ("c", of.c)) if each != ONE}
     if of.free_sides:
         found["free sides"] = listed(of.free_sides)
         q = _on_sides(of.q, of.free_sides) if of.q else "0"

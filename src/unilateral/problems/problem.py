@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -14,7 +14,7 @@ import numpy as np
 from unilateral.arrays import Array, Index
 from unilateral.errors import InputError
 from unilateral.formulas.exact_numbers import magnitude, rounded, sign
-from unilateral.formulas.expression import ZERO, Atom, Expression, atoms_in
+from unilateral.formulas.expression import ONE, ZERO, Atom, Expression, atoms_in
 from unilateral.formulas.formula import coefficients
 from unilateral.formulas.taylor import EPS, Model, joined
 from unilateral.formulas.taylor_enclosures import Steps, evaluate
@@ -27,7 +27,6 @@ from unilateral.problems.functions import Function
 from unilateral.problems.nodal import NodalTrace, cuts
 from unilateral.problems.obstacle_and_flux import Flux, Obstacle, enclose_flux, enclose_obstacle
 from unilateral.problems.side_models import SideData, on_sides, places, slopes_on_sides
-from unilateral.problems.units import Units, make_units
 
 if TYPE_CHECKING:
     from unilateral.problems.case import ExactSolution
@@ -58,7 +57,7 @@ class SourceFunction:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """-k lap u + c u = f with contact, but k du/dn = q on `free_sides`; `units` come from k and c.
+    """-k lap u + c u = f with contact, but k du/dn = q on `free_sides`.
 
     `g` has an obstacle for each side, which is not used on free sides; on `clamped_sides` it is what u is
     there. `q` has a flux for each side, which is 0 on those that are not free; if `q` is empty, the flux is
@@ -73,7 +72,8 @@ class Problem:
     f: Expression | Array | Function
     g: tuple[SideData | Function, ...]
     free_sides: tuple[int, ...]
-    units: Units = field(default_factory=make_units)
+    k: Expression = ONE
+    c: Expression = ONE
     q: tuple[SideData | Function, ...] = ()
     mesh: Mesh | None = None
     title: str = ""
@@ -96,11 +96,6 @@ class Problem:
     def has_functions(self) -> bool:
         """Whether a function waits for a mesh, at whose nodes it is evaluated."""
         return any(map(callable, (self.f, *self.g, *self.q)))
-
-    @property
-    def reaction(self) -> float:
-        """What u is multiplied by in (1.1): 1, or 0 if c = 0."""
-        return self.units.reaction
 
     @property
     def contact_sides(self) -> tuple[int, ...]:
@@ -198,11 +193,11 @@ class Problem:
         """inf f / c, or inf f times infinity if c = 0; -inf where q may be below 0."""
         if self.enclosed_flux.least < 0:
             return -math.inf
-        if not self.reaction:
+        if self.c == ZERO:
             return math.copysign(math.inf, self.range_of_f[0] if self.range_of_f[0] else 1.0)
-        if self.units.c.rational == 1:
+        if self.c == ONE:
             return self.range_of_f[0]
-        quotient = self.range_of_f[0] / rounded(self.units.c)
+        quotient = self.range_of_f[0] / rounded(self.c)
         return quotient - 4 * EPS * abs(quotient)
 
     def without_idle_sides(self) -> Problem:
@@ -212,13 +207,13 @@ class Problem:
     def idle_sides(self) -> tuple[int, ...]:
         """The sides with contact that provably carry none: sup g < ess inf f / c = a there.
 
-        For u >= a where q >= 0, with k = c = 1: with w = (a - u)_+, v = u + w >= g is admissible, so
-        (u, w)_1 >= (f, w)_0 + int q w >= a int w; but (u, w)_1 = -|grad w|^2 + int u w = a int w - ||w||_1^2,
-        so w = 0, whatever holds on the other sides. If u is given on some, it must be at least a there, for w
-        to vanish; a is then the least of both. If c = 0, f >= 0 is enough: int grad u . grad w is
-        -|grad w|^2. Where q may be below 0 nothing is known. Where g < a <= u complementarity then gives
-        lambda = 0. u_h obeys no such principle and may touch g there, so that to
-        leave these sides out changes Lambda_H, and the discrete solution with it. Both bounds are guaranteed,
+        For u >= a where q >= 0: with w = (a - u)_+, v = u + w >= g is admissible, so
+        (u, w) >= (f, w)_0 + int q w >= c a int w. But (u, w) is -k ||grad w||_0^2 + c int u w, and that is
+        c a int w - ||w||^2, so w = 0, whatever holds on the other sides. If u is given on some, it must be at
+        least a there, for w to vanish; a is then the least of both. If c = 0, f >= 0 is enough: (u, w) is
+        -k ||grad w||_0^2. Where q may be below 0 nothing is known. Where g < a <= u complementarity then
+        gives lambda = 0. u_h obeys no such principle and may touch g there, so that to leave these sides out
+        changes Lambda_H, and the discrete solution with it. Both bounds are guaranteed,
         by interval arithmetic; a side that they do not decide is not idle.
         """
         obstacle = self.enclosed_obstacle

@@ -11,11 +11,11 @@ from unilateral.arrays import Array
 from unilateral.discrete.choice import bound_mb
 from unilateral.errors import SolutionWarning
 from unilateral.formulas.decimals import guaranteed, interval, percent
-from unilateral.formulas.expression import ONE
-from unilateral.problems.units import Units
+from unilateral.formulas.expression import ONE, ZERO
 from unilateral.system.memory import available_mb
 
 if TYPE_CHECKING:
+    from unilateral.problems.problem import Problem
     from unilateral.solution.solution import Solution
 
 
@@ -26,16 +26,16 @@ class Named(NamedTuple):
     hm12: str
 
 
-def energy(units: Units, of: str) -> str:
+def energy(problem: Problem, of: str) -> str:
     """The name of the norm of a function: k^(1/2) |.|_1 if c = 0."""
-    if units.reaction:
+    if problem.c != ZERO:
         return f"||{of}||_1"
-    return f"|{of}|_1" if units.k == ONE else f"k^(1/2) |{of}|_1"
+    return f"|{of}|_1" if problem.k == ONE else f"k^(1/2) |{of}|_1"
 
 
-def sizes(units: Units) -> Named:
+def sizes(problem: Problem) -> Named:
     """What an accuracy in each norm is relative to."""
-    return Named(energy(units, "u"), "||lambda||_-1/2")
+    return Named(energy(problem, "u"), "||lambda||_-1/2")
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def bound_errors(solution: Solution, sharp: bool) -> Bounds | None:
         warnings.warn(refused, SolutionWarning, stacklevel=3)
     if refused or not is_believed(solution):
         return None
-    solved, units = solution.bounded, solution.problem.units
+    solved = solution.bounded
     bound = solved.bound(sharp)
     assert bound is not None  # the data are enclosed
     return Bounds(
@@ -93,7 +93,7 @@ def bound_errors(solution: Solution, sharp: bool) -> Bounds | None:
         unknown=bound.unknown,
         relative_u=relative(bound.u, solved.size("h1", sharp)),
         relative_multiplier=relative(bound.lambda_, solved.size("hm12", sharp)),
-        error=energy(units, "u - u_h"),
+        error=energy(solution.problem, "u - u_h"),
     )
 
 

@@ -19,12 +19,10 @@ from unilateral.discrete.condensed import on_spaces
 from unilateral.discrete.loads import form_of
 from unilateral.discrete.solution import DiscreteSolution, replace_u
 from unilateral.errors import InputError
-from unilateral.geometry import mesh as meshes
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.build import put_on_mesh
-from unilateral.problems.scaled import Data, scaled
-from unilateral.solution.solution import Solution, make_solution
+from unilateral.solution.solution import Solution
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 
@@ -35,16 +33,14 @@ if TYPE_CHECKING:
 def certify(problem: Problem, mesh: Mesh, u: ArrayLike, multiplier: ArrayLike | None) -> Solution:
     """Solution with the values `u` (n,) at nodes, `multiplier` (nb,) on boundary edges; as `api.certify`."""
     problem = put_on_mesh(problem, mesh)
-    data = scaled(problem)
     values = nodal_values(u, "u")
     _check(values, mesh.n_nodes, "u", "node (of a second-order function: each corner of a triangle)")
     if multiplier is None:
-        own = solve_on(data, mesh, edge_pairs(mesh), Stop())  # the bounds hold for any lambda_H
+        own = solve_on(problem, mesh, edge_pairs(mesh), Stop())  # the bounds hold for any lambda_H
     else:
         without = np.isin(mesh.side, (*problem.free_sides, *problem.clamped_sides))
-        scaled_mesh = meshes.similar(mesh, data.polygon)
-        own = _solve_linear(data, scaled_mesh, _edge_values(multiplier, without) / problem.units.flux)
-    return make_solution(replace_u(own, values / problem.units.value), problem)
+        own = _solve_linear(problem, mesh, _edge_values(multiplier, without))
+    return Solution(problem, replace_u(own, values))
 
 
 def edge_pairs(mesh: Mesh) -> Partition:
@@ -54,10 +50,10 @@ def edge_pairs(mesh: Mesh) -> Partition:
     return Partition(mesh.polygon, np.append(np.concatenate(starts), mesh.s[-1]))
 
 
-def _solve_linear(data: Data, mesh: Mesh, lambda_H: Array) -> DiscreteSolution:
+def _solve_linear(problem: Problem, mesh: Mesh, lambda_H: Array) -> DiscreteSolution:
     """Discrete solution of the linear problem with the flux `lambda_H` (nb,) on sides with contact."""
     cells = Partition(mesh.polygon, mesh.s)
-    discrete = on_spaces(data, condensed_spaces(mesh, cells, form_of(data, mesh)))
+    discrete = on_spaces(problem, condensed_spaces(mesh, cells, form_of(problem, mesh)))
     mu = lambda_H[discrete.cells]
     result = DualResult(mu, math.nan, 0, bound=math.nan, converged=True, rho=math.nan, algorithm="given")
     potential = discrete.held + discrete.spaces.response(discrete.of_rest[0], mu)

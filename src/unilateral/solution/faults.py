@@ -115,7 +115,7 @@ def not_certified(search: Search, found: Solution) -> str:
         parts.append(f"reached is {up(best.total, '.4e')}")
     else:
         share = up(relative(best.total, best.size), ".3g")
-        size = getattr(sizes(found.problem.units), best.goal.norm)
+        size = getattr(sizes(found.problem), best.goal.norm)
         parts.append(f"reached is {share} of {size}, or {up(best.total, '.4e')}")
     if search.refusal:
         parts.append(str(search.refusal))

@@ -69,5 +69,5 @@ def _write_vtu(solution: Solution, path: str | os.PathLike[str]) -> None:
 def save_certificate(solution: Solution, path: str | os.PathLike[str]) -> None:
     """Writes a certificate of the cheap bound. Raises InputError as `make_certificate`."""
     check_target(path, export.CERTIFICATE_ENDINGS)
-    judged = export.judge_solution(solution.bounded, solution.mesh, solution.problem.units)
+    judged = export.judge_solution(solution.bounded)
     export.write_certificate(export.make_certificate(solution.problem, judged), path)

@@ -1,4 +1,4 @@
-"""The forces on sides, and the reactions on clamped ones, with guaranteed bounds, in the user's units."""
+"""The forces on sides, and the reactions on clamped ones, with guaranteed bounds."""
 
 from __future__ import annotations
 
@@ -13,21 +13,12 @@ from unilateral.bounds.clamped_ends import Clamps, none
 from unilateral.bounds.forces import Force, forces
 from unilateral.errors import InputError
 from unilateral.formulas.decimals import guaranteed, interval, is_bounded
+from unilateral.formulas.expression import ZERO
 from unilateral.problems import arguments
 from unilateral.solution.bounds import bound_errors
 
 if TYPE_CHECKING:
     from unilateral.solution.solution import Solution
-
-ROUNDING = 4 * float(np.finfo(float).eps)
-"""Rounding a number twice changes it by less than this, relative to the number."""
-
-
-def in_units(force: Force, unit: float) -> Force:
-    """A force in that unit, which is rounded once, as is each product with it; bounds stay bounds."""
-    value, lower, upper = (unit * number for number in force)
-    return Force(value, lower - ROUNDING * abs(lower), upper + ROUNDING * abs(upper))
-
 
 SHOWN = 12
 """At most this many sides are printed."""
@@ -90,7 +81,7 @@ def forces_on_sides(solution: Solution, sharp: bool) -> Forces:
     with_contact = [side for side in range(n) if side not in clamped]
     whole, total, *each = _forces_over(solution, sharp, [with_contact, [*range(n)], *each_side, *rows])
     reactions = dict(zip(map(tuple, rows), each[n:], strict=True))
-    return Forces(whole, each[:n], reactions, None if solution.problem.units.reaction else total)
+    return Forces(whole, each[:n], reactions, total if solution.problem.c == ZERO else None)
 
 
 def force_over(solution: Solution, sharp: bool, sides: Sequence[int] | None) -> Force:
@@ -123,5 +114,4 @@ def _forces_over(solution: Solution, sharp: bool, parts: list[list[int]]) -> lis
         assert data is not None
         clamps = Clamps(form, bound.outflows, cheap.ends, bound.of_fluxes, data.balance)
     error = bounds.multiplier if bounds else math.inf
-    found = forces(solved.mesh, solved.partition, solved.lambda_H, error, parts, clamps)
-    return [in_units(force, solution.problem.units.force) for force in found]
+    return forces(solved.mesh, solved.partition, solved.lambda_H, error, parts, clamps)

@@ -13,10 +13,6 @@ from unilateral.arrays import Array, Index
 from unilateral.discrete.base import DiscreteProblem
 from unilateral.fem.p1 import coupling, stiffness_and_mass
 from unilateral.fem.spaces import DualOperator
-from unilateral.formulas.exact_numbers import rounded
-from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.partition import Partition
-from unilateral.problems.units import Units
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +22,7 @@ class Matrices:
     `A` (n, n) is k times the stiffness plus c times the mass matrix. B[i, j] of `B` (m, n) is the integral of
     node j's hat over cell i. `F` (n,) is the load of f and of the flux q, and `g` (m,) has the means of g on
     the cells, whose lengths are `H` (m,). The m `cells` (m,) are those of the partition that lie on no free
-    or clamped side. All are in the units of the problem. At nodes on clamped sides u is given in place of an
+    or clamped side. At nodes on clamped sides u is given in place of an
     equation; A and B in `D` are without these.
 
     >>> import numpy as np
@@ -50,7 +46,6 @@ class Matrices:
     H: Array
     cells: Index
     _operator: Callable[[], DualOperator]
-    _unit: float
 
     def __repr__(self) -> str:
         m, n = self.B.shape
@@ -59,7 +54,7 @@ class Matrices:
     @cached_property
     def D(self) -> Array:
         """(m, m) B A^{-1} B^T, dense. Raises InputError where that takes more memory than is free."""
-        return self._operator().D / self._unit
+        return self._operator().D
 
     @cached_property
     def S(self) -> Array:
@@ -69,29 +64,24 @@ class Matrices:
 
 
 def matrices(
-    units: Units,
-    mesh: Mesh,
-    partition: Partition,
     discrete: DiscreteProblem,
     operator: Callable[[], DualOperator],
 ) -> Matrices:
-    """Those of a discrete problem, for the same mesh and partition in the user's units.
-
-    `operator` makes the dual operator of the discrete problem, which is in the units of (1.1)-(1.2).
-    """
-    k, c = rounded(units.k), rounded(units.c)
+    """Those of a discrete problem, whose dual operator the `operator` makes."""
+    mesh = discrete.mesh
+    partition = discrete.partition
+    form = discrete.form
     stiffness, mass = stiffness_and_mass(mesh)
     cells, nodes = discrete.cells, mesh.boundary
     on_boundary = coupling(mesh, partition)[cells].tocoo()
     shape = (len(cells), mesh.n_nodes)
     B = sp.coo_array((on_boundary.data, (on_boundary.row, nodes[on_boundary.col])), shape=shape).tocsr()
     return Matrices(
-        A=(k * stiffness + c * mass).tocsr(),
+        A=(form.k * stiffness + form.c * mass).tocsr(),
         B=B,
-        F=units.force * discrete.load,
-        g=units.value * discrete.g_means[cells],
+        F=discrete.load,
+        g=discrete.g_means[cells],
         H=partition.lengths[cells],
         cells=cells,
         _operator=operator,
-        _unit=rounded(units.per_area),
     )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from unilateral.adaptive.level import Level
 from unilateral.formulas.exact_numbers import rounded
+from unilateral.formulas.expression import ZERO
 from unilateral.norms.dual import Errors
 from unilateral.problems.fields import linear_fields
 from unilateral.solution.bounds import Bounds, energy
@@ -25,8 +26,8 @@ QUICK = 20_000
 
 def norms(problem: Problem) -> dict[str, str]:
     """The norms of errors, bounds and accuracies, by the names that fields have."""
-    of_v = energy(problem.units, "v")
-    whole = "(k ||grad v||_0^2 + c ||v||_0^2)^(1/2)" if problem.units.reaction else "k^(1/2) ||grad v||_0"
+    of_v = energy(problem, "v")
+    whole = "(k ||grad v||_0^2 + c ||v||_0^2)^(1/2)" if problem.c != ZERO else "k^(1/2) ||grad v||_0"
     vanishing = " over v that vanish on clamped sides" if problem.clamped_sides else ""
     return {"h1": f"{of_v} = {whole}", "hm12": f"||mu||_-1/2 = sup <mu, v> / {of_v}{vanishing}", "l2": L2}
 
@@ -34,12 +35,12 @@ def norms(problem: Problem) -> dict[str, str]:
 def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sharp: bool) -> dict[str, Any]:
     """The fields of `solve --json`, but for forces and cost; NaN for what is unknown.
 
-    `bounds` are the `sharp` ones or the cheap ones. Sizes and the contact are in the user's units.
+    `bounds` are the `sharp` ones or the cheap ones.
     """
-    solved, search, units = solution.solved, solution.search, solution.problem.units
+    solved, search = solution.solved, solution.search
     result, goal = solved.result, search.best.goal if search else None
     mesh, cells, contact = solved.mesh, solved.partition, solution.contact
-    length, norm = units.length, goal.norm if goal else "h1"
+    norm = goal.norm if goal else "h1"
     known = bounds or Bounds(*(math.nan,) * 3)
     beta = solution.beta if mesh.n_nodes <= QUICK else math.nan
     algebraic = math.nan if solved.foreign else result.bound
@@ -50,13 +51,13 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
         "certified": solution.certified,
         "ended": search.ended or None if search and not search.certified else None,
         "reach": search.reach if search else None,
-        "k": rounded(units.k),
-        "c": rounded(units.c),
+        "k": rounded(solution.problem.k),
+        "c": rounded(solution.problem.c),
         "norms": norms(solution.problem),
         "linear_between_nodes": linear_fields(solution.problem),
-        "h": length * mesh.h,
-        "diameter": length * mesh.diameter,
-        "H": length * cells.H,
+        "h": mesh.h,
+        "diameter": mesh.diameter,
+        "H": cells.H,
         "adapted": mesh.adapted,
         "triangles": len(mesh.triangles),
         "unknowns": mesh.n_nodes,
@@ -80,7 +81,7 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
         "hm12_relative_bound": known.relative_multiplier,
         "enclosure": known.unknown,
         "total_bound": known.multiplier if norm == "hm12" else known.u,
-        "levels": [level_record(level, length) for level in search.levels] if search else [],
+        "levels": [level_record(level) for level in search.levels] if search else [],
         "contact": {
             "full": contact.full,
             "length": contact.length,
@@ -92,11 +93,11 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
     }
 
 
-def level_record(level: Level, length: float) -> dict[str, float]:
-    """The fields of a level. Sizes are in the user's units: 1 in the level's is a `length` in these."""
+def level_record(level: Level) -> dict[str, float]:
+    """The fields of a level."""
     return {
-        "h": length * level.solved.mesh.h,
-        "H": length * level.partition.H,
+        "h": level.solved.mesh.h,
+        "H": level.partition.H,
         "unknowns": level.unknowns,
         "multipliers": len(level.solved.cells),
         "iterations": level.solved.result.iterations,

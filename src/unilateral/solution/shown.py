@@ -12,6 +12,7 @@ import numpy as np
 from unilateral.arrays import Array, Index, Mask
 from unilateral.discrete.choice import bound_mb
 from unilateral.formulas.decimals import guaranteed, interval, up
+from unilateral.formulas.expression import ONE
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.fields import LINEAR_BETWEEN_NODES, linear_fields
 from unilateral.solution.bounds import is_believed, relative, wants_sharp
@@ -36,7 +37,7 @@ NO_BOUND = "no guaranteed bound on the error"
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What is drawn of a solution, in the user's units, with values on the cells (m,) of the boundary.
+    """What is drawn of a solution, with values on the cells (m,) of the boundary.
 
     `title` says what problem it is, and `accuracy` what bound on the error is guaranteed. `u` (n,) belongs to
     the nodes of the mesh. `gap` (m,) has the means of u_h - g, without what the iteration left of 0, and
@@ -106,8 +107,7 @@ def numbered(of: Shown) -> list[int]:
 
 def shown(solution: Solution) -> Shown:
     """What is drawn of a solution; the guaranteed bound is computed if the memory allows it."""
-    units = solution.problem.units
-    gap, g_means = solution.gap, units.value * solution.solved.g_means
+    gap = solution.gap
     free = np.isnan(gap)
     return Shown(
         title=solution.problem.title or solution.problem.name,
@@ -116,7 +116,7 @@ def shown(solution: Solution) -> Shown:
         u=solution.u,
         contact=solution.contact,
         gap=settled(gap, solution.multiplier) if solution.converged else gap,
-        obstacle=np.where(free, np.nan, g_means),
+        obstacle=np.where(free, np.nan, solution.solved.g_means),
         free=free,
         flux=np.where(free, _flux(solution), 0.0),
         clamped=solution.problem.clamped_sides,
@@ -144,9 +144,9 @@ def accuracy(solution: Solution) -> str:
     total = bounded.total(norm, sharp)
     if not math.isfinite(total) or not is_believed(solution):
         return NO_BOUND
-    units = solution.problem.units
-    trivial = units.trivial and units.reaction and not solution.problem.clamped_sides
-    what = (WHAT if trivial else IN_ENERGY)[norm]
+    problem = solution.problem
+    in_H1 = problem.k == problem.c == ONE and not problem.clamped_sides
+    what = (WHAT if in_H1 else IN_ENERGY)[norm]
     text = f"error of {what}: at most {_share(total, bounded.size(norm, sharp))}"
     text = guaranteed(text, -math.inf, total)
     if linear := linear_fields(solution.problem):

@@ -1,4 +1,4 @@
-"""A solution as users hold it, in their units; other modules of this room say what can be made of it."""
+"""A solution as users hold it; other modules of this room say what can be made of it."""
 
 from __future__ import annotations
 
@@ -17,15 +17,12 @@ from unilateral.arrays import Array
 from unilateral.bounds.forces import Force
 from unilateral.bounds.mesh_data import enclose_data
 from unilateral.discrete.solution import DiscreteSolution
-from unilateral.geometry import mesh as meshes
-from unilateral.geometry import partition as partitions
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon
 from unilateral.norms.dual import Errors, errors
 from unilateral.norms.fortin import beta_below
 from unilateral.problems import arguments
-from unilateral.problems.scaled import scaled
 from unilateral.solution import evaluation, files, summary, tables
 from unilateral.solution.bounds import Bounds, bound_errors, share_errors, wants_sharp
 from unilateral.solution.contact import Contact
@@ -44,32 +41,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """(u_h, lambda_H) as plain data, in the user's units on the user's polygon; it can be copied and pickled.
+    """(u_h, lambda_H) as plain data; it can be copied and pickled.
 
     Parameters
     ----------
-    `problem`
+    problem
         What was solved.
-    `solved`
-        The solution of the problem on its scaled domain: what the iteration found.
-    `search`
+    solved
+        The solution of the discrete problem: what the iteration found.
+    search
         The levels, where an accuracy was asked for; else None.
-    `mesh`
-        `points` (n, 2) and `triangles` (k, 3).
-    `partition`
-        T_H: cell i runs from the arc length `points`[i] to `points`[i + 1].
-    `u` : (n,)
-        u_h at the nodes of the mesh.
-    `multiplier` : (m,)
-        lambda_H, which approximates k du/dn, on the cells of the partition; 0 on free sides, NaN on clamped
-        sides, on which there are no multipliers: their reactions are in `forces`.
-    `gap` : (m,)
-        The means of u_h - g on the cells; NaN on free sides.
-    `converged`
-        Whether the algebraic bound is at most the tolerance of the algorithm.
-    `unique`
-        Whether lambda_H is known to be the only one; if not, beta may be 0. After a search it is, because a
-        search takes two edges or more in every cell.
 
     >>> import unilateral as ul
     >>> ul.solve("natural", h=1 / 16, H=1 / 8)
@@ -84,14 +65,7 @@ class Solution:
 
     problem: Problem
     solved: DiscreteSolution
-    search: Search | None
-    mesh: Mesh
-    partition: Partition
-    u: Array
-    multiplier: Array
-    gap: Array
-    converged: bool
-    unique: bool
+    search: Search | None = None
 
     def __repr__(self) -> str:
         """A few lines; what takes long is left out, see `summary`."""
@@ -105,6 +79,49 @@ class Solution:
     def polygon(self) -> Polygon:
         """The domain, as the user gave it."""
         return self.problem.polygon
+
+    @property
+    def mesh(self) -> Mesh:
+        """The mesh, with its `points` (n, 2) and `triangles` (k, 3)."""
+        return self.solved.mesh
+
+    @property
+    def partition(self) -> Partition:
+        """T_H: cell i runs from the arc length `points`[i] to `points`[i + 1]."""
+        return self.solved.partition
+
+    @property
+    def u(self) -> Array:
+        """(n,) u_h at the nodes of the mesh."""
+        return self.solved.u_h
+
+    @cached_property
+    def multiplier(self) -> Array:
+        """(m,) lambda_H, which approximates k du/dn, on the cells of the partition.
+
+        It is 0 on free sides. It is NaN on clamped sides, on which there are no multipliers: their reactions
+        are in `forces`.
+        """
+        clamped = np.isin(self.partition.side, self.problem.clamped_sides)
+        return np.where(clamped, math.nan, self.solved.lambda_H)
+
+    @property
+    def gap(self) -> Array:
+        """(m,) the means of u_h - g on the cells; NaN on free and on clamped sides."""
+        return self.solved.gap
+
+    @property
+    def converged(self) -> bool:
+        """Whether the algebraic bound is at most the tolerance of the algorithm."""
+        return bool(self.solved.result.converged)
+
+    @property
+    def unique(self) -> bool:
+        """Whether lambda_H is known to be the only one; if not, beta may be 0.
+
+        After a search it is, because a search takes two edges or more in every cell.
+        """
+        return self.search is not None or self.solved.unique
 
     @cached_property
     def contact(self) -> Contact:
@@ -120,7 +137,7 @@ class Solution:
         solved = self.solved
         if solved.data is not None:
             return solved
-        return replace(solved, data=enclose_data(scaled(self.problem), solved.mesh, solved.form))
+        return replace(solved, data=enclose_data(self.problem, solved.mesh, solved.form))
 
     def u_at(self, points: ArrayLike) -> Array:
         """u_h at a point (2,) or at many (k, 2), as an array () or (k,); NaN outside the polygon.
@@ -167,8 +184,8 @@ class Solution:
         """
         bounded = self.bounded
         assert bounded.flux is not None  # the data of a user's problem are known
-        scaled_flux = partial(evaluation.flux, bounded.mesh, bounded.u_h, bounded.flux)
-        return self.problem.units.flux * evaluation.at_points(self.mesh, points, scaled_flux)
+        flux = partial(evaluation.flux, bounded.mesh, bounded.u_h, bounded.flux)
+        return evaluation.at_points(self.mesh, points, flux)
 
     def lambda_at(self, side: int, t: ArrayLike) -> Array:
         """lambda_H at the arc lengths t from the start of a side, in the shape of t.
@@ -349,21 +366,3 @@ class Solution:
         from unilateral.solution.shown import shown
 
         return figure(shown(self)) if ax is None else on_axes(ax, shown(self))
-
-
-def make_solution(solved: DiscreteSolution, problem: Problem, search: Search | None = None) -> Solution:
-    """What was solved on the scaled domain, in the units of the problem."""
-    units = problem.units
-    clamped = np.isin(solved.partition.side, problem.clamped_sides)
-    return Solution(
-        problem=problem,
-        solved=solved,
-        search=search,
-        mesh=meshes.similar(solved.mesh, problem.polygon),
-        partition=partitions.similar(solved.partition, problem.polygon),
-        u=units.value * solved.u_h,
-        multiplier=np.where(clamped, math.nan, units.flux * solved.lambda_H),
-        gap=units.value * solved.gap,
-        converged=bool(solved.result.converged),
-        unique=search is not None or solved.unique,
-    )

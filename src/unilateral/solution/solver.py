@@ -21,11 +21,10 @@ from unilateral.problems.build import OnSides, problem_of_arguments, with_data
 from unilateral.problems.named import find_problem
 from unilateral.problems.problem import Problem
 from unilateral.problems.reading import Given
-from unilateral.problems.scaled import scaled
 from unilateral.solution.faults import tell_faults
 from unilateral.solution.matrices import Matrices, matrices
 from unilateral.solution.sizes import Size, check_kind, number, put_on_sizes
-from unilateral.solution.solution import Solution, make_solution
+from unilateral.solution.solution import Solution
 from unilateral.solvers.stop import Stop
 
 
@@ -80,8 +79,7 @@ class Solver:
         self.problem, self.mesh, self.partition = put_on_sizes(
             known, number("h", h), number("H", H), mesh, self.stop
         )
-        self._data = scaled(self.problem)
-        self._spaces = choose_spaces(self._data, self.mesh, self.partition, self.stop)
+        self._spaces = choose_spaces(self.problem, self.mesh, self.partition, self.stop)
         self._sources: dict[Expression, Source] = {}
 
     def __call__(self, f: Given = None, g: OnSides = None, q: OnSides = None) -> Solution:
@@ -92,14 +90,14 @@ class Solver:
         """
         problem, discrete = self._discrete(f, g, q)
         with warnings.catch_warnings(action="ignore", category=IterationWarning):  # `tell_faults` tells it
-            solution = make_solution(discrete.solved(self.stop), problem)
+            solution = Solution(problem, discrete.solved(self.stop))
         tell_faults(solution, self.own_mesh)
         return solution
 
     def matrices(self, f: Given = None, g: OnSides = None, q: OnSides = None) -> Matrices:
-        """The discrete problem's matrices, load and means of g, in the units of the problem."""
-        problem, discrete = self._discrete(f, g, q)
-        return matrices(problem.units, self.mesh, self.partition, discrete, lambda: self._operator)
+        """The discrete problem's matrices, load and means of g."""
+        discrete = self._discrete(f, g, q)[1]
+        return matrices(discrete, lambda: self._operator)
 
     def __repr__(self) -> str:
         return (
@@ -113,10 +111,9 @@ class Solver:
         The enclosures of the problem's own f and of the last formula are kept for calls with the same one.
         """
         problem = self._with(f, g, q)
-        data = self._data if problem is self.problem else scaled(problem)
         formula = problem.f if isinstance(problem.f, Expression) and problem.exact is None else None
         known = None if formula is None else self._sources.get(formula)
-        discrete = discretise_on_spaces(data, self._spaces, known)
+        discrete = discretise_on_spaces(problem, self._spaces, known)
         if formula is not None and discrete.data:
             self._sources = {each: kept for each, kept in self._sources.items() if each == self.problem.f}
             self._sources[formula] = discrete.data.source

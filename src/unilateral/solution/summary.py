@@ -72,9 +72,9 @@ def _bounded(of: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, str]
     if bounds is None:
         return {
             "error of u": "unknown, for there is no bound",
-            "force": f"{of.solved.force * of.problem.units.force:.4g}",
+            "force": f"{of.solved.force:.4g}",
         }
-    names = sizes(of.problem.units)
+    names = sizes(of.problem)
     parts = {"error of u": (bounds.u, bounds.relative_u, names.h1)}
     if len(of.solved.cells):
         parts["error of lambda"] = bounds.multiplier, bounds.relative_multiplier, names.hm12
