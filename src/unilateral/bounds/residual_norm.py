@@ -14,16 +14,17 @@ part of T in R is at most s ||z||_T, the energy norm on T, with
 
     s^2 = (m + theta d/j o)^2 / k + ((r^2 + (1 - theta)^2 o^2)^{1/2} + E)^2 / c.
 
-If E = 0 the best theta is (o - m d/j c/k) / (o (1 + (d/j)^2 c/k)), or the nearest end of [0, 1]. (k/c)^{1/2} is below the size of T, integration by parts on T may bound that part by a smaller s'
+If E = 0 the best theta is (o - m d/j c/k) / (o (1 + (d/j)^2 c/k)), or the nearest end of [0, 1]. Where
+(k/c)^{1/2} is below the size of T, integration by parts on T may bound that part by a smaller s'
 (`flux_residuals`). S_1 = (sum min(s, s')^2)^{1/2} bounds R on all of H^1.
 
-(ii) Where ||z||_0 <= C |z|_1, let M^2 = sum (m + d/j o)^2 and N^2 = sum (r + E)^2. For every gamma in [0, 1]
-the squared energy norm of z is at least (1 - gamma) k |z|_1^2 + (c + gamma k / C^2) ||z||_0^2. With the best
-gamma that gives
+(ii) Where ||z||_0 <= C |z|_1, let M^2 = sum (m + d/j o)^2 and N^2 = sum (r + E)^2. R is at most M |z|_1
++ N ||z||_0. If k N >= c C M, the largest value of that for energy norms of 1 is
 
-    S_2 = (M + C N) / (k + c C^2)^{1/2} if c C M <= k N, else (M^2 / k + N^2 / c)^{1/2}.
+    S_2 = (M + C N) / (k + c C^2)^{1/2},
 
-R is at most S = min(S_1, S_2). As c tends to 0, S tends to its value for c = 0.
+and else it is that of (i) for theta = 1. Then R is at most S = min(S_1, S_2). As c tends to 0, S tends to its
+value for c = 0.
 """
 
 from __future__ import annotations
@@ -88,8 +89,8 @@ class ResidualParts(NamedTuple):
 
     def norm(self, form: Form) -> float:
         """S, a bound on R(z) over the energy norm of z, for z that vanish on the form's clamped sides."""
-        on_H1, C = self.norm_on_H1(form), form.friedrichs
-        if math.isinf(C):
+        on_H1 = self.norm_on_H1(form)
+        if math.isinf(form.friedrichs):
             return on_H1
 
         # (ii)
@@ -99,10 +100,10 @@ class ResidualParts(NamedTuple):
             of_gradients += float(np.sum((self.misfit[of] + poincare * self.oscillation[of]) ** 2))
             of_values += float(np.sum((self.mean[of] + self.rest[of]) ** 2))
         M, N = _root(of_gradients), _root(of_values)
-        k, c = form.k, form.c
-        if c * C * M <= k * N:
-            return min(on_H1, (M + C * N) / math.hypot(math.sqrt(k), math.sqrt(c) * C))
-        return min(on_H1, math.hypot(M / math.sqrt(k), N / math.sqrt(c)))
+        k, c, C = form.k, form.c, form.friedrichs
+        if k * N < c * C * M:
+            return on_H1
+        return min(on_H1, (M + C * N) / math.hypot(math.sqrt(k), math.sqrt(c) * C))
 
 
 def _root(squares: float) -> float:
