@@ -112,7 +112,7 @@ def _halved(mesh: Mesh, chosen: Index | None = None) -> Mesh | None:
 
 
 def _chosen(mesh: Mesh, cells: Partition, load: Array, depth: float) -> Index:
-    """The triangles at the ends with the largest loads, and those at the boundary with edges above `depth`."""
+    """The triangles at the ends with the largest loads, and those at the boundary above the `depth`."""
     at, ends = np.zeros(mesh.n_nodes), _steep_ends(mesh, cells, load)
     at[mesh.boundary[ends]] = (coupling(mesh, cells).T @ load)[ends]
     heavy = np.zeros(mesh.n_nodes, dtype=bool)

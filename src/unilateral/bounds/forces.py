@@ -13,11 +13,11 @@ With -w in the place of w the second one is like the first: in both <lambda_H, w
 small, and w not below a bound c. On sides that are free lambda is 0, and w is free, too: a flux that is
 given there is no part of lambda, in E neither.
 
-The same holds for reactions, the integrals of k du/dn over clamped sides, whose sign is not known: there w is
-1 on P and 0 on the rest, <lambda_H, w> has also that of q.n over P, and E is `of_fluxes` of the bounds. Clamped
-sides in a row go together, for w cannot jump. Where P ends at a vertex between a clamped side and one with
-contact, w has to pass from 1 to 0 beside it. For one of the two bounds that is too low on a piece of the side
-with contact. If v - g is at least gamma there, what is missing is bounded in `clamped_ends`.
+The same holds for reactions, the integrals of k du/dn over clamped sides, whose sign is not known: there
+w is 1 on P and 0 on the rest, <lambda_H, w> has also that of q.n over P, and E is `of_fluxes` of the bounds.
+Clamped sides in a row go together, for w cannot jump. Where P ends at a vertex between a clamped side and
+one with contact, w has to pass from 1 to 0 beside it. For one of the two bounds that is too low on a piece
+of the side with contact. If v - g is at least gamma there, what is missing is bounded in `clamped_ends`.
 Where nothing is known of v - g that bound is infinite; so it has to be where u = g at the vertex, for there
 a large force near the vertex and the opposite reaction have hardly any norm together.
 
@@ -27,10 +27,10 @@ If c = 0, the sum of all forces and reactions is known: (1.1) with v = 1 says th
 w is continuous, and linear on the triangles of a mesh of its own, for it has to be steep at the ends of sides
 and of contact. That mesh is graded towards those of these ends where there is a load. A load that is small
 beside the norm of the functions is left out, for nothing is gained there by steepness. On the mesh the best w
-is known: k^(-1/2) N(w) is not below |v|_S, for v its values at the boundary nodes and S the Schur complement on
-these, and it is |v|_S if w is extended as S has it; `least_norm` finds v. What is guaranteed does not rest on
-that. v is not below c at the nodes, so w is not on the edges, whose ends may be one of P and one of the rest
-only at vertices, which are nodes. And N(w) is computed from all values of w. On the exact mesh, see
+is known: k^(-1/2) N(w) is not below |v|_S, for v its values at the boundary nodes and S the Schur complement
+on these, and it is |v|_S if w is extended as S has it; `least_norm` finds v. What is guaranteed does not rest
+on that. v is not below c at the nodes, so w is not on the edges, whose ends may be one of P and one of the
+rest only at vertices, which are nodes. And N(w) is computed from all values of w. On the exact mesh, see
 `geometry.exact_mesh`, it is at most `growth` times as large.
 """
 
@@ -90,9 +90,9 @@ def forces(
     """The force over each of the `parts`, which are numbers of sides, with the reactions on clamped ones.
 
     lambda_H (m,) >= 0 are the values on the cells, and `bound` is a bound on |||lambda - lambda_H|||_*. By
-    default all sides have contact, and k = c = 1. If the bound is infinite, no force has an upper bound, but the sum of all
-    forces and reactions may have its `balance`. Of the `mesh` that
-    lambda_H was computed on only the coarsest level is used, where that suffices.
+    default all sides have contact, and k = c = 1. If the bound is infinite, no force has an upper bound, but
+    the sum of all forces and reactions may have its `balance`. Of the `mesh` that lambda_H was computed on
+    only the coarsest level is used, where that suffices.
     """
     of = clamps or unclamped(mesh.polygon.n_sides)
     sides = [np.setdiff1d([*part], of.form.free).astype(int) for part in parts]

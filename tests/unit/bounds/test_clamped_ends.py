@@ -167,7 +167,7 @@ def test_before_a_clamped_side_nodes_are_counted_from_its_vertex(reach, nodes):
 
 
 def test_the_depth_is_the_smaller_one_of_the_layer_and_friedrichs_constant():
-    """C |v|_1 bounds ||v||_0, and c ||v||_0^2 is in the energy: N is equivalent to the energy norm, c = 0 or not."""
+    """||v||_0 is at most C |v|_1 and, where c > 0, at most the energy norm over c^(1/2)."""
     known = clamps([0] * 4, [1] * 4)  # C = 2
     for k, c, depth in (
         (1, 0, 2.0),

@@ -152,7 +152,7 @@ def trials():
 
 
 def violations(trials, bounds=Trial.bounds):
-    """(4,) how often u, lambda_, fluxes and product are below the error, by more than what rounding may do."""
+    """(4,) how often u, lambda_, fluxes and product are below the error, by more than rounding."""
     found = np.zeros(4, dtype=int)
     for trial in trials:
         result, energy = bounds(trial), 1 + trial.u @ trial.A @ trial.u
@@ -188,7 +188,7 @@ def test_no_term_can_be_left_out(trials, bounds, wrong):
 
 @pytest.mark.parametrize(("known", "wrong"), [(True, False), (False, True)])
 def test_of_a_part_of_v_the_norm_is_enough(trials, known, wrong):
-    """v is a function whose residual vanishes on V, plus one of which only the norm is known, or not even that."""
+    """v is a function without a residual on V, plus one of which the norm is known, or not even that."""
 
     def bounds(trial):
         own, V = trial.of_v.parts, trial.space.V
