@@ -63,26 +63,32 @@ def _misfit(mesh: Mesh, node: Index, u: Array, ends: tuple[Array, Array], area: 
     return found
 
 
-def defects(source: Source, u_h: Array, q: Array, reaction: float = 1.0) -> tuple[Array, Array, float]:
+def defects(source: Source, u_h: Array, q: Array, form: Form) -> tuple[Array, Array, Array]:
     """(m,) ||grad u_h - q||^2 and u_h - f~ - div q on each triangle, and what rounding adds to the norm.
 
     That includes what the exact mesh adds. Without a reaction u_h is left out of the second one.
     """
-    mesh, sizes, stretched = source.mesh, 0.0, _stretched(source.mesh, q)
-    squares, residual = np.empty((2, len(mesh.triangles)))
+    mesh, stretched = source.mesh, _stretched(source.mesh, q)
+    squares, residual, *rounding = np.empty((4, len(mesh.triangles)))
     for of in blocks(len(squares)):
         area, node, moments = mesh.areas[of], mesh.triangles[of].T, source.moments(of).T
         u, (first, last) = u_h.take(node), flows(mesh, q, of)
-        squares[of] = linear_squares(area, _misfit(mesh, node, u, (first, last), area).transpose(2, 1, 0))
+        squares[of] = linear_squares(area, _misfit(mesh, node, form.k * u, (first, last), area).transpose(2, 1, 0))
         flow, steep, over = _sum(first) + _sum(last), mesh.longest_edges[of] / area, 1 / area
-        residual[of] = reaction * _sum(u) / 3 + (0.5 * flow - _sum(moments)) * over
+        residual[of] = -form.c * _sum(u) / 3 - (0.5 * flow - _sum(moments)) * over
         u, first, last = np.abs(u), np.abs(first), np.abs(last)
         most = _largest([first[k] + last[j] for _, j, k in CORNERS])
-        size = _largest(u) * (1 + steep) + (_sum(first) + _sum(last)) * (steep + over)
-        exact = 0.5 * (most * steep + np.abs(flow) * over)
-        added = ROUNDING * (size + _sum(np.abs(moments)) * over) + mesh.distortion[of] * exact
-        sizes += float(area @ (added + stretched[of]) ** 2)
-    return squares, residual, math.sqrt(sizes)
+        flows_ = _sum(first) + _sum(last)
+        root_ = np.sqrt(area)
+        rounding[0][of] = root_ * (
+            ROUNDING * (form.k * _largest(u) + flows_) * steep + mesh.distortion[of] * 0.5 * most * steep + stretched[of]
+        )
+        rounding[1][of] = root_ * (
+            ROUNDING * (form.c * _largest(u) + flows_ * over + _sum(np.abs(moments)) * over)
+            + mesh.distortion[of] * 0.5 * np.abs(flow) * over
+            + stretched[of]
+        )
+    return squares, residual, np.stack(rounding)
 
 
 def _sum(of: Array) -> Array:

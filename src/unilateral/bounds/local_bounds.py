@@ -170,7 +170,7 @@ def local_bound(
 def flux_of(source: Source, u_h: Array, sigma: Array, form: Form) -> Array:
     """The flux by `equilibrated` with q.n = sigma (nb, 2) on the edges that are not clamped."""
     given = np.where(form.edges(source.mesh)[:, None], math.nan, sigma)
-    return equilibrated(source.mesh, u_h, source.moments, given, form.c)
+    return equilibrated(source.mesh, form.k * u_h, source.moments, given, form.c / form.k)
 
 
 def of_divergence(
