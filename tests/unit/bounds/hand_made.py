@@ -47,7 +47,7 @@ class Manufactured:
     """
 
     flux_in_L2 = True
-    clamped_sides, reaction = (), 1.0
+    clamped_sides, c = (), 1.0
 
     def __init__(self, polygon, u, gap="0"):
         self.polygon = polygon
