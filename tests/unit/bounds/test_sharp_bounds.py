@@ -69,7 +69,7 @@ def linear_source(k, c):
     return f"cosh({rate}*(x - 0.4)) + cosh({rate}*(y - 0.55)) + 0.1*x - 0.05*y"
 
 
-@pytest.mark.parametrize(("k", "c"), [(1.0, 1.0), (3.0, 48.0), (0.5, 2e-3)])
+@pytest.mark.parametrize(("k", "c"), [(1.0, 1.0), (3.0, 48.0), (0.25, 0.0625)])
 @pytest.mark.parametrize("name", ["square", "wedge"])
 def test_the_identity_holds_for_any_v_and_any_flux(name, k, c):
     """The left side by quadrature with the exact u, for random v of P2 and a random flux.
