@@ -67,7 +67,7 @@ def residual_parts(source: Source, tau: Given, u_h: Array, q: Array, form: Form)
     stretched = stretched_divergence(mesh, q)
     for of in blocks(len(mesh.triangles)):
         _put(parts, of, source, q, form, stretched, u_h.take(mesh.triangles[of].T))
-    _put_tau(parts, tau, form)
+    put_tau(parts, tau, form)
     return parts
 
 
@@ -87,7 +87,7 @@ def moved_parts(
     v = u_h.take(parts.mesh.triangles[layer.triangles].T) + hats.T
     stretched = stretched_divergence(parts.mesh, q)
     _put(parts, layer.triangles, source, q, form, stretched, v, layer.slopes, bubbles)
-    _put_tau(parts, tau, form)
+    put_tau(parts, tau, form)
     return parts
 
 
@@ -202,7 +202,7 @@ def stretched_divergence(mesh: Mesh, q: Array) -> Array:
     return found
 
 
-def _put_tau(parts: ResidualParts, tau: Given, form: Form) -> None:
+def put_tau(parts: ResidualParts, tau: Given, form: Form) -> None:
     """Put in what tau~ leaves of the flux that is given on free sides, on the triangles there."""
     mesh = parts.mesh
     at = mesh.boundary_triangles
