@@ -45,7 +45,7 @@ import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.bounds.clamped_ends import Clamps, conflicts, inside_reach, missing, unclamped
-from unilateral.bounds.flux_residuals import SUMS
+from unilateral.bounds.residual_norm import SUMS
 from unilateral.bounds.force_mesh import condensed, extended
 from unilateral.bounds.source import Source
 from unilateral.fem.condense import Condensed

@@ -42,11 +42,21 @@ J = 3.8317
 """The first zero of the Bessel function J_1, 3.83170597.., rounded down."""
 SUMS = 1e-9
 """At most this fraction of a sum of squares is rounding."""
-UNDERFLOW = 1e-150
-"""Squares that underflow take less than this from the root of their sum.
+UNDERFLOW, DIVIDED = 1e-150, 1e-156
+"""What squares that underflow take from the root of a sum, at most.
 
-There are fewer than 10^9 triangles, and each square is off by 2^-1074 at most.
+It is UNDERFLOW times the sum of 1 and the squared perimeter, plus, where squares are divided by areas,
+DIVIDED over the root of the least area. There are fewer than 10^9 triangles with fewer than 20 squares each,
+and each square is off by 2^-1074 at most. Squares are multiplied by areas and squares of lengths, or divided
+by areas.
 """
+
+
+def underflow(mesh: Mesh, form: Form) -> float:
+    """What underflow takes from the energy norms of functions on a mesh, and from those of residuals."""
+    sizes = math.sqrt(form.k) + math.sqrt(form.c) + 1 / math.sqrt(form.k) + form.value_constant
+    divided = DIVIDED / math.sqrt(float(mesh.areas.min()))
+    return sizes * (UNDERFLOW * (1 + mesh.polygon.perimeter**2) + divided)
 
 
 class ResidualParts(NamedTuple):
@@ -66,44 +76,53 @@ class ResidualParts(NamedTuple):
 
     def squares(self, form: Form) -> Array:
         """(m,) the squares of min(s, s')."""
-        squares = np.empty(len(self.misfit))
-        weight = form.c**-0.5 if form.c else math.inf
-        for of in blocks(len(squares)):
-            m, o, r, E = self.misfit[of], self.oscillation[of], self.mean[of], self.rest[of]
-            poincare = self.mesh.longest_edges[of] / J
+        return np.concatenate([self._squares(of, form) for of in blocks(len(self.misfit))])
 
-            # (i): theta is best for E = 0; s is infinite if c = 0 and the mean is not
-            ratio = form.c / form.k
-            theta = np.ones_like(o)
-            np.divide(o - ratio * poincare * m, o * (1 + ratio * poincare**2), out=theta, where=o > 0)
-            theta = np.clip(theta, 0.0, 1.0)
-            of_values = np.hypot(r, (1 - theta) * o) + E
-            np.multiply(of_values, weight, out=of_values, where=of_values > 0)
-            s = np.hypot((m + theta * poincare * o) / math.sqrt(form.k), of_values)
-            squares[of] = np.minimum(s, self.by_parts[of]) ** 2
-        return squares
+    def norms(self, form: Form) -> tuple[float, float]:
+        """S_1 and S: R(z) is at most S_1 times the energy norm of z, and S times that if z = 0 on clamped sides.
 
-    def norm_on_H1(self, form: Form) -> float:
-        """S_1, a bound on R(z) over the energy norm of z for all z in H^1."""
-        return _root(float(self.squares(form).sum()))
-
-    def norm(self, form: Form) -> float:
-        """S, a bound on R(z) over the energy norm of z, for z that vanish on the form's clamped sides."""
-        on_H1 = self.norm_on_H1(form)
-        if math.isinf(form.friedrichs):
-            return on_H1
+        S_1 is infinite where c = 0 and rho is not orthogonal to constants.
+        """
+        on_H1 = of_gradients = of_values = 0.0
+        for of in blocks(len(self.misfit)):
+            on_H1 += float(self._squares(of, form).sum())
+            m = self.misfit[of] + self.mesh.longest_edges[of] / J * self.oscillation[of]
+            r = self.mean[of] + self.rest[of]
+            of_gradients += float(m @ m)
+            of_values += float(r @ r)
+        S_1, M, N = _root(on_H1), _root(of_gradients), _root(of_values)
 
         # (ii)
-        of_gradients = of_values = 0.0
-        for of in blocks(len(self.misfit)):
-            poincare = self.mesh.longest_edges[of] / J
-            of_gradients += float(np.sum((self.misfit[of] + poincare * self.oscillation[of]) ** 2))
-            of_values += float(np.sum((self.mean[of] + self.rest[of]) ** 2))
-        M, N = _root(of_gradients), _root(of_values)
         k, c, C = form.k, form.c, form.friedrichs
-        if k * N < c * C * M:
-            return on_H1
-        return min(on_H1, (M + C * N) / math.hypot(math.sqrt(k), math.sqrt(c) * C))
+        if math.isinf(C) or k * N < c * C * M:
+            return S_1, S_1
+        return S_1, min(S_1, (M + C * N) / math.hypot(math.sqrt(k), math.sqrt(c) * C))
+
+    def shares(self, form: Form) -> Array:
+        """(m,) the triangles' parts of S^2: their sum is at most that and, but for rounding, at least half."""
+        S_1, S = self.norms(form)
+        if S == S_1:
+            return self.squares(form)
+        C = form.friedrichs
+        m = self.misfit + self.mesh.longest_edges / J * self.oscillation
+        r = C * (self.mean + self.rest)
+        return np.asarray((m**2 + r**2) / (form.k + form.c * C**2))
+
+    def _squares(self, of: slice, form: Form) -> Array:
+        """(k,) the squares of min(s, s') on some triangles."""
+        m, o, r, E = self.misfit[of], self.oscillation[of], self.mean[of], self.rest[of]
+        poincare = self.mesh.longest_edges[of] / J
+
+        # (i): theta is best for E = 0; s is infinite if c = 0 and the mean is not
+        ratio = form.c / form.k
+        theta = np.ones_like(o)
+        np.divide(o - ratio * poincare * m, o * (1 + ratio * poincare**2), out=theta, where=o > 0)
+        theta = np.clip(theta, 0.0, 1.0)
+        of_values = np.hypot(r, (1 - theta) * o) + E
+        weight = form.c**-0.5 if form.c else math.inf
+        np.multiply(of_values, weight, out=of_values, where=of_values > 0)
+        s = np.hypot((m + theta * poincare * o) / math.sqrt(form.k), of_values)
+        return np.asarray(np.minimum(s, self.by_parts[of]) ** 2)
 
 
 def _root(squares: float) -> float:

@@ -67,23 +67,26 @@ def total_errors(
     """The bounds from the residuals of u_h and of a feasible v, D, D_D, and the norm of lambda_H - sigma."""
     growth = (1 + SUMS) * of_u.parts.mesh.growth
 
+    on_H1, on_V = of_u.parts.norms(form)
+    on_H1_of_v, on_V_of_v = of_v.parts.norms(form)
+
     # (i), infinite for c = 0
-    X_1 = math.hypot(_eta(of_u, of_u.parts.norm_on_H1(form)), D)
-    eta_1 = _eta(of_v, of_v.parts.norm_on_H1(form))
+    X_1 = math.hypot(_eta(of_u, on_H1), D)
+    eta_1 = _eta(of_v, on_H1_of_v)
     Y_1 = min(D + X_1, eta_1)
 
     # (ii)
-    X = math.hypot(_eta(of_u, of_u.parts.norm(form)), D)
-    S = of_v.parts.norm(form)
-    eta = _eta(of_v, S)
+    X = math.hypot(_eta(of_u, on_V), D)
+    eta = _eta(of_v, on_V_of_v)
     Y = min(D + X, eta, Y_1)
-    E = min(Y_1, _fluxes(form, of_u, D), _fluxes(form, of_v, 0.0))
+    S_of_v = on_V_of_v + of_v.missing
+    E = min(Y_1, _fluxes(form, of_u, D), _fluxes(form, of_v, 0.0)) if form.clamped else Y_1
     return TotalErrors(
         u=growth * min(_leg(X_1, D - eta_1), _leg(X, D - math.hypot(eta, D_clamped))),
         lambda_=growth * (Y + of_sigma),
         fluxes=growth * (E + of_sigma),
         eta=growth * eta,
-        product=growth**2 * (of_v.slack + (S + of_v.missing) ** 2 / 4),
+        product=growth * growth * (of_v.slack + S_of_v * S_of_v / 4),
     )
 
 
@@ -98,8 +101,9 @@ def _fluxes(form: Form, residual: Residual, D: float) -> float:
     none = np.zeros_like(parts.misfit)
     others = parts._replace(misfit=none, by_parts=none + math.inf)
     m = float(np.linalg.norm(parts.misfit)) / math.sqrt(form.k)
-    e_N = others.norm_on_H1(form._replace(c=max(form.c, form.k / form.friedrichs**2)))
-    return D + math.hypot(_eta(residual, m), D + others.norm(form)) + e_N
+    _, e = others.norms(form)
+    e_N, _ = others.norms(form._replace(c=max(form.c, form.k / form.friedrichs**2)))
+    return D + math.hypot(_eta(residual, m), D + e) + e_N
 
 
 def _leg(hypotenuse: float, other: float) -> float:

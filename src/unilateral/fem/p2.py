@@ -168,16 +168,16 @@ class Layer(NamedTuple):
         of_edges[self.at[:, 0], self.at[:, 1]] = bubble
         return values[self.mesh.triangles[self.triangles]], of_edges
 
-    def norms(self, hats: Array, bubbles: Array) -> Array:
-        """(k,) the squared H1 norms on the triangles, from these coefficients."""
+    def squares(self, form: Form, hats: Array, bubbles: Array) -> Array:
+        """(k,) the squared energy norms on the triangles, from these coefficients."""
         of_gradient = linear_squares(self.areas, slopes_at_nodes(self.slopes, hats, bubbles))
-        return of_gradient + squares(self.areas, hats, bubbles)
+        return form.k * of_gradient + form.c * squares(self.areas, hats, bubbles)
 
-    def bubble_squares(self) -> Array:
-        """(nb,) the squares of the bubbles' H1 norms on the boundary edges."""
+    def bubble_squares(self, form: Form) -> Array:
+        """(nb,) the squares of the bubbles' energy norms on the boundary edges."""
         row, node = self.at.T
         of = self._replace(triangles=self.triangles[row], areas=self.areas[row], slopes=self.slopes[row])
-        return of.norms(np.zeros((len(row), 3)), np.eye(3)[node])
+        return of.squares(form, np.zeros((len(row), 3)), np.eye(3)[node])
 
 
 def layer(mesh: Mesh) -> Layer:

@@ -14,7 +14,7 @@ import unilateral as ul
 from unilateral.bounds import force_mesh
 from unilateral.bounds import forces as of_forces
 from unilateral.bounds.clamped_ends import ClampedEnds, Clamps, unclamped
-from unilateral.bounds.flux_residuals import SUMS
+from unilateral.bounds.residual_norm import SUMS
 from unilateral.bounds.force_mesh import LIGHT, MOST, extended, small_mesh
 from unilateral.bounds.forces import balance, forces
 from unilateral.bounds.source import Source, enclose_source
