@@ -1,20 +1,20 @@
 """Fluxes through the boundary edges of a mesh, linear on each: sigma of lambda_H, tau~ of a given flux tau.
 
-sigma has the mean of lambda_H on every edge and as much of its slope as leaves sigma >= 0.
+mu has the mean of lambda_H on every edge e and as much of its slope as leaves mu >= 0. On the triangle T at e
+
+    sigma = w mu + (1 - w) min(mu, max(k du_h/dn, 0)),     w = 1 / (1 + (c |e|^2 / (EDGE_BALANCE k))^2).
+
+Where the mesh does not see the layer of depth (k/c)^{1/2}, lambda_H is some c |e| times the error of u_h, and
+much larger than lambda. This is a choice, and only the sharpness of bounds depends on it.
 
 On free sides the flux tau (q in problem files) is given. On an edge e it is a piecewise polynomial p up to a
 function rho, and bounds on ||rho||_e and on its integral are known (`Flux`). tau~ is the L2
-projection of p onto linear functions: int tau~ psi is int p psi for all hats psi. tau - tau~ is the sum of
-p - tau~, which is orthogonal to linear functions, of rho less its mean, and of the mean of rho. For the first
-two see `oscillation`: with ||p - tau~||_e + ||rho||_e on triangles, and the sum of both with their constants
-on squares. For the third, with T the triangle at e,
+projection of p onto linear functions: int tau~ psi is int p psi for all hats psi. So on the triangle T at e
 
-    |int rho| |mean_e v| <= |int rho| |e|^{-1/2} ||v||_e <= |int rho| (C/|e|)^{1/2} ||v||_{1,T},
+    <tau - tau~, z>_e <= (||p - tau~||_e + ||rho||_e) ||z - mean_T z||_e + |int rho| |T|^{-1/2} ||z||_T,
 
-    ||v||_e^2 <= C ||v||_{1,T}^2,    C = |e|/|T| (1 + (1 + a^2)^{1/2})/2,
-
-a the greater distance of the vertex off e from the ends of e, by the divergence theorem with the field
-x - vertex. If c = 0, ||v||_1 is at most (1 + C^2)^{1/2} |v|_1, C Friedrichs' constant.
+and the norm of z - mean_T z is at most a constant of `oscillation` times |z|_{1,T}. Both are parts of
+a residual like those of `residual_norm`.
 """
 
 from __future__ import annotations
@@ -25,20 +25,17 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array, Index
-from unilateral.bounds.flux_residuals import SUMS
-from unilateral.bounds.source import norm
-from unilateral.fem.form import H1, Form
-from unilateral.fem.p1 import linear_parts
+from unilateral.bounds.residual_norm import SUMS, J
+from unilateral.fem.form import Form
+from unilateral.fem.p1 import gradients, linear_parts
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, overlay
 from unilateral.norms.oscillation import (
     MEAN_FREE_ON_SQUARE,
     ON_SQUARE,
-    has_square,
     oscillation_bound,
     trace_constants,
-    value_constants,
 )
 from unilateral.problems.obstacle_and_flux import Flux
 
@@ -49,11 +46,16 @@ It is added once more for every interval of the edge.
 """
 
 
+EDGE_BALANCE = 15.0
+"""c |e|^2 / k of an edge on which mu and the flux of u_h count the same, as fluxes of `equilibrated` do."""
+
+
 class EdgeFlux(NamedTuple):
     """sigma, by its values `ends` (nb, 2) >= 0 at the ends of the edges.
 
     `rest` (nb,) is the squared L2 norm of lambda_H - sigma, and `constant` (nb,) is what `oscillation` needs
-    to bound that in ||.||_{-1/2}. `push` (nb,) is the largest H_i lambda_i of a cell there.
+    to bound that in the dual norm. `push` (nb,) is the largest H_i lambda_i of a cell there over k, with the
+    factor w.
     """
 
     ends: Array
@@ -61,13 +63,13 @@ class EdgeFlux(NamedTuple):
     constant: Array
     push: Array
 
-    def distance(self, mesh: Mesh) -> float:
-        """A bound on ||lambda_H - sigma||_{-1/2}."""
-        return (1 + SUMS) * oscillation_bound(mesh, self.rest[:, None], self.constant).item()
+    def distance(self, mesh: Mesh, form: Form) -> float:
+        """A bound on the norm of lambda_H - sigma in the dual of the energy norm on H^1."""
+        return (1 + SUMS) * oscillation_bound(mesh, self.rest[:, None], form, self.constant).item()
 
 
-def edge_flux(mesh: Mesh, cells: Partition, lambda_H: Array) -> EdgeFlux:
-    """The flux of lambda_H (m,), which is constant on the cells."""
+def edge_flux(mesh: Mesh, cells: Partition, lambda_H: Array, u_h: Array, form: Form) -> EdgeFlux:
+    """The flux of lambda_H (m,), which is constant on the cells, for u_h (n,) near the discrete solution."""
     lengths, nb = np.diff(mesh.s), len(mesh.boundary)
     points, cell, edge = overlay(cells.points, mesh.s)
     middle = 0.5 * (points[1:] + points[:-1])
@@ -80,43 +82,62 @@ def edge_flux(mesh: Mesh, cells: Partition, lambda_H: Array) -> EdgeFlux:
     rest = np.maximum(squares + (limited - 2 * slope) * limited / 3, 0.0)
     push = np.zeros(nb)
     np.maximum.at(push, edge, (cells.lengths * lambda_H)[cell])
+    mu = np.column_stack([mean - limited, mean + limited])
+
+    # less than mu where it is above k du_h/dn; then lambda_H - sigma has a mean
+    part = mesh.part(mesh.boundary_triangles)
+    slopes = np.einsum("tid,ti->td", gradients(part), u_h[part.triangles])
+    outflow = form.k * np.sum(slopes * mesh.polygon.normals[mesh.side], axis=1)
+    w = 1 / (1 + (form.c / (EDGE_BALANCE * form.k) * lengths**2) ** 2)
+    less = (1 - w[:, None]) * np.maximum(mu - np.maximum(outflow, 0.0)[:, None], 0.0)
+    size = np.sqrt((less**2).sum(axis=1) + less.prod(axis=1)) / math.sqrt(3)
+    constant = np.where(limited == slope, ON_SQUARE, MEAN_FREE_ON_SQUARE)
     return EdgeFlux(
-        np.column_stack([mean - limited, mean + limited]),
-        rest=lengths * rest,
-        constant=np.where(limited == slope, ON_SQUARE, MEAN_FREE_ON_SQUARE),
-        push=push,
+        mu - less,
+        rest=lengths * np.where(size > 0, (np.sqrt(rest) + size) ** 2, rest),
+        constant=np.where(size > 0, math.inf, constant),
+        push=w * push / form.k,
     )
 
 
 class Given(NamedTuple):
-    """tau~, by its values `ends` (nb, 2) at the ends of the edges, and bounds on tau - tau~.
+    """tau~, by its values `ends` (nb, 2) at the ends of the edges, and bounds on tau - tau~ on each edge.
 
-    Each of the two rows of `squares` (2, nb) has a sum. The dual norm of tau - tau~ is at most the sum of the
-    roots of these. `doubts` (2, nb) are the same for tau - p: if tau were p they would be 0 but for rounding.
+    `left` (nb,) is ||p - tau~||_e, `size` is ||rho||_e, and `integral` bounds the integral of rho.
     """
 
     ends: Array
-    squares: Array
-    doubts: Array
+    left: Array
+    size: Array
+    integral: Array
 
     @property
-    def distance(self) -> float:
-        """A bound on the norm of tau - tau~ as a functional."""
-        return norm(self.squares)
+    def norm(self) -> Array:
+        """(nb,) bounds on ||tau - tau~||_e."""
+        return self.left + self.size
 
-    @property
-    def unknown(self) -> float:
-        """The part of that bound that is for tau - p."""
-        return norm(self.doubts)
+    def misfit(self, mesh: Mesh) -> Array:
+        """(nb,) what gradients are multiplied by in the functional of tau - tau~, on the triangles."""
+        return np.sqrt(trace_constants(mesh, 1 / J)) * self.norm
+
+    def rest(self, mesh: Mesh) -> Array:
+        """(nb,) what values are multiplied by in that functional."""
+        return self.integral / np.sqrt(mesh.areas[mesh.boundary_triangles])
+
+    def unknown(self, mesh: Mesh, form: Form) -> float:
+        """A bound on the norm of the functional of tau - p, on functions that vanish on clamped sides."""
+        of_rho = self._replace(left=np.zeros_like(self.left))
+        of_gradients = np.linalg.norm(of_rho.misfit(mesh)) / math.sqrt(form.k)
+        return float(of_gradients + form.value_constant * np.linalg.norm(of_rho.rest(mesh)))
 
 
 def nothing(mesh: Mesh) -> Given:
     """The `Given` of a mesh on which no flux is given: 0."""
     nb = len(mesh.boundary)
-    return Given(np.zeros((nb, 2)), *np.zeros((2, 2, nb)))
+    return Given(np.zeros((nb, 2)), *np.zeros((3, nb)))
 
 
-def given(flux: Flux, mesh: Mesh, form: Form = H1) -> Given:
+def given(flux: Flux, mesh: Mesh) -> Given:
     """The `Given` of a problem's flux on a mesh; infinite where the flux has no bound."""
     if not flux.given.any():
         return nothing(mesh)
@@ -130,9 +151,12 @@ def given(flux: Flux, mesh: Mesh, form: Form = H1) -> Given:
     left = np.sqrt(np.bincount(edge, np.sum(weight * away**2, axis=1), len(ends)))
     size, integral = _of_rho(flux, mesh, edge, 2 * half, flux.doubt[piece])
     rounding = _rounding(flux, mesh, edge, np.abs(p).max(axis=1))
-    size, integral = size + np.sqrt(lengths) * rounding, integral + lengths * rounding
-    integral *= math.hypot(1.0, form.value_constant)
-    return Given(ends, *(_squares(mesh, rest, size, integral) for rest in (left, np.zeros_like(left))))
+    return Given(
+        ends,
+        left=left,
+        size=size + np.sqrt(lengths) * rounding,
+        integral=integral + lengths * rounding,
+    )
 
 
 def _of_rho(flux: Flux, mesh: Mesh, edge: Index, length: Array, doubt: Array) -> tuple[Array, Array]:
@@ -159,16 +183,6 @@ def _rounding(flux: Flux, mesh: Mesh, edge: Index, size: Array) -> Array:
     np.maximum.at(largest, edge, size)
     terms = 1 + np.bincount(edge, minlength=len(largest))
     return np.asarray(largest * (ROUNDING * terms + flux.reach / np.diff(mesh.s)))
-
-
-def _squares(mesh: Mesh, left: Array, size: Array, integral: Array) -> Array:
-    """(2, nb) the squares of `Given`, from ||p - tau~|| and bounds on ||rho|| and on the integral of rho."""
-    lengths, square = np.diff(mesh.s), has_square(mesh)
-    on_square = math.sqrt(ON_SQUARE) * left + math.sqrt(MEAN_FREE_ON_SQUARE) * size
-    on_triangle = np.sqrt(trace_constants(mesh)) * (left + size)
-    of_mean = np.sqrt(value_constants(mesh) / lengths) * integral
-    on_squares = np.where(square, np.sqrt(lengths) * on_square, 0.0)
-    return np.stack([on_squares, np.where(square, 0.0, on_triangle) + of_mean]) ** 2
 
 
 def _edges(mesh: Mesh, s: Array) -> Index:

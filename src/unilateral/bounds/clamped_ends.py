@@ -2,15 +2,15 @@
 
 lambda is a functional of functions that vanish on clamped sides. Near a vertex between such a side and one
 with contact, forces can only be told from reactions where lambda is known to be small. With the feasible v
-of `local_bounds`, a for (grad v - q, v - f~ - div q), and r for the functional of f - f~ and tau - tau~,
+of `local_bounds`, its residual R, and S at least the norm of R on functions that vanish on clamped sides,
 
-    ||u - v||^2 = r(u - v) - (a, u - v) + <lambda - sigma, u - v>
-               <= (||a|| + ||r||) ||u - v|| + <lambda, u - v> + <sigma, v - g>,
+    |||u - v|||^2 = R(u - v) + <lambda - sigma, u - v>
+                 <= S |||u - v||| + <lambda, u - v> + <sigma, v - g>,
 
 since <sigma, u - g> >= 0. Let v - g be at least gamma on a part of the boundary, and w have values from 0 to
 1 and vanish on the rest. v - gamma w is admissible, so <lambda, u - v> <= -gamma <lambda, w>, and
 
-    gamma <lambda, w> <= <sigma, v - g> + (||a|| + ||r||)^2 / 4.
+    gamma <lambda, w> <= <sigma, v - g> + S^2 / 4.
 
 The right side is small. The integral of lambda over that part is at most this over gamma (supplement,
 Proposition S16).
@@ -65,9 +65,13 @@ class Clamps(NamedTuple):
     balance: tuple[float, float] | None = None
 
     @property
-    def weight(self) -> float:
-        """The weight of the squared L2 norm in that of w; see `of_fluxes` of the bounds."""
-        return self.form.coercivity
+    def depth(self) -> float:
+        """The length d in N(w)^2 = k (|w|_1^2 + d^-2 ||w||_0^2): the smaller of (k/c)^(1/2) and C.
+
+        C is Friedrichs' constant. N is the norm on H^1 by which reactions are bounded (`forces`); on
+        functions that vanish on clamped sides it is at least the energy norm.
+        """
+        return float(max(self.form.c / self.form.k, self.form.friedrichs**-2) ** -0.5)
 
 
 def unclamped(n: int) -> Clamps:

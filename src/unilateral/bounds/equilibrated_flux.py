@@ -1,16 +1,28 @@
-"""A flux q equilibrated on vertex patches: div q is the mean of u_h - f on triangles, q.n is sigma.
+"""A flux q made on vertex patches, which is equilibrated where the mesh is fine; q.n is sigma.
 
 q is the sum of q_a over the nodes a, psi_a the hat of a. q_a lies in BDM1 on the triangles at a, without a
-flux through the edges opposite to a, and
+flux through the edges opposite to a, and on boundary edges at a
 
-    div q_a = the mean on each triangle of psi_a (u_h - f) + grad psi_a . grad u_h,
-    q_a.n   = a linear function with the integral of psi_a sigma, on boundary edges at a,
+    q_a.n = a linear function with the integral of psi_a sigma;
 
-nearest to psi_a grad u_h in L2. On clamped edges q_a.n is free. If the form has no reaction, u_h is left out
-of u_h - f. The sum of the hats is 1 and that of their gradients 0, whence div q. Divergence and flux of a
-patch fit together because (u_h, psi_a) = (f, psi_a) + <sigma, psi_a>; what is left of that equation is spread
-evenly over the patch, and is found again in div q. At clamped edges they always fit (Braess and Schoeberl,
-Math. Comp. 77, 2008; Ern and Vohralik, SIAM J. Numer. Anal. 53, 2015).
+on clamped edges q_a.n is free. It is a mean of two such fluxes, w q_1 + (1 - w) q_0. q_1 is equilibrated, with
+
+    div q_1 = the mean on each triangle of psi_a (c u_h - f) + k grad psi_a . grad u_h,
+
+and nearest to k psi_a grad u_h in L2. The sum of the hats is 1 and that of their gradients 0, so the sum of
+all q_1 has the mean of c u_h - f as its divergence. Divergence and flux of a patch fit together because
+k (grad u_h, grad psi_a) + c (u_h, psi_a) = (f, psi_a) + <sigma, psi_a>; what is left of that equation is
+spread evenly over the patch, and is found again in div q. At clamped edges they always fit (Braess and
+Schoeberl, Math. Comp. 77, 2008; Ern and Vohralik, SIAM J. Numer. Anal. 53, 2015).
+
+q_0.n is psi_a times the mean of k grad u_h.n on both sides of each edge at a. Let J(q_a) be the sum of
+k^{-1/2} ||k psi_a grad u_h - q_a|| and of c^{-1/2} times the norm of what div q_a lacks. With |a| the area of
+the patch, J(q_1) is at most a multiple of 1 + (c |a| / k)^{1/2} times J(q_0), and J(q_0) one of
+1 + (c |a| / k)^{-1/2} times J(q_1). So J(q_a) is at most a multiple of the smaller one of both, for
+
+    w = 1 / (1 + (c |a| / (BALANCE k))^2).
+
+It is a choice, and only the sharpness of bounds depends on it.
 
 The triangles T_0, T_1, .. of a patch are anticlockwise around a, T_j = (a, b_j, b_{j+1}). The flux into T_j
 through the spoke from a to b_j, times its length, is linear, with the values F_j + z_j at a and F_j - z_j at
@@ -30,6 +42,7 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.arrays import Array, Index, Int32, blocks
+from unilateral.fem.form import H1, Form
 from unilateral.geometry.mesh import Mesh
 
 CHUNK = 4096
@@ -37,13 +50,17 @@ CHUNK = 4096
 
 Their numbers fit into a processor's cache.
 """
+BALANCE = 45.0
+"""c |a| / k of a patch on which q_1 and q_0 count the same. On many meshes |a| is 3 h^2."""
 
 
 class _Numbers(NamedTuple):
     """Numbers of the triangles T_j (k, p) of p patches.
 
-    `area` is T, `d` is the integral of div q_a. With b and c for b_j and b_{j+1}, `bb`, `cc` and `bc` are T
-    times |grad psi_b|^2, |grad psi_c|^2 and grad psi_b . grad psi_c. `slope` (k + 1, p) is u_h(b_j) - u_h(a).
+    `area` is T, `d` is the integral of div q_1. With b and c for b_j and b_{j+1}, `bb`, `cc` and `bc` are T
+    times |grad psi_b|^2, |grad psi_c|^2 and grad psi_b . grad psi_c, and `through_b`, `through_c` are T k
+    times the products of grad psi_b and of grad psi_c with grad u_h. `slope` (k + 1, p) is
+    k (u_h(b_j) - u_h(a)). `weight` (p,) is w.
     """
 
     area: Array
@@ -51,11 +68,14 @@ class _Numbers(NamedTuple):
     bb: Array
     cc: Array
     bc: Array
+    through_b: Array
+    through_c: Array
     slope: Array
+    weight: Array
 
 
 def equilibrated(
-    mesh: Mesh, u_h: Array, moments: Callable[[slice], Array], sigma: Array, reaction: float = 1.0
+    mesh: Mesh, u_h: Array, moments: Callable[[slice], Array], sigma: Array, form: Form = H1
 ) -> Array:
     """q on the edges of the `triangulation`, (2, E): their flows (E,) and tilts (E,).
 
@@ -69,7 +89,7 @@ def equilibrated(
     flow, tilt = q = np.zeros((2, len(ends) // 2))
     for edge, spokes in fans(mesh, after):
         left = spokes[:-1]
-        numbers = _numbers(mesh, u_h, ends.take(spokes[0]), ends.take(spokes ^ 1), f.take(left), reaction)
+        numbers = _numbers(mesh, u_h, ends.take(spokes[0]), ends.take(spokes ^ 1), f.take(left), form)
         if edge.size:
             left, (F, z) = spokes, _at_the_boundary(numbers, *_given(mesh, sigma, edge))
         else:
@@ -131,7 +151,7 @@ def fans(mesh: Mesh, after: Int32) -> Iterator[tuple[Int32, Int32]]:
             yield number[part[: len(part) * (which % 2)]], fan
 
 
-def _numbers(mesh: Mesh, u_h: Array, a: Int32, b: Int32, moments: Array, reaction: float = 1.0) -> _Numbers:
+def _numbers(mesh: Mesh, u_h: Array, a: Int32, b: Int32, moments: Array, form: Form) -> _Numbers:
     """The numbers for nodes a (p,), nodes b (k + 1, p) around them, and `moments` (k, p) of f with psi_a."""
     points = mesh.points.ravel()
     x, y = (points.take(2 * b + i) - points.take(2 * a + i) for i in range(2))
@@ -140,9 +160,12 @@ def _numbers(mesh: Mesh, u_h: Array, a: Int32, b: Int32, moments: Array, reactio
     area = 0.5 * (x[:-1] * y[1:] - y[:-1] * x[1:])
     square, scale = x * x + y * y, 0.25 / area
     bb, cc, bc = square[1:] * scale, square[:-1] * scale, (x[:-1] * x[1:] + y[:-1] * y[1:]) * -scale
-    d = reaction * area / 12 * (4 * u + slope[:-1] + slope[1:]) - moments
-    d -= (bb + bc) * slope[:-1] + (cc + bc) * slope[1:]
-    return _Numbers(area, d, bb, cc, bc, slope)
+    d = form.c / 12 * area * (4 * u + slope[:-1] + slope[1:]) - moments
+    slope *= form.k
+    through_b, through_c = bb * slope[:-1] + bc * slope[1:], bc * slope[:-1] + cc * slope[1:]
+    d -= through_b + through_c
+    weight = 1 / (1 + (form.c / (BALANCE * form.k) * area.sum(axis=0)) ** 2)
+    return _Numbers(area, d, bb, cc, bc, through_b, through_c, slope, weight)
 
 
 def _given(mesh: Mesh, sigma: Array, edge: Int32) -> tuple[Array, Array]:
@@ -194,7 +217,8 @@ def _inside(of: _Numbers) -> Array:
     columns = np.zeros((3, *own.shape))
     columns[1], columns[2] = -_joined(with_c, with_b), _joined(load, load_next)
     z, F = _periodic(_joined(own, own), of.bc, columns, 1.5 * both.sum(axis=0), -of_F.sum(axis=0))
-    return np.stack([S[:-1] + 0.5 * F, z])
+    mean = 0.5 * _joined(of.through_c, -of.through_b)
+    return mean + of.weight * (np.stack([S[:-1] + 0.5 * F, z]) - mean)
 
 
 def _joined(after: Array, before: Array) -> Array:
@@ -265,4 +289,9 @@ def _at_the_boundary(of: _Numbers, into: Array, out: Array) -> Array:
     load_of_F = 0.5 * (of.slope[-1] - of.slope[0]) - of_F.sum(axis=0)  # inside the domain slopes cancel
     corner = np.where(free, 1.5 * both.sum(axis=0), 1.0)
     z, F = _periodic(diagonal, off, columns, corner, np.where(free, load_of_F, 0.0))
-    return np.stack([S + 0.5 * F, z])
+    mean = 0.5 * (np.concatenate([of.through_c, none]) - np.concatenate([none, of.through_b]))
+    mean[[0, -1]] *= 2
+    average = np.stack([mean, mean])
+    for held, j, spoke in ((given[0], 0, into), (given[1], -1, out)):
+        average[:, j] = np.where(held, spoke, average[:, j])
+    return average + of.weight * (np.stack([S + 0.5 * F, z]) - average)

@@ -1,9 +1,19 @@
-"""grad u_h - q and u_h - f - div q for a flux q that is given on edges, as by `equilibrated`.
+"""k grad v - q and f + div q - c v on triangles, for a flux q that is given on edges, as by `equilibrated`.
 
-What the exact mesh adds to their norms (`geometry.exact_mesh`) is counted with the rounding. On a triangle
-with the `distortion` eps it is eps |q| and eps |div q|. At the boundary it is also what the sides' `stretch`
-changes of the flow through an edge, so that q.n on the exact boundary is what it is on this one (Proposition
-S7).
+Their norms are those of `residual_norm`. Where (k/c)^{1/2} is smaller than a triangle T, there is another bound
+on what T adds. v is linear, or of P2, and (q - k grad v).n is linear on the edges e of T. By parts
+
+    (q - k grad v, grad z)_T + (f + div q - c v, z)_T = (f - c v + k lap v, z)_T + sum_e <(q - k grad v).n, z>_e.
+
+Let a_e = (|e|/|T|)^{1/2} ||(q - k grad v).n||_e, let x_0 be the mean of the vertices off the edges e with the
+weights a_e, and R its greatest distance from a vertex. The divergence theorem with the field x - x_0 gives
+
+    s' = c^{-1/2} ||f - c v + k lap v||_T + ((1 + (1 + R^2 c/k)^{1/2}) / (2 c))^{1/2} sum_e a_e.
+
+What the exact mesh adds to the norms (`geometry.exact_mesh`) is counted with the rounding. On a triangle
+with the `distortion` eps it is eps |q| and eps |div q|, and at edges eps k |grad v|, too. At the boundary it is
+also what the sides' `stretch` changes of the flow through an edge, so that q.n on the exact boundary is what
+it is on this one (Proposition S7).
 """
 
 from __future__ import annotations
@@ -13,41 +23,28 @@ import math
 import numpy as np
 
 from unilateral.arrays import Array, Index, blocks
+from unilateral.bounds.boundary_flux import Given
 from unilateral.bounds.equilibrated_flux import flows
+from unilateral.bounds.residual_norm import UNDERFLOW, ResidualParts
 from unilateral.bounds.source import Source
-from unilateral.fem.form import H1, Form
-from unilateral.fem.p2 import linear_squares
+from unilateral.fem.form import Form
+from unilateral.fem.p2 import Layer, linear_squares, slopes_at_nodes, squares
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.refinement import CORNERS
+from unilateral.norms.oscillation import value_constants
 
 ROUNDING = 2.0**-45
 """The rounding of a sum, over its terms' sizes: 128 units in the last place, for some 20 operations each."""
-SUMS = 1e-9
-"""At most this fraction of a sum of squares is rounding."""
-UNDERFLOW, DIVIDED = 1e-150, 1e-156
-"""What squares that underflow take from the root of a sum, at most.
-
-It is UNDERFLOW times the sum of 1 and the squared perimeter, plus, where squares are divided by areas,
-DIVIDED over the root of the least area. There are fewer than 10^9 triangles with fewer than 20 squares each,
-and each square is off by 2^-1074 at most. Squares are multiplied by areas and squares of lengths, or divided
-by areas.
-"""
 
 
-def underflow(mesh: Mesh, form: Form = H1) -> float:
-    """What underflow takes on a mesh; it is added to a bound."""
-    divided = DIVIDED / math.sqrt(float(mesh.areas.min()))
-    return math.hypot(1.0, form.value_constant) * (UNDERFLOW * (1 + mesh.polygon.perimeter**2) + divided)
-
-
-def misfit(mesh: Mesh, u_h: Array, q: Array, of: Index | slice) -> Array:
-    """(k, 3, 2) grad u_h - q at the nodes of those triangles."""
+def misfit(mesh: Mesh, u_h: Array, q: Array, of: Index | slice, k: float = 1.0) -> Array:
+    """(m, 3, 2) k grad u_h - q at the nodes of those triangles."""
     node = mesh.triangles[of].T
-    return _misfit(mesh, node, u_h.take(node), flows(mesh, q, of), mesh.areas[of]).transpose(2, 1, 0)
+    return _misfit(mesh, node, k * u_h.take(node), flows(mesh, q, of), mesh.areas[of]).transpose(2, 1, 0)
 
 
 def _misfit(mesh: Mesh, node: Index, u: Array, ends: tuple[Array, Array], area: Array) -> Array:
-    """(2, 3, k) the same, from the nodes, u_h there (3, k), and the `flows`.
+    """(2, 3, m) grad u - q, from the nodes, u there (3, m), and the `flows`.
 
     At a node the flow in through the edge to the next node and the flow out through the edge from the node
     before determine q.
@@ -63,46 +60,162 @@ def _misfit(mesh: Mesh, node: Index, u: Array, ends: tuple[Array, Array], area: 
     return found
 
 
-def defects(source: Source, u_h: Array, q: Array, reaction: float = 1.0) -> tuple[Array, Array, float]:
-    """(m,) ||grad u_h - q||^2 and u_h - f~ - div q on each triangle, and what rounding adds to the norm.
+def residual_parts(source: Source, tau: Given, u_h: Array, q: Array, form: Form) -> ResidualParts:
+    """The parts of the residual of u_h (n,) in V_h."""
+    mesh = source.mesh
+    parts = ResidualParts(mesh, *np.empty((5, len(mesh.triangles))))
+    stretched = stretched_divergence(mesh, q)
+    for of in blocks(len(mesh.triangles)):
+        _put(parts, of, source, q, form, stretched, u_h.take(mesh.triangles[of].T))
+    put_tau(parts, tau, form)
+    return parts
 
-    That includes what the exact mesh adds. Without a reaction u_h is left out of the second one.
+
+def moved_parts(
+    parts: ResidualParts,
+    source: Source,
+    tau: Given,
+    u_h: Array,
+    q: Array,
+    form: Form,
+    layer: Layer,
+    hats: Array,
+    bubbles: Array,
+) -> ResidualParts:
+    """The parts for u_h + d, from those for u_h; d has these coefficients (m, 3) on the layer's triangles."""
+    parts = ResidualParts(parts.mesh, *(part.copy() for part in parts[1:]))
+    v = u_h.take(parts.mesh.triangles[layer.triangles].T) + hats.T
+    stretched = stretched_divergence(parts.mesh, q)
+    _put(parts, layer.triangles, source, q, form, stretched, v, layer.slopes, bubbles)
+    put_tau(parts, tau, form)
+    return parts
+
+
+def _put(
+    parts: ResidualParts,
+    of: slice | Index,
+    source: Source,
+    q: Array,
+    form: Form,
+    stretched: Array,
+    v: Array,
+    slopes: Array | None = None,
+    bubbles: Array | None = None,
+) -> None:
+    """Put in the parts on some triangles, but for tau.
+
+    v has the values (3, m) at their nodes. It may have `bubbles` (m, 3), which takes the hats' `slopes`.
     """
-    mesh, sizes, stretched = source.mesh, 0.0, _stretched(source.mesh, q)
-    squares, residual = np.empty((2, len(mesh.triangles)))
-    for of in blocks(len(squares)):
-        area, node, moments = mesh.areas[of], mesh.triangles[of].T, source.moments(of).T
-        u, (first, last) = u_h.take(node), flows(mesh, q, of)
-        squares[of] = linear_squares(area, _misfit(mesh, node, u, (first, last), area).transpose(2, 1, 0))
-        flow, steep, over = _sum(first) + _sum(last), mesh.longest_edges[of] / area, 1 / area
-        residual[of] = reaction * _sum(u) / 3 + (0.5 * flow - _sum(moments)) * over
-        u, first, last = np.abs(u), np.abs(first), np.abs(last)
-        most = _largest([first[k] + last[j] for _, j, k in CORNERS])
-        size = _largest(u) * (1 + steep) + (_sum(first) + _sum(last)) * (steep + over)
-        exact = 0.5 * (most * steep + np.abs(flow) * over)
-        added = ROUNDING * (size + _sum(np.abs(moments)) * over) + mesh.distortion[of] * exact
-        sizes += float(area @ (added + stretched[of]) ** 2)
-    return squares, residual, math.sqrt(sizes)
+    mesh, k, c = source.mesh, form.k, form.c
+    area, ends, f_h = mesh.areas[of], flows(mesh, q, of), source.f_h[of].T
+    field = _misfit(mesh, mesh.triangles[of].T, k * v, ends, area)
+    divergence = -0.5 * (_sum(ends[0]) + _sum(ends[1])) / area
+
+    # f_h - c v, its mean, and the squares of what is left of it and of f_h - c v + k lap v
+    g = f_h - c * v
+    if bubbles is None or slopes is None:
+        size = _largest(np.abs(v))
+        mean = _sum(g) / 3
+        mean_free = area / 36 * ((g[1] - g[0]) ** 2 + (g[2] - g[1]) ** 2 + (g[0] - g[2]) ** 2)
+        laplace = 0.0
+    else:
+        size = _largest(np.abs(v)) + np.abs(bubbles).sum(axis=1)
+        field += k * slopes_at_nodes(slopes, 0 * bubbles, bubbles).transpose(2, 1, 0)
+        mean = (_sum(g) - c * bubbles.sum(axis=1)) / 3
+        mean_free = squares(area, (g - mean).T, -c * bubbles)
+        products = np.sum(slopes * np.roll(slopes, -1, axis=1), axis=2)
+        laplace = 8 * k * np.sum(bubbles * products, axis=1)
+    more_field, more_rho = allowances(mesh, of, size, f_h, ends, form, stretched[of])
+    squared = linear_squares(area, field.transpose(2, 1, 0))
+    parts.misfit[of] = np.sqrt(squared) + np.sqrt(area) * more_field
+    parts.oscillation[of] = source.oscillation[of] + np.sqrt(mean_free)
+    parts.mean[of] = np.sqrt(area) * np.abs(mean + divergence)
+    parts.rest[of] = source.rest[of] + np.sqrt(area) * more_rho
+
+    parts.by_parts[of] = math.inf
+    thick = np.flatnonzero(c * mesh.longest_edges[of] ** 2 > k)
+    if thick.size:
+        rows = np.arange(len(parts.misfit))[of][thick]
+        inside = np.sqrt(mean_free + area * (mean + laplace) ** 2) + source.oscillation[of] + parts.rest[of]
+        parts.by_parts[rows] = by_parts(mesh, rows, field[..., thick], inside[thick], more_field[thick], form)
+
+
+def by_parts(mesh: Mesh, of: Index, field: Array, inside: Array, more: Array, form: Form) -> Array:
+    """(m,) s' on the triangles `of` (m,), for c > 0.
+
+    The `field` q - k grad v has these values (2, 3, m) at the nodes, up to `more` (m,); `inside` (m,) are
+    bounds on ||f - c v + k lap v||_T.
+    """
+    corners = mesh.points[mesh.triangles[of]].transpose(2, 1, 0)
+    area, through = mesh.areas[of], np.empty((3, len(of)))
+    for i, j, k in CORNERS:
+        x, y = corners[:, k] - corners[:, j]
+        length = np.hypot(x, y)
+        start, end = ((field[0, node] * y - field[1, node] * x) / length for node in (j, k))
+        norm = np.sqrt(length / 3 * (start**2 + start * end + end**2)) + np.sqrt(length) * more
+        through[i] = np.sqrt(length / area) * norm
+    total = _sum(through)
+    centre = (through * corners).sum(axis=1) / total
+    R = _largest(np.hypot(*(corners - centre[:, None])))
+    constant = np.sqrt((1 + np.sqrt(1 + R**2 * (form.c / form.k))) / (2 * form.c))
+    return np.asarray(inside / math.sqrt(form.c) + constant * total)
+
+
+def allowances(
+    mesh: Mesh,
+    of: slice | Index,
+    size: Array,
+    f_h: Array,
+    ends: tuple[Array, Array],
+    form: Form,
+    stretched: Array,
+) -> tuple[Array, Array]:
+    """(m,), (m,) what rounding and the exact mesh may add to |k grad v - q| and |f_h + div q - c v|.
+
+    It is at least UNDERFLOW, below which squares may be 0.
+
+    That is on some triangles, where v is at most `size` (m,) in its coefficients, f_h has the values (3, m)
+    at nodes, and q the `flows` there.
+    """
+    area = mesh.areas[of]
+    longest, distortion, over = mesh.longest_edges[of], mesh.distortion[of], 1 / area
+    flow = np.abs(_sum(ends[0]) + _sum(ends[1]))
+    first, last = np.abs(ends[0]), np.abs(ends[1])
+    most = _largest([first[k] + last[j] for _, j, k in CORNERS])
+    flows_in, slope = _sum(first) + _sum(last), form.k * size
+    steep = longest * over
+    field = ROUNDING * (slope + flows_in) + distortion * (0.5 * most + 2 * slope)
+    rho = ROUNDING * (form.c * size + _largest(np.abs(f_h)) + flows_in * over)
+    rho += 0.5 * distortion * flow * over + stretched
+    return steep * field + longest * stretched + UNDERFLOW, rho + UNDERFLOW
+
+
+def stretched_divergence(mesh: Mesh, q: Array) -> Array:
+    """(m,) bounds on |div q_T|, where q_T has the `stretch` of a side times the flow of q there.
+
+    |q_T| is at most that times the longest edge.
+    """
+    at, found = mesh.boundary_triangles, np.zeros(len(mesh.triangles))
+    flow, tilt = q[:, mesh.triangulation.boundary]
+    flow = mesh.polygon.stretch[mesh.side] * (np.abs(flow + tilt) + np.abs(flow - tilt))
+    np.add.at(found, at, 0.5 * flow / mesh.areas[at])
+    return found
+
+
+def put_tau(parts: ResidualParts, tau: Given, form: Form) -> None:
+    """Put in what tau~ leaves of the flux that is given on free sides, on the triangles there."""
+    mesh = parts.mesh
+    at = mesh.boundary_triangles
+    np.add.at(parts.misfit, at, tau.misfit(mesh))
+    np.add.at(parts.rest, at, tau.rest(mesh))
+    if form.c:
+        np.add.at(parts.by_parts, at, np.sqrt(value_constants(mesh, form)) * tau.norm)
 
 
 def _sum(of: Array) -> Array:
-    """(k,) the sum of the three rows; this is faster than a reduction."""
+    """(m,) the sum of the three rows; this is faster than a reduction."""
     return np.asarray(of[0] + of[1] + of[2])
 
 
 def _largest(of: Array | list[Array]) -> Array:
     return np.asarray(np.maximum(np.maximum(of[0], of[1]), of[2]))
-
-
-def _stretched(mesh: Mesh, q: Array) -> Array:
-    """(m,) bounds on |q_T| + |div q_T|, where q_T has the `stretch` of a side times the flow of q there."""
-    at, found = mesh.boundary_triangles, np.zeros(len(mesh.triangles))
-    flow, tilt = q[:, mesh.triangulation.boundary]
-    flow = mesh.polygon.stretch[mesh.side] * (np.abs(flow + tilt) + np.abs(flow - tilt))
-    np.add.at(found, at, 0.5 * flow * (mesh.longest_edges[at] + 1) / mesh.areas[at])
-    return found
-
-
-def root(squares: Array) -> float:
-    """The square root of the sum."""
-    return math.sqrt(float(squares.sum()))

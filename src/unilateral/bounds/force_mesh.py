@@ -24,29 +24,29 @@ LIGHT = 1 / 16
 """A load on a node counts as small if it is at most this."""
 LARGEST = 1 / 4
 """Triangles are halved first where the load on a node is more than this fraction of the largest one."""
-THICK = 1.0
-"""Triangles at the boundary with an edge longer than this are halved.
-
-Functions of least norm fall within a length of 1 from the boundary.
-"""
 DISTORTED = 1e-6
 """Triangles are not halved if rounding distorts one of them by more than this."""
 GROWTH = 0.4
 """The size of triangles grows by this times their distance from the boundary."""
-SMALL = 1e-2
-"""The least diameter of a polygon on which rounding does not hide constants."""
+DEEP = 100.0
+"""The depth of the norm counts as at most this many diameters, or rounding would hide constants.
+
+That is where functions are chosen; their norms are those of the true depth.
+"""
 
 
 def condensed(mesh: Mesh, cells: Partition, load: Array, clamps: Clamps) -> tuple[Mesh, Condensed | None]:
     """A small mesh of the polygon of `mesh` for the load (m,) on the cells, and its condensation.
 
-    Where there is none, as on polygons that are too thin, these are the `mesh` itself and None. A polygon
-    that is too small is enlarged before it is condensed.
+    The form of that is k^-1 N(w)^2, N the norm of `forces`. Where there is none, as on polygons that are too
+    thin, these are the `mesh` itself and None.
     """
     try:
-        small = _reached(small_mesh(mesh, cells, load), clamps)
-        exact_mesh.check(small.polygon, small.points, small.triangles, small.distortion)
-        return small, condense(small, Form(clamps.form.k, clamps.weight))
+        small = _reached(small_mesh(mesh, cells, load, clamps.depth), clamps)
+        polygon = small.polygon
+        exact_mesh.check(polygon, small.points, small.triangles, small.distortion)
+        depth = min(clamps.depth, DEEP * polygon.diameter)
+        return small, condense(small, Form(c=depth**-2))
     except InputError:
         return mesh, None
 
@@ -73,15 +73,17 @@ def extended(space: Condensed, v: Array) -> Array:
     return w
 
 
-def small_mesh(mesh: Mesh, cells: Partition, load: Array) -> Mesh:
+def small_mesh(mesh: Mesh, cells: Partition, load: Array, depth: float) -> Mesh:
     """A mesh of the polygon of `mesh`, graded for the load (m,) on the cells.
+
+    Functions of least norm fall within the `depth` from the boundary.
 
     Raises InputError where gmsh has to make one, and it is not sound.
     """
     graded = _first(mesh)
     while graded.n_nodes < FEW and (finer := _halved(graded)):
         graded = finer
-    while len(chosen := _chosen(graded, cells, load)) and (finer := _halved(graded, chosen)):
+    while len(chosen := _chosen(graded, cells, load, depth)) and (finer := _halved(graded, chosen)):
         if len(finer.boundary) > MOST:
             break
         graded = finer
@@ -109,15 +111,15 @@ def _halved(mesh: Mesh, chosen: Index | None = None) -> Mesh | None:
         return None
 
 
-def _chosen(mesh: Mesh, cells: Partition, load: Array) -> Index:
-    """The triangles at the ends with the largest loads, and those at the boundary that are too thick."""
+def _chosen(mesh: Mesh, cells: Partition, load: Array, depth: float) -> Index:
+    """The triangles at the ends with the largest loads, and those at the boundary above the `depth`."""
     at, ends = np.zeros(mesh.n_nodes), _steep_ends(mesh, cells, load)
     at[mesh.boundary[ends]] = (coupling(mesh, cells).T @ load)[ends]
     heavy = np.zeros(mesh.n_nodes, dtype=bool)
     heaviest = np.argsort(-at, kind="stable")[: max(MOST - len(mesh.boundary), 0) // 2]
     heavy[heaviest] = at[heaviest] > max(LIGHT, LARGEST * float(at.max()))
     outer = mesh.boundary_triangles
-    thick = outer[mesh.longest_edges[outer] > THICK]
+    thick = outer[mesh.longest_edges[outer] > depth]
     return np.union1d(np.flatnonzero(heavy[mesh.triangles].any(axis=1)), thick)
 
 

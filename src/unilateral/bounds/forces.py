@@ -1,19 +1,23 @@
 """The force over a part of the boundary, the integral of lambda, between two guaranteed numbers.
 
-Let E bound ||lambda - lambda_H||_{-1/2}. lambda is not negative, so for every w in H^1
+Let E bound |||lambda - lambda_H|||_*, and N be a norm on H^1 that is at least the energy norm,
 
-    int_P lambda <= <lambda, w> <= <lambda_H, w> + E ||w||_1,   if w >= 1 on P, w >= 0 on the rest,
-    int_P lambda >= <lambda, w> >= <lambda_H, w> - E ||w||_1,   if w <= 1 on P, w <= 0 on the rest.
+    N(w)^2 = k (|w|_1^2 + d^-2 ||w||_0^2),     d the `depth` of `Clamps`.
 
-With -w in the place of w the second one is like the first: in both <lambda_H, w> + E ||w||_1 is to be
+lambda is not negative, so for every w in H^1 that vanishes on clamped sides
+
+    int_P lambda <= <lambda, w> <= <lambda_H, w> + E N(w),   if w >= 1 on P, w >= 0 on the rest,
+    int_P lambda >= <lambda, w> >= <lambda_H, w> - E N(w),   if w <= 1 on P, w <= 0 on the rest.
+
+With -w in the place of w the second one is like the first: in both <lambda_H, w> + E N(w) is to be
 small, and w not below a bound c. On sides that are free lambda is 0, and w is free, too: a flux that is
 given there is no part of lambda, in E neither.
 
-The same holds for reactions, the integrals of du/dn over clamped sides, whose sign is not known: there w is 1
-on P and 0 on the rest, <lambda_H, w> has also that of q.n over P, and E is `of_fluxes` of the bounds. Clamped
-sides in a row go together, for w cannot jump. Where P ends at a vertex between a clamped side and one with
-contact, w has to pass from 1 to 0 beside it. For one of the two bounds that is too low on a piece of the side
-with contact. If v - g is at least gamma there, what is missing is bounded in `clamped_ends`.
+The same holds for reactions, the integrals of k du/dn over clamped sides, whose sign is not known: there
+w is 1 on P and 0 on the rest, <lambda_H, w> has also that of q.n over P, and E is `of_fluxes` of the bounds.
+Clamped sides in a row go together, for w cannot jump. Where P ends at a vertex between a clamped side and
+one with contact, w has to pass from 1 to 0 beside it. For one of the two bounds that is too low on a piece
+of the side with contact. If v - g is at least gamma there, what is missing is bounded in `clamped_ends`.
 Where nothing is known of v - g that bound is infinite; so it has to be where u = g at the vertex, for there
 a large force near the vertex and the opposite reaction have hardly any norm together.
 
@@ -23,15 +27,16 @@ If c = 0, the sum of all forces and reactions is known: (1.1) with v = 1 says th
 w is continuous, and linear on the triangles of a mesh of its own, for it has to be steep at the ends of sides
 and of contact. That mesh is graded towards those of these ends where there is a load. A load that is small
 beside the norm of the functions is left out, for nothing is gained there by steepness. On the mesh the best w
-is known: ||w||_1 is not below |v|_S, for v its values at the boundary nodes and S the Schur complement on
-these, and it is |v|_S if w is extended as S has it; `least_norm` finds v. What is guaranteed does not rest on
-that. v is not below c at the nodes, so w is not on the edges, whose ends may be one of P and one of the rest
-only at vertices, which are nodes. And ||w||_1 is computed from all values of w. On the exact mesh, see
+is known: k^(-1/2) N(w) is not below |v|_S, for v its values at the boundary nodes and S the Schur complement
+on these, and it is |v|_S if w is extended as S has it; `least_norm` finds v. What is guaranteed does not rest
+on that. v is not below c at the nodes, so w is not on the edges, whose ends may be one of P and one of the
+rest only at vertices, which are nodes. And N(w) is computed from all values of w. On the exact mesh, see
 `geometry.exact_mesh`, it is at most `growth` times as large.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -40,7 +45,7 @@ import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.bounds.clamped_ends import Clamps, conflicts, inside_reach, missing, unclamped
-from unilateral.bounds.flux_residuals import SUMS
+from unilateral.bounds.residual_norm import SUMS
 from unilateral.bounds.force_mesh import condensed, extended
 from unilateral.bounds.source import Source
 from unilateral.fem.condense import Condensed
@@ -54,7 +59,7 @@ from unilateral.problems.obstacle_and_flux import Flux
 from unilateral.solvers.least_norm import least
 
 LEAST, TINY = 1e-100, 1e-300
-"""When w is chosen, E counts as at least LEAST times the force of lambda_H, and as at least TINY."""
+"""When w is chosen, k^(1/2) E counts as at least LEAST times the force of lambda_H, and as at least TINY."""
 
 
 class Force(NamedTuple):
@@ -84,10 +89,10 @@ def forces(
 ) -> list[Force]:
     """The force over each of the `parts`, which are numbers of sides, with the reactions on clamped ones.
 
-    lambda_H (m,) >= 0 are the values on the cells, and `bound` is a bound on ||lambda - lambda_H||_{-1/2}. By
-    default all sides have contact. If the bound is infinite, no force has an upper bound, but the sum of all
-    forces and reactions may have its `balance`. Of the `mesh` that
-    lambda_H was computed on only the coarsest level is used, where that suffices.
+    lambda_H (m,) >= 0 are the values on the cells, and `bound` is a bound on |||lambda - lambda_H|||_*. By
+    default all sides have contact, and k = c = 1. If the bound is infinite, no force has an upper bound, but
+    the sum of all forces and reactions may have its `balance`. Of the `mesh` that lambda_H was computed on
+    only the coarsest level is used, where that suffices.
     """
     of = clamps or unclamped(mesh.polygon.n_sides)
     sides = [np.setdiff1d([*part], of.form.free).astype(int) for part in parts]
@@ -135,14 +140,15 @@ def balance(source: Source, flux: Flux) -> tuple[float, float]:
 
 
 def _ends(
-    mesh: Mesh, cells: Partition, lambda_H: Array, E: float, parts: list[Index], clamps: Clamps
+    mesh: Mesh, cells: Partition, lambda_H: Array, bound: float, parts: list[Index], clamps: Clamps
 ) -> tuple[Array, Array]:
     """(k,), (k,) numbers below and above the forces over k parts, each some sides that are not free."""
+    E = math.sqrt(clamps.form.k) * bound
     load = lambda_H / max(E, LEAST * float(cells.lengths @ lambda_H), TINY)
     of, space = condensed(mesh, cells, load, clamps)
     pairing, load = (coupling(of, cells).T @ np.column_stack([lambda_H, load])).T
     exact = clamps.form.fixed(of)[of.boundary]
-    best = Best(of, space, pairing, E, load, exact, clamps.weight)
+    best = Best(of, space, pairing, E, load, exact, Form(c=clamps.depth**-2))
     above, below = (
         np.column_stack(c) for c in zip(*(_limits(of, each, clamps) for each in parts), strict=True)
     )
@@ -174,11 +180,10 @@ def _limits(mesh: Mesh, part: Index, clamps: Clamps) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False)
 class Best:
-    """The least of <lambda_H, w> + E ||w||_1 on a mesh with its `space`, or among constants without one.
+    """The least of <lambda_H, w> + E |||w||| on a mesh with its `space`, or among constants without one.
 
     `pairing` (nb,) are the integrals of lambda_H times the hats of the boundary nodes, `load` (nb,) is about
-    `pairing` over E, and `bound` is E. At the nodes `exact` (nb,) w is given. The squared norm of w is
-    |w|_1^2 + weight ||w||_0^2.
+    `pairing` over E, and `bound` is E. At the nodes `exact` (nb,) w is given. |||w||| is that of the `norm`.
     """
 
     mesh: Mesh
@@ -187,7 +192,7 @@ class Best:
     bound: float
     load: Array
     exact: Mask
-    weight: float
+    norm: Form
 
     def of(self, c: Array, begin: Mask) -> Array:
         """(k,) the least values for w >= c, for each column of c (nb, k), whose largest number is -1, 0 or 1.
@@ -206,7 +211,7 @@ class Best:
         return best
 
     def _most(self, w: Array) -> Array:
-        """(k,) what <lambda_H, w> + E ||w||_1 is at most on the exact mesh, for w (n, k) at the nodes.
+        """(k,) what <lambda_H, w> + E |||w||| is at most on the exact mesh, for w (n, k) at the nodes.
 
         The pairing is off by the `stretch` of sides and by rounding, each term by its own part, and by the
         rounding of places on edges, which is that of the perimeter.
@@ -215,5 +220,5 @@ class Best:
         on_edges = (l + np.roll(l, -1, axis=0)) * np.abs(np.roll(trace, -1, axis=0) - trace)
         of_places = EPS * polygon.perimeter * (1 / np.diff(self.mesh.s)) @ on_edges
         off = (SUMS + polygon.stretch.max()) * (self.pairing @ np.abs(trace)) + of_places
-        norms = (1 + SUMS) * np.array([energy_norm(self.mesh, each, Form(c=self.weight)) for each in w.T])
+        norms = (1 + SUMS) * np.array([energy_norm(self.mesh, each, self.norm) for each in w.T])
         return np.asarray(self.pairing @ trace + off + self.mesh.growth * self.bound * norms)

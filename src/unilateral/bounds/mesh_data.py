@@ -52,7 +52,7 @@ def enclose_data(problem: Problem, mesh: Mesh, form: Form, source: Source | None
     If `source` is given it is f on the mesh, which then is not enclosed again.
     """
     flux = problem.enclosed_flux
-    tau = given(flux, mesh, form)
+    tau = given(flux, mesh)
     if source is None:
         source = enclose_source(mesh, problem.source)
     return MeshData(

@@ -4,14 +4,8 @@ On a piece f is near a polynomial p, |f - p| <= rad (`taylor`). On a mesh made b
 are the triangles of the first mesh; where rad is not small they are replaced by those that came from them
 (`source_ancestors`). Triangles of the mesh itself are cut at a jump, where the bound holds but for a part
 whose area is bounded (`source_pieces`). Pieces are quartered until sum |piece| rad^2 is small, so that no
-peak of f can hide between points. With f_h the L2 projection of p to linear functions on each triangle T, and
-E_T >= ||f - p||_T,
-
-    (f - f_h, w)_T <= d_T/j ||p - f_h||_T |w|_{1,T} + E_T ||w||_T,
-
-d_T the diameter of T and j = 3.83.. the first zero of the Bessel function J_1: the optimal constant in
-Poincare's inequality for triangles of that diameter (Laugesen and Siudeja, J. Differential Equations 249,
-2010). Beside clamped sides the second products add up to at most C (sum E_T^2)^{1/2} ||w||, C that of `Form`.
+peak of f can hide between points. With f_h the L2 projection of p to linear functions on each triangle T,
+p - f_h has mean 0 there, and E_T >= ||f - p||_T. `residual_norm` has what both can do.
 """
 
 from __future__ import annotations
@@ -31,7 +25,6 @@ from unilateral.bounds.source_pieces import (
     rounded_size,
     with_gaps,
 )
-from unilateral.fem.form import H1, Form
 from unilateral.fem.p1 import linear_moments, load_vector
 from unilateral.fem.p2 import linear_squares
 from unilateral.fem.splitting import quarter
@@ -39,8 +32,6 @@ from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.problem import SourceFunction
 
-J = 3.8317
-"""The first zero of the Bessel function J_1, 3.83170597.., rounded down."""
 ROUNDING = 8 * EPS
 """Values at nodes, in units of the problem that is solved, are rounded by less than this part of them."""
 IN_VAIN = 16.0
@@ -79,21 +70,6 @@ class Source:
         """(k, 3) the moments of f_h, and so of p, with the hats of some triangles, or of all."""
         return linear_moments(self.mesh.areas[of], self.f_h[of])
 
-    def distance(self, form: Form = H1) -> float:
-        """A bound on the norm of f - f_h in the dual of the form's functions, H^1 by default."""
-        return norm(self.squares(form))
-
-    def squares(self, form: Form, more: Array | float = 0.0, of: slice = slice(None)) -> Array:
-        """(r, k) the parts of some triangles in that bound, which is the `norm` of all of them.
-
-        On these triangles f - f_h may have a part of mean 0 and the norm `more` (k,) in addition.
-        """
-        free, rest = self.oscillation[of] + more, self.rest[of]
-        of_mean_free = (poincare(self.mesh.longest_edges[of]) * free) ** 2
-        if form.clamped:
-            return np.stack([of_mean_free, (form.value_constant * rest) ** 2])
-        return np.minimum(of_mean_free + rest**2, (free + rest) ** 2)[None]
-
     @property
     def unknown(self) -> float:
         """A bound on the L2 norm of f - p, the part of f that the polynomials miss."""
@@ -125,16 +101,6 @@ class Source:
         squares = linear_squares(area, self.f_h[of]) + self.oscillation[of] ** 2
         unknown = float(np.sum(self.rest[of] ** 2))
         return Sums(unknown, float(squares.sum()), float(area @ means), float(area.sum()), len(area))
-
-
-def norm(squares: Array) -> float:
-    """The sum of the roots of the sums of the rows (r, k)."""
-    return float(np.sqrt(squares.sum(axis=1)).sum())
-
-
-def poincare(longest: Array) -> Array:
-    """(k,) the constants C of ||w - mean w||_T <= C |w|_{1,T}, for triangles of these longest edges (k,)."""
-    return longest / J
 
 
 def enclosed(mesh: Mesh, f: SourceFunction, before: Source | None = None) -> Source:

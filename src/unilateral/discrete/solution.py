@@ -11,7 +11,7 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.bounds.boundary_flux import edge_flux
-from unilateral.bounds.flux_residuals import SUMS
+from unilateral.bounds.residual_norm import SUMS
 from unilateral.bounds.local_bounds import Bound, flux_of, local_bound
 from unilateral.bounds.mesh_data import MeshData
 from unilateral.bounds.sharp_bounds import sharp_bound
@@ -131,7 +131,7 @@ class DiscreteSolution:
         if self.data is None:
             return None
         potential = self.u_h if self.potential is None else self.potential
-        sigma = edge_flux(self.mesh, self.partition, self.lambda_H).ends
+        sigma = edge_flux(self.mesh, self.partition, self.lambda_H, potential, self.form).ends
         return flux_of(self.data.source, potential, sigma + self.data.tau.ends, self.form)
 
     @property

@@ -15,6 +15,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from unilateral.arrays import Array, Index, Int32, Mask
+from unilateral.fem.form import Form
 from unilateral.fem.linear_systems import Descent, rough_inverse
 from unilateral.fem.p1 import edge_load, from_elements, gradients
 from unilateral.geometry.mesh import Mesh
@@ -82,10 +83,11 @@ class Quadratic:
         """(m, 3, 2) the gradient of v at the nodes of the triangles."""
         return slopes_at_nodes(self.slopes, *self.coefficients(v))
 
-    def norm(self, v: Array) -> float:
-        """||v||_1."""
+    def norm(self, v: Array, form: Form) -> float:
+        """The energy norm of v."""
         of_gradient = linear_squares(self.mesh.areas, self.gradient(v))
-        return math.sqrt(float((of_gradient + squares(self.mesh.areas, *self.coefficients(v))).sum()))
+        of_values = squares(self.mesh.areas, *self.coefficients(v))
+        return math.sqrt(float((form.k * of_gradient + form.c * of_values).sum()))
 
     def assembled(self, of_triangles: Array) -> Array:
         """(size,) the sums over the triangles of values (m, 6) that belong to their unknowns."""
@@ -107,10 +109,10 @@ class Quadratic:
         along = moments @ self.slopes.transpose(0, 2, 1)
         return self.assembled(along.reshape(-1, 9) @ AT_NODES.reshape(9, 6))
 
-    def matrix(self, mass: float) -> sp.csr_array:
-        """(size, size) the matrix of (grad ., grad .)_0 plus `mass` times (., .)_0."""
-        products = (self.slopes @ self.slopes.transpose(0, 2, 1)).reshape(-1, 9)
-        entries = self.mesh.areas[:, None] * (products @ STIFFNESS.reshape(9, 36) + mass * MASS.ravel())
+    def matrix(self, form: Form) -> sp.csr_array:
+        """(size, size) the matrix of k (grad ., grad .)_0 + c (., .)_0, on clamped sides, too."""
+        products = form.k * (self.slopes @ self.slopes.transpose(0, 2, 1)).reshape(-1, 9)
+        entries = self.mesh.areas[:, None] * (products @ STIFFNESS.reshape(9, 36) + form.c * MASS.ravel())
         return from_elements(self.unknowns, entries, self.size)
 
     def free(self, contact: Mask) -> sp.csr_array:
@@ -166,16 +168,16 @@ class Layer(NamedTuple):
         of_edges[self.at[:, 0], self.at[:, 1]] = bubble
         return values[self.mesh.triangles[self.triangles]], of_edges
 
-    def norms(self, hats: Array, bubbles: Array) -> Array:
-        """(k,) the squared H1 norms on the triangles, from these coefficients."""
+    def squares(self, form: Form, hats: Array, bubbles: Array) -> Array:
+        """(k,) the squared energy norms on the triangles, from these coefficients."""
         of_gradient = linear_squares(self.areas, slopes_at_nodes(self.slopes, hats, bubbles))
-        return of_gradient + squares(self.areas, hats, bubbles)
+        return form.k * of_gradient + form.c * squares(self.areas, hats, bubbles)
 
-    def bubble_squares(self) -> Array:
-        """(nb,) the squares of the bubbles' H1 norms on the boundary edges."""
+    def bubble_squares(self, form: Form) -> Array:
+        """(nb,) the squares of the bubbles' energy norms on the boundary edges."""
         row, node = self.at.T
         of = self._replace(triangles=self.triangles[row], areas=self.areas[row], slopes=self.slopes[row])
-        return of.norms(np.zeros((len(row), 3)), np.eye(3)[node])
+        return of.squares(form, np.zeros((len(row), 3)), np.eye(3)[node])
 
 
 def layer(mesh: Mesh) -> Layer:

@@ -24,6 +24,7 @@ import math
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
+from unilateral.fem.form import H1, Form
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
@@ -35,11 +36,22 @@ REACH = math.sqrt(5) / 2
 """A square reaches this far from the midpoint of its edge, in lengths of the edge."""
 
 
-def oscillation_bound(mesh: Mesh, squared_norms: Array, on_square: Array | float = ON_SQUARE) -> Array:
-    """Bounds (k,) on ||r||_{-1/2} from ||r||_e^2 (nb, k); `on_square` is C, for all edges or each (nb,)."""
-    square = has_square(mesh)
-    of_squares = (on_square * np.diff(mesh.s) * square) @ squared_norms
-    of_triangles = (trace_constants(mesh) * ~square) @ squared_norms
+def oscillation_bound(
+    mesh: Mesh, squared_norms: Array, form: Form = H1, on_square: Array | float = ON_SQUARE
+) -> Array:
+    """Bounds (k,) on ||r||_{-1/2}, the dual of the energy norm, from ||r||_e^2 (nb, k).
+
+    `on_square` is C, for all edges or each (nb,); it is infinite where r is not free of means. On every edge
+    the smaller one of the constants for |v|_1 and of that for ||v||_T counts.
+    """
+    square, of_values = has_square(mesh), value_constants(mesh, form)
+    means = np.isinf(on_square)
+    on_squares = np.where(square, on_square * np.diff(mesh.s) / form.k, math.inf)
+    on_triangles = np.where(means, math.inf, trace_constants(mesh) / form.k)
+    on_triangles = np.minimum(on_triangles, of_values)
+    by_square = on_squares <= on_triangles
+    of_squares = np.where(by_square, on_squares, 0.0) @ squared_norms
+    of_triangles = np.where(by_square, 0.0, on_triangles) @ squared_norms
     return np.sqrt(of_squares) + np.sqrt(of_triangles)
 
 
@@ -73,14 +85,16 @@ def trace_constants(mesh: Mesh, poincare: float = 1 / math.pi) -> Array:
     return np.asarray(shared * e / area * (reach**2 + far * reach))
 
 
-def value_constants(mesh: Mesh) -> Array:
-    """(nb,) C of ||v||_e^2 <= C ||v||_{1,T}^2, doubled where two edges share a triangle.
+def value_constants(mesh: Mesh, form: Form) -> Array:
+    """(nb,) C of ||v||_e^2 <= C ||v||_T^2, the energy norm on T, doubled where two edges share a triangle.
 
-    C is |e|/|T| (1 + (1 + a^2)^(1/2))/2: the divergence theorem with the same field gives
-    ||v||_e^2 <= |e|/|T| (||v||_T^2 + a ||v||_T |v|_{1,T}).
+    C is |e|/|T| (1/c + (1/c^2 + a^2/(c k))^(1/2))/2: the divergence theorem with the same field gives
+    ||v||_e^2 <= |e|/|T| (||v||_T^2 + a ||v||_T |v|_{1,T}). It is infinite for c = 0.
     """
     e, far, area, shared = _measured(mesh)
-    return np.asarray(shared * e / area * (1 + np.sqrt(1 + far**2)) / 2)
+    if not form.c:
+        return np.full(len(e), math.inf)
+    return np.asarray(shared * e / area * (1 + np.sqrt(1 + form.c / form.k * far**2)) / (2 * form.c))
 
 
 def _measured(mesh: Mesh) -> tuple[Array, Array, Array, Index]:

@@ -32,7 +32,7 @@ from unilateral.adaptive.level import (
 )
 from unilateral.adaptive.loop import make_search
 from unilateral.adaptive.marking import LAMBDA_RATE, TARGET_PART, wanted_part
-from unilateral.bounds.flux_residuals import SUMS
+from unilateral.bounds.residual_norm import SUMS
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.form import Form
 from unilateral.geometry.polygon import Polygon, square

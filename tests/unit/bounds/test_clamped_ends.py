@@ -166,10 +166,19 @@ def test_before_a_clamped_side_nodes_are_counted_from_its_vertex(reach, nodes):
     assert sorted(inside_reach(BOUNDARY, 1, known).tolist()) == nodes
 
 
-def test_l2_norms_count_by_the_inverse_square_of_friedrichs_constant():
-    """||v||_0 <= C |v|_1 makes |v|_1^2 + ||v||_0^2 / C^2 at most twice |v|_1^2: the norm of `of_fluxes`."""
-    assert clamps([0] * 4, [1] * 4).weight == 0.25
-    assert unclamped(4).weight == 1.0
+def test_the_depth_is_the_smaller_one_of_the_layer_and_friedrichs_constant():
+    """||v||_0 is at most C |v|_1 and, where c > 0, at most the energy norm over c^(1/2)."""
+    known = clamps([0] * 4, [1] * 4)  # C = 2
+    for k, c, depth in (
+        (1, 0, 2.0),
+        (9, 0, 2.0),
+        (9, 1, 2.0),
+        (1, 1e-30, 2.0),
+        (1, 4, 0.5),
+        (1e-50, 1e50, 1e-50),
+    ):
+        assert known._replace(form=known.form._replace(k=k, c=c)).depth == pytest.approx(depth, rel=1e-14)
+    assert unclamped(4).depth == 1.0
     assert not none(4).reach.any()
 
 

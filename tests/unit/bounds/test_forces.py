@@ -14,13 +14,13 @@ import unilateral as ul
 from unilateral.bounds import force_mesh
 from unilateral.bounds import forces as of_forces
 from unilateral.bounds.clamped_ends import ClampedEnds, Clamps, unclamped
-from unilateral.bounds.flux_residuals import SUMS
+from unilateral.bounds.residual_norm import SUMS
 from unilateral.bounds.force_mesh import LIGHT, MOST, extended, small_mesh
 from unilateral.bounds.forces import balance, forces
 from unilateral.bounds.source import Source, enclose_source
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
-from unilateral.fem.form import Form
+from unilateral.fem.form import H1, Form
 from unilateral.fem.p1 import coupling, stiffness_and_mass
 from unilateral.formulas.taylor import number
 from unilateral.geometry import mesh as meshes
@@ -146,6 +146,25 @@ def test_polygons_of_all_sizes_have_a_force(length):
     assert 0 < side.lower <= side.value <= side.upper < 3 * length
 
 
+@pytest.mark.parametrize("k", [1e-50, 1.0, 1e12, 1e50])
+@pytest.mark.parametrize("size", [1e-4, 1 / 2, 8])
+def test_a_force_is_that_of_another_unit_of_length_and_of_k(k, size):
+    """With x in units of `size` and c size^2 / k as before, N is k^(1/2) times as large, forces size times.
+
+    Control: with the c of size 1 the interval is another one.
+    """
+    found = []
+    for length, form in ((1.0, Form()), (size, Form(k, k / size**2)), (size, Form(k, k / size))):
+        polygon = Polygon(length * SQUARE, "square")
+        mesh, cells = structured(polygon, length / 8), partitions.uniform(polygon, length / 4)
+        bound = 0.1 * length / form.k**0.5
+        clamps = unclamped(4)._replace(form=form)
+        found.append(forces(mesh, cells, 1.0 * (cells.side < 2), bound, [range(4), [0]], clamps))
+    for one, same, other in zip(*found, strict=True):
+        assert size * np.array(one) == pytest.approx(np.array(same), rel=1e-9)
+        assert size * np.array(one) != pytest.approx(np.array(other), rel=1e-3)
+
+
 @pytest.mark.parametrize("bound", [0.0, 1e-300, 1e-20, 1e20, 1e150])
 def test_errors_of_all_sizes(bound):
     mesh, cells = structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
@@ -200,7 +219,7 @@ def test_it_does_not_grow_with_the_mesh_of_the_solution(kind, monkeypatch):
     load = np.where(cells.side < 2, 1e3, 0.0)
     for h in (1 / 16, 1 / 64, 1 / 128):
         mesh = structured(polygon, h) if kind == "structured" else meshes.unstructured(polygon, h)
-        sizes.append(small_mesh(mesh, cells, load).n_nodes)
+        sizes.append(small_mesh(mesh, cells, load, 1.0).n_nodes)
     assert max(sizes) < 2000
     assert sizes[1] == sizes[2]
 
@@ -209,7 +228,7 @@ def test_a_mesh_with_a_coarse_level_needs_no_gmsh(monkeypatch):
     mesh = meshes.refine(meshes.unstructured(Polygon(KITE, "kite"), 1 / 4))
     cells = partitions.uniform(mesh.polygon, 1 / 4)
     monkeypatch.setattr(meshes, "with_boundary", None)
-    found = small_mesh(mesh, cells, np.ones(cells.n_cells))
+    found = small_mesh(mesh, cells, np.ones(cells.n_cells), 1.0)
     n = mesh.coarse.n_nodes
     assert np.array_equal(found.points[:n], mesh.coarse.points)
 
@@ -218,7 +237,7 @@ def test_it_is_halved_at_ends_until_loads_are_light():
     """A load of 100 on the lower side up to 3/4: there, at the vertex where it begins, and nowhere else."""
     cells = partitions.uniform(square(), 1 / 4)
     load = np.where((cells.side == 0) & (cells.points[:-1] < 0.75), 100.0, 0.0)
-    found = small_mesh(structured(square(), 1 / 8), cells, load)
+    found = small_mesh(structured(square(), 1 / 8), cells, load, 1.0)
     nodes, edges = coupling(found, cells).T @ load, np.diff(found.s)
     at = [np.flatnonzero(found.s[:-1] == s)[0] for s in (0.0, 0.75)]
     assert np.all(nodes[at] <= LIGHT)
@@ -231,16 +250,18 @@ def test_it_is_halved_at_ends_until_loads_are_light():
 def test_a_light_load_or_none_leaves_it_uniform():
     cells = partitions.uniform(square(), 1 / 4)
     for load in (0.0, 0.1):
-        found = small_mesh(structured(square(), 1 / 8), cells, np.full(cells.n_cells, load))
+        found = small_mesh(structured(square(), 1 / 8), cells, np.full(cells.n_cells, load), 1.0)
         assert found.n_nodes == 17**2
 
 
-def test_edges_at_the_boundary_of_a_large_polygon_are_halved():
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e6])
+def test_edges_at_the_boundary_of_a_polygon_are_halved_to_the_depth_of_functions(size):
     """Not so those inside."""
-    polygon = Polygon(30 * KITE, "large")
-    found = small_mesh(meshes.unstructured(polygon, 10), partitions.uniform(polygon, 10), np.zeros(14))
-    assert found.h <= 1
-    assert found.diameter > 2
+    polygon = Polygon(30 * size * KITE, "large")
+    mesh, cells = meshes.unstructured(polygon, 10 * size), partitions.uniform(polygon, 10 * size)
+    found = small_mesh(mesh, cells, np.zeros(14), size)
+    assert found.h <= size
+    assert found.diameter > 2 * size
 
 
 @pytest.mark.parametrize("n", [4, 100])
@@ -248,7 +269,7 @@ def test_many_ends_of_contact_leave_it_small_mesh(n):
     """Load on every second one of 4 n cells, and far too much of it."""
     cells = partitions.uniform(square(), 1 / n)
     load = np.where(np.arange(cells.n_cells) % 2, 1e9, 0.0)
-    found = small_mesh(structured(square(), 1 / 8), cells, load)
+    found = small_mesh(structured(square(), 1 / 8), cells, load, 1.0)
     assert len(found.boundary) <= MOST
 
 
@@ -258,7 +279,7 @@ def test_many_sides_leave_it_small_mesh():
     cells = partitions.uniform(polygon, 1.0)
     mesh = meshes.with_boundary(polygon, partitions.refine(cells, 2).points[:-1], 0.2)
     assert mesh.n_nodes > force_mesh.LARGE
-    found = small_mesh(mesh, cells, np.full(400, 1e9))
+    found = small_mesh(mesh, cells, np.full(400, 1e9), 1.0)
     assert len(found.boundary) <= MOST
     assert found.n_nodes < mesh.n_nodes
 
@@ -440,7 +461,7 @@ def boundary(monkeypatch):
     mesh = SimpleNamespace(boundary=np.arange(16), polygon=square(), s=s, growth=1.0, n_nodes=16)
     load = np.zeros(16)
     load[[0, 1, 5]] = 1.0, 2.0, 4.0
-    return of_forces.Best(mesh, None, load, 0.5, load, np.zeros(16, dtype=bool), 1.0)
+    return of_forces.Best(mesh, None, load, 0.5, load, np.zeros(16, dtype=bool), H1)
 
 
 def test_the_pairing_is_rounded_and_so_are_places_on_short_edges(boundary):
@@ -467,13 +488,13 @@ def test_the_pairing_is_longer_by_the_stretch(boundary, monkeypatch):
 
 
 def test_the_norm_of_w_is_rounded_up_and_grows(boundary, monkeypatch):
-    """E = 1/2; the norm of w by its weight, for the form has another one."""
+    """E = 1/2."""
     seen = []
-    monkeypatch.setattr(of_forces, "energy_norm", lambda mesh, w, weight: seen.append(weight) or 1e6)
+    monkeypatch.setattr(of_forces, "energy_norm", lambda mesh, w, norm: seen.append(norm) or 1e6)
     boundary.mesh.growth = 1.5
     (found,) = boundary._most(np.zeros((16, 1)))
     assert 1.5 * 0.5 * 1e6 * (1 + 0.999 * SUMS) <= found <= 1.5 * 0.5 * 1e6 * (1 + 1.001 * SUMS)
-    assert seen == [1.0]
+    assert seen == [H1]
 
 
 def exact_balance(polygon, f, q):

@@ -1,0 +1,130 @@
+"""The norm of a residual, from what it is made of on each triangle (supplement, S8.1).
+
+Let q be a flux with the normal flux of the residual R on the boundary, and rho = f + div q - c v, so that
+
+    R(z) = (f, z) + <q.n, z> - k (grad v, grad z) - c (v, z) = (q - k grad v, grad z) + (rho, z).
+
+On a triangle T with the longest edge d let m = ||q - k grad v||_T, let r be the norm of a part of rho that is
+constant, o that of one with mean 0, and E that of the rest. With j = 3.83.., the first zero of the Bessel
+function J_1, ||z - mean z||_T <= d/j |z|_{1,T}: this is the optimal constant in Poincare's inequality for
+triangles of that diameter (Laugesen and Siudeja, J. Differential Equations 249, 2010).
+
+(i) All of the mean-free part may count by the gradient of z or by z itself. So for every theta in [0, 1] the
+part of T in R is at most s ||z||_T, the energy norm on T, with
+
+    s^2 = (m + theta d/j o)^2 / k + ((r^2 + (1 - theta)^2 o^2)^{1/2} + E)^2 / c.
+
+If E = 0 the best theta is (o - m d/j c/k) / (o (1 + (d/j)^2 c/k)), or the nearest end of [0, 1]. Where
+(k/c)^{1/2} is below the size of T, integration by parts on T may bound that part by a smaller s'
+(`flux_residuals`). S_1 = (sum min(s, s')^2)^{1/2} bounds R on all of H^1.
+
+(ii) Where ||z||_0 <= C |z|_1, let M^2 = sum (m + d/j o)^2 and N^2 = sum (r + E)^2. R is at most M |z|_1
++ N ||z||_0. If k N >= c C M, the largest value of that for energy norms of 1 is
+
+    S_2 = (M + C N) / (k + c C^2)^{1/2},
+
+and else it is that of (i) for theta = 1. Then R is at most S = min(S_1, S_2). As c tends to 0, S tends to its
+value for c = 0.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from unilateral.arrays import Array, blocks
+from unilateral.fem.form import Form
+from unilateral.geometry.mesh import Mesh
+
+J = 3.8317
+"""The first zero of the Bessel function J_1, 3.83170597.., rounded down."""
+SUMS = 1e-9
+"""At most this fraction of a sum of squares is rounding."""
+UNDERFLOW, DIVIDED = 1e-150, 1e-156
+"""What squares that underflow take from the root of a sum, at most.
+
+It is UNDERFLOW times the sum of 1 and the squared perimeter, plus, where squares are divided by areas,
+DIVIDED over the root of the least area. There are fewer than 10^9 triangles with fewer than 20 squares each,
+and each square is off by 2^-1074 at most. Squares are multiplied by areas and squares of lengths, or divided
+by areas.
+"""
+
+
+def underflow(mesh: Mesh, form: Form) -> float:
+    """What underflow takes from the energy norms of functions on a mesh, and from those of residuals."""
+    sizes = math.sqrt(form.k) + math.sqrt(form.c) + 1 / math.sqrt(form.k) + form.value_constant
+    divided = DIVIDED / math.sqrt(float(mesh.areas.min()))
+    return sizes * (UNDERFLOW * (1 + mesh.polygon.perimeter**2) + divided)
+
+
+class ResidualParts(NamedTuple):
+    """Norms of the parts of a residual on the triangles of a mesh, (m,) each, which include their rounding.
+
+    `misfit` is that of q - k grad v; `mean`, `oscillation` and `rest` are those of the parts of rho that are
+    constant, have mean 0, and may have any mean. `by_parts` is s' for the form that R is for. It is infinite
+    where it is not computed.
+    """
+
+    mesh: Mesh
+    misfit: Array
+    oscillation: Array
+    mean: Array
+    rest: Array
+    by_parts: Array
+
+    def squares(self, form: Form) -> Array:
+        """(m,) the squares of min(s, s')."""
+        return np.concatenate([self._squares(of, form) for of in blocks(len(self.misfit))])
+
+    def norms(self, form: Form) -> tuple[float, float]:
+        """S_1 and S: R(z) is at most S_1 times the energy norm of z, and S times that if z = 0 on clamped sides.
+
+        S_1 is infinite where c = 0 and rho is not orthogonal to constants.
+        """
+        on_H1 = of_gradients = of_values = 0.0
+        for of in blocks(len(self.misfit)):
+            on_H1 += float(self._squares(of, form).sum())
+            m = self.misfit[of] + self.mesh.longest_edges[of] / J * self.oscillation[of]
+            r = self.mean[of] + self.rest[of]
+            of_gradients += float(m @ m)
+            of_values += float(r @ r)
+        S_1, M, N = _root(on_H1), _root(of_gradients), _root(of_values)
+
+        # (ii)
+        k, c, C = form.k, form.c, form.friedrichs
+        if math.isinf(C) or k * N < c * C * M:
+            return S_1, S_1
+        return S_1, min(S_1, (M + C * N) / math.hypot(math.sqrt(k), math.sqrt(c) * C))
+
+    def shares(self, form: Form) -> Array:
+        """(m,) the triangles' parts of S^2: their sum is at most that and, but for rounding, at least half."""
+        S_1, S = self.norms(form)
+        if S == S_1:
+            return self.squares(form)
+        C = form.friedrichs
+        m = self.misfit + self.mesh.longest_edges / J * self.oscillation
+        r = C * (self.mean + self.rest)
+        return np.asarray((m**2 + r**2) / (form.k + form.c * C**2))
+
+    def _squares(self, of: slice, form: Form) -> Array:
+        """(k,) the squares of min(s, s') on some triangles."""
+        m, o, r, E = self.misfit[of], self.oscillation[of], self.mean[of], self.rest[of]
+        poincare = self.mesh.longest_edges[of] / J
+
+        # (i): theta is best for E = 0; s is infinite if c = 0 and the mean is not
+        ratio = form.c / form.k
+        theta = np.ones_like(o)
+        np.divide(o - ratio * poincare * m, o * (1 + ratio * poincare**2), out=theta, where=o > 0)
+        theta = np.clip(theta, 0.0, 1.0)
+        of_values = np.hypot(r, (1 - theta) * o) + E
+        weight = form.c**-0.5 if form.c else math.inf
+        np.multiply(of_values, weight, out=of_values, where=of_values > 0)
+        s = np.hypot((m + theta * poincare * o) / math.sqrt(form.k), of_values)
+        return np.asarray(np.minimum(s, self.by_parts[of]) ** 2)
+
+
+def _root(squares: float) -> float:
+    """The root of a sum of squares, with its rounding."""
+    return (1 + SUMS) * math.sqrt(squares) + UNDERFLOW

@@ -1,0 +1,113 @@
+"""The theorem: total errors from the residuals of u_h and of a feasible v (supplement, S8.1).
+
+Let q.n = sigma >= 0 on sides with contact, and let u_h + y be >= g there and u_D on clamped sides. R is the
+residual of u_h with q.n (`residual_norm`), |||.||| is the energy norm, D = |||y|||, B = <sigma, u_h + y - g>,
+X = |||u - u_h|||, and V has the functions that vanish on clamped sides.
+
+(i) Let S_1 bound R on H^1, and let Y be the norm on H^1 of
+
+    j(w) = k (grad u, grad w) + c (u, w) - (f, w) - <q.n, w>,
+
+which is <lambda - sigma, w> for w in V. Then X^2 + (Y - D)^2 <= S_1^2 + 2 B + D^2.
+
+(ii) Let S bound R on V, and let Y be the norm of lambda - sigma on V. Then X^2 + (Z - D)^2 <= S^2 + 2 B + D^2
+with Z^2 - Y^2 at least 0 and at most D_D^2, D_D the energy norm of the part of y at clamped sides.
+
+So in both cases X^2 <= S^2 + 2 B + D^2 and Y <= D + (S^2 + 2 B + D^2)^{1/2}. A feasible v has y = 0: with its
+S and B, Y^2 is at most eta^2 = S^2 + 2 B. Where eta is known to be small,
+
+    X^2 <= S^2 + 2 B + D^2 - max(D - eta, 0)^2,     eta in (ii) with D_D^2 added to its square.
+
+(iii) Reactions are bounded for all c in the norm N of `Clamps.depth`, N(w)^2 = k |w|_1^2 + K ||w||_0^2, which
+is at least |||w|||. Let m = k^{-1/2} ||q - k grad u_h||, and R_1 what (q - k grad u_h, grad z) leaves of R,
+with at most the norm e on V, and e_N on H^1 in N. Then |j(w)| <= E N(w) for w in H^1 with
+
+    E = D + (m^2 + 2 B + (D + e)^2)^{1/2} + e_N,
+
+where those of v serve as well, with D = 0. By (i) E = Y serves, too.
+
+v may have a part of which the energy norm alone is known. In S and m that is added to the norm of the others.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from unilateral.bounds.residual_norm import SUMS, ResidualParts
+from unilateral.fem.form import Form
+
+
+class Residual(NamedTuple):
+    """The parts of the residual of a function, what these miss in the energy norm, and B of the function."""
+
+    parts: ResidualParts
+    missing: float
+    slack: float
+
+
+class TotalErrors(NamedTuple):
+    """Bounds on X, on the norm on V of lambda - lambda_H, and E of (iii) for lambda_H; `eta` is that of (ii).
+
+    `product` is at least gamma <lambda, w> of `clamped_ends`.
+    """
+
+    u: float
+    lambda_: float
+    fluxes: float
+    eta: float
+    product: float
+
+
+def total_errors(
+    form: Form, of_u: Residual, of_v: Residual, D: float, D_clamped: float, of_sigma: float
+) -> TotalErrors:
+    """The bounds from the residuals of u_h and of a feasible v, D, D_D, and the norm of lambda_H - sigma."""
+    growth = (1 + SUMS) * of_u.parts.mesh.growth
+
+    on_H1, on_V = of_u.parts.norms(form)
+    on_H1_of_v, on_V_of_v = of_v.parts.norms(form)
+
+    # (i), infinite for c = 0
+    X_1 = math.hypot(_eta(of_u, on_H1), D)
+    eta_1 = _eta(of_v, on_H1_of_v)
+    Y_1 = min(D + X_1, eta_1)
+
+    # (ii)
+    X = math.hypot(_eta(of_u, on_V), D)
+    eta = _eta(of_v, on_V_of_v)
+    Y = min(D + X, eta, Y_1)
+    S_of_v = on_V_of_v + of_v.missing
+    E = min(Y_1, _fluxes(form, of_u, D), _fluxes(form, of_v, 0.0)) if form.clamped else Y_1
+    return TotalErrors(
+        u=growth * min(_leg(X_1, D - eta_1), _leg(X, D - math.hypot(eta, D_clamped))),
+        lambda_=growth * (Y + of_sigma),
+        fluxes=growth * (E + of_sigma),
+        eta=growth * eta,
+        product=growth * growth * (of_v.slack + S_of_v * S_of_v / 4),
+    )
+
+
+def _eta(residual: Residual, norm: float) -> float:
+    """(S^2 + 2 B)^{1/2}, from the norm of the parts."""
+    return math.hypot(norm + residual.missing, math.sqrt(2 * residual.slack))
+
+
+def _fluxes(form: Form, residual: Residual, D: float) -> float:
+    """E of (iii)."""
+    parts = residual.parts
+    none = np.zeros_like(parts.misfit)
+    others = parts._replace(misfit=none, by_parts=none + math.inf)
+    m = float(np.linalg.norm(parts.misfit)) / math.sqrt(form.k)
+    _, e = others.norms(form)
+    e_N, _ = others.norms(form._replace(c=max(form.c, form.k / form.friedrichs**2)))
+    return D + math.hypot(_eta(residual, m), D + e) + e_N
+
+
+def _leg(hypotenuse: float, other: float) -> float:
+    """The other leg of a right triangle; the hypotenuse if that is infinite, or the one leg below 0."""
+    if not 0 < other < math.inf:
+        return hypotenuse
+    return math.sqrt(max(hypotenuse - other, 0.0)) * math.sqrt(hypotenuse + other)

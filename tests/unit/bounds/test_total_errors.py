@@ -1,0 +1,212 @@
+"""The theorem in finite dimensions, where all norms are known, and each of its terms.
+
+Functions are vectors, and the form is k K + c M with K = G^T G, which has the constants in its kernel. Some
+unknowns are clamped, some have contact, some neither.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from unilateral.bounds.total_errors import Residual, total_errors
+from unilateral.fem.form import Form
+
+N = 7
+CLAMPED, CONTACT = np.array([0, 1]), np.array([2, 3])
+
+
+def dual_norm(A, functional):
+    return math.sqrt(max(functional @ np.linalg.solve(A, functional), 0.0))
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The residual, as `ResidualParts` has it, but exactly: (q - k grad v, G z) and the functional of rho."""
+
+    space: Space
+    misfit: np.ndarray
+    others: np.ndarray
+    mesh = SimpleNamespace(growth=1.0)
+
+    def _replace(self, misfit, by_parts):
+        assert np.all(np.isinf(by_parts))
+        return replace(self, misfit=misfit)
+
+    def functional(self):
+        return self.space.G.T @ self.misfit + self.others
+
+    def norm_on_H1(self, form):
+        return dual_norm(self.space.matrix(form), self.functional()) if form.c else math.inf
+
+    def norm(self, form):
+        V = self.space.V
+        return dual_norm(self.space.matrix(form)[np.ix_(V, V)], self.functional()[V])
+
+
+class Space:
+    """Random K and M, the unknowns V that are not clamped, and Friedrichs' constant."""
+
+    def __init__(self, rng, clamped):
+        weights = np.triu(rng.uniform(size=(N, N)), 1)
+        self.pairs = np.argwhere(weights)
+        self.G = np.zeros((len(self.pairs), N))
+        for row, (i, j) in enumerate(self.pairs):
+            self.G[row, [i, j]] = np.array([1.0, -1.0]) * math.sqrt(weights[i, j])
+        B = rng.normal(size=(N, N))
+        self.K, self.M = self.G.T @ self.G, B @ B.T / N + 0.1 * np.eye(N)
+        self.clamped = CLAMPED if clamped else CLAMPED[:0]
+        self.V = np.setdiff1d(np.arange(N), self.clamped)
+        inner = np.ix_(self.V, self.V)
+        if clamped:
+            values = np.linalg.eigvals(np.linalg.solve(self.K[inner], self.M[inner]))
+            self.friedrichs = math.sqrt(float(values.real.max()))
+        else:
+            self.friedrichs = math.inf
+
+    def matrix(self, form):
+        return form.k * self.K + form.c * self.M
+
+
+def exact(A, load, u_D, g, clamped):
+    """The solution of the variational inequality, by trying all sets in contact, and its multiplier."""
+    for number in range(4):
+        active = CONTACT[[bool(number & 1), bool(number & 2)]]
+        known = np.concatenate([clamped, active])
+        u = np.zeros(N)
+        u[clamped], u[active] = u_D, g[active - CONTACT[0]]
+        rest = np.setdiff1d(np.arange(N), known)
+        u[rest] = np.linalg.solve(A[np.ix_(rest, rest)], load[rest] - A[np.ix_(rest, known)] @ u[known])
+        multiplier = A @ u - load
+        if np.all(u[CONTACT] >= g - 1e-10) and np.all(multiplier[CONTACT] >= -1e-10):
+            return u, multiplier
+    raise AssertionError("one of the sets is the one in contact")
+
+
+class Trial:
+    """A random problem with u_h and v near its solution, and both residuals."""
+
+    def __init__(self, seed, clamped):
+        rng = np.random.default_rng(seed)
+        space = Space(rng, clamped)
+        c = 0.0 if clamped and rng.random() < 0.4 else 10 ** rng.uniform(-4, 4)
+        self.form = Form(10 ** rng.uniform(-2, 2), c, friedrichs=space.friedrichs)
+        A, load = space.matrix(self.form), rng.normal(size=N)
+        u_D, g = rng.normal(size=len(space.clamped)), 0.5 * rng.normal(size=2)
+        self.u, self.multiplier = exact(A, load, u_D, g, space.clamped)
+        self.space, self.A = space, A
+
+        # q.n on clamped sides and in contact, sigma >= 0 there; the flux is that of a third function
+        near = 10 ** rng.uniform(-6, 1)
+        self.sigma = np.zeros(N)
+        self.sigma[space.clamped] = self.multiplier[space.clamped] + near * rng.normal(
+            size=len(space.clamped)
+        )
+        self.sigma[CONTACT] = np.abs(self.multiplier[CONTACT] + near * rng.normal(size=2))
+        q = self.form.k * space.G @ (self.u + near * rng.normal(size=N))
+
+        def lifted(v, more):
+            """v, moved to u_D, and to g and above."""
+            v = v + more
+            v[space.clamped] = u_D
+            v[CONTACT] = np.maximum(v[CONTACT], g)
+            return v
+
+        def residual(v, slack):
+            misfit = q - self.form.k * space.G @ v
+            others = load + self.sigma - space.G.T @ q - self.form.c * space.M @ v
+            return Residual(Parts(space, misfit, others), 0.0, slack)
+
+        self.u_h = self.u + near * rng.normal(size=N)
+        feasible = lifted(self.u_h, 0.1 * near * rng.normal(size=N) * (rng.random() < 0.5))
+        v = lifted(self.u, near * 10 ** rng.uniform(-3, 0) * rng.normal(size=N))
+        slack, slack_of_v = (float(self.sigma[CONTACT] @ (w[CONTACT] - g)) for w in (feasible, v))
+        y = feasible - self.u_h
+        y_D = np.where(np.isin(np.arange(N), space.clamped), y, 0.0)
+        self.of_u, self.of_v = residual(self.u_h, slack), residual(v, slack_of_v)
+        self.D, self.D_clamped = (math.sqrt(w @ A @ w) for w in (y, y_D))
+        self.gap = float((v[CONTACT] - g).min())
+        self.v = v
+
+    def bounds(self, **others):
+        given = {"of_u": self.of_u, "of_v": self.of_v, "D": self.D, "D_clamped": self.D_clamped} | others
+        return total_errors(self.form, **given, of_sigma=0.0)
+
+    def errors(self):
+        """X, Y on V, the norm of j in N, and the largest gamma <lambda, w>."""
+        V, e = self.space.V, self.u - self.u_h
+        j = self.multiplier - self.sigma
+        Y = dual_norm(self.A[np.ix_(V, V)], j[V])
+        N_norm = self.form._replace(c=max(self.form.c, self.form.k / self.form.friedrichs**2))
+        E = dual_norm(self.space.matrix(N_norm), j)
+        return math.sqrt(e @ self.A @ e), Y, E, self.gap * float(self.multiplier[CONTACT].sum())
+
+
+@pytest.fixture(scope="module")
+def trials():
+    return [Trial(seed, clamped) for seed in range(400) for clamped in (False, True)]
+
+
+def violations(trials, bounds=Trial.bounds):
+    """(4,) how often u, lambda_, fluxes and product are below the error, by more than rounding."""
+    found = np.zeros(4, dtype=int)
+    for trial in trials:
+        result, energy = bounds(trial), 1 + trial.u @ trial.A @ trial.u
+        stated = np.array([result.u, result.lambda_, result.fluxes, result.product])
+        rounding = 1e-9 * np.array([math.sqrt(energy)] * 3 + [energy])
+        found += trial.errors() > stated + rounding
+    return found
+
+
+def test_no_error_is_larger_than_its_bound(trials):
+    """Nor is any bound infinite, c = 0 or not."""
+    assert not violations(trials).any()
+    assert all(np.all(np.isfinite(trial.bounds())) for trial in trials)
+
+
+def without_slack(trial):
+    return trial.bounds(of_u=trial.of_u._replace(slack=0.0), of_v=trial.of_v._replace(slack=0.0))
+
+
+@pytest.mark.parametrize(
+    ("bounds", "wrong"),
+    [
+        (without_slack, [True, True, True, True]),
+        (lambda trial: trial.bounds(D=0.0), [True, True, True, False]),
+        (lambda trial: trial.bounds(D_clamped=0.0), [True, False, False, False]),
+    ],
+    ids=["B", "D", "D_D"],
+)
+def test_no_term_can_be_left_out(trials, bounds, wrong):
+    """Controls: the product belongs to v, which has no D; D_D lowers what is taken from X only."""
+    assert np.array_equal(violations(trials, bounds) > 0, wrong)
+
+
+@pytest.mark.parametrize(("known", "wrong"), [(True, False), (False, True)])
+def test_of_a_part_of_v_the_norm_is_enough(trials, known, wrong):
+    """v is a function without a residual on V, plus one of which the norm is known, or not even that."""
+
+    def bounds(trial):
+        own, V = trial.of_v.parts, trial.space.V
+        w = np.zeros(N)
+        w[V] = -np.linalg.solve(trial.A[np.ix_(V, V)], own.functional()[V])
+        misfit = own.misfit + trial.form.k * trial.space.G @ w
+        parts = replace(own, misfit=misfit, others=own.others + trial.form.c * trial.space.M @ w)
+        return trial.bounds(of_v=Residual(parts, known * math.sqrt(w @ trial.A @ w), trial.of_v.slack))
+
+    assert violations(trials, bounds).any() == wrong
+
+
+def test_all_bounds_grow_on_the_exact_mesh(trials, monkeypatch):
+    """Norms by the growth, products by its square; and lambda_H - sigma counts for lambda_H."""
+    trial = trials[1]
+    before = np.array(trial.bounds())
+    monkeypatch.setattr(Parts, "mesh", SimpleNamespace(growth=1.5))
+    assert np.array(trial.bounds()) == pytest.approx(before * [1.5, 1.5, 1.5, 1.5, 2.25])
+    given = trial.of_u, trial.of_v, trial.D, trial.D_clamped
+    after = total_errors(trial.form, *given, of_sigma=2.0)
+    assert np.array(after) == pytest.approx(before * [1.5, 1.5, 1.5, 1.5, 2.25] + [0, 3, 3, 0, 0])
