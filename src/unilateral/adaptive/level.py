@@ -165,18 +165,24 @@ def uncontradicted(levels: Sequence[Level]) -> list[Level]:
 def contradict(a: Level, b: Level) -> bool:
     """Whether two levels' bounds cannot both hold: for ||u||_1, the integral of u or that of lambda.
 
-    |int v| <= |Omega|^{1/2} ||v||_0, and |<mu, 1>| <= |Omega|^{1/2} ||mu||_{-1/2}. Beside clamped sides only
-    ||u||_1 tells: u - u_h need not vanish there, as Friedrichs' inequality asks, and 1 does not.
+    |int v| <= (|Omega| / c)^{1/2} ||v||, and |<mu, 1>| <= (c |Omega|)^{1/2} ||mu||_{-1/2}. Beside clamped sides
+    only ||u||_1 tells: u - u_h need not vanish there, as Friedrichs' inequality asks, and 1 does not.
     """
-    root = math.inf if a.solved.form.clamped else math.sqrt(a.partition.polygon.area)
+    form = a.solved.form
+    of_u = math.inf
+    of_lambda = math.inf
+    if not form.clamped:
+        area = a.partition.polygon.area
+        of_u = math.sqrt(area / form.c)
+        of_lambda = math.sqrt(area * form.c)
     u_bound = lambda_bound = math.inf
     if a.bound and b.bound:
         u_bound = a.bound.u + b.bound.u
         lambda_bound = a.bound.lambda_ + b.bound.lambda_
     pairs = (
         (a.solved.u_norm, b.solved.u_norm, u_bound),
-        (a.solved.u_integral, b.solved.u_integral, root * u_bound),
-        (a.solved.force, b.solved.force, root * lambda_bound),
+        (a.solved.u_integral, b.solved.u_integral, of_u * u_bound),
+        (a.solved.force, b.solved.force, of_lambda * lambda_bound),
     )
     # Norms on the exact meshes differ from the computed ones by their growth, and by rounding
     rounding = (1 + SUMS) * a.solved.mesh.growth * b.solved.mesh.growth - 1

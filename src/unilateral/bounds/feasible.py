@@ -131,9 +131,7 @@ def _bubbles(g: Constraint, v: Array) -> Array:
     return SPARE * by
 
 
-def _short(
-    g: Constraint, form: Form, v: Array, touching: Mask, flux: Array
-) -> tuple[Array, Array, Array]:
+def _short(g: Constraint, form: Form, v: Array, touching: Mask, flux: Array) -> tuple[Array, Array, Array]:
     """(nb,) bounds on ||w||^2 and on <q.n, v + w - g>, edge by edge, and the doubt where v + w needs it."""
     value, slope = g.trace(v)
     any_sign = touching[g.edge]
