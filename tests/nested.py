@@ -17,7 +17,7 @@ from unilateral.geometry.mesh import Mesh, from_arrays, refine, refine_some, uns
 from unilateral.geometry.partition import Partition
 from unilateral.geometry.polygon import Polygon, named
 from unilateral.geometry.structured import structured
-from unilateral.problems.scaled import Data
+from unilateral.problems.problem import Problem
 from unilateral.solvers.multigrid import MultigridResult
 
 FLAT = Polygon(np.array([[0.0, 0.0], [1.0, 0.0], [3.0, 0.3], [0.4, 0.25]]), "flat")
@@ -38,7 +38,7 @@ class Nested:
         return self.meshes[-1]
 
 
-def multilevel(problem: Data, mesh: Mesh, partition: Partition) -> MultilevelProblem | None:
+def multilevel(problem: Problem, mesh: Mesh, partition: Partition) -> MultilevelProblem | None:
     """The problem on the levels of a mesh; None as for `nested_spaces`."""
     spaces = nested_spaces(mesh, partition, form=form_of(problem, mesh))
     return on_levels(problem, spaces) if spaces else None

@@ -305,7 +305,7 @@ def test_numbers_of_other_libraries_are_taken_exactly():
         free_sides=np.array([2]),
         q=None,
     )
-    assert (given.f, given.g, given.units) == (formulas.f, formulas.g, formulas.units)
+    assert (given.f, given.g, given.k, given.c) == (formulas.f, formulas.g, formulas.k, formulas.c)
     assert given.free_sides == (2,)
     assert ul.Problem(SQUARE, f=0, g=0, free_sides=None).free_sides == ()
 

@@ -1,37 +1,28 @@
 """The guaranteed total error of a discrete solution, by a flux and a potential that are nearly the best ones.
 
-The bounds are for f_h, the linear part of f on each triangle, in place of f, and for tau~ in place of the
-flux tau that is given on free sides; see `source` and `boundary_flux` for the rest. They begin with w of V_h,
-which is u_h or near it, the flux q of `equilibrated` for w (`balanced`), and the lifting d of u_h as in
-`local_bounds`.
+The bounds follow from the residuals of u_h and of a feasible v with one flux q (`total_errors`). Both v and q
+begin with w of V_h, which is u_h or near it, and with the flux of `equilibrated` for w (`balanced`).
 
-The flux gets a divergence that is linear on each triangle T. With p = w - f_h, its values p_k at the nodes
+The flux gets a divergence that is linear on each triangle T. With p = c w - f_h, its values p_k at the nodes
 x_k, and the hats psi_k there, q gets theta r,
 
     r = sum_k p_k psi_k (x - x_k) / 3,     div r = p - mean p,     r.n = 0 on the edges,
-    theta = ||div r||_T^2 / (||div r||_T^2 + ||r||_T^2),
+    theta = k ||div r||_T^2 / (k ||div r||_T^2 + c ||r||_T^2),
 
-since div (psi_k (x - x_k)) = 3 psi_k - 1. On small triangles theta is nearly 1, and w - f_h - div q is nearly
-0 there, but for what `balanced` leaves; on triangles larger than 1 all of r would cost more than it gains.
-With curl phi, phi of P2 and 0 on the boundary but for clamped sides, div q, and q.n on the other sides, stay
-what they are: these are all fluxes of RT1 with those. If c = 0, theta is 1, and the square of v - f_h - div q
-is left out. The potential v of P2 is g where (u_h, lambda_H) is in contact, u_D on clamped sides, and goes
-from w towards the solution of (1.1) with dv/dn = tau~ on free sides and 0 elsewhere; at last it is made
-feasible. Both reduce
+since div (psi_k (x - x_k)) = 3 psi_k - 1. f_h is the linear part of f. On small triangles theta is nearly 1,
+and the mean-free part of rho = f_h + div q - c w nearly 0; on triangles larger than (k/c)^{1/2} all of r would
+cost more than it gains. With curl phi, phi of P2 and 0 on the boundary but for clamped sides, div q, and q.n
+on the other sides, stay what they are: these are all fluxes of RT1 with those. The potential v of P2 is g
+where (u_h, lambda_H) is in contact, u_D on clamped sides, and goes from w towards the solution of (1.1) with
+k dv/dn = tau~ on free sides and sigma elsewhere; at last it is made feasible. Both reduce
 
-    eta^2 = ||grad v - q||^2 + ||v - f_h - div q||^2 + 2 <sigma, v - g>
+    ||q - k grad v||^2 / k + ||f_h + div q - c v||^2 / c + 2 <sigma, v - g>
 
 independently of each other: (grad v, curl phi) = 0, and the best v does not depend on q. They are found by
-conjugate gradients, and every iterate will do. With R and D as in `local_bounds`, for this q and f_h, and
-with Y^2 = ||q - grad u||^2 + ||f_h + div q - u||^2 (supplement, Proposition S14 and (6) of S8.1),
+conjugate gradients, and every iterate will do.
 
-    Y <= eta,     ||u - u_h||^2 <= R + 2 Y D - Y^2 <= R + D^2 - max(D - eta, 0)^2,
-
-for the u of f_h and tau~; f - f_h and tau - tau~ add their norm.
-
-Where u and f are smooth R^{1/2} tends to ||u - u_h||_1, and eta is of higher order. Nothing is assumed of u_h
-and lambda_H. What rounding and the exact mesh may do to the sums over triangles is added, as in
-`local_bounds`.
+Where u and f are smooth the bound of u tends to the energy norm of u - u_h, as eta is of higher order. Nothing
+is assumed of u_h and lambda_H. What rounding and the exact mesh may do is added on each triangle.
 """
 
 from __future__ import annotations
@@ -42,18 +33,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.bounds.boundary_flux import edge_flux
+from unilateral.bounds.boundary_flux import Given, edge_flux, nothing
 from unilateral.bounds.clamped_ends import outflows
+from unilateral.bounds.equilibrated_flux import flows
 from unilateral.bounds.feasible import Lifting, Missing, lifting
-from unilateral.bounds.flux_residuals import ROUNDING, SUMS, defects, misfit, root, underflow
-from unilateral.bounds.local_bounds import Bound, check, flux_of, of_divergence
+from unilateral.bounds.flux_residuals import (
+    ROUNDING,
+    allowances,
+    by_parts,
+    misfit,
+    put_tau,
+    residual_parts,
+    stretched_divergence,
+)
+from unilateral.bounds.local_bounds import Bound, check, flux_of
 from unilateral.bounds.mesh_data import MeshData
+from unilateral.bounds.residual_norm import SUMS, ResidualParts, underflow
 from unilateral.bounds.source import Source
+from unilateral.bounds.total_errors import Residual, total_errors
 from unilateral.fem.condense import matrix
-from unilateral.fem.form import H1, Form
+from unilateral.fem.form import Form
 from unilateral.fem.linear_systems import solved
 from unilateral.fem.p1 import edge_load, lumped_mass, of_rest
-from unilateral.fem.p2 import Quadratic, linear_squares, quadratic, squares
+from unilateral.fem.p2 import Quadratic, linear_squares, quadratic, slopes_at_nodes, squares
 from unilateral.geometry.partition import Partition
 
 ENOUGH = 0.01
@@ -64,9 +66,9 @@ The next ones would take less still.
 MOST_STEPS = 50
 """At most this many steps are made. Some 7 are enough: their number does not depend on the mesh."""
 UNBALANCED = 0.01
-"""||w - f - div q||^2 may be this fraction of the sum over the triangles of min(h, 1)^2 ||grad w - q||^2.
+"""What w leaves of the discrete equations may add this fraction of the squared error of w in L2.
 
-That sum is like ||u - w||_0^2.
+With ||z||_0 <= W ||z|| that is like the sum over the triangles of min(h/W, k^{1/2})^2 ||q - k grad w||^2 / k^2.
 """
 
 
@@ -83,118 +85,153 @@ def sharp_bound(
     w is the `potential`, by default u_h, or near it. The nearer it and lambda_H are to the discrete solution,
     the sharper the bounds are.
     """
-    mesh = data.mesh
-    source = data.source
-    tau = data.tau
+    mesh, source, tau = data.mesh, data.source, data.tau
     check(mesh, cells, u_h, lambda_H, form)
-    flux, spaces = edge_flux(mesh, cells, lambda_H), quadratic(mesh)
-    lift = lifting(data.constraint, u_h, flux)
-    away = _away(spaces, source, u_h if potential is None else potential, flux.ends + tau.ends, form)
-    of_u = spaces.of_hats(u_h - away.w)
-    of_lifted, short = _lifted(lift, away, of_u)
-    load = spaces.load(source.f_h) + spaces.edge_load(tau.ends)
-    of_v, phi, steps = _descended(lift, away, load, 2 * short.product)
-    away, (of_v, short_of_v) = away.turned(phi), _lifted(lift, away, of_v)
-    added, added_to_v = (root(lift.added(each)) for each in (short, short_of_v))
-    doubt = max(added, added_to_v) + tau.unknown
-    distance = (1 + SUMS) * (spaces.norm(of_lifted - of_u) + short.norm + added)
-    eta = math.hypot(away.norm(of_v) + short_of_v.norm + added_to_v, math.sqrt(2 * short_of_v.product))
-    eta *= 1 + SUMS
-    most = (1 + SUMS) * math.hypot(away.norm(of_u), math.sqrt(2 * short.product), distance)
-    data_error = source.distance(form) + tau.distance + away.unbalanced
-    data_error = (1 + SUMS) * data_error + underflow(mesh, form)
-    of_lambda = min(distance + most, eta) + flux.distance(mesh) + data_error
+    w = u_h if potential is None else potential
+    flux = edge_flux(mesh, cells, lambda_H, w, form)
+    lift = lifting(data.constraint, form, u_h, flux)
+    spaces = quadratic(mesh)
+    field = _field(spaces, source, w, flux.ends + tau.ends, form)
+
+    # D = ||y||, and the norm of the part of y at clamped sides
+    of_u = spaces.of_hats(u_h - field.w)
+    of_lifted, short = _lifted(lift, field, of_u)
+    y, added = of_lifted - of_u, math.sqrt(float(lift.added(short).sum()))
+    nodes, edges = np.split(spaces.of_boundary, 2)
+    clamped = form.edges(mesh)
+    inside = np.ones(spaces.size, dtype=bool)
+    inside[nodes[clamped | np.roll(clamped, 1)]] = inside[edges[clamped]] = False
+    at_clamped = spaces.norm(np.where(inside, 0.0, y), form) + math.sqrt(float(short.squares[clamped].sum()))
+    lost = underflow(mesh, form)
+    D = (1 + SUMS) * (spaces.norm(y, form) + short.norm + added) + lost
+    D_clamped = (1 + SUMS) * (at_clamped + added) + lost
+
+    # the flux q + curl phi, and a feasible v
+    load = spaces.load(source.f_h) + spaces.edge_load(flux.ends + tau.ends)
+    of_v, phi, steps = _descended(lift, field, load, 2 * short.product)
+    field = field.turned(phi)
+    of_v, short_of_v = _lifted(lift, field, of_v)
+    added_to_v = math.sqrt(float(lift.added(short_of_v).sum()))
+    missing = (1 + SUMS) * (short_of_v.norm + added_to_v) + lost
+
+    errors = total_errors(
+        form,
+        Residual(field.parts(of_u, tau), 0.0, short.product),
+        Residual(field.parts(of_v, tau), missing, short_of_v.product),
+        D=D,
+        D_clamped=D_clamped,
+        of_sigma=flux.distance(mesh, form),
+    )
+    doubt = max(added, added_to_v) + tau.unknown(mesh, form)
     return Bound(
-        u=mesh.growth * (_leg(most, max(distance - eta, 0.0)) + data_error),
-        lambda_=mesh.growth * of_lambda if form.held(mesh.side).any() else 0.0,
-        lifting=distance,
-        data=data_error,
+        u=errors.u,
+        lambda_=errors.lambda_ if form.held(mesh.side).any() else 0.0,
+        lifting=D,
         unknown=form.value_constant * source.unknown + doubt,
         irreducible=doubt + form.value_constant * source.irreducible,
-        eta=eta,
+        eta=errors.eta,
         steps=steps,
-        outflows=away.outflows,
-        of_fluxes=mesh.growth * (of_lambda + data_error),
-    )
-
-
-def _leg(hypotenuse: float, other: float) -> float:
-    """The other leg of a right triangle; it is infinite if the hypotenuse is."""
-    return (
-        math.sqrt(hypotenuse - other) * math.sqrt(hypotenuse + other) if 0 < other < math.inf else hypotenuse
+        outflows=field.outflows,
+        of_fluxes=errors.fluxes,
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Away:
-    """How far a flux q is from w (n,) of V_h, for which it was made; functions v of P2 are given by v - w.
+class _Field:
+    """q - k grad w and f_h + div q - c w for a flux q and w (n,) of V_h; functions v of P2 are given by v - w.
 
-    `hats` and `bubbles` (m, 3, 2) are the coefficients of grad w - q, and `residual` (m, 3) are the values of
-    w - f_h - div q; `rounding` is what rounding and the exact mesh may add to the root of a `square`. For
-    `unbalanced` see `local_bounds.of_divergence`. `outflows` are those of a `Bound`: curl phi changes none
-    but within a row of clamped sides.
+    The first one has the coefficients `hats` and `bubbles` (m, 3, 2), the second one the values `rho` (m, 3)
+    at the nodes. `rounding` (2, m) is what rounding and the exact mesh may add to both on each triangle.
+    `outflows` are those of a `Bound`: curl phi changes none but within a row of clamped sides.
     """
 
     spaces: Quadratic
+    source: Source
+    form: Form
     w: Array
     hats: Array
     bubbles: Array
-    residual: Array
-    rounding: float
-    form: Form
-    unbalanced: float
+    rho: Array
+    rounding: Array
     outflows: Array
 
-    def turned(self, phi: Array) -> _Away:
-        """The same for q + curl phi in place of q, curl phi = (d_y phi, -d_x phi)."""
-        hats = self.hats + _turned(self.spaces.gradient(phi))
-        more = self._rounding(phi, ROUNDING + self.spaces.mesh.distortion)
-        return replace(self, hats=hats, rounding=self.rounding + more)
+    def turned(self, phi: Array) -> _Field:
+        """The same for q + curl phi in place of q."""
+        mesh = self.spaces.mesh
+        # a height of a triangle is twice its area over an edge
+        size = np.abs(phi[self.spaces.unknowns]).sum(axis=1) * mesh.longest_edges / mesh.areas
+        more = (ROUNDING + mesh.distortion) * size
+        hats = self.hats + _curl(self.spaces.gradient(phi))
+        return replace(self, hats=hats, rounding=self.rounding + [more, np.zeros_like(more)])
 
-    def square(self, d: Array) -> float:
-        """||grad v - q||^2 + ||v - f_h - div q||^2 for v = w + d; without a reaction the first of both."""
-        areas, (hats, bubbles) = self.spaces.mesh.areas, self.spaces.coefficients(d)
-        of_gradient = squares(areas, self.hats + self.spaces.gradient(d), self.bubbles)
-        of_values = squares(areas, hats + self.residual, bubbles)
-        return float((of_gradient + self.form.c * of_values).sum())
+    def squares(self, d: Array) -> Array:
+        """(3, m) squared norms for v = w + d: of q - k grad v, of rho less its mean, and of its mean."""
+        k, c, areas = self.form.k, self.form.c, self.spaces.mesh.areas
+        of_hats, of_bubbles = self.spaces.coefficients(d)
+        hats, bubbles = self.rho - c * of_hats, -c * of_bubbles
+        mean = hats.mean(axis=1) + bubbles.sum(axis=1) / 3
+        of_gradients = squares(areas, self.hats - k * self.spaces.gradient(d), self.bubbles)
+        return np.stack([of_gradients, squares(areas, hats - mean[:, None], bubbles), areas * mean**2])
 
-    def norm(self, d: Array) -> float:
-        """The root of `square`, with rounding added: it is not below the exact root."""
-        return math.sqrt(self.square(d)) + self.rounding + self._rounding(d, ROUNDING)
+    def parts(self, d: Array, tau: Given) -> ResidualParts:
+        """The parts of the residual of v = w + d, with what is left of tau."""
+        mesh, source, form = self.spaces.mesh, self.source, self.form
+        size = ROUNDING * np.abs(d[self.spaces.unknowns]).sum(axis=1)
+        more_field, more_rho = self.rounding + [
+            form.k * size * mesh.longest_edges / mesh.areas,
+            form.c * size,
+        ]
+        of_field, of_rho, mean = np.sqrt(self.squares(d))
+        parts = ResidualParts(
+            mesh,
+            misfit=of_field + np.sqrt(mesh.areas) * more_field,
+            oscillation=of_rho + source.oscillation,
+            mean=mean,
+            rest=source.rest + np.sqrt(mesh.areas) * more_rho,
+            by_parts=np.full_like(mean, math.inf),
+        )
 
-    def _rounding(self, d: Array, by: Array | float) -> float:
-        """The rounding of d and its gradient, which is the fraction `by` (m,) of their sizes.
+        # f_h - c v + k lap v, and q - k grad v at the nodes, where the layer is thinner than triangles
+        thick = np.flatnonzero(form.c * mesh.longest_edges**2 > form.k)
+        if thick.size:
+            slopes, area = self.spaces.slopes[thick], mesh.areas[thick]
+            hats, bubbles = (values[thick] for values in self.spaces.coefficients(d))
+            products = np.sum(slopes * np.roll(slopes, -1, axis=1), axis=2)
+            laplace = 8 * form.k * np.sum(bubbles * products, axis=1, keepdims=True)
+            inside = source.f_h[thick] - form.c * (self.w[mesh.triangles[thick]] + hats) + laplace
+            of_inside = np.sqrt(squares(area, inside, -form.c * bubbles))
+            of_inside += source.oscillation[thick] + parts.rest[thick]
+            field = self.hats[thick] - form.k * slopes_at_nodes(slopes, hats, bubbles)
+            parts.by_parts[thick] = by_parts(
+                mesh, thick, field.transpose(2, 1, 0), of_inside, more_field[thick], form
+            )
+        put_tau(parts, tau, form)
+        return parts
 
-        A height of a triangle is twice its area over an edge.
-        """
-        mesh, largest = self.spaces.mesh, np.abs(d[self.spaces.unknowns]).sum(axis=1)
-        sizes = by * largest * (1 + mesh.longest_edges / mesh.areas)
-        return math.sqrt(float(mesh.areas @ sizes**2))
+
+def _curl(slope: Array) -> Array:
+    """(m, 3, 2) (d_y phi, -d_x phi), from (d_x phi, d_y phi)."""
+    return np.stack([slope[..., 1], -slope[..., 0]], axis=2)
 
 
-def _turned(field: Array) -> Array:
-    """(m, 3, 2) the field, turned by a right angle to the left."""
-    return np.stack([-field[..., 1], field[..., 0]], axis=2)
-
-
-def balanced(source: Source, u_h: Array, sigma: Array, form: Form = H1) -> tuple[Array, Array, Array, float]:
-    """w (n,), its flux as `equilibrated` gives it, w - f_h - div q (m,), and what rounding adds to the norms.
+def balanced(source: Source, u_h: Array, sigma: Array, form: Form) -> tuple[Array, Array]:
+    """w (n,), and its flux as `equilibrated` gives it.
 
     The flux has the values `sigma` (nb, 2) at the ends of the boundary edges; on free sides these are given.
-    For u_h itself div q is w - f_h up to what the solver left of the discrete equations and what the flux on
-    the edges leaves of lambda_H. This may be nothing beside the error of u_h, and much beside the error of
-    lambda_H, which is smaller.
+    What a solver left of the discrete equations, and what the flux on the edges leaves of lambda_H, may be
+    nothing beside the error of u_h, and much beside the error of lambda_H, which is smaller.
     """
-    w = u_h
+    mesh, w = source.mesh, u_h
+    W = form.value_constant
     for last in (False, True):
         q = flux_of(source, w, sigma, form)
-        of_gradient, residual, rounding = defects(source, w, q, form.c)
-        sizes = np.minimum(source.mesh.longest_edges, 1.0)
-        least = max(UNBALANCED * float(sizes**2 @ of_gradient), rounding**2)
-        if last or source.mesh.areas @ residual**2 <= least:
+        parts = residual_parts(source, nothing(mesh), w, q, form)
+        error = np.minimum(mesh.longest_edges / W, math.sqrt(form.k)) * parts.misfit / (form.k * W)
+        least = max(UNBALANCED * float(error @ error), float(parts.rest @ parts.rest))
+        if last or parts.mean @ parts.mean <= least:
             break
         w = _solved(source, w, sigma, least, form)
-    return w, q, residual, rounding
+    return w, q
 
 
 def _solved(source: Source, w: Array, sigma: Array, least: float, form: Form) -> Array:
@@ -209,51 +246,67 @@ def _solved(source: Source, w: Array, sigma: Array, least: float, form: Form) ->
     return held + solved(matrix(mesh, form), rhs, w - held, lumped_mass(mesh), least)[0]
 
 
-def _away(spaces: Quadratic, source: Source, u_h: Array, sigma: Array, form: Form = H1) -> _Away:
-    """The `_Away` of the flux with q.n = sigma (nb, 2) and with theta r, for w by `balanced`."""
+def _field(spaces: Quadratic, source: Source, u_h: Array, sigma: Array, form: Form) -> _Field:
+    """The `_Field` of the flux with q.n = sigma (nb, 2) and with theta r, for w by `balanced`."""
     mesh = spaces.mesh
-    w, q, residual, rounding = balanced(source, u_h, sigma, form)
-    unbalanced, residual = of_divergence(form, mesh.areas, residual, rounding)
+    w, q = balanced(source, u_h, sigma, form)
+
+    # theta r, and rho with what that leaves of its mean-free part, -p
     p, x = form.c * w[mesh.triangles] - source.f_h, mesh.points[mesh.triangles]
-    along, by = np.roll(x, -1, axis=1) - x, np.roll(p, -1, axis=1) - p
-    of_r, rest = by[..., None] * along / 12, p - p.mean(axis=1, keepdims=True)
-    of_field = squares(mesh.areas, np.zeros_like(of_r), of_r) if form.c else np.zeros(len(p))
-    theta = _share(linear_squares(mesh.areas, rest), of_field)[:, None]
-    sizes = (ROUNDING + mesh.distortion) * (mesh.longest_edges + 2) * np.abs(p).max(axis=1)
-    rounding += math.sqrt(float(mesh.areas @ sizes**2))
-    left = residual[:, None] + (1 - theta) * rest
-    of_q = misfit(mesh, w, q, slice(None)), theta[..., None] * of_r
-    return _Away(spaces, w, *of_q, left, rounding, form, unbalanced, outflows(mesh, form, q))
+    along, fall = np.roll(x, -1, axis=1) - x, p - np.roll(p, -1, axis=1)
+    r, p_free = fall[..., None] * along / 12, p - p.mean(axis=1, keepdims=True)
+    of_div = form.k * linear_squares(mesh.areas, p_free)
+    both = of_div + form.c * squares(mesh.areas, np.zeros_like(r), r)
+    theta = np.divide(of_div, both, out=np.ones_like(both), where=both > 0)[:, None]
+    ends = flows(mesh, q, slice(None))
+    divergence = -0.5 * (ends[0] + ends[1]).sum(axis=0) / mesh.areas
+    rho = (divergence - p.mean(axis=1))[:, None] - (1 - theta) * p_free
+
+    # what rounding may do to w, q and r
+    size = (ROUNDING + mesh.distortion) * np.abs(p).max(axis=1)
+    largest = np.abs(w[mesh.triangles]).max(axis=1)
+    stretched = stretched_divergence(mesh, q)
+    rounding = allowances(mesh, slice(None), largest, source.f_h.T, ends, form, stretched)
+    return _Field(
+        spaces,
+        source,
+        form,
+        w,
+        hats=-misfit(mesh, w, q, slice(None), form.k),
+        bubbles=theta[..., None] * r,
+        rho=rho,
+        rounding=np.stack(rounding) + [mesh.longest_edges * size, 2 * size],
+        outflows=outflows(mesh, form, q),
+    )
 
 
-def _share(a: Array, b: Array) -> Array:
-    """a / (a + b), or 1 where a is 0."""
-    return np.divide(a, a + b, out=np.ones_like(a), where=a > 0)
-
-
-def _lifted(lift: Lifting, away: _Away, d: Array) -> tuple[Array, Missing]:
+def _lifted(lift: Lifting, field: _Field, d: Array) -> tuple[Array, Missing]:
     """d (size,) plus what makes w + d feasible, and what is missing then."""
-    of = away.spaces.of_boundary
+    of = field.spaces.of_boundary
     nodal, bubbles = np.split(d[of], 2)
-    *more, short = lift.lifted(away.w[away.spaces.mesh.boundary] + nodal, bubbles)
+    *more, short = lift.lifted(field.w[field.spaces.mesh.boundary] + nodal, bubbles)
     lifted = d.copy()
     lifted[of] += np.concatenate(more)
     return lifted, short
 
 
-def _descended(lift: Lifting, away: _Away, load: Array, slack: float) -> tuple[Array, Array, int]:
+def _descended(lift: Lifting, field: _Field, load: Array, slack: float) -> tuple[Array, Array, int]:
     """d = v - w and phi (size,), and how many steps were made.
 
     `load` (size,) is that of v, and `slack` is nearly 2 <sigma, v - g>.
     """
-    spaces, w = away.spaces, away.spaces.of_hats(away.w)
+    spaces, form, w = field.spaces, field.form, field.spaces.of_hats(field.w)
     d, outer = np.zeros(spaces.size), np.zeros(len(spaces.of_boundary), dtype=bool)
     outer[lift.g.unknowns[~lift.g.clamped]], outer[0] = True, True
-    d[spaces.of_boundary] = np.concatenate(lift.met(away.w[spaces.mesh.boundary]))
-    square, free, inner = away.square(d) + slack, spaces.free(lift.contact), spaces.free(outer)
-    field = spaces.load_of_gradients(_turned(away.hats), _turned(away.bubbles))
-    of_phi = spaces.descent(spaces.matrix(mass=0), field, np.zeros(spaces.size), inner)
-    of_v = spaces.descent(spaces.matrix(away.form.c), load, w + d, free)
+    d[spaces.of_boundary] = np.concatenate(lift.met(field.w[spaces.mesh.boundary]))
+    free, inner = spaces.free(lift.contact), spaces.free(outer)
+
+    # eta^2 before the first step, with W^2 in place of 1/c; both summands as quadratic functions
+    of_field, *of_rho = field.squares(d).sum(axis=1)
+    square = of_field / form.k + form.value_constant**2 * sum(of_rho) + slack
+    of_curl = spaces.load_of_gradients(_curl(field.hats), _curl(field.bubbles)) / form.k
+    of_phi = spaces.descent(spaces.matrix(Form(1 / form.k, 0.0)), of_curl, np.zeros(spaces.size), inner)
+    of_v = spaces.descent(spaces.matrix(form), load, w + d, free)
     gain, steps = math.inf, 0
     while gain > ENOUGH * abs(square) and steps < MOST_STEPS:  # below 0 where v < g
         gain = of_v.step() + of_phi.step()

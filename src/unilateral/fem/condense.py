@@ -125,8 +125,9 @@ def check_constants(mesh: Mesh, form: Form, u: Array) -> None:
     """Raises InputError unless u, with (u, v) = c (1, v)_0, is 1: where c is small k K + c M loses c M."""
     if not np.max(np.abs(u - 1)) <= CONSTANTS:
         polygon = mesh.polygon
+        edge = np.diff(mesh.s).min()
         raise InputError(
-            f"polygon '{polygon.name}' of diameter {polygon.diameter:.3g} with boundary edges down to "
-            f"{np.diff(mesh.s).min():.3g}: c = {form.c:.3g} is too small beside k = {form.k:.3g} for double "
-            "precision, as no side is clamped; take a larger c, clamp a side, or take longer edges"
+            f"polygon '{polygon.name}' of diameter {polygon.diameter:.3g} with boundary edges e down to "
+            f"{edge:.3g}: c = {form.c:.3g} is lost in rounding beside k/e^2 = {form.k / edge**2:.3g}, as no "
+            "side is clamped; take a larger c, clamp a side, or take longer edges"
         )

@@ -83,10 +83,11 @@ class Quadratic:
         """(m, 3, 2) the gradient of v at the nodes of the triangles."""
         return slopes_at_nodes(self.slopes, *self.coefficients(v))
 
-    def norm(self, v: Array) -> float:
-        """||v||_1."""
+    def norm(self, v: Array, form: Form) -> float:
+        """The energy norm of v."""
         of_gradient = linear_squares(self.mesh.areas, self.gradient(v))
-        return math.sqrt(float((of_gradient + squares(self.mesh.areas, *self.coefficients(v))).sum()))
+        of_values = squares(self.mesh.areas, *self.coefficients(v))
+        return math.sqrt(float((form.k * of_gradient + form.c * of_values).sum()))
 
     def assembled(self, of_triangles: Array) -> Array:
         """(size,) the sums over the triangles of values (m, 6) that belong to their unknowns."""
@@ -108,10 +109,10 @@ class Quadratic:
         along = moments @ self.slopes.transpose(0, 2, 1)
         return self.assembled(along.reshape(-1, 9) @ AT_NODES.reshape(9, 6))
 
-    def matrix(self, mass: float) -> sp.csr_array:
-        """(size, size) the matrix of (grad ., grad .)_0 plus `mass` times (., .)_0."""
-        products = (self.slopes @ self.slopes.transpose(0, 2, 1)).reshape(-1, 9)
-        entries = self.mesh.areas[:, None] * (products @ STIFFNESS.reshape(9, 36) + mass * MASS.ravel())
+    def matrix(self, form: Form) -> sp.csr_array:
+        """(size, size) the matrix of k (grad ., grad .)_0 + c (., .)_0, on clamped sides, too."""
+        products = form.k * (self.slopes @ self.slopes.transpose(0, 2, 1)).reshape(-1, 9)
+        entries = self.mesh.areas[:, None] * (products @ STIFFNESS.reshape(9, 36) + form.c * MASS.ravel())
         return from_elements(self.unknowns, entries, self.size)
 
     def free(self, contact: Mask) -> sp.csr_array:

@@ -43,16 +43,16 @@ LINEAR_SOURCE = "cosh(x - 0.4) + cosh(y - 0.55) + 0.1*x - 0.05*y"
 class Manufactured:
     """u from a formula and g = u - gap, gap >= 0 a formula in x, y too; no singular points.
 
-    It is the solution where lambda = du/dn >= 0, and 0 where gap > 0; `boundary` is that of ExactSolution.
+    It is the solution where lambda = k du/dn >= 0, and 0 where gap > 0; `boundary` is that of ExactSolution.
     """
 
     flux_in_L2 = True
-    clamped_sides, reaction = (), 1.0
+    clamped_sides = ()
 
-    def __init__(self, polygon, u, gap="0"):
-        self.polygon = polygon
+    def __init__(self, polygon, u, gap="0", k=1.0, c=1.0):
+        self.polygon, self.k, self.c = polygon, k, c
         u, gap = (sympy.sympify(formula, {"x": X, "y": Y}) for formula in (u, gap))
-        f = u - sympy.diff(u, X, 2) - sympy.diff(u, Y, 2)
+        f = c * u - k * (sympy.diff(u, X, 2) + sympy.diff(u, Y, 2))
         self.jumps, self.formula, self.formulas = {}, u, (f, u - gap)
         found = (u, sympy.diff(u, X), sympy.diff(u, Y), f)
         self.u, self.u_x, self.u_y, self.f = (sympy.lambdify((X, Y), e) for e in found)
@@ -69,7 +69,8 @@ class Manufactured:
     def boundary(self, side, s, near=None):
         points, (out_x, out_y) = self.polygon.at(side, s).T, self.polygon.normals[side].T
         u = self.u(*points) + np.zeros(len(s))
-        return u, self.u_x(*points) * out_x + self.u_y(*points) * out_y, u - self.g(*points)
+        flux = self.k * (self.u_x(*points) * out_x + self.u_y(*points) * out_y)
+        return u, flux, u - self.g(*points)
 
     @property
     def source(self):

@@ -11,6 +11,7 @@ import pytest
 import scipy.sparse.linalg as sla
 import sentences
 import sympy
+from displaced import in_doubt
 from known_solutions import fluxes
 from mpmath import mp, mpf
 from symbolic import X, Y, plain
@@ -25,9 +26,10 @@ from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.mesh_data import enclose_data
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.bounds.source import Source, enclosed
+from unilateral.discrete.loads import form_of
 from unilateral.errors import InputError
-from unilateral.fem.form import H1, Form
-from unilateral.fem.p1 import stiffness_and_mass
+from unilateral.fem.condense import matrix
+from unilateral.fem.form import H1
 from unilateral.fem.p2 import linear_squares, quadratic
 from unilateral.formulas.expression import number as exact_number
 from unilateral.geometry import mesh as meshes
@@ -101,9 +103,9 @@ def linear(polygon, k=1, c=1):
     q = tuple(k * of_u for of_u in fluxes(u, polygon.vertices))
     g = (u - a**2 - b**2, *[sympy.S.Zero] * (polygon.n_sides - 1))
     free = tuple(range(1, polygon.n_sides))
-    units = make_units(plain(sympy.sympify(k)), plain(sympy.sympify(c)))
+    coefficients = {"k": plain(sympy.sympify(k)), "c": plain(sympy.sympify(c))}
     f, g, q = plain(c * u), tuple(map(plain, g)), tuple(map(plain, q))
-    return Linear(Problem("linear", polygon, f, g, free, units, q), (a, b))
+    return Linear(Problem("linear", polygon, f, g, free, q=q, **coefficients), (a, b))
 
 
 def exact_nodes(mesh):
@@ -118,32 +120,31 @@ def exact_nodes(mesh):
 
 def true_error(of, mesh, u_h):
     """(k |u - u_h|_1^2 + c ||u - u_h||_0^2)^{1/2} on the exact mesh, where u - u_h is linear on triangles."""
-    places, units = exact_nodes(mesh), of.problem.units
+    places, problem = exact_nodes(mesh), of.problem
     off = (of.at(places) - np.array([mpf(float(x)) for x in u_h], dtype=object))[mesh.triangles]
     x, y = places[mesh.triangles].transpose(2, 0, 1)
     e, f = np.roll(x, 1, axis=1) - np.roll(x, -1, axis=1), np.roll(y, 1, axis=1) - np.roll(y, -1, axis=1)
     twice = e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0]
     squares = ((off * f).sum(axis=1) ** 2 + (off * e).sum(axis=1) ** 2) / twice / 2
     values = ((off**2).sum(axis=1) + off.sum(axis=1) ** 2) * twice / 24
-    k, c = (mpf(x.numerator) / mpf(x.denominator) for x in (units.k.rational, units.c.rational))
+    k, c = (mpf(x.numerator) / mpf(x.denominator) for x in (problem.k.rational, problem.c.rational))
     return float(mp.sqrt(k * squares.sum() + c * values.sum()))
 
 
 def indices(of, mesh):
     """Bounds over errors: of u at the nodes in memory, and of what the mesh in memory has as its solution."""
-    data = scaled(of.problem)
-    on, units = meshes.similar(mesh, data.polygon), of.problem.units
-    cells = partitions.uniform(data.polygon, data.polygon.lengths.max())
-    form = Form(free=data.free_sides)
-    on_mesh = enclose_data(data, on, form)
-    discrete = sla.splu(sum(stiffness_and_mass(on)).tocsc()).solve(on_mesh.load)
+    polygon = mesh.polygon
+    cells = partitions.uniform(polygon, polygon.lengths.max())
+    form = form_of(of.problem, mesh)
+    on_mesh = enclose_data(of.problem, mesh, form)
+    discrete = sla.splu(matrix(mesh, form).tocsc()).solve(on_mesh.load)
     found = []
     with mp.workdps(50):
-        at_nodes = of.at(digits(mesh.points)).astype(float) / units.value
+        at_nodes = of.at(digits(mesh.points)).astype(float)
         for u_h in (at_nodes, discrete):
             lambda_H = np.zeros(cells.n_cells)
             bounds = [bound(on_mesh, cells, u_h, lambda_H, form).u for bound in (local_bound, sharp_bound)]
-            error = true_error(of, mesh, units.value * u_h)
+            error = true_error(of, mesh, u_h)
             found.append(min(bounds) / error if error else np.inf)
     return found
 
@@ -182,29 +183,19 @@ def test_without_the_distance_from_the_exact_mesh_they_do_not(name, monkeypatch)
     ("k", "c"), [("1e-6", "1e6"), ("1e6", "1e-6"), ("1/3", "7"), ("1e12", "1"), ("2", "1e-4")]
 )
 @pytest.mark.parametrize("place", [0.0, 1e5])
-def test_so_they_do_where_k_and_c_scale_the_polygon(k, c, place):
-    """Its image has irrational vertices in general; those in memory are rounded."""
+def test_so_they_do_with_coefficients(k, c, place):
     polygon = placed(1 / 4, place)
     mesh = meshes.unstructured(polygon, 0.1)
     assert min(indices(linear(polygon, *map(sympy.Rational, (k, c))), mesh)) >= 1
 
 
-def test_without_the_rounding_of_scaled_vertices_they_do_not(monkeypatch):
-    """The scale is 7^(1/2)/3, and scaled vertices near 1e5 are rounded by 1e-11, of sides of 1/128."""
-    polygon = placed(1 / 128, 1e5)
-    mesh, of = meshes.unstructured(polygon, 1 / 256), linear(polygon, 9, 7)
-    assert min(indices(of, mesh)) >= 1
-    monkeypatch.setattr("unilateral.problems.scaled.EPS", 0.0)
-    assert min(indices(of, mesh)) < 0.5
-
-
 def displaced(mesh, u, q, rng):
-    """||grad u - q|| and ||div q|| on a mesh all of whose nodes are moved by nearly the polygon's doubt.
+    """||grad u - q|| and ||div q|| on a mesh all of whose nodes are moved by nearly their shift.
 
     Nodes on the sides stay where they divide them, and flows through them are as their lengths.
     """
     polygon, side = mesh.polygon, mesh.side
-    angle, by = rng.uniform(0, 2 * np.pi, mesh.n_nodes), polygon.doubt * rng.uniform(0.8, 1, mesh.n_nodes)
+    angle, by = rng.uniform(0, 2 * np.pi, mesh.n_nodes), mesh.shift * rng.uniform(0.8, 1, mesh.n_nodes)
     points = mesh.points + by[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     vertices = points[mesh.boundary[np.isin(mesh.s[:-1], polygon.starts)]]
     edges = np.roll(vertices, -1, axis=0) - vertices
@@ -224,8 +215,8 @@ def test_what_is_added_holds_what_displaced_nodes_do(size, least):
     ratios = []
     for number in range(12):
         rng = np.random.default_rng(number)
-        polygon = Polygon(size * KITE * [1, 10.0 ** -(number % 2)], doubt=1e-6 * size)
-        mesh = meshes.unstructured(polygon, size / rng.choice([2, 8, 20]))
+        polygon = Polygon(size * KITE * [1, 10.0 ** -(number % 2)])
+        mesh = in_doubt(meshes.unstructured(polygon, size / rng.choice([2, 8, 20])), 1e-6 * size)
         slope = turned(np.array([1.0, 0.0]), rng.uniform(0, 2 * np.pi))
         u, (start, end) = mesh.points @ slope, mesh.points[mesh.triangulation.ends.T]
         e, f = (end - start).T
@@ -239,8 +230,8 @@ def test_what_is_added_holds_what_displaced_nodes_do(size, least):
 
 def test_f_is_enclosed_where_displaced_nodes_put_it():
     """f = 3 x is off by 3 times the doubt where all nodes are moved in x by that much."""
-    polygon = Polygon(KITE, doubt=1e-3)
-    mesh = meshes.unstructured(polygon, 0.3)
+    polygon = Polygon(KITE)
+    mesh = in_doubt(meshes.unstructured(polygon, 0.3), 1e-3)
     g = (exact_number(-9),) * polygon.n_sides
     source = enclosed(mesh, Problem("moved", polygon, plain(3 * X), g, ()).source)
     assert np.all(source.rest >= 3e-3 * np.sqrt(mesh.areas))
@@ -248,8 +239,8 @@ def test_f_is_enclosed_where_displaced_nodes_put_it():
 
 def test_what_the_sharp_bound_adds_to_the_flux_is_displaced_too():
     """curl phi makes q larger, and so what the exact mesh may do to it: eps |curl phi| on a triangle."""
-    polygon = Polygon(KITE, doubt=1e-6)
-    mesh, rng = meshes.unstructured(polygon, 0.3), np.random.default_rng(9)
+    polygon = Polygon(KITE)
+    mesh, rng = in_doubt(meshes.unstructured(polygon, 0.3), 1e-6), np.random.default_rng(9)
     problem = Problem("waves", polygon, plain(sympy.sin(3 * X) * Y), (exact_number(-9),) * 4, ())
     source, sigma = enclosed(mesh, problem.source), np.zeros((len(mesh.boundary), 2))
     away = sharp_bounds._away(quadratic(mesh), source, np.zeros(mesh.n_nodes), sigma)

@@ -153,6 +153,6 @@ def test_the_largest_polygons_and_data(algorithm: str, size: float) -> None:
     ("k", "c"), [(1e-12, 1e-12), (1e-12, 1.0), (1.0, 1e12), (1.0, 1e-4), (1e12, 1e6), (1e12, 1e12)]
 )
 def test_coefficients_of_all_sizes(k: float, c: float, name: str) -> None:
-    """On the scaled problem, u being k^(1/2) times the user's."""
+    """The data of the problem with k = c = 1 and k^(1/2) u."""
     found = ul.solve(problem(name, "1", k=k, c=c), h=1 / 8, H=1 / 4)
     assert is_bounded(found, name, math.sqrt(k))

@@ -26,6 +26,7 @@ from unilateral.bounds.constraint import constraint
 from unilateral.fem.form import Form, decoupled
 from unilateral.fem.p1 import gradients, stiffness_and_mass
 from unilateral.fem.quadrature import symmetric
+from unilateral.formulas.expression import ZERO
 from unilateral.geometry.mesh import refine, unstructured
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import laplacian
@@ -155,23 +156,13 @@ def without_reaction() -> ul.Solution:
     return solved(random_problem(67, 1_000_000, 0), "adapted")
 
 
-@pytest.mark.parametrize("c", [f"1/{10**n}" for n in (3, 6, 9)])
+@pytest.mark.parametrize("c", [f"1/{10**n}" for n in (3, 6, 9, 24)])
 def test_a_tiny_reaction_costs_no_accuracy(c, without_reaction) -> None:
-    """The scaled domain has a diameter down to 1e-7. With C = 1 rounding hid convergence from 1e-4 on.
-
-    One per cent is room for what the terms with c and rounding, about 1e-16 over the diameter, add.
-    """
+    """c u is next to nothing beside f. One per cent is room for what the terms with c add."""
     s = solved(random_problem(67, 1_000_000, c), "adapted")
     assert s.search.certified
     assert len(s.u) == len(without_reaction.u)
     assert s.bounds.u == pytest.approx(without_reaction.bounds.u, rel=0.01)
-
-
-def test_on_a_domain_of_diameter_1e_9_rounding_is_in_the_bound(without_reaction) -> None:
-    """A limit: c/k = 1e-18. The bound is certified, and above that for c = 0."""
-    tiny = solved(random_problem(67, 1_000_000, "1/1000000000000"), "adapted")
-    assert tiny.search.certified
-    assert tiny.bounds.u > without_reaction.bounds.u
 
 
 @pytest.mark.parametrize(("clamped", "told"), [((), True), ((3,), False)])
@@ -407,7 +398,7 @@ def test_a_solver_of_a_case_with_other_data_keeps_its_clamped_sides() -> None:
     case = ul.case("clamped")
     s = ul.Solver(case, h=1 / 8, H=1 / 4)(f=0, g=-9)
     assert s.problem.clamped_sides == (2,)
-    assert s.problem.reaction == 0
+    assert s.problem.c == ZERO
     x = s.mesh.points[np.isclose(s.mesh.points[:, 1], 1), 0]
     assert np.allclose(s.u_at(np.column_stack([x, np.ones_like(x)])), np.cos(np.pi * x) / 2, atol=1e-12)
 

@@ -18,10 +18,9 @@ from unilateral.geometry.polygon import named
 from unilateral.geometry.structured import structured
 from unilateral.norms.dual import dual_norm
 from unilateral.norms.infsup import infsup
-from unilateral.problems.scaled import scaled
 from unilateral.solvers.stop import Stop
 
-PROBLEM = scaled(ul.Problem(named("lshape"), f="4*sin(3*x + y) - 3", g="(x*y - 0.3)/5"))
+PROBLEM = ul.Problem(named("lshape"), f="4*sin(3*x + y) - 3", g="(x*y - 0.3)/5")
 COARSE = structured(named("lshape"), 1 / 4)
 
 

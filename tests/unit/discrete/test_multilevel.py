@@ -188,7 +188,7 @@ UNIT_SQUARE = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 
 def on_small_square(problem):
-    mesh = meshes.similar(structured(square(), 1 / 32), problem.polygon)
+    mesh = structured(problem.polygon, problem.polygon.lengths[0] / 32)
     return multilevel(problem, mesh, uniform(problem.polygon, problem.polygon.lengths[0] / 16))
 
 

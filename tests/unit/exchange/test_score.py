@@ -29,7 +29,7 @@ from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.norms.dual import Errors
-from unilateral.solution.solution import make_solution
+from unilateral.solution.solution import Solution
 
 pytestmark = pytest.mark.usefixtures("levels_solved_once")
 LEVELS = {"level_0": (4, 2), "level_1": (8, 4), "level_2": (16, 8)}
@@ -45,8 +45,8 @@ def folder(tmp_path_factory):
 
 
 def kept(of):
-    """The solution of a case's discrete problem, in the units of the paper's equation."""
-    return make_solution(solve(of), of.exact.ritz.case.problem)
+    """The solution of a case's discrete problem."""
+    return Solution(of.exact.ritz.case.problem, solve(of))
 
 
 @cache

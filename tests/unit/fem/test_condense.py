@@ -12,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from unilateral.errors import InputError
 from unilateral.fem.condense import check_constants, condense
+from unilateral.fem.form import Form
 from unilateral.fem.linear_systems import dissected, elimination_order, factorise, last_block
 from unilateral.fem.p1 import coupling
 from unilateral.fem.spaces import STEKLOV_GUARD, DualOperator, dual_operator
@@ -186,10 +187,10 @@ def test_constants_are_solved_for_up_to_1e_8(off, refused):
     found = np.ones(mesh.n_nodes)
     found[3] += off
     if not refused:
-        return check_constants(mesh, found)
+        return check_constants(mesh, Form(), found)
     shortest = np.min(np.hypot(*np.diff(mesh.points[np.append(mesh.boundary, mesh.boundary[0])], axis=0).T))
     with sentences.raises(InputError, "neck", f"{shortest:.3g}"):
-        check_constants(mesh, found)
+        check_constants(mesh, Form(), found)
 
 
 @pytest.mark.parametrize("L", [1e-8, 1e-6, 1e-2, 1.0, 1e3, 1e8])

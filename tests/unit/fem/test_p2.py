@@ -5,6 +5,7 @@ import pytest
 import skfem
 from skfem.helpers import dot, grad
 
+from unilateral.fem.form import Form
 from unilateral.fem.p2 import linear_squares, quadratic, squares
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.polygon import named
@@ -46,8 +47,10 @@ def test_products_are_those_of_P2(spaces):
     v, f = rng.standard_normal(spaces.size), rng.standard_normal(spaces.mesh.triangles.shape)
     energy, mass, load, along = in_scikit_fem(spaces, v, f)
     field = f[..., None] * np.array([1.0, -2.0])
-    found = v @ (spaces.matrix(mass=0) @ v), spaces.norm(v) ** 2, v @ (spaces.matrix(mass=3) @ v)
-    assert found == pytest.approx([energy, energy + mass, energy + 3 * mass], rel=1e-12)
+    for form in (Form(), Form(2.0, 0.0), Form(2.0, 3.0)):
+        product = form.k * energy + form.c * mass
+        assert v @ (spaces.matrix(form) @ v) == pytest.approx(product, rel=1e-12)
+        assert spaces.norm(v, form) ** 2 == pytest.approx(product, rel=1e-12)
     assert v @ spaces.load(f) == pytest.approx(load, rel=1e-12)
     assert v @ spaces.load_of_gradients(field, 0 * field) == pytest.approx(along, rel=1e-12)
 

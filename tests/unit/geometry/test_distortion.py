@@ -6,6 +6,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import sentences
+from displaced import in_doubt
 from mpmath import mp, mpf
 from nested import coarse
 from numpy.testing import assert_allclose
@@ -14,7 +15,7 @@ from unilateral.errors import InputError
 from unilateral.fem.p1 import energy_norm
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry import exact_mesh
-from unilateral.geometry.mesh import refine, similar, unstructured
+from unilateral.geometry.mesh import refine, unstructured
 from unilateral.geometry.plane import longest_edges, signed_areas
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.norms.oscillation import trace_constants, value_constants
@@ -97,13 +98,6 @@ def test_vertices_and_straight_meshes_have_no_shift():
     assert mesh.shift.max() <= 5 * EPS
 
 
-def test_a_doubt_of_the_polygon_is_that_of_all_nodes():
-    polygon = Polygon(KITE, doubt=1e-9)
-    mesh = similar(unstructured(Polygon(KITE), 0.5), polygon)
-    assert_allclose(mesh.shift, 1e-9, rtol=1e-5)
-    assert np.all(polygon.stretch > 2e-9 / polygon.lengths)
-
-
 def test_stretched_sides_are_at_least_what_sums_of_lengths_lose():
     """Of many sides the sums of their lengths are rounded; some are short."""
     rng = np.random.default_rng(4)
@@ -129,8 +123,8 @@ def test_norms_and_constants_grow_by_no_more_than_the_growth(way):
     The constants are those of traces, times norms on edges, and diameters times norms on triangles.
     """
     rng = np.random.default_rng(6)
-    polygon = Polygon(KITE - KITE.mean(axis=0), doubt=1e-4)
-    mesh = unstructured(polygon, 1.0)
+    polygon = Polygon(KITE - KITE.mean(axis=0))
+    mesh = in_doubt(unstructured(polygon, 1.0), 1e-4)
     off = mesh.points if way == "apart" else directions(rng.uniform(0, 2 * np.pi, mesh.n_nodes))
     moved = replace(mesh, points=mesh.points + 1e-4 * off)
     values = [rng.uniform(-1, 1, mesh.n_nodes) for _ in range(20)]

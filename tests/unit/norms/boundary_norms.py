@@ -53,7 +53,7 @@ class Flux:
     polygon: Polygon
     at: float
     alpha: Fraction
-    clamped_sides, reaction = (), 1.0
+    clamped_sides, c = (), 1.0
 
     def singular(self):
         return [Singular(0, self.at / self.polygon.lengths[0], self.alpha.denominator)]

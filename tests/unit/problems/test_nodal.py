@@ -6,14 +6,11 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import sentences
-from nested import alone
 
 import unilateral as ul
-from unilateral.bounds.source import linear
 from unilateral.fem.p1 import energy_norm
 from unilateral.formulas.taylor import affine, basis
 from unilateral.problems.nodal import NodalTrace
-from unilateral.problems.scaled import scaled
 
 KITE = [(0, 0), (1.1, -0.3), (1.4, 1.2), (0.2, 0.8)]
 TWO = [(0, 1, 2), (0, 2, 3)]
@@ -210,19 +207,6 @@ def test_a_slope_is_not_known_better_than_its_values():
         affine(basis(1, 3), np.array([5e-7]), np.array([[5e-7]]), (t[:1], t[1:2]))
     )
     assert model.rad[0] >= 4 * 2.0**-53 / 1e-6
-
-
-def test_the_rounding_of_f_in_other_units_is_in_its_bound():
-    """What is known of f / unit, a rounded quotient by a rounded number, is less than rounding leaves."""
-    mesh = alone(MESH)
-    problem = ul.Problem(mesh, np.full(mesh.n_nodes, 0.1), 0, k=3, c="1/7")
-    values = scaled(problem).source
-    unit = Fraction(1, 7) / Fraction(3**0.5)  # c k^(-1/2), up to half a unit in the last place
-    off = abs(Fraction(values[0]) - Fraction(0.1) / unit)
-    of = linear(mesh, values)
-    assert off > 0
-    assert float(off) ** 2 * mesh.areas.sum() <= of.unknown**2
-    assert of.unknown < 1e-14 * values[0]
 
 
 @pytest.mark.parametrize(

@@ -15,19 +15,16 @@ import sentences
 import unilateral as ul
 from unilateral.bounds import feasible
 from unilateral.bounds.constraint import constraint
-from unilateral.fem.form import Form
+from unilateral.discrete.loads import form_of
 from unilateral.formulas.expression import ZERO
 from unilateral.formulas.formula import parse
 from unilateral.formulas.taylor import EPS
-from unilateral.geometry import mesh as meshes
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.geometry.structured import structured
 from unilateral.problems import build, obstacle_and_flux
 from unilateral.problems.data_checks import check
 from unilateral.problems.nodal import NodalTrace
 from unilateral.problems.problem import Problem
-from unilateral.problems.scaled import scaled
-from unilateral.problems.units import make_units
 
 DRAWS = 300
 ALONG = ("x", "y", "(1 - x)", "(1 - y)")
@@ -109,8 +106,8 @@ def checked(of, given):
     sides = {i: given(i, *of.ends[i]) for i in range(4) if of.kinds[i] != FREE}
     free, clamped = (tuple(i for i in range(4) if of.kinds[i] == kind) for kind in (FREE, CLAMPED))
     g = [sides.get(i, ZERO) for i in range(4)]
-    units = make_units(*(parse(repr(float(each)), (), "drawn") for each in of.kc))
-    found = Problem("drawn", UNIT, ZERO, tuple(g), free, units, clamped_sides=clamped)
+    k, c = (parse(repr(float(each)), (), "drawn") for each in of.kc)
+    found = Problem("drawn", UNIT, ZERO, tuple(g), free, k, c, clamped_sides=clamped)
     if given is function:
         return build.put_on_mesh(found, MESH)
     check(found, "drawn")
@@ -118,11 +115,8 @@ def checked(of, given):
 
 
 def of_mesh(problem):
-    """The constraint on a mesh of the problem's polygon, which is scaled by k and c."""
-    data = scaled(problem)
-    mesh = meshes.similar(MESH, data.polygon)
-    form = Form(clamped=problem.clamped_sides, friedrichs=1.0, free=problem.free_sides)
-    return constraint(data.enclosed_obstacle, mesh, form)
+    """The constraint on MESH."""
+    return constraint(problem.enclosed_obstacle, MESH, form_of(problem, MESH))
 
 
 def missing_of(g):
@@ -242,8 +236,9 @@ def test_no_jump_that_is_left_over_has_a_bound(c):
     """What `check` refuses, unchecked. Control: u_D above g at a vertex, and one that fits, have one."""
     for u, finite in (("x + 5e-4", False), ("x", True)):
         g = [parse(text, ("x", "y"), "drawn") for text in ("-1", "0", u, "0")]
-        units = make_units(c=parse(c, (), "drawn"))
-        problem = Problem("unchecked", UNIT, ZERO, tuple(g), (1,), units, clamped_sides=(2, 3))
+        problem = Problem(
+            "unchecked", UNIT, ZERO, tuple(g), (1,), c=parse(str(c), (), "drawn"), clamped_sides=(2, 3)
+        )
         s = ul.solve(problem, h=1 / 8, H=1 / 4)
         assert math.isfinite(s.bounds.u) == math.isfinite(s.sharp_bounds.u) == finite
         assert math.isfinite(s.forces().whole.upper) == finite

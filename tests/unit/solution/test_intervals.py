@@ -78,7 +78,7 @@ def places(solution, monkeypatch):
         none = dict.fromkeys(("iterations", "hm12_algebraic_bound", "h1_error"), math.nan)
         found = certificate | none | {"algebraic_bound": math.nan, "seconds": 0.0, "peak_mb": 0.0}
         row = report.ForceRow("side_1", "force, side 1", force)
-        table = report.table(found, None, {}, [row], "", solution.problem.units)
+        table = report.table(found, None, {}, [row], "", solution.problem)
         return {
             "Force": repr(force),
             "Forces": repr(Forces(force, [force, Force(0.0, 0.0, math.inf)])).partition(" on sides")[0],
@@ -143,7 +143,7 @@ def test_bounds_on_errors_say_nothing_where_they_are_infinite(solution, monkeypa
         for text in (repr(bounds), *rows.values()):
             assert not re.search(r"\b(nan|inf)\b", text)
         found = certificate | {"forces": None, "seconds": 0.0, "peak_mb": 0.0}
-        table = report.table(found, bounds, {"h1": 0.0, "hm12": 0.0}, [], "", solution.problem.units)
+        table = report.table(found, bounds, {"h1": 0.0, "hm12": 0.0}, [], "", solution.problem)
         assert ("\n  guaranteed  " in table) == math.isfinite(u)
         assert ("\n  also guaranteed  " in table) == math.isfinite(multiplier)
     assert repr(Errors(0.1, math.nan, math.nan, 0.3)) == (

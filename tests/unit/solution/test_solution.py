@@ -1,7 +1,6 @@
 """What a solution shows: its contact set, its values at points and along sides, and its files."""
 
 import json
-from fractions import Fraction
 
 import meshio
 import numpy as np
@@ -13,33 +12,15 @@ import xarray as xr
 from conftest import ROOT
 
 import unilateral as ul
-from unilateral.bounds.forces import Force
-from unilateral.formulas.expression import number as exact
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import square
-from unilateral.problems.units import make_units
 from unilateral.solution.contact import Contact
 from unilateral.solution.faults import FLAT, flat_triangles
-from unilateral.solution.forces import in_units
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 SIZES = {"h": 1 / 16, "H": 1 / 8}
-
-
-@pytest.mark.parametrize("k", [Fraction(2), Fraction(1, 3), Fraction(10) ** 9])
-def test_forces_in_other_units_are_still_bounds(k):
-    """By exact squares, for 1 of the computed ones is k^(1/2); by plain products some would be none."""
-    unit = float(make_units(k=exact(k)).force)
-    plain = []
-    for number in np.random.default_rng(0).uniform(0.1, 10, 200):
-        square = k * Fraction(number) ** 2
-        force = in_units(Force(number, number, number), unit)
-        assert Fraction(force.lower) ** 2 <= square <= Fraction(force.upper) ** 2
-        assert force.upper - force.lower <= 1e-14 * force.value
-        plain.append(Fraction(unit * number) ** 2 >= square)
-    assert {*plain} == {True, False}
 
 
 @pytest.fixture(scope="module")

@@ -61,7 +61,7 @@ def test_all_that_users_meet_prints_little(cog, functions):
         cog.contact,
         cog.bounds,
         cog.search,
-        cog.problem.units,
+        cog.problem,
         ul.Solver("natural", h=1 / 4, H=1 / 2).matrices(),
     ]
     parts += [cog.solved, cog.search.best, cog.forces(), cog.forces().whole]

@@ -19,9 +19,7 @@ from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem import residual_rounding
 from unilateral.fem.spaces import DualOperator
 from unilateral.geometry.adapted import adapted, refined
-from unilateral.geometry.mesh import similar
 from unilateral.geometry.partition import uniform
-from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
 from unilateral.solvers.algebraic_bound import certified
 from unilateral.solvers.multigrid_bounds import algebraic_bound
@@ -197,7 +195,7 @@ def test_all_that_is_rounded_is_in_the_bound(way: str, monkeypatch: pytest.Monke
 def test_the_norm_of_lambda_is_one_from_below(length: float) -> None:
     """On small domains A_3 is known to fewer digits."""
     small = ul.Problem(length * np.array(SQUARE), "-1", g="0")
-    mesh = similar(structured(square(), 1 / 4), small.polygon)
+    mesh = structured(small.polygon, length / 4)
     discrete = discretise(small, mesh, uniform(small.polygon, length / 2))
     lambda_H = np.random.default_rng(2).uniform(0, 1, len(discrete.cells))
     system = of(discrete)

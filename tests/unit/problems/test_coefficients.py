@@ -6,16 +6,10 @@ from fractions import Fraction
 import numpy as np
 import pytest
 import sentences
-import sympy
 from skfem import Basis, ElementTriP1, MeshTri
 
 import unilateral as ul
-from unilateral.bounds.source import enclosed
-from unilateral.formulas.taylor import affine, basis
-from unilateral.geometry.mesh import from_arrays, refine, similar, unstructured
-from unilateral.geometry.polygon import Polygon
-from unilateral.problems import scaled as scaled_module
-from unilateral.problems.scaled import scaled
+from unilateral.geometry.mesh import from_arrays, unstructured
 
 SIDE = 1e-3
 PLATE = [(0, 0), (SIDE, 0), (SIDE, SIDE), (0, SIDE)]
@@ -27,9 +21,10 @@ IN_METRES = {name: re.sub("[xy]", r"(1000*\g<0>)", text) for name, text in (("f"
 
 @pytest.fixture(scope="module")
 def pair():
-    """On the unit square, and in units in which its length is 1e-3 with k = 4 and c = 4e6, so u = v / 2.
+    """On the unit square, and on one of the length 1e-3 with k = 4 and c = 4e6, so that u = v / 2.
 
-    f = c k^{-1/2} f' = 2e6 f', with f' and g' the formulas on the unit square: see `units`.
+    With X = (c/k)^{1/2} x, v = k^{1/2} u solves the problem with k = c = 1, k^{1/2} f / c in place of f and
+    k^{1/2} g in place of g. So f = c k^{-1/2} f' = 2e6 f', with f' and g' the formulas on the unit square.
     """
     one = ul.Problem(UNIT, f=F, g=G)
     other = ul.Problem(
@@ -40,7 +35,7 @@ def pair():
     return ul.solve(one, mesh=mesh, H=1 / 8, stop=STOP), ul.solve(other, mesh=small, H=SIDE / 8, stop=STOP)
 
 
-def test_u_lambda_gap_and_forces_are_in_the_user_s_units(pair):
+def test_u_lambda_gap_and_forces_are_the_same_in_other_units(pair):
     """u = v/2; lambda = k du/dn = 4 (1/2) 1000 dv/dN; its integral over a length in 1e-3 is twice as large.
 
     Exact but for rounding; control: v itself is not u.
@@ -56,93 +51,12 @@ def test_u_lambda_gap_and_forces_are_in_the_user_s_units(pair):
         assert theirs == pytest.approx([2 * number for number in mine], rel=1e-6)
 
 
-def test_bounds_are_those_of_the_scaled_problem(pair):
+def test_bounds_are_those_of_the_same_problem_in_other_units(pair):
     """(k |u|_1^2 + c ||u||_0^2)^{1/2} = ||v||_1, and the dual norm likewise."""
     one, other = pair
     assert other.bounds.u == pytest.approx(one.bounds.u, rel=1e-6)
     assert other.bounds.multiplier == pytest.approx(one.bounds.multiplier, rel=1e-6)
     assert other.bounds.unknown == pytest.approx(one.bounds.unknown, rel=0.01)
-
-
-def test_the_data_of_the_scaled_problem_are_enclosed():
-    """f' = k^{1/2} f / c, g' = k^{1/2} g and q' = c^{-1/2} q at the scaled point, by hand.
-
-    A wrong factor is outside.
-    """
-    problem = ul.Problem(PLATE, f="1 + 500*x*y", g="x*1000", free_sides=[2], q="2000*x", k=9, c="1/4")
-    data, length = scaled(problem), 6.0
-    x, y = np.array([2e-4, 7e-4]), np.array([5e-4, 1e-4])
-    point = [affine(basis(2, 3), each / length, np.zeros((2, 2)), (each / length,) * 2) for each in (x, y)]
-    lower, upper = data.source.model(*point, {}).range
-    expected = 12 * (1 + 500 * x * y)
-    assert ((lower <= expected) & (expected <= upper)).all()
-    assert upper - lower == pytest.approx(0, abs=1e-12)
-    t = affine(basis(1, 3), np.array([0.25]), np.zeros((1, 1)), (np.array([0.25]),) * 2)
-    lower, upper = data.obstacle_model(np.array([0]), t).range
-    assert lower <= 3 * 0.25 <= upper
-    assert upper - lower == pytest.approx(0, abs=1e-12)
-    lower, upper = data.flux_model(np.array([2]), t).range
-    assert lower <= 2 * 2 * 0.75 <= upper
-    assert upper - lower == pytest.approx(0, abs=1e-12)
-    assert data.enclosed_flux.range(2) == pytest.approx((0, 4), abs=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("step", "places"),
-    [
-        (
-            "1/16 - (x - 1/4)**2 - (y - 3/8)**2",
-            [(1 / 2, 3 / 8), (1 / 4, 5 / 8), (0, 3 / 8), (2 / 5, 23 / 40)],
-        ),
-        ("2*x - 3*y - 1/2", [(1 / 4, 0), (1 / 2, 1 / 6), (1, 1 / 2)]),
-    ],
-)
-@pytest.mark.parametrize(("k", "c", "length"), [(9, "1/4", 6), ("1/4", 25, 1 / 10)])
-def test_a_step_is_at_the_same_curve_in_scaled_coordinates(step, places, k, c, length):
-    """X = x / length, length = (k/c)^{1/2}: points on the circle, or line, by hand, are on the scaled one.
-
-    Its inside is the same side, and distances are scaled. Control: without scaling they are not on it.
-    """
-    problem = ul.Problem(UNIT, f=f"pos({step}, 0)", g=0, k=k, c=c)
-    (kink,), places = scaled(problem).source.jumps.values(), np.array(places)
-    assert kink.level(places / length) == pytest.approx(0, abs=1e-14)
-    assert np.abs(kink.level(places)).max() > 0.1
-    x, y = np.random.default_rng(1).random((2, 100))
-    inside = eval(step, {"x": x, "y": y}) > 0
-    assert (kink.sign * kink.level(np.column_stack([x, y]) / length) > 0).tolist() == inside.tolist()
-    assert 0 < inside.sum() < 100
-
-
-def test_the_least_value_that_counts_is_rounded_down(monkeypatch):
-    """k^{1/2} times that of u, with 40 digits. Control: the nearest number is above it for some k."""
-    monkeypatch.setattr(scaled_module, "enclose_obstacle", lambda polygon, model, free, least, *_: least)
-    above = 0
-    for k in range(2, 40):
-        problem = ul.Problem(UNIT, f="x - 1/3", g=-1, k=k)
-        of = scaled(problem)
-        exact = sympy.sqrt(k).n(40) * sympy.Rational(of.of.least)
-        assert sympy.Rational(of.enclosed_obstacle) <= exact
-        above += bool(sympy.Rational(of.of.least / of.of.units.value) > exact)
-    assert above > 0
-
-
-@pytest.mark.parametrize(("k", "c"), [(1, 1), (9, "1/4"), ("1/4", 16)])
-def test_a_step_on_a_disc_keeps_its_place(k, c):
-    """f is 1 on the disc of radius 0.3 about (0.4, 0.5): its integral and those over x and y are known.
-
-    In the units of k and c f is k^(1/2) / c as large, and lengths over 6 or times 8. What is not known of f
-    moves an integral by no more than the root of the area times its norm.
-    """
-    problem = ul.Problem(UNIT, f="pos(9/100 - (x - 2/5)**2 - (y - 1/2)**2, 0)", g=-1, k=k, c=c)
-    data, unit = scaled(problem), problem.units.length
-    mesh = similar(unstructured(problem.polygon, 1 / 8), data.polygon)
-    found = enclosed(mesh, data.source)
-    inside = 0.09 * np.pi / (problem.units.load * unit**2)
-    off = np.sqrt(mesh.areas.sum()) * found.unknown
-    assert off < 0.02 * inside
-    assert found.moments().sum() == pytest.approx(inside, abs=off)
-    centroid = np.einsum("ti,tid->d", found.moments(), mesh.points[mesh.triangles]) / inside
-    assert centroid == pytest.approx(np.array([0.4, 0.5]) / unit, rel=0.02)
 
 
 @pytest.mark.parametrize(("k", "c"), [(2, "3000000"), ("1/7", "100000"), (1, "50")])
@@ -185,7 +99,7 @@ def test_an_accuracy_is_relative_to_the_energy_norm():
         ul.solve(ul.Problem([(1e-9 * x, 1e-9 * y) for x, y in UNIT], f=1, g=0), h=1e-10, H=2e-10)
 
 
-def test_structured_meshes_are_there_on_scaled_domains_too():
+def test_structured_meshes_are_there_with_coefficients_too():
     """With h the square of 8² small ones; with an accuracy one halved uniformly: (2^k + 1)² unknowns."""
     problem = ul.Problem(UNIT, f="x - 1", g=0, k=4)
     found = ul.solve(problem, h=1 / 8, H=1 / 4, mesh="structured")
@@ -223,18 +137,6 @@ def test_idle_sides_know_c():
     """u >= inf f / c = 1/2: sides with g = 0.6 may have contact, with 0.4 they have none."""
     for g, idle in ((0.6, ()), (0.4, (0, 1, 2, 3))):
         assert ul.Problem(UNIT, f=1, g=g, c=2).idle_sides() == idle
-
-
-def test_similar_meshes_keep_their_levels_and_ends():
-    """Nodes and arc lengths times the factor; both ways are the identity up to rounding."""
-    one = Polygon(np.array([(0, 0), (3, 0), (1, 2)], dtype=float))
-    other = Polygon(one.vertices * 1e-3)
-    mesh = refine(unstructured(one, 1.0))
-    small = similar(mesh, other)
-    assert small.halvings == mesh.halvings == 1
-    assert small.coarse.points == pytest.approx(1e-3 * mesh.coarse.points, abs=1e-17)
-    assert np.isin(other.starts, small.s).all()
-    assert similar(small, one).s == pytest.approx(mesh.s, rel=1e-14)
 
 
 @pytest.mark.parametrize(("f", "g"), [("-1", "0"), ("0", "-1"), ("-1", "x*0"), ("0*x", "-1")])
