@@ -58,8 +58,8 @@ class Missing(NamedTuple):
     """Bounds on ||w||^2 and on <q.n, v + w + added - g>, edge by edge, and what is added for the doubt.
 
     The sum of `squares` (nb,) is at least ||w||^2, the energy norm, and the sum of `slack` (nb,) is a bound
-    on the product; `added` (nb,) are values at the boundary nodes. At those of clamped sides any value may be added whose
-    size is at most that in `either` (nb,), which is 0 at the others.
+    on the product; `added` (nb,) are values at the boundary nodes. At those of clamped sides any value may be
+    added whose size is at most that in `either` (nb,), which is 0 at the others.
     """
 
     squares: Array

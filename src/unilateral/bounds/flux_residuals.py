@@ -68,7 +68,14 @@ def residual_parts(source: Source, tau: Given, u_h: Array, q: Array, form: Form)
     by_parts = np.broadcast_to(math.inf, len(mesh.triangles))
     if form.c * mesh.diameter**2 > form.k:
         by_parts = by_parts.copy()
-    parts = ResidualParts(mesh, *np.empty((4, len(mesh.triangles))), by_parts)
+    parts = ResidualParts(
+        mesh,
+        misfit=np.empty_like(mesh.areas),
+        oscillation=np.empty_like(mesh.areas),
+        mean=np.empty_like(mesh.areas),
+        rest=np.empty_like(mesh.areas),
+        by_parts=by_parts,
+    )
     stretched = stretched_divergence(mesh, q)
     for of in blocks(len(mesh.triangles)):
         _put(parts, of, source, q, form, stretched, u_h.take(mesh.triangles[of].T))
@@ -88,8 +95,13 @@ def moved_parts(
     bubbles: Array,
 ) -> ResidualParts:
     """The parts for u_h + d, from those for u_h; d has these coefficients (m, 3) on the layer's triangles."""
-    by_parts = parts.by_parts.copy() if parts.by_parts.flags.writeable else parts.by_parts
-    parts = ResidualParts(parts.mesh, *(part.copy() for part in parts[1:5]), by_parts)
+    parts = parts._replace(
+        misfit=parts.misfit.copy(),
+        oscillation=parts.oscillation.copy(),
+        mean=parts.mean.copy(),
+        rest=parts.rest.copy(),
+        by_parts=parts.by_parts.copy() if parts.by_parts.flags.writeable else parts.by_parts,
+    )
     v = u_h.take(parts.mesh.triangles[layer.triangles].T) + hats.T
     stretched = stretched_divergence(parts.mesh, q)
     _put(parts, layer.triangles, source, q, form, stretched, v, layer.slopes, bubbles)
