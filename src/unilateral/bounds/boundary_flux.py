@@ -65,7 +65,7 @@ class EdgeFlux(NamedTuple):
 
     def distance(self, mesh: Mesh, form: Form) -> float:
         """A bound on the norm of lambda_H - sigma in the dual of the energy norm on H^1."""
-        return (1 + SUMS) * oscillation_bound(mesh, self.rest[:, None], form, self.constant).item()
+        return (1 + SUMS) * oscillation_bound(mesh, self.rest[:, None], self.constant, form).item()
 
 
 def edge_flux(mesh: Mesh, cells: Partition, lambda_H: Array, u_h: Array, form: Form) -> EdgeFlux:

@@ -37,7 +37,7 @@ REACH = math.sqrt(5) / 2
 
 
 def oscillation_bound(
-    mesh: Mesh, squared_norms: Array, form: Form = H1, on_square: Array | float = ON_SQUARE
+    mesh: Mesh, squared_norms: Array, on_square: Array | float = ON_SQUARE, form: Form = H1
 ) -> Array:
     """Bounds (k,) on ||r||_{-1/2}, the dual of the energy norm, from ||r||_e^2 (nb, k).
 
