@@ -21,7 +21,7 @@ from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
-from unilateral.norms.oscillation import MEAN_FREE_ON_SQUARE, ON_SQUARE, trace_constants
+from unilateral.norms.oscillation import MEAN_FREE_ON_SQUARE, ON_SQUARE, trace_constants, value_constants
 from unilateral.problems import piecewise
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -275,7 +275,7 @@ def test_the_largest_force_of_a_cell_at_an_edge_pushes_it():
 def test_where_no_layer_is_seen_sigma_is_at_most_the_flux_of_u_h(ratio):
     """w mu + (1 - w) min(mu, k du_h/dn): du_h/dn = 1 on side 1, -1 on side 3 of u_h = x, and 0 on the others.
 
-    What is left of lambda_H = 5 has a mean, and is never less than lambda_H - sigma.
+    lambda_H = 5 is mu, so that nothing but mu - sigma is left of it.
     """
     mesh, cells, k = structured(square(), 1 / 4), partitions.uniform(square(), 1 / 4), 3.0
     form = Form(k, ratio * EDGE_BALANCE * k * 16)
@@ -285,8 +285,10 @@ def test_where_no_layer_is_seen_sigma_is_at_most_the_flux_of_u_h(ratio):
     for side, flux in ((0, 0.0), (1, 3.0), (2, 0.0), (3, 0.0)):
         expected = w * 5 + (1 - w) * flux
         assert found.ends[mesh.side == side] == pytest.approx(expected)
-        assert found.rest[mesh.side == side] == pytest.approx((5 - expected) ** 2 / 4)
-    assert np.all(np.isinf(found.constant))
+        assert found.lowered[mesh.side == side] == pytest.approx((5 - expected) ** 2 / 4)
+    assert not found.rest.any()
+    lowered = math.sqrt(value_constants(mesh, form) @ found.lowered)
+    assert found.distance(mesh, form) == pytest.approx(lowered)
     assert found.push == pytest.approx(w * 5 / 4 / 3)
     free = edge_flux(mesh, cells, 0 * lambda_H, mesh.points[:, 0], form)
     assert not free.ends.any()
