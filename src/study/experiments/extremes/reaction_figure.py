@@ -14,7 +14,7 @@ LEFT, WIDTH = (1.25, 5.15, 9.05, 12.95), 3.45
 BOTTOM, HEIGHT = 2.1, 4.6
 """The left ends of the panels, their width, their lower end and their height, in cm."""
 TICKS = (1, 1.2, 1.5, 2, 3, 5, 10)
-POWERS = (-20, -10, 0, 10)
+POWERS = (-24, -12, 0, 12)
 BOUNDS: dict[str, style.Look] = {
     "cheap": {"ls": "-", "lw": 1.0, "ms": 3.2, "mew": 0.6},
     "sharp": {"ls": (0, (3, 2)), "lw": 0.8, "ms": 3.2, "mew": 0.6, "mfc": "white"},
