@@ -98,7 +98,7 @@ class Trial:
         self.u, self.multiplier = exact(A, load, u_D, g, space.clamped)
         self.space, self.A = space, A
 
-        # q.n on clamped sides and in contact, sigma >= 0 there; the flux is that of a third function
+        # q.n on clamped sides and in contact, sigma >= 0 there; q is that of a third function, or of u_h = v
         near = 10 ** rng.uniform(-6, 1)
         self.sigma = np.zeros(N)
         self.sigma[space.clamped] = self.multiplier[space.clamped] + near * rng.normal(
@@ -106,6 +106,7 @@ class Trial:
         )
         self.sigma[CONTACT] = np.abs(self.multiplier[CONTACT] + near * rng.normal(size=2))
         q = self.form.k * space.G @ (self.u + near * rng.normal(size=N))
+        same = rng.random() < 0.3
 
         def lifted(v, more):
             """v, moved to u_D, and to g and above."""
@@ -119,9 +120,12 @@ class Trial:
             others = load + self.sigma - space.G.T @ q - self.form.c * space.M @ v
             return Residual(Parts(space, misfit, others), 0.0, slack)
 
-        self.u_h = self.u + near * rng.normal(size=N)
-        feasible = lifted(self.u_h, 0.1 * near * rng.normal(size=N) * (rng.random() < 0.5))
         v = lifted(self.u, near * 10 ** rng.uniform(-3, 0) * rng.normal(size=N))
+        self.u_h = v if same else self.u + near * rng.normal(size=N)
+        feasible = lifted(self.u_h, 0.1 * near * rng.normal(size=N) * (not same and rng.random() < 0.5))
+        if same:
+            q = self.form.k * space.G @ v
+            self.sigma[CONTACT] *= v[CONTACT] <= g
         slack, slack_of_v = (float(self.sigma[CONTACT] @ (w[CONTACT] - g)) for w in (feasible, v))
         y = feasible - self.u_h
         y_D = np.where(np.isin(np.arange(N), space.clamped), y, 0.0)
