@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from unilateral.bounds.total_errors import Residual, total_errors
+from unilateral.bounds.total_errors import Defect, total_errors
 from unilateral.fem.form import Form
 
 N = 7
@@ -118,7 +118,7 @@ class Trial:
         def residual(v, slack):
             misfit = q - self.form.k * space.G @ v
             others = load + self.sigma - space.G.T @ q - self.form.c * space.M @ v
-            return Residual(Parts(space, misfit, others), 0.0, slack)
+            return Defect(Parts(space, misfit, others), 0.0, slack)
 
         v = lifted(self.u, near * 10 ** rng.uniform(-3, 0) * rng.normal(size=N))
         self.u_h = v if same else self.u + near * rng.normal(size=N)
@@ -198,7 +198,7 @@ def test_of_a_part_of_v_the_norm_is_enough(trials, known, wrong):
         w[V] = -np.linalg.solve(trial.A[np.ix_(V, V)], own.functional()[V])
         misfit = own.misfit + trial.form.k * trial.space.G @ w
         parts = replace(own, misfit=misfit, others=own.others + trial.form.c * trial.space.M @ w)
-        return trial.bounds(of_v=Residual(parts, known * math.sqrt(w @ trial.A @ w), trial.of_v.slack))
+        return trial.bounds(of_v=Defect(parts, known * math.sqrt(w @ trial.A @ w), trial.of_v.slack))
 
     assert violations(trials, bounds).any() == wrong
 
