@@ -51,7 +51,7 @@ from unilateral.bounds.local_bounds import Bound, check, flux_of
 from unilateral.bounds.mesh_data import MeshData
 from unilateral.bounds.residual_norm import SUMS, ResidualParts, underflow
 from unilateral.bounds.source import Source
-from unilateral.bounds.total_errors import Residual, total_errors
+from unilateral.bounds.total_errors import Defect, total_errors
 from unilateral.fem.condense import matrix
 from unilateral.fem.form import Form
 from unilateral.fem.linear_systems import solved
@@ -122,8 +122,8 @@ def sharp_bound(
 
     errors = total_errors(
         form,
-        Residual(field.parts(of_u, tau), 0.0, short.product),
-        Residual(field.parts(of_v, tau), missing, short_of_v.product),
+        Defect(field.parts(of_u, tau), 0.0, short.product),
+        Defect(field.parts(of_v, tau), missing, short_of_v.product),
         D=D,
         D_clamped=D_clamped,
         of_sigma=flux.distance(mesh, form),
