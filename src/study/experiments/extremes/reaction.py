@@ -87,7 +87,10 @@ class StepCase:
     s: Callable[[float], float]
 
     def pose(self, mesh: Mesh, c: float) -> Problem:
-        """The problem with f by its values at nodes."""
+        """The problem with f by its values at nodes.
+
+        Their rounding changes u by at most 2^-53 max |w|, and its error by less than 0.1 % up to c = 1e16.
+        """
         return problem_of_arguments(
             mesh,
             f=c * self.w(mesh.points[:, 0]) + self.s(c),

@@ -275,11 +275,9 @@ def test_errors_over_c_halve_with_h_where_the_mesh_resolves_u():
 
 def test_what_is_said_of_bounds_over_c_is_in_the_table():
     """Every number by a loop over all points."""
-    said, stored_points = (
-        extremes_tables.reaction(over_c()),
-        over_c().stack(point=("case", "mesh", "c_over_k")),
-    )
-    rows = [stored_points.isel(point=i) for i in range(stored_points.sizes["point"])]
+    said = extremes_tables.reaction(over_c())
+    points = over_c().stack(point=("case", "mesh", "c_over_k"))
+    rows = [points.isel(point=i) for i in range(points.sizes["point"])]
     for bound in ("cheap", "sharp"):
         assert said[bound] == max((row[f"{bound}_bound"] / row["energy_error"]).item() for row in rows)
     steps = [row for row in rows if row["case"].item() == "time step"]
