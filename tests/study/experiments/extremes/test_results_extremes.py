@@ -24,7 +24,7 @@ EVERYWHERE = [
 VARIANTS = ["step_full", "step_partial", "printed_full", "printed_partial", "single", "double"]
 """What the library does not offer, or takes as it is given."""
 REFUSALS = (
-    "fields k and c",
+    "clamp a side",
     "scale the data",
     "move polygon",
     "list every node once",
