@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from fractions import Fraction
 from functools import partial
@@ -12,7 +12,7 @@ import numpy as np
 
 from unilateral.errors import InputError, shown
 from unilateral.formulas.exact_numbers import rounded
-from unilateral.formulas.expression import ZERO, Expression, product, roots_in
+from unilateral.formulas.expression import Expression, product, roots_in
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.formula_range import POINTS, may_be_0, range_in, range_on_side, some_points
 from unilateral.problems.nodal import NodalTrace
@@ -22,8 +22,8 @@ from unilateral.problems.reading import plain, read_source
 SMALLEST, LARGEST = 1e-140, 1e140
 """The limits of |f|, |g| and |q|, so that squares of data are normal numbers.
 
-They hold for the products of g with k^{1/2} and c^{1/2}, too, and of f and q with k^{-1/2} and c^{-1/2}. For
-the squares of errors see `flux_residuals.underflow`.
+They hold for the product of g with k^{1/2}, too, and for those of f and q with k^{-1/2}. For the squares of
+errors see `flux_residuals.underflow`; where a sum of squares overflows, a bound is infinite.
 """
 POWER = 2
 """Data are multiplied by this power of the root of the area, if that is above 1."""
@@ -36,9 +36,9 @@ def check(problem: Problem, name: str) -> None:
     """
     check_roots(problem, name)
     obstacle = problem.enclosed_obstacle
-    roots = [math.sqrt(rounded(each)) for each in (problem.k, problem.c) if each != ZERO]
-    of_values = limits(problem.polygon, roots)
-    of_fluxes = limits(problem.polygon, [1 / root for root in roots])
+    root = math.sqrt(rounded(problem.k))
+    of_values = limits(problem.polygon, root)
+    of_fluxes = limits(problem.polygon, 1 / root)
     of_f = max(map(abs, problem.range_of_f))
     _check_size(of_f, of_fluxes, problem, f"{name}, field f", "in the polygon", lambda: _no_load(problem))
     held = [side for side in range(problem.polygon.n_sides) if side not in problem.free_sides]
@@ -157,11 +157,11 @@ def _may_be_0_on(problem: Problem, side: int, data: object) -> bool:
     return may_be_0(as_formula(data), problem.polygon.at(np.full(POINTS, side), s))
 
 
-def limits(polygon: Polygon, factors: Sequence[float]) -> tuple[float, float]:
-    """The least and the largest size of data on a polygon, which are multiplied by the `factors`, too."""
+def limits(polygon: Polygon, factor: float) -> tuple[float, float]:
+    """The least and the largest size of data on a polygon, which are multiplied by the `factor`, too."""
     length = math.sqrt(polygon.area)
-    smallest = SMALLEST / min(length, 1.0) / min(1.0, factors[0])
-    largest = LARGEST / max(length, 1.0) ** POWER / max(1.0, *factors)
+    smallest = SMALLEST / min(length, 1.0) / min(1.0, factor)
+    largest = LARGEST / max(length, 1.0) ** POWER / max(1.0, factor)
     return smallest, largest
 
 
