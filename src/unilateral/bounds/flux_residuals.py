@@ -163,13 +163,15 @@ def by_parts(mesh: Mesh, of: Index, field: Array, inside: Array, more: Array, fo
     The `field` q - k grad v has these values (2, 3, m) at the nodes, up to `more` (m,); `inside` (m,) are
     bounds on ||f - c v + k lap v||_T.
     """
+    # the exact mesh changes grad v, too, and k |grad v| is at most |q - k grad v| + |q|
+    added = 2 * more + mesh.distortion[of] * _largest(np.hypot(field[0], field[1]))
     corners = mesh.points[mesh.triangles[of]].transpose(2, 1, 0)
     area, through = mesh.areas[of], np.empty((3, len(of)))
     for i, j, k in CORNERS:
         x, y = corners[:, k] - corners[:, j]
         length = np.hypot(x, y)
         start, end = ((field[0, node] * y - field[1, node] * x) / length for node in (j, k))
-        norm = np.sqrt(length / 3 * (start**2 + start * end + end**2)) + np.sqrt(length) * more
+        norm = np.sqrt(length / 3 * (start**2 + start * end + end**2)) + np.sqrt(length) * added
         through[i] = np.sqrt(length / area) * norm
     total = _sum(through)
     centre = (through * corners).sum(axis=1) / total
@@ -199,12 +201,11 @@ def allowances(
     flow = np.abs(_sum(ends[0]) + _sum(ends[1]))
     first, last = np.abs(ends[0]), np.abs(ends[1])
     most = _largest([first[k] + last[j] for _, j, k in CORNERS])
-    flows_in, slope = _sum(first) + _sum(last), form.k * size
-    steep = longest * over
-    field = ROUNDING * (slope + flows_in) + distortion * (0.5 * most + 2 * slope)
+    flows_in = _sum(first) + _sum(last)
+    field = longest * over * (ROUNDING * (form.k * size + flows_in) + 0.5 * distortion * most)
     rho = ROUNDING * (form.c * size + _largest(np.abs(f_h)) + flows_in * over)
     rho += 0.5 * distortion * flow * over + stretched
-    return steep * field + longest * stretched + UNDERFLOW, rho + UNDERFLOW
+    return field + longest * stretched + UNDERFLOW, rho + UNDERFLOW
 
 
 def stretched_divergence(mesh: Mesh, q: Array) -> Array:
