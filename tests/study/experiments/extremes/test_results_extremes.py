@@ -280,8 +280,6 @@ def test_what_is_said_of_bounds_over_c_is_in_the_table():
     rows = [points.isel(point=i) for i in range(points.sizes["point"])]
     for bound in ("cheap", "sharp"):
         assert said[bound] == max((row[f"{bound}_bound"] / row["energy_error"]).item() for row in rows)
-    steps = [row for row in rows if row["case"].item() == "time step"]
-    assert said["step_sharp"] == max((row["sharp_bound"] / row["cheap_bound"]).item() for row in steps)
     assert (said["points"], said["failed"]) == (len(rows), 0)
     assert (said["from"], said["to"]) == (1e-30, 1e16)
     assert (said["coarsest"], said["finest"]) == (1 / 8, 1 / 32)
