@@ -54,7 +54,7 @@ def enclose_data(problem: Problem, mesh: Mesh, form: Form, source: Source | None
     flux = problem.enclosed_flux
     tau = given(flux, mesh)
     if source is None:
-        source = enclose_source(mesh, problem.source)
+        source = enclose_source(mesh, problem.source, form)
     return MeshData(
         source=source,
         constraint=constraint(problem.enclosed_obstacle, mesh, form),

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask, blocks
-from unilateral.bounds.source_ancestors import FEW, AncestorSearch, Seen, Sums, even_h, sums_of, values
+from unilateral.bounds.source_ancestors import FEW, AncestorSearch, Seen, Sums, resolution, sums_of, values
 from unilateral.bounds.source_pieces import (
     TrianglePieces,
     averages,
@@ -25,6 +25,7 @@ from unilateral.bounds.source_pieces import (
     rounded_size,
     with_gaps,
 )
+from unilateral.fem.form import Form
 from unilateral.fem.p1 import linear_moments, load_vector
 from unilateral.fem.p2 import linear_squares
 from unilateral.fem.splitting import quarter
@@ -103,10 +104,11 @@ class Source:
         return Sums(unknown, float(squares.sum()), float(area @ means), float(area.sum()), len(area))
 
 
-def enclosed(mesh: Mesh, f: SourceFunction, before: Source | None = None) -> Source:
+def enclosed(mesh: Mesh, f: SourceFunction, before: Source | None = None, length: float = 1.0) -> Source:
     """f on the mesh; `rest` is infinite where f has no bound, and large where the pieces did not suffice.
 
-    What is known on a mesh `before`, from which this one was refined, is kept where that is enough.
+    What is known on a mesh `before`, from which this one was refined, is kept where that is enough. For the
+    `length` see `resolution`.
     """
     n = len(mesh.triangles)
     source, seen, sums = Source(mesh, np.empty((n, 3)), *np.empty((2, n))), None, Sums()
@@ -114,21 +116,22 @@ def enclosed(mesh: Mesh, f: SourceFunction, before: Source | None = None) -> Sou
         source.put(slice(len(before.f_h)), before)
     if before and before.seen:
         seen, sums = before.seen, before.sums(np.ones(len(before.f_h), dtype=bool))
-    search = AncestorSearch(mesh, f, before.mesh if before else mesh.coarse or mesh, seen, sums)
+    first = before.mesh if before else mesh.coarse or mesh
+    search = AncestorSearch(mesh, f, resolution(mesh, length), first, seen, sums)
     wide = search.new & search.wide()
     source.put_polynomials(np.flatnonzero(search.new & ~wide), search.seen)
     sums = search.sums
     if wide.any():
         left = np.flatnonzero(wide)
-        pieces, sums = _in_pieces(mesh.part(left), f, source.sums(~wide), max(MOST_PIECES, 4 * n))
+        pieces, sums = _in_pieces(mesh.part(left), f, length, source.sums(~wide), max(MOST_PIECES, 4 * n))
         source.put(left, pieces)
-    resolved = float(source.rest @ source.rest) <= RESOLVED * sums.wanted(even_h(mesh))
+    resolved = float(source.rest @ source.rest) <= RESOLVED * sums.wanted(resolution(mesh, length))
     return replace(source, resolved=resolved, seen=search.seen)
 
 
-def enclose_source(mesh: Mesh, f: SourceFunction | Array, before: Source | None = None) -> Source:
+def enclose_source(mesh: Mesh, f: SourceFunction | Array, form: Form, before: Source | None = None) -> Source:
     """f on the mesh, `enclosed`, or linear if it is given at the nodes (n,)."""
-    return linear(mesh, f) if isinstance(f, np.ndarray) else enclosed(mesh, f, before)
+    return linear(mesh, f) if isinstance(f, np.ndarray) else enclosed(mesh, f, before, form.length)
 
 
 def linear(mesh: Mesh, f: Array) -> Source:
@@ -138,7 +141,7 @@ def linear(mesh: Mesh, f: Array) -> Source:
     return Source(mesh, f_h, np.zeros(len(f_h)), rounding)
 
 
-def _in_pieces(mesh: Mesh, f: SourceFunction, sums: Sums, left: int) -> tuple[Source, Sums]:
+def _in_pieces(mesh: Mesh, f: SourceFunction, length: float, sums: Sums, left: int) -> tuple[Source, Sums]:
     """f on a part of a mesh; `sums` are over the rest of the mesh, and `left` pieces may be looked at."""
     n = len(mesh.triangles)
     corners, parent, done = np.broadcast_to(np.eye(3), (n, 3, 3)), np.arange(n), []
@@ -150,7 +153,7 @@ def _in_pieces(mesh: Mesh, f: SourceFunction, sums: Sums, left: int) -> tuple[So
         area, of_p = pieces.area, averages(pieces.c)
         squares = np.bincount(owner, rest, len(parent)).astype(float)
         total = sums + sums_of(of_p, area, rest)
-        enough = total.wanted(even_h(mesh))
+        enough = total.wanted(resolution(mesh, length))
         wide = squares > (0.5 * enough / total.count if total.unknown > enough else np.inf)
         wide[wide] = squares[wide] > IN_VAIN * known_at_points(mesh, corners[wide], parent[wide], f)
         if 4 * np.count_nonzero(wide) > left:

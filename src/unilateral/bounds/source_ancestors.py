@@ -50,9 +50,9 @@ FEW = 1 << 11
 LONG = 128
 """Runs of triangles that lie alike in those around them get matrices if they are this long on average."""
 ENOUGH = 0.003
-"""The rest of f may be as large as this times h ||p - mean p||: it falls with h, like discretisation errors.
+"""The rest of f may be as large as this times `resolution` times ||p - mean p||.
 
-h is that of triangles that are all alike (`even_h`).
+It falls with h, like discretisation errors.
 """
 ABOVE = 0.1
 """On coarser triangles only this fraction of ENOUGH is allowed, for there it costs next to nothing."""
@@ -192,19 +192,23 @@ class Sums:
     def __add__(self, other: Sums) -> Sums:
         return Sums(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
 
-    def wanted(self, h: float, share: float = 1.0) -> float:
-        """The largest sum of E^2 that is wanted on a mesh of that h; a `share` multiplies the wanted E.
+    def wanted(self, resolution: float, share: float = 1.0) -> float:
+        """The largest sum of E^2 that is wanted on a mesh of that `resolution`; a `share` multiplies E.
 
         The wanted E is a fraction of ||f - mean f||, of which only ||p - mean p|| - E is certain.
         """
         unknown, norm = math.sqrt(self.unknown), math.sqrt(self.square)
         spread = math.sqrt(max(self.square - self.integral * (self.integral / self.area), 0.0)) - unknown
-        return max(share * ENOUGH * h * spread, FLOOR * (norm - unknown), 0.0) ** 2
+        return max(share * ENOUGH * resolution * spread, FLOOR * (norm - unknown), 0.0) ** 2
 
 
-def even_h(mesh: Mesh) -> float:
-    """The h that a mesh has if as many triangles are all alike, halves of squares."""
-    return math.sqrt(2 * float(mesh.areas.sum()) / len(mesh.areas))
+def resolution(mesh: Mesh, length: float) -> float:
+    """h over a length, at most 1, for the h that a mesh has if its triangles are alike, halves of squares.
+
+    In a bound E counts by ||z||_0 and a rest with mean 0 by h |z|_1. ||z||_0 is at most `Form.length` times
+    ||z|| where |z|_1 is at most ||z||.
+    """
+    return min(math.sqrt(2 * float(mesh.areas.sum()) / len(mesh.areas)) / length, 1.0)
 
 
 def sums_of(of_p: Array, area: Array, squares: Array) -> Sums:
@@ -222,9 +226,17 @@ class AncestorSearch:
     the mesh before.
     """
 
-    def __init__(self, mesh: Mesh, f: SourceFunction, first: Mesh, before: Seen | None, sums: Sums) -> None:
+    def __init__(
+        self,
+        mesh: Mesh,
+        f: SourceFunction,
+        resolution: float,
+        first: Mesh,
+        before: Seen | None,
+        sums: Sums,
+    ) -> None:
         """Search from the `first` mesh on, with what was seen there `before`, if anything, and its sums."""
-        self.mesh, self.f, self.h = mesh, f, even_h(mesh)
+        self.mesh, self.f, self.resolution = mesh, f, resolution
         self.known, self.sums, self.whole = none(), sums, before is not None
         steps, n = mesh.steps[len(first.steps) :], len(first.triangles)
         self.of, self.halvings = np.zeros((2, n), dtype=np.int32)
@@ -268,7 +280,7 @@ class AncestorSearch:
 
     def _wide_above(self, rad: Array, sums: Sums | None = None) -> Mask:
         """(k,) where rad (k,) would be too large if all triangles of the mesh had it."""
-        wanted = (sums or self.sums).wanted(self.h, ABOVE)
+        wanted = (sums or self.sums).wanted(self.resolution, ABOVE)
         return np.asarray(rad**2 * float(self.mesh.areas.sum()) > 0.5 * wanted)
 
     def wide(self) -> Mask:
@@ -278,7 +290,7 @@ class AncestorSearch:
         """
         area, n = self.mesh.areas, len(self.mesh.triangles)
         rad, left = self.known.rad[self.of], np.flatnonzero(self.left & self.new)
-        wanted = self._with(self.known.of(self.of[left]), area[left]).wanted(self.h)
+        wanted = self._with(self.known.of(self.of[left]), area[left]).wanted(self.resolution)
         share = 0.5 * (area / float(area.sum()) + 1 / n)
         wide = self.left & (area * rad**2 > 0.5 * wanted * share)
         fine = left[~wide[left]]

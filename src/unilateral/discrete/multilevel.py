@@ -198,8 +198,9 @@ def discretise_nested(
     enclosed on new triangles only, and the iteration begins at that solution.
     """
     mesh = of.mesh
-    source = enclose_source(mesh, problem.source, before.data.source if before and before.data else None)
     form = before.form if before else form_of(problem, mesh)
+    known = before.data.source if before and before.data else None
+    source = enclose_source(mesh, problem.source, form, known)
     levels = hierarchy(mesh, before.spaces.levels if before else None, form)
     guess = np.zeros(mesh.n_nodes)
     if before and last:

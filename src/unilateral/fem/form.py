@@ -44,6 +44,11 @@ class Form(NamedTuple):
         """A number W with ||v||_0 <= W ||v||."""
         return self.coercivity**-0.5
 
+    @property
+    def length(self) -> float:
+        """(k / m)^{1/2} for the m of `coercivity`: at most (k/c)^{1/2} and Friedrichs' constant."""
+        return math.sqrt(self.k / self.coercivity)
+
     def held(self, side: Index) -> Mask:
         """(k,) on which of these sides (k,) there are multipliers."""
         return ~np.isin(side, self.clamped + self.free)

@@ -585,7 +585,7 @@ def test_the_balance_of_random_data_on_random_polygons():
             c=0,
         )
         mesh = meshes.unstructured(polygon, 0.5)
-        lower, upper = balance(enclose_source(mesh, problem.source), problem.enclosed_flux)
+        lower, upper = balance(enclose_source(mesh, problem.source, Form()), problem.enclosed_flux)
         exact = exact_balance(polygon, linear[0], q)
         assert lower <= exact <= upper
         largest = np.abs([linear[0], *q.values()]) @ [1.0, *np.abs(polygon.vertices).max(axis=0)]

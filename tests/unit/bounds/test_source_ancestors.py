@@ -310,7 +310,7 @@ def test_the_same_with_and_without_coarser_levels(name):
             assert np.all(
                 mesh.areas * (np.sum(d**2, axis=1) + d.sum(axis=1) ** 2) <= 12 * most**2 / mesh.areas
             )
-            wanted = wholes.ABOVE * wholes.ENOUGH * wholes.even_h(mesh) * np.ptp(value)
+            wanted = wholes.ABOVE * wholes.ENOUGH * wholes.resolution(mesh, 1.0) * np.ptp(value)
             assert found.unknown**2 <= wanted**2 * mesh.areas.sum() + (1 + 1e-6) * expected.unknown**2
 
 
