@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from unilateral.adaptive.goal import Goal
-from unilateral.bounds.residual_norm import SUMS, underflow
 from unilateral.bounds.local_bounds import Bound
+from unilateral.bounds.residual_norm import SUMS, underflow
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.formulas.decimals import interval
 from unilateral.geometry.partition import Partition

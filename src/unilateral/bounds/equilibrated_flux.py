@@ -5,7 +5,7 @@ flux through the edges opposite to a, and on boundary edges at a
 
     q_a.n = a linear function with the integral of psi_a sigma;
 
-on clamped edges q_a.n is free. It is a mean of two such fluxes, w q_1 + (1 - w) q_0. q_1 is equilibrated, with
+on clamped edges q_a.n is free. It is a mean of two such fluxes, w q_1 + (1 - w) q_0. q_1 is equilibrated,
 
     div q_1 = the mean on each triangle of psi_a (c u_h - f) + k grad psi_a . grad u_h,
 

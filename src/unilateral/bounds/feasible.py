@@ -57,9 +57,9 @@ SPARE = 1.05
 class Missing(NamedTuple):
     """Bounds on ||w||^2 and on <q.n, v + w + added - g>, edge by edge, and what is added for the doubt.
 
-    The sum of `squares` (nb,) is at least ||w||^2, the energy norm, and the sum of `slack` (nb,) is a bound on the product;
-    `added` (nb,) are values at the boundary nodes. At those of clamped sides any value may be added whose
-    size is at most that in `either` (nb,), which is 0 at the others.
+    The sum of `squares` (nb,) is at least ||w||^2, the energy norm, and the sum of `slack` (nb,) is a bound
+    on the product; `added` (nb,) are values at the boundary nodes. At those of clamped sides any value may be
+    added whose size is at most that in `either` (nb,), which is 0 at the others.
     """
 
     squares: Array
@@ -165,7 +165,7 @@ def _per_slope(mesh: Mesh, form: Form, foot: Array, height: Array) -> Array:
 
 
 def _apex(mesh: Mesh, form: Form) -> tuple[Array, Array]:
-    """(nb,), (nb,) the vertices about which extensions are homogeneous: place along the edge, and distance."""
+    """(nb,), (nb,) the centres of extensions, by their place along the edge and their distance from it."""
     start, end = mesh.boundary, np.roll(mesh.boundary, -1)
     off = mesh.points[mesh.triangles[mesh.boundary_triangles].sum(axis=1) - start - end] - mesh.points[start]
     along = np.sum(off * mesh.polygon.tangents[mesh.side], axis=1)

@@ -1,9 +1,10 @@
 """k grad v - q and f + div q - c v on triangles, for a flux q that is given on edges, as by `equilibrated`.
 
-Their norms are those of `residual_norm`. Where (k/c)^{1/2} is smaller than a triangle T, there is another bound
-on what T adds. v is linear, or of P2, and (q - k grad v).n is linear on the edges e of T. By parts
+Their norms are those of `residual_norm`. Where (k/c)^{1/2} is smaller than a triangle T, there is another
+bound on what T adds. v is linear, or of P2, and (q - k grad v).n is linear on the edges e of T. By parts
 
-    (q - k grad v, grad z)_T + (f + div q - c v, z)_T = (f - c v + k lap v, z)_T + sum_e <(q - k grad v).n, z>_e.
+    (q - k grad v, grad z)_T + (f + div q - c v, z)_T
+        = (f - c v + k lap v, z)_T + sum_e <(q - k grad v).n, z>_e.
 
 Let a_e = (|e|/|T|)^{1/2} ||(q - k grad v).n||_e, let x_0 be the mean of the vertices off the edges e with the
 weights a_e, and R its greatest distance from a vertex. The divergence theorem with the field x - x_0 gives
@@ -11,9 +12,9 @@ weights a_e, and R its greatest distance from a vertex. The divergence theorem w
     s' = c^{-1/2} ||f - c v + k lap v||_T + ((1 + (1 + R^2 c/k)^{1/2}) / (2 c))^{1/2} sum_e a_e.
 
 What the exact mesh adds to the norms (`geometry.exact_mesh`) is counted with the rounding. On a triangle
-with the `distortion` eps it is eps |q| and eps |div q|, and at edges eps k |grad v|, too. At the boundary it is
-also what the sides' `stretch` changes of the flow through an edge, so that q.n on the exact boundary is what
-it is on this one (Proposition S7).
+with the `distortion` eps it is eps |q| and eps |div q|, and at edges eps k |grad v|, too. At the boundary it
+is also what the sides' `stretch` changes of the flow through an edge, so that q.n on the exact boundary is
+what it is on this one (Proposition S7).
 """
 
 from __future__ import annotations
@@ -63,7 +64,18 @@ def _misfit(mesh: Mesh, node: Index, u: Array, ends: tuple[Array, Array], area: 
 def residual_parts(source: Source, tau: Given, u_h: Array, q: Array, form: Form) -> ResidualParts:
     """The parts of the residual of u_h (n,) in V_h."""
     mesh = source.mesh
-    parts = ResidualParts(mesh, *np.empty((5, len(mesh.triangles))))
+    # s' is not stored where no triangle needs it
+    by_parts = np.broadcast_to(math.inf, len(mesh.triangles))
+    if form.c * mesh.diameter**2 > form.k:
+        by_parts = by_parts.copy()
+    parts = ResidualParts(
+        mesh,
+        misfit=np.empty_like(mesh.areas),
+        oscillation=np.empty_like(mesh.areas),
+        mean=np.empty_like(mesh.areas),
+        rest=np.empty_like(mesh.areas),
+        by_parts=by_parts,
+    )
     stretched = stretched_divergence(mesh, q)
     for of in blocks(len(mesh.triangles)):
         _put(parts, of, source, q, form, stretched, u_h.take(mesh.triangles[of].T))
@@ -83,7 +95,13 @@ def moved_parts(
     bubbles: Array,
 ) -> ResidualParts:
     """The parts for u_h + d, from those for u_h; d has these coefficients (m, 3) on the layer's triangles."""
-    parts = ResidualParts(parts.mesh, *(part.copy() for part in parts[1:]))
+    parts = parts._replace(
+        misfit=parts.misfit.copy(),
+        oscillation=parts.oscillation.copy(),
+        mean=parts.mean.copy(),
+        rest=parts.rest.copy(),
+        by_parts=parts.by_parts.copy() if parts.by_parts.flags.writeable else parts.by_parts,
+    )
     v = u_h.take(parts.mesh.triangles[layer.triangles].T) + hats.T
     stretched = stretched_divergence(parts.mesh, q)
     _put(parts, layer.triangles, source, q, form, stretched, v, layer.slopes, bubbles)
@@ -126,13 +144,12 @@ def _put(
         products = np.sum(slopes * np.roll(slopes, -1, axis=1), axis=2)
         laplace = 8 * k * np.sum(bubbles * products, axis=1)
     more_field, more_rho = allowances(mesh, of, size, f_h, ends, form, stretched[of])
-    squared = linear_squares(area, field.transpose(2, 1, 0))
-    parts.misfit[of] = np.sqrt(squared) + np.sqrt(area) * more_field
+    length = np.sqrt(area)
+    parts.misfit[of] = np.sqrt(linear_squares(area, field.transpose(2, 1, 0))) + length * more_field
     parts.oscillation[of] = source.oscillation[of] + np.sqrt(mean_free)
-    parts.mean[of] = np.sqrt(area) * np.abs(mean + divergence)
-    parts.rest[of] = source.rest[of] + np.sqrt(area) * more_rho
+    parts.mean[of] = length * np.abs(mean + divergence)
+    parts.rest[of] = source.rest[of] + length * more_rho
 
-    parts.by_parts[of] = math.inf
     thick = np.flatnonzero(c * mesh.longest_edges[of] ** 2 > k)
     if thick.size:
         rows = np.arange(len(parts.misfit))[of][thick]
@@ -208,7 +225,7 @@ def put_tau(parts: ResidualParts, tau: Given, form: Form) -> None:
     at = mesh.boundary_triangles
     np.add.at(parts.misfit, at, tau.misfit(mesh))
     np.add.at(parts.rest, at, tau.rest(mesh))
-    if form.c:
+    if parts.by_parts.flags.writeable:
         np.add.at(parts.by_parts, at, np.sqrt(value_constants(mesh, form)) * tau.norm)
 
 

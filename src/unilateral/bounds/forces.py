@@ -45,8 +45,8 @@ import numpy as np
 
 from unilateral.arrays import Array, Index, Mask
 from unilateral.bounds.clamped_ends import Clamps, conflicts, inside_reach, missing, unclamped
-from unilateral.bounds.residual_norm import SUMS
 from unilateral.bounds.force_mesh import condensed, extended
+from unilateral.bounds.residual_norm import SUMS
 from unilateral.bounds.source import Source
 from unilateral.fem.condense import Condensed
 from unilateral.fem.form import Form

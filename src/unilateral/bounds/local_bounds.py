@@ -1,12 +1,12 @@
 """The guaranteed total error of a discrete solution by problems on vertex patches.
 
-Theorem 8 of the paper (`total_errors`): let sigma >= 0 on sides with contact, and let u_h + y be >= g there and
-u_D on clamped sides. Let S be a bound on the residual of u_h with sigma in the dual of the energy norm,
+Theorem 8 of the paper (`total_errors`): let sigma >= 0 on sides with contact, and let u_h + y be >= g there
+and u_D on clamped sides. Let S be a bound on the residual of u_h with sigma in the dual of the energy norm,
 B = <sigma, u_h + y - g>, and D the energy norm of y. Then
 
     ||u - u_h||^2 <= S^2 + 2 B + D^2,    ||lambda - sigma|| <= D + (S^2 + 2 B + D^2)^{1/2}.
 
-With v = u_h + y in place of u_h, and 0 in place of y, the second says ||lambda - sigma||^2 <= S^2 + 2 B for v;
+With v = u_h + y in place of u_h, and 0 in place of y, the second says ||lambda - sigma||^2 <= S^2 + 2 B;
 the smaller one is taken.
 
 S is that of `residual_norm` for a flux q with q.n = sigma on these sides, made by `equilibrated` with the

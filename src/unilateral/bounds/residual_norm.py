@@ -79,9 +79,9 @@ class ResidualParts(NamedTuple):
         return np.concatenate([self._squares(of, form) for of in blocks(len(self.misfit))])
 
     def norms(self, form: Form) -> tuple[float, float]:
-        """S_1 and S: R(z) is at most S_1 times the energy norm of z, and S times that if z = 0 on clamped sides.
+        """S_1 and S: bounds on R(z) over the energy norm of z, for all z, and for z = 0 on clamped sides.
 
-        S_1 is infinite where c = 0 and rho is not orthogonal to constants.
+        S_1 is infinite for c = 0.
         """
         on_H1 = of_gradients = of_values = 0.0
         for of in blocks(len(self.misfit)):
@@ -99,11 +99,11 @@ class ResidualParts(NamedTuple):
         return S_1, min(S_1, (M + C * N) / math.hypot(math.sqrt(k), math.sqrt(c) * C))
 
     def shares(self, form: Form) -> Array:
-        """(m,) the triangles' parts of S^2: their sum is at most that and, but for rounding, at least half."""
-        S_1, S = self.norms(form)
+        """(m,) the triangles' parts of S^2: but for rounding their sum is at most that and at least half."""
+        C = form.friedrichs
+        S_1, S = self.norms(form) if math.isfinite(C) else (0.0, 0.0)
         if S == S_1:
             return self.squares(form)
-        C = form.friedrichs
         m = self.misfit + self.mesh.longest_edges / J * self.oscillation
         r = C * (self.mean + self.rest)
         return np.asarray((m**2 + r**2) / (form.k + form.c * C**2))
@@ -111,18 +111,19 @@ class ResidualParts(NamedTuple):
     def _squares(self, of: slice, form: Form) -> Array:
         """(k,) the squares of min(s, s') on some triangles."""
         m, o, r, E = self.misfit[of], self.oscillation[of], self.mean[of], self.rest[of]
+        if not form.c:
+            return np.full_like(m, math.inf)
         poincare = self.mesh.longest_edges[of] / J
-
-        # (i): theta is best for E = 0; s is infinite if c = 0 and the mean is not
         ratio = form.c / form.k
-        theta = np.ones_like(o)
-        np.divide(o - ratio * poincare * m, o * (1 + ratio * poincare**2), out=theta, where=o > 0)
-        theta = np.clip(theta, 0.0, 1.0)
-        of_values = np.hypot(r, (1 - theta) * o) + E
-        weight = form.c**-0.5 if form.c else math.inf
-        np.multiply(of_values, weight, out=of_values, where=of_values > 0)
-        s = np.hypot((m + theta * poincare * o) / math.sqrt(form.k), of_values)
-        return np.asarray(np.minimum(s, self.by_parts[of]) ** 2)
+
+        # (i): theta is best for E = 0, and any number where o = 0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            theta = (o - ratio * poincare * m) / (o + ratio * poincare**2 * o)
+        theta = np.fmin(np.fmax(theta, 0.0), 1.0)
+        of_gradients = (m + theta * poincare * o) / math.sqrt(form.k)
+        r, o, E = (part / math.sqrt(form.c) for part in (r, (1 - theta) * o, E))
+        of_values = np.sqrt(r**2 + o**2) + E
+        return np.asarray(np.minimum(of_gradients**2 + of_values**2, self.by_parts[of] ** 2))
 
 
 def _root(squares: float) -> float:

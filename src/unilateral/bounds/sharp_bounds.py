@@ -65,6 +65,11 @@ The next ones would take less still.
 """
 MOST_STEPS = 50
 """At most this many steps are made. Some 7 are enough: their number does not depend on the mesh."""
+THICK = 10.0
+"""phi is 0 on triangles with an edge longer than this times (k/c)^{1/2}: there s' of `flux_residuals` counts.
+
+The flux of patches has the normal parts on edges that s' needs.
+"""
 UNBALANCED = 0.01
 """What w leaves of the discrete equations may add this fraction of the squared error of w in L2.
 
@@ -299,7 +304,8 @@ def _descended(lift: Lifting, field: _Field, load: Array, slack: float) -> tuple
     d, outer = np.zeros(spaces.size), np.zeros(len(spaces.of_boundary), dtype=bool)
     outer[lift.g.unknowns[~lift.g.clamped]], outer[0] = True, True
     d[spaces.of_boundary] = np.concatenate(lift.met(field.w[spaces.mesh.boundary]))
-    free, inner = spaces.free(lift.contact), spaces.free(outer)
+    thick = form.c * spaces.mesh.longest_edges**2 > THICK**2 * form.k
+    free, inner = spaces.free(lift.contact), spaces.free(outer, spaces.unknowns[thick])
 
     # eta^2 before the first step, with W^2 in place of 1/c; both summands as quadratic functions
     of_field, *of_rho = field.squares(d).sum(axis=1)

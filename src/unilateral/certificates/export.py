@@ -180,13 +180,13 @@ def flux_of_source(mesh: Mesh, clamped: tuple[int, ...], f: Array) -> Array:
 
     phi is 0 on the clamped sides, and the flux through all others is 0.
     """
-    form = Form(clamped=clamped)
+    form = Form(c=0.0, clamped=clamped)
     fixed = form.fixed(mesh)
     moments = np.repeat((mesh.areas * f / 3)[:, None], 3, axis=1)
     stiffness, _ = stiffness_and_mass(mesh)
     phi = dissected(decoupled(stiffness, fixed)).solve(np.where(fixed, 0.0, load_vector(mesh, moments)))
     normal = np.where(form.edges(mesh)[:, None], np.nan, np.zeros((len(mesh.boundary), 2)))
-    return equilibrated(mesh, phi, lambda part: moments[part], normal, 0.0)
+    return equilibrated(mesh, phi, lambda part: moments[part], normal, form)
 
 
 def divergence(mesh: Mesh, flux: Array) -> Array:

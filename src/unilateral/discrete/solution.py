@@ -11,9 +11,9 @@ import numpy as np
 
 from unilateral.arrays import Array, Index
 from unilateral.bounds.boundary_flux import edge_flux
-from unilateral.bounds.residual_norm import SUMS
 from unilateral.bounds.local_bounds import Bound, flux_of, local_bound
 from unilateral.bounds.mesh_data import MeshData
+from unilateral.bounds.residual_norm import SUMS
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import coupling, energy_norm

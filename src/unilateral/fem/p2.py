@@ -16,7 +16,7 @@ import scipy.sparse as sp
 
 from unilateral.arrays import Array, Index, Int32, Mask
 from unilateral.fem.form import Form
-from unilateral.fem.linear_systems import Descent, rough_inverse
+from unilateral.fem.linear_systems import NONE, Descent, rough_inverse
 from unilateral.fem.p1 import edge_load, from_elements, gradients
 from unilateral.geometry.mesh import Mesh
 
@@ -115,14 +115,16 @@ class Quadratic:
         entries = self.mesh.areas[:, None] * (products @ STIFFNESS.reshape(9, 36) + form.c * MASS.ravel())
         return from_elements(self.unknowns, entries, self.size)
 
-    def free(self, contact: Mask) -> sp.csr_array:
+    def free(self, contact: Mask, others: Index = NONE) -> sp.csr_array:
         """(size, k) a basis of functions that vanish in `contact` (2 nb,): boundary nodes, then midpoints.
 
-        At a midpoint in contact the bubble takes back half of each hat at the ends of its edge.
+        At a midpoint in contact the bubble takes back half of each hat at the ends of its edge. The `others`
+        are unknowns that are 0.
         """
         nodes, middles = np.split(self.of_boundary, 2)
         fixed = np.zeros(self.size, dtype=bool)
         fixed[self.of_boundary[contact]] = True
+        fixed[others] = True
         here = np.flatnonzero(contact[len(nodes) :])
         rows, ends = np.tile(middles[here], 2), np.append(nodes[here], np.roll(nodes, -1)[here])
         back = sp.coo_array((np.full(len(rows), -0.5), (rows, ends)), shape=(self.size, self.size))

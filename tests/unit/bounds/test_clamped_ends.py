@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -191,7 +190,7 @@ def test_outflows_are_the_flux_through_clamped_sides_and_its_magnitude():
     assert found.tolist() == [[0, 0, 0, -6.0 + 7.0], [0, 0, 0, 13.0]]
 
 
-# <lambda, v - g> <= <sigma, v - g> + (||a|| + ||r||)^2 / 4, each part made large
+# gamma <lambda, w> <= B + S^2 / 4, where S has all parts of the residual of v, each made large
 
 
 @pytest.fixture(scope="module")
@@ -205,48 +204,19 @@ LARGE = 1e6
 """All other parts of the bounds are below 1."""
 
 
-def with_data(arguments):
-    """tau - tau~ is that large as a functional."""
-    data, *others = arguments
-    squares = np.zeros_like(data.tau.squares)
-    squares[0, 0] = LARGE**2
-    return local_bounds.local_bound(replace(data, tau=data.tau._replace(squares=squares)), *others)
+def test_the_product_has_a_quarter_of_the_square_of_the_residual(arguments, monkeypatch):
+    """The field q - k grad v is that large on one triangle; of u_h it is as before."""
+    own = local_bounds.moved_parts
 
+    def moved_parts(*given):
+        found = own(*given)
+        found.misfit[0] = LARGE
+        return found
 
-def test_the_product_has_a_quarter_of_the_square_of_the_data(arguments):
-    found = with_data(arguments)
+    monkeypatch.setattr(local_bounds, "moved_parts", moved_parts)
+    found = local_bounds.local_bound(*arguments)
     assert LARGE**2 / 4 <= found.ends.product <= LARGE**2 / 4 * (1 + 1e-5)
-
-
-def test_data_count_twice_for_reactions(arguments):
-    """Once for lambda and du/dn, once for u - u~ in (grad (u - u~), grad v)."""
-    found = with_data(arguments)
-    assert 2 * LARGE <= found.of_fluxes <= 2 * LARGE * (1 + 1e-5)
-    assert LARGE <= found.lambda_ <= LARGE * (1 + 1e-5)
-
-
-def test_the_product_has_a_quarter_of_the_square_of_the_rounding(arguments, monkeypatch):
-    own = local_bounds.defects
-    monkeypatch.setattr(local_bounds, "defects", lambda *of: (*own(*of)[:2], LARGE))
-    monkeypatch.setattr(
-        local_bounds, "of_divergence", lambda form, areas, residual, *_, **__: (0.0, 0 * residual)
-    )
-    found = local_bounds.local_bound(*arguments).ends.product
-    assert LARGE**2 / 4 <= found <= LARGE**2 / 4 * (1 + 1e-5)
-
-
-def test_the_product_has_a_quarter_of_the_square_of_what_divergence_misses(arguments, monkeypatch):
-    monkeypatch.setattr(
-        local_bounds, "of_divergence", lambda form, areas, residual, *_, **__: (LARGE, 0 * residual)
-    )
-    found = local_bounds.local_bound(*arguments).ends.product
-    assert LARGE**2 / 4 <= found <= LARGE**2 / 4 * (1 + 1e-5)
-
-
-def test_the_product_has_a_quarter_of_the_square_of_v_less_q(arguments, monkeypatch):
-    monkeypatch.setattr(local_bounds, "_of_feasible", lambda *of: np.full(len(of[3]), LARGE**2 / len(of[3])))
-    found = local_bounds.local_bound(*arguments).ends.product
-    assert LARGE**2 / 4 * (1 - 1e-9) <= found <= LARGE**2 / 4 * (1 + 1e-5)
+    assert found.u < LARGE
 
 
 def raised(monkeypatch, **parts):
@@ -267,45 +237,13 @@ def raised(monkeypatch, **parts):
     monkeypatch.setattr(local_bounds, "lifting", lifting)
 
 
-def test_the_product_has_the_slack_at_least_once(arguments, monkeypatch):
+def test_the_product_has_the_slack_once(arguments, monkeypatch):
     raised(monkeypatch, slack=LARGE)
-    assert local_bounds.local_bound(*arguments).ends.product >= LARGE
+    assert LARGE <= local_bounds.local_bound(*arguments).ends.product <= LARGE + 1
 
 
 def test_the_product_has_a_quarter_of_the_square_of_the_extension(arguments, monkeypatch):
-    """||w||_1 = 1e6, of what is missing at the boundary."""
+    """The energy norm of w is 1e6, of what is missing at the boundary."""
     raised(monkeypatch, squares=LARGE**2)
     found = local_bounds.local_bound(*arguments).ends.product
     assert LARGE**2 / 4 <= found <= LARGE**2 / 4 * (1 + 1e-5)
-
-
-def test_all_of_it_grows_on_the_exact_mesh(arguments, monkeypatch):
-    """The energy by that factor, so its square by the factor squared; fluxes by the factor."""
-    before = with_data(arguments)
-    monkeypatch.setattr(type(arguments[0].mesh), "growth", property(lambda _: 1.5))
-    after = with_data(arguments)
-    assert after.ends.product == pytest.approx(1.5**2 * before.ends.product)
-    assert after.of_fluxes == pytest.approx(1.5 * before.of_fluxes)
-    assert after.u == pytest.approx(1.5 * before.u)
-    assert after.lambda_ == pytest.approx(1.5 * before.lambda_)
-
-
-def test_divergence_counts_with_its_rounding():
-    """C (||residual|| + rounding); ||residual||^2 = 2 * 3^2 + 1 * 4^2. Nothing of it is left then."""
-    form, areas, residual = (
-        Form(c=0.0, clamped=(3,), friedrichs=2.0),
-        np.array([2.0, 1.0]),
-        np.array([3.0, -4.0]),
-    )
-    added, left = local_bounds.of_divergence(form, areas, residual, 0.5)
-    assert added == pytest.approx(2 * (math.sqrt(34) + 0.5))
-    assert not left.any()
-
-
-@pytest.mark.parametrize("misfit", [0.1, 3.0])
-def test_with_a_reaction_divergence_counts_in_the_way_that_costs_less(misfit):
-    """M + C r or (M^2 + r^2)^(1/2), with r^2 = 34 and C = 0.8; they are equal for M = 1.31."""
-    form, areas, residual = Form(clamped=(3,), friedrichs=0.8), np.array([2.0, 1.0]), np.array([3.0, -4.0])
-    added, left = local_bounds.of_divergence(form, areas, residual, 0.0, misfit)
-    both = misfit + 0.8 * math.sqrt(34), math.hypot(misfit, math.sqrt(34))
-    assert math.hypot(misfit, math.sqrt(areas @ left**2)) + added == pytest.approx(min(both))

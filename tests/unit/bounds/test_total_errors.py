@@ -40,12 +40,10 @@ class Parts:
     def functional(self):
         return self.space.G.T @ self.misfit + self.others
 
-    def norm_on_H1(self, form):
-        return dual_norm(self.space.matrix(form), self.functional()) if form.c else math.inf
-
-    def norm(self, form):
-        V = self.space.V
-        return dual_norm(self.space.matrix(form)[np.ix_(V, V)], self.functional()[V])
+    def norms(self, form):
+        A, V, functional = self.space.matrix(form), self.space.V, self.functional()
+        on_H1 = dual_norm(A, functional) if form.c else math.inf
+        return on_H1, dual_norm(A[np.ix_(V, V)], functional[V])
 
 
 class Space:
@@ -94,7 +92,7 @@ class Trial:
         rng = np.random.default_rng(seed)
         space = Space(rng, clamped)
         c = 0.0 if clamped and rng.random() < 0.4 else 10 ** rng.uniform(-4, 4)
-        self.form = Form(10 ** rng.uniform(-2, 2), c, friedrichs=space.friedrichs)
+        self.form = Form(10 ** rng.uniform(-2, 2), c, (0,) * clamped, friedrichs=space.friedrichs)
         A, load = space.matrix(self.form), rng.normal(size=N)
         u_D, g = rng.normal(size=len(space.clamped)), 0.5 * rng.normal(size=2)
         self.u, self.multiplier = exact(A, load, u_D, g, space.clamped)
