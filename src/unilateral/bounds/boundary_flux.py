@@ -53,19 +53,22 @@ EDGE_BALANCE = 15.0
 class EdgeFlux(NamedTuple):
     """sigma, by its values `ends` (nb, 2) >= 0 at the ends of the edges.
 
-    `rest` (nb,) is the squared L2 norm of lambda_H - sigma, and `constant` (nb,) is what `oscillation` needs
-    to bound that in the dual norm. `push` (nb,) is the largest H_i lambda_i of a cell there over k, with the
+    `rest` (nb,) is the squared L2 norm of lambda_H - mu, `constant` (nb,) is what `oscillation` needs to bound
+    that in the dual norm, and `lowered` (nb,) is the squared L2 norm of mu - sigma. `push` (nb,) is the largest H_i lambda_i of a cell there over k, with the
     factor w.
     """
 
     ends: Array
     rest: Array
     constant: Array
+    lowered: Array
     push: Array
 
     def distance(self, mesh: Mesh, form: Form) -> float:
         """A bound on the norm of lambda_H - sigma in the dual of the energy norm on H^1."""
-        return (1 + SUMS) * oscillation_bound(mesh, self.rest[:, None], form, self.constant).item()
+        of_rest = oscillation_bound(mesh, self.rest[:, None], form, self.constant)
+        of_lowered = oscillation_bound(mesh, self.lowered[:, None], form, math.inf)
+        return (1 + SUMS) * (of_rest + of_lowered).item()
 
 
 def edge_flux(mesh: Mesh, cells: Partition, lambda_H: Array, u_h: Array, form: Form) -> EdgeFlux:
@@ -84,18 +87,17 @@ def edge_flux(mesh: Mesh, cells: Partition, lambda_H: Array, u_h: Array, form: F
     np.maximum.at(push, edge, (cells.lengths * lambda_H)[cell])
     mu = np.column_stack([mean - limited, mean + limited])
 
-    # less than mu where it is above k du_h/dn; then lambda_H - sigma has a mean
+    # less than mu where it is above k du_h/dn
     part = mesh.part(mesh.boundary_triangles)
     slopes = np.einsum("tid,ti->td", gradients(part), u_h[part.triangles])
     outflow = form.k * np.sum(slopes * mesh.polygon.normals[mesh.side], axis=1)
     w = 1 / (1 + (form.c / (EDGE_BALANCE * form.k) * lengths**2) ** 2)
     less = (1 - w[:, None]) * np.maximum(mu - np.maximum(outflow, 0.0)[:, None], 0.0)
-    size = np.sqrt((less**2).sum(axis=1) + less.prod(axis=1)) / math.sqrt(3)
-    constant = np.where(limited == slope, ON_SQUARE, MEAN_FREE_ON_SQUARE)
     return EdgeFlux(
         mu - less,
-        rest=lengths * np.where(size > 0, (np.sqrt(rest) + size) ** 2, rest),
-        constant=np.where(size > 0, math.inf, constant),
+        rest=lengths * rest,
+        constant=np.where(limited == slope, ON_SQUARE, MEAN_FREE_ON_SQUARE),
+        lowered=lengths / 3 * ((less**2).sum(axis=1) + less.prod(axis=1)),
         push=w * push / form.k,
     )
 

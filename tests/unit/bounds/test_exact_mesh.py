@@ -15,8 +15,6 @@ from displaced import in_doubt
 from known_solutions import fluxes
 from mpmath import mp, mpf
 from symbolic import X, Y, plain
-from unilateral.problems.scaled import scaled
-from unilateral.problems.units import make_units
 
 from unilateral.bounds import local_bounds, sharp_bounds
 from unilateral.bounds.equilibrated_flux import flows

@@ -14,9 +14,9 @@ import unilateral as ul
 from unilateral.bounds import force_mesh
 from unilateral.bounds import forces as of_forces
 from unilateral.bounds.clamped_ends import ClampedEnds, Clamps, unclamped
-from unilateral.bounds.residual_norm import SUMS
 from unilateral.bounds.force_mesh import LIGHT, MOST, extended, small_mesh
 from unilateral.bounds.forces import balance, forces
+from unilateral.bounds.residual_norm import SUMS
 from unilateral.bounds.source import Source, enclose_source
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense

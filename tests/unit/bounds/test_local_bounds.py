@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from conftest import bound_arguments
 
 import unilateral as ul
-from unilateral.bounds import flux_residuals, local_bounds
-from unilateral.bounds.equilibrated_flux import equilibrated
+from unilateral.bounds import local_bounds, residual_norm
 from unilateral.bounds.feasible import Lifting, Missing
-from unilateral.bounds.flux_residuals import SUMS, defects, underflow
-from unilateral.bounds.source import Source, _projected, poincare
+from unilateral.bounds.residual_norm import SUMS, underflow
+from unilateral.bounds.source import _projected
 from unilateral.bounds.source_pieces import TrianglePieces
 from unilateral.fem.form import Form
 from unilateral.fem.p2 import layer
@@ -47,25 +45,28 @@ def missing(monkeypatch, **parts):
     monkeypatch.setattr(Lifting, "lifted", lifted)
 
 
-def without_eta(monkeypatch):
-    """As if q were far from grad v, so that the other bound on lambda is the smaller one."""
-    huge = LARGE**4
-    monkeypatch.setattr(local_bounds, "_of_feasible", lambda *of: np.full(len(of[3]), huge))
+def with_more(monkeypatch, part, name="residual_parts"):
+    """Of both functions or, by `moved_parts`, of v alone, a part is that large on a triangle inside."""
+    own = getattr(local_bounds, name)
+
+    def changed(*of):
+        parts = own(*of)
+        inside = ~np.isin(parts.mesh.triangles, parts.mesh.boundary).any(axis=1)
+        more = np.where(np.arange(len(inside)) == np.argmax(inside), LARGE, 0.0)
+        return parts._replace(**{part: getattr(parts, part) + more})
+
+    monkeypatch.setattr(local_bounds, name, changed)
 
 
-def rounded(monkeypatch):
-    own = local_bounds.defects
-    monkeypatch.setattr(local_bounds, "defects", lambda *of: (*own(*of)[:2], LARGE))
-    monkeypatch.setattr(
-        local_bounds, "of_divergence", lambda form, areas, residual, *_, **__: (0.0, residual)
-    )
-
-
-def test_rounding_counts_once_for_both_errors(arguments, monkeypatch):
-    rounded(monkeypatch)
+@pytest.mark.parametrize("part", ["misfit", "rest"])
+def test_a_part_of_the_residual_counts_for_both_errors(arguments, monkeypatch, part):
+    """By 1 or Friedrichs' constant, which is 2 / pi on the square."""
+    form = arguments[-1]
+    with_more(monkeypatch, part)
     found = local_bounds.local_bound(*arguments)
-    assert LARGE * (1 + 0.9 * SUMS) <= found.u <= LARGE * NEAR
-    assert LARGE <= found.lambda_ <= LARGE * NEAR
+    constant = 1.0 if part == "misfit" or not form.clamped else form.value_constant
+    assert LARGE * constant * (1 + 0.9 * SUMS) <= found.u <= LARGE * constant * NEAR
+    assert LARGE * constant <= found.lambda_ <= LARGE * constant * NEAR
 
 
 def test_the_extension_counts_once_for_u_and_for_lambda(arguments, monkeypatch):
@@ -78,9 +79,9 @@ def test_the_extension_counts_once_for_u_and_for_lambda(arguments, monkeypatch):
 
 def test_without_eta_the_extension_counts_twice_for_lambda(arguments, monkeypatch):
     """Y <= D + (R + D^2)^(1/2)."""
-    without_eta(monkeypatch)
-    missing(monkeypatch, squares=LARGE**2)
-    assert 2 * LARGE <= local_bounds.local_bound(*arguments).lambda_ <= 2 * LARGE * NEAR
+    with_more(monkeypatch, "misfit", "moved_parts")
+    missing(monkeypatch, squares=(LARGE / 4) ** 2)
+    assert 2 * (LARGE / 4) <= local_bounds.local_bound(*arguments).lambda_ <= 2 * (LARGE / 4) * NEAR
 
 
 def test_what_is_added_for_the_doubt_counts_by_its_norm(arguments, monkeypatch):
@@ -105,18 +106,9 @@ def test_what_the_flux_leaves_of_lambda_counts_for_lambda_alone(arguments, monke
     monkeypatch.setattr(local_bounds, "edge_flux", lambda *of: own(*of)._replace(rest=np.full(16, LARGE**2)))
     found = local_bounds.local_bound(*arguments)
     assert found.u < 1
-    data, cells, _, lambda_H, _ = arguments
-    flux = own(data.mesh, cells, lambda_H)._replace(rest=np.full(16, LARGE**2))
-    assert found.lambda_ >= flux.distance(data.mesh)
-
-
-def test_what_divergence_misses_counts_beside_clamped_sides(arguments, monkeypatch):
-    monkeypatch.setattr(
-        local_bounds, "of_divergence", lambda form, areas, residual, *_, **__: (LARGE, 0 * residual)
-    )
-    found = local_bounds.local_bound(*arguments)
-    assert LARGE <= found.u <= LARGE * NEAR
-    assert LARGE <= found.lambda_ <= LARGE * NEAR
+    data, cells, u_h, lambda_H, form = arguments
+    flux = own(data.mesh, cells, lambda_H, u_h, form)._replace(rest=np.full(16, LARGE**2))
+    assert found.lambda_ >= flux.distance(data.mesh, form)
 
 
 def test_what_squares_that_vanish_hide_is_added(arguments, monkeypatch):
@@ -125,38 +117,6 @@ def test_what_squares_that_vanish_hide_is_added(arguments, monkeypatch):
 
 
 TRIANGLES = meshes.unstructured(named("lshape"), 0.5)
-VALUES = np.random.default_rng(3).standard_normal(TRIANGLES.n_nodes)
-
-
-@pytest.mark.parametrize(
-    "form", [Form(), Form(clamped=(0,), friedrichs=0.7), Form(c=0.0, clamped=(0,), friedrichs=0.7)]
-)
-def test_what_f_and_u_differ_by_from_their_means_is_data(form):
-    """sum (d/j)^2 ||w - mean w||_T^2, w = u_h - f_h with a reaction and f_h without, by a mass matrix."""
-    f_h = np.random.default_rng(4).standard_normal((len(TRIANGLES.triangles), 3))
-    zero = np.zeros(len(f_h))
-    squares = local_bounds._of_data(Source(TRIANGLES, f_h, zero, zero), VALUES, form)
-    w = form.c * VALUES[TRIANGLES.triangles] - f_h
-    w = w - w.mean(axis=1, keepdims=True)
-    mass = (np.ones((3, 3)) + np.eye(3)) / 12
-    norms = TRIANGLES.areas * np.einsum("ti,ij,tj->t", w, mass, w)
-    assert squares[0] == pytest.approx(poincare(TRIANGLES.longest_edges) ** 2 * norms)
-    assert not squares[1:].any()
-
-
-def test_parts_of_f_count_by_poincares_and_friedrichs_constants():
-    """Of mean 0: d/j; of any mean: C beside clamped sides, where the norm is the sum of both, else 1."""
-    mesh = structured(square(), 1)
-    of = Source(mesh, np.zeros((2, 3)), oscillation=np.array([3.0, 0.0]), rest=np.array([0.0, 5.0]))
-    constant = poincare(mesh.longest_edges)[0]
-    clamped = of.squares(Form(c=0.0, clamped=(3,), friedrichs=0.6), more=np.array([1.0, 0.0]))
-    assert clamped == pytest.approx(np.array([[(4 * constant) ** 2, 0], [0, (0.6 * 5) ** 2]]))
-    assert of.distance(Form(c=0.0, clamped=(3,), friedrichs=0.6)) == pytest.approx(3 * constant + 3)
-    free = of.squares(Form(), more=np.array([1.0, 0.0]))
-    assert free == pytest.approx(np.array([[(4 * constant) ** 2, 25.0]]))
-    assert of.distance() == pytest.approx(math.hypot(3 * constant, 5))
-    both = Source(mesh, np.zeros((2, 3)), np.full(2, 3.0), np.full(2, 5.0)).squares(Form())
-    assert both == pytest.approx(np.full((1, 2), (3 * constant) ** 2 + 25))
 
 
 def test_what_jumps_leave_on_pieces_is_left_of_f():
@@ -173,77 +133,27 @@ def test_what_jumps_leave_on_pieces_is_left_of_f():
     assert found.rest == pytest.approx([4.0 + 3 / math.sqrt(0.5), 0.0])
 
 
-def test_values_count_only_with_a_reaction():
-    """||v - f~ - div q||^2 for v = u_h + 1 where the residual is 2: (1 + 2)^2 times the area."""
-    mesh = structured(square(), 1)
-    of, u_h, q = layer(mesh), np.zeros(4), np.zeros((2, 5))
-    hats, bubbles = np.ones((len(of.triangles), 3)), np.zeros((len(of.triangles), 3))
-    inside, residual = np.zeros(2), np.full(2, 2.0)
-    for reaction, expected in ((1.0, 9 * 0.5), (0.0, 0.0)):
-        found = local_bounds._of_feasible(of, u_h, q, inside, reaction, residual, (hats, bubbles))
-        assert found == pytest.approx(np.full(2, expected), abs=1e-12)
-
-
 def test_squares_that_underflow_are_allowed_for():
     """Fewer than 2e10 of them, each off by 2^-1074; divided by areas they are off by more."""
     lost = 2e10 * 2.0**-1074
-    assert lost <= flux_residuals.UNDERFLOW**2
-    assert lost <= flux_residuals.DIVIDED**2
+    assert lost <= residual_norm.UNDERFLOW**2
+    assert lost <= residual_norm.DIVIDED**2
     small = structured(Polygon(1e-6 * square().vertices, "small"), 1e-6)
-    assert underflow(small) >= math.sqrt(2e10) * 2.0**-537 / math.sqrt(0.5e-12)
-    form = Form(c=0.0, clamped=(3,), friedrichs=3.0)
-    assert underflow(small, form) / underflow(small) == pytest.approx(math.hypot(1, 3))
+    least = math.sqrt(2e10) * 2.0**-537 / math.sqrt(0.5e-12)
+    for form in (Form(), Form(4.0, 0.0, (3,), friedrichs=30.0), Form(1e-6, 9.0)):
+        constants = math.sqrt(form.k), math.sqrt(form.c), 1 / math.sqrt(form.k), form.value_constant
+        assert underflow(small, form) >= max(constants) * least
 
 
-def constant_flux(mesh):
-    """(2, E) q = (1, 0), and the source of nothing."""
-    source = SimpleNamespace(mesh=mesh, moments=np.zeros((len(mesh.triangles), 3)).__getitem__)
-    normal = np.repeat(mesh.polygon.normals[mesh.side, :1], 2, axis=1)
-    return equilibrated(mesh, mesh.points[:, 0], source.moments, normal, 0.0), source
-
-
-def test_on_the_exact_mesh_a_flux_is_larger_by_the_distortion():
-    """eps |q|, with |q| = 1 on the unit square, whose area is 1."""
-    mesh = structured(square(), 1 / 4)
-    q, source = constant_flux(mesh)
-    mesh.__dict__["distortion"] = np.full(len(mesh.triangles), 1e-3)
-    found = defects(source, mesh.points[:, 0], q, 0.0)[2]
-    assert 1e-3 <= found <= 10 * 1e-3
-
-
-def test_without_a_reaction_u_is_no_part_of_the_residual():
-    """q = (1, 0) and f = 0: -div q = 0, and u_h - div q is x, with its mean on each triangle."""
-    mesh = structured(square(), 1 / 4)
-    q, source = constant_flux(mesh)
-    x = mesh.points[:, 0]
-    for reaction, expected in ((0.0, 0 * mesh.areas), (1.0, x[mesh.triangles].mean(axis=1))):
-        squares, residual, _ = defects(source, x, q, reaction)
-        assert np.abs(squares).max() < 1e-12
-        assert residual == pytest.approx(expected, abs=1e-12)
-
-
-@pytest.mark.parametrize("length", [1.0, 1e-3])
-def test_on_the_exact_mesh_flows_are_larger_by_the_stretch(length, monkeypatch):
-    """q_T of Raviart and Thomas with the flow F at an edge: |div q_T| = F/|T|, |q_T| <= F d / (2 |T|)."""
-    mesh = structured(Polygon(length * square().vertices, "scaled"), length)
-    monkeypatch.setattr(Polygon, "stretch", property(lambda self: np.array([0, 1e-3, 0, 0])))
-    q, _ = constant_flux(mesh)
-    found = flux_residuals._stretched(mesh, q)
-    flow, area, d = 1e-3 * length, length**2 / 2, math.sqrt(2) * length
-    (right,) = mesh.boundary_triangles[mesh.side == 1]
-    assert flow / area + flow * d / (2 * area) <= found[right] <= 2 * (flow / area) * (1 + d)
-    assert found.sum() == found[right]
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_any_values_that_may_be_added_at_clamped_nodes_are_in_the_norm(seed):
+@pytest.mark.parametrize("form", [Form(), Form(2.0, 1e3), Form(3.0, 0.0)])
+def test_any_values_that_may_be_added_at_clamped_nodes_are_in_the_norm(form):
     """Of either sign, beside those that are added: on every triangle of the layer."""
-    rng, mesh = np.random.default_rng(seed), TRIANGLES
+    rng, mesh = np.random.default_rng(0), TRIANGLES
     of, nb = layer(mesh), len(mesh.boundary)
     chosen = rng.random(nb) < 0.5
     added, either = (np.where(of_nodes, rng.random(nb), 0.0) for of_nodes in (~chosen, chosen))
     short = Missing(np.zeros(nb), np.zeros(nb), added, either)
-    bound = Lifting(of, None, None, None).added(short)
+    bound = Lifting(of, None, form, None, None).added(short)
     for _ in range(20):
         values = added + either * rng.choice([-1.0, 1.0, 0.3], nb)
-        assert np.all(of.norms(*of.function(values, np.zeros(nb))) <= bound * (1 + 1e-12))
+        assert np.all(of.squares(form, *of.function(values, np.zeros(nb))) <= bound * (1 + 1e-12))

@@ -44,6 +44,16 @@ EXTREME = [(1_000_000, 1_000_000), ("1/1000000", 1), (1, 1_000_000), (1_000_000,
 PATHS = ("condensed", "nested", "adapted", "foreign", "unstructured")
 TIMES = int(os.environ.get("UNILATERAL_FUZZ", "0")) // 6 or 1
 """`make fuzz` sets how many times the problems are tried."""
+
+
+def wide_coefficients(seed: int) -> tuple[int, str, str]:
+    """A seed, k from 1e-12 to 1e12, and c = 0 or in the same range."""
+    rng = np.random.default_rng([48, seed])
+    k, c = (f"1e{power}" for power in rng.integers(-12, 13, 2))
+    return seed, k, c if rng.random() < 0.9 else "0"
+
+
+WIDE = [wide_coefficients(seed) for seed in range(20 * TIMES)]
 OF_RANDOM = [(seed, *pair) for seed, pair in enumerate((COEFFICIENTS * 8 + EXTREME * 5) * TIMES)]
 
 
@@ -150,6 +160,21 @@ def test_bounds_are_above_the_true_errors(seed: int, k: object, c: object) -> No
     for bounds in (s.bounds, s.sharp_bounds):
         assert of_u <= bounds.u
         assert of_lambda <= bounds.multiplier
+
+
+@pytest.mark.parametrize(("seed", "k", "c"), WIDE)
+def test_bounds_do_not_mind_coefficients(seed: int, k: str, c: str) -> None:
+    """They are above the errors, for c/k from 0 to 1e24, and at most 10 and 5 times that of u.
+
+    These limits were set before any of these problems was solved. Before the flux and the norm of its residual
+    knew c/k, the quotient for a smooth u was like h (c/k)^(1/2).
+    """
+    of = random_problem(seed, k, c)
+    s = solved(of, PATHS[seed % len(PATHS)])
+    of_u, of_lambda = error(of, s), dual_error(of, s)
+    assert of_u <= s.bounds.u <= 10 * of_u
+    assert of_u <= s.sharp_bounds.u <= 5 * of_u
+    assert of_lambda <= min(s.bounds.multiplier, s.sharp_bounds.multiplier)
 
 
 @pytest.fixture(scope="module")
