@@ -36,6 +36,7 @@ from unilateral.norms.oscillation import (
     ON_SQUARE,
     oscillation_bound,
     trace_constants,
+    value_constants,
 )
 from unilateral.problems.obstacle_and_flux import Flux
 
@@ -53,9 +54,9 @@ EDGE_BALANCE = 15.0
 class EdgeFlux(NamedTuple):
     """sigma, by its values `ends` (nb, 2) >= 0 at the ends of the edges.
 
-    `rest` (nb,) is the squared L2 norm of lambda_H - mu, `constant` (nb,) is what `oscillation` needs to bound
-    that in the dual norm, and `lowered` (nb,) is the squared L2 norm of mu - sigma. `push` (nb,) is the largest H_i lambda_i of a cell there over k, with the
-    factor w.
+    `rest` (nb,) is the squared L2 norm of lambda_H - mu, and `constant` (nb,) is what `oscillation` needs to
+    bound that in the dual norm; `lowered` (nb,) is the squared L2 norm of mu - sigma. `push` (nb,) is the
+    largest H_i lambda_i of a cell there over k, with the factor w.
     """
 
     ends: Array
@@ -66,9 +67,10 @@ class EdgeFlux(NamedTuple):
 
     def distance(self, mesh: Mesh, form: Form) -> float:
         """A bound on the norm of lambda_H - sigma in the dual of the energy norm on H^1."""
-        of_rest = oscillation_bound(mesh, self.rest[:, None], form, self.constant)
-        of_lowered = oscillation_bound(mesh, self.lowered[:, None], form, math.inf)
-        return (1 + SUMS) * (of_rest + of_lowered).item()
+        of_rest = oscillation_bound(mesh, self.rest[:, None], self.constant, form).item()
+        lower = self.lowered > 0
+        of_lowered = math.sqrt(value_constants(mesh, form)[lower] @ self.lowered[lower])
+        return (1 + SUMS) * (of_rest + of_lowered)
 
 
 def edge_flux(mesh: Mesh, cells: Partition, lambda_H: Array, u_h: Array, form: Form) -> EdgeFlux:

@@ -11,7 +11,7 @@ x_k, and the hats psi_k there, q gets theta r,
 
 since div (psi_k (x - x_k)) = 3 psi_k - 1. f_h is the linear part of f. On small triangles theta is nearly 1,
 and the mean-free part of rho = f_h + div q - c w nearly 0; on triangles larger than (k/c)^{1/2} all of r would
-cost more than it gains. With curl phi, phi of P2 and 0 on the boundary but for clamped sides, div q, and q.n
+cost more than it gains, and on much larger ones theta is 0. With curl phi, phi of P2 and 0 on the boundary but for clamped sides, div q, and q.n
 on the other sides, stay what they are: these are all fluxes of RT1 with those. The potential v of P2 is g
 where (u_h, lambda_H) is in contact, u_D on clamped sides, and goes from w towards the solution of (1.1) with
 k dv/dn = tau~ on free sides and sigma elsewhere; at last it is made feasible. Both reduce
@@ -32,7 +32,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from unilateral.arrays import Array
+from unilateral.arrays import Array, Mask
 from unilateral.bounds.boundary_flux import Given, edge_flux, nothing
 from unilateral.bounds.clamped_ends import outflows
 from unilateral.bounds.equilibrated_flux import flows
@@ -65,10 +65,10 @@ The next ones would take less still.
 """
 MOST_STEPS = 50
 """At most this many steps are made. Some 7 are enough: their number does not depend on the mesh."""
-THICK = 10.0
-"""phi is 0 on triangles with an edge longer than this times (k/c)^{1/2}: there s' of `flux_residuals` counts.
+THICK = 20.0
+"""On triangles with an edge longer than this times (k/c)^{1/2} the flux stays as it is, and phi is 0.
 
-The flux of patches has the normal parts on edges that s' needs.
+There s' of `flux_residuals` counts, which needs the normal parts on edges that the patches make.
 """
 UNBALANCED = 0.01
 """What w leaves of the discrete equations may add this fraction of the squared error of w in L2.
@@ -146,7 +146,8 @@ class _Field:
     """q - k grad w and f_h + div q - c w for a flux q and w (n,) of V_h; functions v of P2 are given by v - w.
 
     The first one has the coefficients `hats` and `bubbles` (m, 3, 2), the second one the values `rho` (m, 3)
-    at the nodes. `rounding` (2, m) is what rounding and the exact mesh may add to both on each triangle.
+    at the nodes. `rounding` (2, m) is what rounding and the exact mesh may add to both on each triangle, and
+    `thick` (m,) says where q stays as it is.
     `outflows` are those of a `Bound`: curl phi changes none but within a row of clamped sides.
     """
 
@@ -158,6 +159,7 @@ class _Field:
     bubbles: Array
     rho: Array
     rounding: Array
+    thick: Mask
     outflows: Array
 
     def turned(self, phi: Array) -> _Field:
@@ -262,7 +264,9 @@ def _field(spaces: Quadratic, source: Source, u_h: Array, sigma: Array, form: Fo
     r, p_free = fall[..., None] * along / 12, p - p.mean(axis=1, keepdims=True)
     of_div = form.k * linear_squares(mesh.areas, p_free)
     both = of_div + form.c * squares(mesh.areas, np.zeros_like(r), r)
-    theta = np.divide(of_div, both, out=np.ones_like(both), where=both > 0)[:, None]
+    theta = np.divide(of_div, both, out=np.ones_like(both), where=both > 0)
+    thick = form.c * mesh.longest_edges**2 > THICK**2 * form.k
+    theta = np.where(thick, 0.0, theta)[:, None]
     ends = flows(mesh, q, slice(None))
     divergence = -0.5 * (ends[0] + ends[1]).sum(axis=0) / mesh.areas
     rho = (divergence - p.mean(axis=1))[:, None] - (1 - theta) * p_free
@@ -281,6 +285,7 @@ def _field(spaces: Quadratic, source: Source, u_h: Array, sigma: Array, form: Fo
         bubbles=theta[..., None] * r,
         rho=rho,
         rounding=np.stack(rounding) + [mesh.longest_edges * size, 2 * size],
+        thick=thick,
         outflows=outflows(mesh, form, q),
     )
 
@@ -304,8 +309,7 @@ def _descended(lift: Lifting, field: _Field, load: Array, slack: float) -> tuple
     d, outer = np.zeros(spaces.size), np.zeros(len(spaces.of_boundary), dtype=bool)
     outer[lift.g.unknowns[~lift.g.clamped]], outer[0] = True, True
     d[spaces.of_boundary] = np.concatenate(lift.met(field.w[spaces.mesh.boundary]))
-    thick = form.c * spaces.mesh.longest_edges**2 > THICK**2 * form.k
-    free, inner = spaces.free(lift.contact), spaces.free(outer, spaces.unknowns[thick])
+    free, inner = spaces.free(lift.contact), spaces.free(outer, spaces.unknowns[field.thick])
 
     # eta^2 before the first step, with W^2 in place of 1/c; both summands as quadratic functions
     of_field, *of_rho = field.squares(d).sum(axis=1)

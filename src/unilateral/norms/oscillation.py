@@ -37,18 +37,15 @@ REACH = math.sqrt(5) / 2
 
 
 def oscillation_bound(
-    mesh: Mesh, squared_norms: Array, form: Form = H1, on_square: Array | float = ON_SQUARE
+    mesh: Mesh, squared_norms: Array, on_square: Array | float = ON_SQUARE, form: Form = H1
 ) -> Array:
     """Bounds (k,) on ||r||_{-1/2}, the dual of the energy norm, from ||r||_e^2 (nb, k).
 
-    `on_square` is C, for all edges or each (nb,); it is infinite where r is not free of means. On every edge
-    the smaller one of the constants for |v|_1 and of that for ||v||_T counts.
+    `on_square` is C, for all edges or each (nb,). On every edge the smaller one of the constants for |v|_1
+    and of that for ||v||_T counts.
     """
-    square, of_values = has_square(mesh), value_constants(mesh, form)
-    means = np.isinf(on_square)
-    on_squares = np.where(square, on_square * np.diff(mesh.s) / form.k, math.inf)
-    on_triangles = np.where(means, math.inf, trace_constants(mesh) / form.k)
-    on_triangles = np.minimum(on_triangles, of_values)
+    on_squares = np.where(has_square(mesh), on_square * np.diff(mesh.s) / form.k, math.inf)
+    on_triangles = np.minimum(trace_constants(mesh) / form.k, value_constants(mesh, form))
     by_square = on_squares <= on_triangles
     of_squares = np.where(by_square, on_squares, 0.0) @ squared_norms
     of_triangles = np.where(by_square, 0.0, on_triangles) @ squared_norms

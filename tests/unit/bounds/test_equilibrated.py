@@ -5,6 +5,7 @@ import pytest
 
 from unilateral.bounds import equilibrated_flux as module
 from unilateral.bounds.equilibrated_flux import equilibrated, flows
+from unilateral.fem.form import H1, Form
 from unilateral.fem.p1 import gradients, load_vector, stiffness_and_mass
 from unilateral.fem.p2 import linear_squares
 from unilateral.geometry import mesh as meshes
@@ -40,24 +41,37 @@ def at_nodes(mesh, flux):
     return through_next * first[..., None] - through_before * np.roll(second, 1, axis=1)[..., None]
 
 
-def balanced(mesh, rng):
-    """Random u_h, moments of f and sigma, with (u_h, psi)_1 = (f, psi) + <sigma, psi> for all hats psi."""
+def balanced(mesh, rng, form=H1):
+    """Random u_h, moments of f and sigma, with (u_h, psi) = (f, psi)_0 + <sigma, psi> for all hats psi."""
     u_h, sigma = rng.standard_normal(mesh.n_nodes), rng.uniform(size=(len(mesh.boundary), 2))
     moments = rng.standard_normal((len(mesh.triangles), 3)) * mesh.areas[:, None]
-    lengths, missing = np.diff(mesh.s), sum(stiffness_and_mass(mesh)) @ u_h - load_vector(mesh, moments)
+    stiffness, mass = stiffness_and_mass(mesh)
+    missing = (form.k * stiffness + form.c * mass) @ u_h - load_vector(mesh, moments)
+    lengths = np.diff(mesh.s)
     for at, (near, far) in ((mesh.boundary, sigma.T), (np.roll(mesh.boundary, -1), sigma.T[::-1])):
         missing[at] -= lengths * (near / 3 + far / 6)
     valence = np.bincount(mesh.triangles.ravel())
     return u_h, moments + (missing / valence)[mesh.triangles], sigma
 
 
+FORMS = [Form(1.0, 0.0), Form(3.0, 1e-12), Form(0.2, 5.0)]
+
+
+@pytest.fixture
+def only_equilibrated(monkeypatch):
+    """w = 1, whatever c."""
+    monkeypatch.setattr(module, "BALANCE", 1e150)
+
+
+@pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("name", MESHES)
-def test_the_divergence_and_the_flux_through_the_boundary_are_the_given_ones(name):
+@pytest.mark.usefixtures("only_equilibrated")
+def test_the_divergence_and_the_flux_through_the_boundary_are_the_given_ones(name, form):
     """Up to rounding; and q is in H(div), for what leaves a triangle enters the next."""
     mesh = MESHES[name]()
-    u_h, moments, sigma = balanced(mesh, np.random.default_rng(0))
-    flux = told(mesh, equilibrated(mesh, u_h, moments.__getitem__, sigma))
-    wanted = mesh.areas * u_h[mesh.triangles].mean(axis=1) - moments.sum(axis=1)
+    u_h, moments, sigma = balanced(mesh, np.random.default_rng(0), form)
+    flux = told(mesh, equilibrated(mesh, u_h, moments.__getitem__, sigma, form))
+    wanted = form.c * mesh.areas * u_h[mesh.triangles].mean(axis=1) - moments.sum(axis=1)
     assert -0.5 * flux.sum(axis=(0, 1)) == pytest.approx(wanted, abs=1e-13 * np.abs(flux).max())
     of_edges = mesh.opposite_edges[:, [2, 0, 1]]
     through = np.zeros((2, len(mesh.triangulation.ends)))
@@ -71,15 +85,42 @@ def test_the_divergence_and_the_flux_through_the_boundary_are_the_given_ones(nam
     assert np.all(np.abs(through[:, boundary] + np.diff(mesh.s) * sigma.T) <= rounding)
 
 
+@pytest.mark.parametrize("form", [*FORMS, Form(2.0, 1e6)])
 @pytest.mark.parametrize("name", MESHES)
-def test_the_gradient_of_a_linear_function_is_its_own_flux(name):
+def test_the_gradient_of_a_linear_function_is_its_own_flux(name, form):
+    """Of q_1 and of q_0 alike, so for all weights."""
     mesh, slope = MESHES[name](), np.array([0.3, -1.1])
     u = 0.7 + mesh.points @ slope
     nodal = u[mesh.triangles]
-    moments = mesh.areas[:, None] / 12 * (nodal + nodal.sum(axis=1, keepdims=True))
-    sigma = np.repeat(mesh.polygon.normals[mesh.side] @ slope, 2).reshape(-1, 2)
-    q = at_nodes(mesh, told(mesh, equilibrated(mesh, u, moments.__getitem__, sigma)))
-    assert q == pytest.approx(np.broadcast_to(slope, q.shape), abs=1e-12)
+    moments = form.c * mesh.areas[:, None] / 12 * (nodal + nodal.sum(axis=1, keepdims=True))
+    sigma = form.k * np.repeat(mesh.polygon.normals[mesh.side] @ slope, 2).reshape(-1, 2)
+    q = at_nodes(mesh, told(mesh, equilibrated(mesh, u, moments.__getitem__, sigma, form)))
+    assert q == pytest.approx(np.broadcast_to(form.k * slope, q.shape), abs=1e-15 * max(form[:2]) + 1e-11)
+
+
+@pytest.mark.parametrize("clamped", [False, True])
+@pytest.mark.parametrize("name", MESHES)
+def test_where_c_is_large_the_flux_is_the_mean_of_both_sides(name, clamped):
+    """q_0.n is the mean of k grad u_h.n, constant on each edge. On clamped ones there is one side."""
+    mesh, form = MESHES[name](), Form(2.0, 1e30)
+    u_h, moments, sigma = balanced(mesh, np.random.default_rng(3), form)
+    sigma = np.full_like(sigma, np.nan) if clamped else sigma
+    slopes = form.k * np.einsum("tid,ti->td", gradients(mesh), u_h[mesh.triangles])
+    edges = mesh.triangulation.ends
+    along = mesh.points[edges[:, 1]] - mesh.points[edges[:, 0]]
+    sides = mesh.triangulation.sides
+    through = [np.sum(turned(along) * slopes[sides[:, i]], axis=1) for i in (0, 1)]
+    expected = np.where(sides[:, 1] < 0, through[0], 0.5 * (through[0] + through[1]))
+    flow, tilt = equilibrated(mesh, u_h, moments.__getitem__, sigma, form)
+    on_sides = mesh.triangulation.boundary
+    free = np.ones(len(edges), dtype=bool)
+    free[on_sides] = clamped
+    size = np.abs(expected).max()
+    assert flow[free] == pytest.approx(expected[free], abs=1e-12 * size)
+    assert tilt[free] == pytest.approx(0, abs=1e-12 * size)
+    if not clamped:
+        both = np.stack([flow + tilt, flow - tilt])[:, on_sides]
+        assert both == pytest.approx(-np.diff(mesh.s) * sigma.T)
 
 
 def wheel():
@@ -89,13 +130,8 @@ def wheel():
     return meshes.from_arrays(Polygon(outer, "wheel"), np.vstack([outer, [0.05, -0.02]]), triangles)
 
 
-def test_no_other_flux_of_a_patch_is_nearer():
-    """The squared distance of q_a from psi_a grad u_h has no derivative by any z_j or F_0, and grows.
-
-    It is integrated from q_a at the nodes. Control: so it is not when one z_j is moved.
-    """
-    mesh, rng = wheel(), np.random.default_rng(1)
-    u_h, moments, _ = balanced(mesh, rng)
+def numbers_of_the_hub(mesh, u_h, moments, form):
+    """The numbers of the patch of the wheel's inner node, and its triangles."""
     corners = np.arange(3 * len(mesh.triangles)).reshape(-1, 3)
     (after, corner), (_, f) = (module.around(mesh, of.__getitem__) for of in (corners, moments))
     spokes, ends = (
@@ -105,7 +141,33 @@ def test_no_other_flux_of_a_patch_is_nearer():
     triangle = corner[spokes[:-1, 0]].astype(int) // 3
     assert np.array_equal(triangle, (triangle[0] + np.arange(5)) % 5)
     assert np.array_equal(ends.ravel()[spokes ^ 1][:-1, 0], triangle)
-    numbers = module._numbers(mesh, u_h, np.array([5]), ends.ravel()[spokes ^ 1], f[spokes[:-1]])
+    hub, rim = np.array([5]), ends.ravel()[spokes ^ 1]
+    return module._numbers(mesh, u_h, hub, rim, f[spokes[:-1]], form), triangle
+
+
+@pytest.mark.parametrize("ratio", [1e-3, 1.0, 1e3])
+def test_on_a_patch_the_flux_is_a_mean_with_the_weight_of_its_area(ratio):
+    """w = 1/2 where c |a| = BALANCE k, for the patch of a node inside, which is the whole mesh."""
+    mesh = wheel()
+    form = Form(3.0, ratio * module.BALANCE * 3.0 / mesh.areas.sum())
+    u_h, moments, _ = balanced(mesh, np.random.default_rng(0), form)
+    numbers, _ = numbers_of_the_hub(mesh, u_h, moments, form)
+    w = 1 / (1 + ratio**2)
+    assert numbers.weight == pytest.approx(w)
+    first, last = (module._inside(numbers._replace(weight=np.array([each]))) for each in (1.0, 0.0))
+    assert module._inside(numbers) == pytest.approx(w * first + (1 - w) * last)
+    assert not np.allclose(first, last)
+
+
+@pytest.mark.usefixtures("only_equilibrated")
+def test_no_other_flux_of_a_patch_is_nearer():
+    """The squared distance of q_a from psi_a grad u_h has no derivative by any z_j or F_0, and grows.
+
+    It is integrated from q_a at the nodes. Control: so it is not when one z_j is moved.
+    """
+    mesh, rng = wheel(), np.random.default_rng(1)
+    u_h, moments, _ = balanced(mesh, rng)
+    numbers, triangle = numbers_of_the_hub(mesh, u_h, moments, H1)
     slope = np.einsum("tid,ti->td", gradients(mesh), u_h[mesh.triangles])
 
     def squared_distance(spokes):

@@ -15,7 +15,7 @@ from unilateral.bounds import constraint as constraints
 from unilateral.bounds import feasible
 from unilateral.bounds.constraint import Constraint, constraint
 from unilateral.bounds.local_bounds import local_bound
-from unilateral.fem.form import H1
+from unilateral.fem.form import H1, Form
 from unilateral.fem.p2 import layer
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.polygon import Polygon, named, square
@@ -59,7 +59,7 @@ def test_what_is_added_for_the_doubt_is_pressed_like_the_doubt():
     g = replace(found, doubt=np.full_like(found.doubt, 1e-3))
     nb = len(g.mesh.boundary)
     every, v = np.ones(nb, dtype=bool), np.zeros(2 * nb)
-    missing = feasible.missing(g, v, every, np.ones((nb, 2)))
+    missing = feasible.missing(g, H1, v, every, np.ones((nb, 2)))
     assert missing.added == pytest.approx(1e-3)
     assert missing.product == pytest.approx(8e-3)
 
@@ -69,9 +69,9 @@ def short_of(g, rng):
     nb = len(g.unknowns)
     v = np.where(rng.random(2 * nb) < 0.2, g.at_unknowns, g.at_unknowns + rng.uniform(-0.1, 4, 2 * nb))
     contact, flux = v == g.at_unknowns, np.where(np.arange(nb) % 3 == 0, rng.random((2, nb)), 0.0).T
-    v, touching = feasible.raised(g, v, contact, flux, rng.random(nb))
+    v, touching = feasible.raised(g, H1, v, contact, flux, rng.random(nb))
     v[nb:] -= rng.uniform(0, 4, nb)
-    return [v, touching, *feasible.missing(g, v, touching, flux), g.near(v, touching)]
+    return [v, touching, *feasible.missing(g, H1, v, touching, flux), g.near(v, touching)]
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -96,8 +96,8 @@ def test_intervals_of_edges_far_from_g_change_nothing(seed, monkeypatch):
     assert wrong[2].sum() < 0.99 * wanted[2].sum()
 
 
-def extension_norm(triangle, r):
-    """||w||_1 of w(apex + t (y - apex)) = t r(y), y on the side from vertex 0 to 1, by differentiation."""
+def extension_norm(triangle, r, form=H1):
+    """||w|| of w(apex + t (y - apex)) = t r(y), y on the side from vertex 0 to 1, by differentiation."""
     (a, b, c), s, x, y = triangle, sympy.Symbol("s"), *sympy.symbols("x y")
     length = float(np.hypot(*(b - a)))
     e, n = (b - a) / length, np.array([a[1] - b[1], b[0] - a[0]]) / length
@@ -109,7 +109,8 @@ def extension_norm(triangle, r):
     nodes, weights = 0.5 * (nodes + 1), 0.5 * weights
     along, down = np.meshgrid(length * nodes, nodes)
     values = parts(p + down * (along - p), k * (1 - down))
-    density = sum(np.asarray(value) ** 2 for value in values)
+    weighted = zip((form.c, form.k, form.k), values, strict=True)
+    density = sum(factor * np.asarray(value) ** 2 for factor, value in weighted)
     return np.sqrt(length * k * weights @ (density * down) @ weights)
 
 
@@ -121,7 +122,7 @@ def test_the_extension_s_norm_is_that_of_its_definition():
     mesh = meshes.from_arrays(polygon, points, [[0, 1, 2]])
     every = np.ones(3, dtype=bool)
     g = constraint(problem.enclosed(), mesh, H1)
-    missing = feasible.missing(g, g.at_unknowns, every, np.ones((3, 2)))
+    missing = feasible.missing(g, H1, g.at_unknowns, every, np.ones((3, 2)))
     s, squares = sympy.Symbol("s"), 0.0
     for i in range(3):
         a, b, c = np.roll(points, -i, axis=0)
@@ -138,7 +139,7 @@ def test_the_extension_s_norm_is_that_of_its_definition():
 def shortfall(case, g, v, flux):
     """||w||_1 and <q.n, v + w - g> for w from r = (g - v)_+, by sums over 20000 points of every edge."""
     mesh, x, squares, slack = g.mesh, (np.arange(20_000) + 0.5) / 20_000, 0.0, 0.0
-    foot, height = feasible._vertex_off_edge(mesh)
+    foot, height = feasible._apex(mesh, Form(c=0.0))
     shared = np.bincount(mesh.boundary_triangles)[mesh.boundary_triangles]
     for e, length in enumerate(np.diff(mesh.s)):
         start = mesh.s[e] - mesh.polygon.starts[mesh.side[e]]
@@ -166,7 +167,7 @@ def test_what_is_missing_is_not_less_than_it_is(name):
     v, rng = np.where(np.isfinite(g.at_unknowns), g.at_unknowns, 0.0), np.random.default_rng(1)
     v[len(on) :] += rng.normal(0, 0.01, len(on))
     flux = rng.random((len(on), 2))
-    found = feasible.missing(g, v, ~on, flux)
+    found = feasible.missing(g, H1, v, ~on, flux)
     norm, slack = shortfall(case, g, v, flux)
     assert (1 - 1e-3) * norm <= found.norm <= 1.15 * norm
     assert (1 - 1e-3) * slack <= found.product <= 1.3 * slack
@@ -194,24 +195,26 @@ def test_the_rounding_of_v_is_allowed_for():
     steep[g.unknowns[0]] = 0.0, 1e9, 1e9 / 2
     v = np.maximum(steep, g.at_unknowns)
     flux = np.ones((8, 2))
-    doubt = [feasible.missing(g, each, every, flux).added.max() for each in (v, np.maximum(0, g.at_unknowns))]
+    both = v, np.maximum(0, g.at_unknowns)
+    doubt = [feasible.missing(g, H1, each, every, flux).added.max() for each in both]
     assert doubt[0] > 1e-16 * 1e9 > 100 * doubt[1]
 
 
 def test_v_is_g_at_the_ends_of_edges_that_it_may_cross(monkeypatch):
     """Else the extension of g - v from such an edge would be no function of H1; u_h is above g there, too."""
     of, own, seen = pair("natural", 16), feasible.missing, []
-    monkeypatch.setattr(feasible, "missing", lambda *given: seen.append(given[:3]) or own(*given))
+    monkeypatch.setattr(feasible, "missing", lambda *given: seen.append(given[:4]) or own(*given))
     local_bound(*of.given)
-    g, v, touching = seen[0]
+    g, _, v, touching = seen[0]
     unknowns = np.unique(g.unknowns[touching])
     assert np.all(v[unknowns] == g.at_unknowns[unknowns])
     nodes = unknowns[unknowns < len(touching)]
     assert np.max(of.u_h[of.mesh.boundary[nodes]] - g.at_unknowns[nodes]) > 1e-4
 
 
+@pytest.mark.parametrize("form", [H1, Form(3.0, 0.0), Form(0.5, 1e3)])
 @pytest.mark.parametrize("name", ["square", "lshape"])
-def test_functions_of_the_layer_are_those_of_P2(name):
+def test_functions_of_the_layer_are_those_of_P2(name, form):
     """Norms against scikit-fem's, of random values at boundary nodes and midpoints."""
     mesh, rng = meshes.unstructured(named(name), 0.3), np.random.default_rng(0)
     of, nb = layer(mesh), len(mesh.boundary)
@@ -228,17 +231,17 @@ def test_functions_of_the_layer_are_those_of_P2(name):
 
     @skfem.Functional
     def square(w):
-        return dot(grad(w.of), grad(w.of)) + w.of**2
+        return form.k * dot(grad(w.of), grad(w.of)) + form.c * w.of**2
 
-    found = of.norms(*of.function(nodal, bubble)).sum()
+    found = of.squares(form, *of.function(nodal, bubble)).sum()
     assert found == pytest.approx(square.assemble(p2, of=p2.interpolate(v)), rel=1e-12)
-    norms = [of.norms(*of.function(np.zeros(nb), each)).sum() for each in np.eye(nb)[:3]]
-    assert of.bubble_squares()[:3] == pytest.approx(norms, rel=1e-12)
+    norms = [of.squares(form, *of.function(np.zeros(nb), each)).sum() for each in np.eye(nb)[:3]]
+    assert of.bubble_squares(form)[:3] == pytest.approx(norms, rel=1e-12)
 
 
 @pytest.mark.parametrize("apex", [(0.25, 0.7), (1.4, 0.2), (-0.3, 0.4)])
-@pytest.mark.parametrize("length", [1, 20])
-def test_an_extension_is_bounded_by_the_slope_of_what_it_extends(apex, length):
+@pytest.mark.parametrize(("length", "form"), [(1, H1), (20, H1), (1, Form(3.0, 0.0)), (1, Form(2.0, 1e3))])
+def test_an_extension_is_bounded_by_the_slope_of_what_it_extends(apex, length, form):
     """r = sin(pi s / |e|) vanishes at the ends and has ||r||_e = |e| ||r'||_e / pi, the most there is.
 
     Its extension's norm is by differentiation; the vertex off the edge may lie beside it. On a large triangle
@@ -246,14 +249,36 @@ def test_an_extension_is_bounded_by_the_slope_of_what_it_extends(apex, length):
     """
     points = length * np.array([[0.0, 0.0], [1.0, 0.0], apex])
     mesh = meshes.from_arrays(Polygon(points, "triangle"), points, [[0, 1, 2]])
-    allowed = feasible._per_slope(mesh, *feasible._vertex_off_edge(mesh))[0]
+    foot, height = feasible._apex(mesh, form)
+    allowed = feasible._per_slope(mesh, form, foot, height)[0]
+    triangle = points[0], points[1], np.array([foot[0], height[0]])
     s, nodes, weights = sympy.Symbol("s"), *np.polynomial.legendre.leggauss(12)
     ratios = []
     for r in (sympy.sin(sympy.pi * s / length), s**3 * (length - s), s * (length - s) ** 3):
         slope = sympy.lambdify(s, sympy.diff(r, s))(0.5 * length * (1 + nodes))
-        ratios.append(extension_norm(tuple(points), r) ** 2 / (0.5 * length * weights @ slope**2))
+        ratios.append(extension_norm(triangle, r, form) ** 2 / (0.5 * length * weights @ slope**2))
     assert max(ratios) <= allowed * (1 + 1e-9)
     assert allowed < 4 * ratios[0]
+
+
+FLAT = Form(c=0.0)
+"""For this form extensions fill their triangles."""
+
+
+@pytest.mark.parametrize("form", [Form(4.0, 9.0), Form(1.0, 1e4)])
+def test_extensions_are_not_deeper_than_two_layers(form):
+    """Their triangles lie in those of the mesh, for the apex is between the edge's midpoint and a vertex."""
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [1.4, 3.0]])
+    mesh = meshes.from_arrays(Polygon(points, "triangle"), points, [[0, 1, 2]])
+    foot, height = feasible._apex(mesh, form)
+    depth = 2 * np.sqrt(form.k / form.c)
+    assert height[0] == pytest.approx(depth)
+    assert foot[0] == pytest.approx(0.5 + (1.4 - 0.5) * depth / 3.0)
+    assert feasible._apex(mesh, FLAT)[0][0] == pytest.approx(1.4)
+    # the norm of a shallow extension is about (c k)^(1/4); without that depth it would be c^(1/2)
+    r = sympy.Symbol("s") * (1 - sympy.Symbol("s"))
+    shallow = extension_norm((points[0], points[1], np.array([foot[0], depth])), r, form)
+    assert (depth < 0.1) == (shallow < 0.3 * extension_norm(tuple(points), r, form))
 
 
 @pytest.mark.parametrize("apex", [(0.5, 0.01), (0.5, 50.0), (0.25, 0.7), (1.4, 0.2)])
@@ -268,4 +293,4 @@ def test_no_extension_exceeds_what_its_slope_allows(apex):
     of_slopes, of_arms, of_values = (each * weight @ each.T for each in (slopes, (s - foot) * slopes, values))
     form = 0.5 * (height * of_slopes + (of_arms + 2 * of_values) / height) + 0.25 * height * of_values
     largest = np.linalg.eigvalsh(form)[-1]
-    assert largest <= feasible._per_slope(mesh, *feasible._vertex_off_edge(mesh))[0] <= 1.5 * largest
+    assert largest <= feasible._per_slope(mesh, H1, *feasible._apex(mesh, FLAT))[0] <= 1.5 * largest

@@ -12,6 +12,7 @@ from displaced import in_doubt
 from scipy.linalg import eigh
 from skfem.models.poisson import laplace, mass, unit_load
 
+from unilateral.fem.form import H1, Form
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
 from unilateral.geometry.polygon import Polygon, named, square
@@ -68,10 +69,10 @@ def test_the_square_s_constant_is_the_greatest_eigenvalue():
     assert without_1 > 1.9 * ON_SQUARE
 
 
-def best_constants(vertices, mean_free=True, refinements=4):
+def best_constants(vertices, mean_free=True, refinements=4, form=H1):
     """(3,) the largest ||v||_e^2 over an energy, for a triangle's edges e, from below: P2 on its parts.
 
-    For mean-free v the energy is |v|_1^2, else ||v||_1^2.
+    For mean-free v the energy is |v|_1^2, else that of the form.
     """
     mesh = skfem.MeshTri(np.array(vertices, float).T.copy(), np.array([[0], [1], [2]])).refined(refinements)
     basis = skfem.Basis(mesh, skfem.ElementTriP2())
@@ -81,7 +82,7 @@ def best_constants(vertices, mean_free=True, refinements=4):
         projector -= np.outer(np.ones(basis.N), integral) / integral.sum()
         K += np.outer(integral, integral)
     else:
-        K += mass.assemble(basis).toarray()
+        K = form.k * K + form.c * mass.assemble(basis).toarray()
     largest, last = [], [basis.N - 1] * 2
     v = np.array(vertices)
     boundary, middle = mesh.boundary_facets(), mesh.p[:, mesh.facets[:, mesh.boundary_facets()]].mean(axis=1)
@@ -129,15 +130,34 @@ def test_the_constants_of_edges_that_share_a_triangle_are_doubled():
     np.testing.assert_allclose(found, 2 * 2 * (2 / pi**2 + 2 / pi), rtol=1e-14)
 
 
+@pytest.mark.parametrize("form", [H1, Form(4.0, 9.0), Form(1.0, 1e3)])
 @pytest.mark.parametrize("size", [0.01, 1.0, 30.0])
 @pytest.mark.parametrize("name", TRIANGLES)
-def test_the_constant_for_values_on_an_edge(name, size):
-    """Control: a third of it is too small on small triangles, where the best v is 1, with |e|/|T|."""
+def test_the_constant_for_values_on_an_edge(name, size, form):
+    """Control: a third of it is too small where triangles are small beside (k/c)^(1/2).
+
+    There the best v is 1, with |e|/|T|/c.
+    """
     mesh = triangle(name, size)
-    taken = value_constants(mesh) / 3
-    best = best_constants(mesh.polygon.vertices, mean_free=False, refinements=3)
+    taken = value_constants(mesh, form) / 3
+    best = best_constants(mesh.polygon.vertices, mean_free=False, refinements=3, form=form)
     assert np.all(best <= taken)
-    assert size > 0.01 or np.all(taken / 3 < best)
+    assert size**2 * form.c > 1e-3 * form.k or np.all(taken / 3 < best)
+
+
+def test_without_c_values_on_an_edge_have_no_constant():
+    assert np.all(np.isinf(value_constants(triangle("thin"), Form(c=0.0))))
+
+
+@pytest.mark.parametrize("form", [Form(5.0, 0.0), Form(5.0, 1e6)])
+def test_on_every_edge_the_smaller_constant_counts(form):
+    """Those of |v|_1 are divided by k; for a layer much thinner than edges that of ||v||_T is smaller."""
+    mesh = structured(square(), 1 / 8)
+    squares = np.eye(32)[:, 3:4]
+    (found,) = oscillation_bound(mesh, squares, form=form)
+    of_values = np.sqrt(value_constants(mesh, form)[3])
+    assert found == pytest.approx(min(of_values, np.sqrt(ON_SQUARE / 8 / 5.0)))
+    assert (found == of_values) == (form.c > 0)
 
 
 def in_squares(mesh, points):
