@@ -225,7 +225,7 @@ def put_tau(parts: ResidualParts, tau: Given, form: Form) -> None:
     at = mesh.boundary_triangles
     np.add.at(parts.misfit, at, tau.misfit(mesh))
     np.add.at(parts.rest, at, tau.rest(mesh))
-    if parts.by_parts.flags.writeable:
+    if form.c and parts.by_parts.flags.writeable:
         np.add.at(parts.by_parts, at, np.sqrt(value_constants(mesh, form)) * tau.norm)
 
 

@@ -35,7 +35,7 @@ from unilateral.bounds.flux_residuals import moved_parts, residual_parts
 from unilateral.bounds.mesh_data import MeshData
 from unilateral.bounds.residual_norm import SUMS, underflow
 from unilateral.bounds.source import Source
-from unilateral.bounds.total_errors import Residual, total_errors
+from unilateral.bounds.total_errors import Defect, total_errors
 from unilateral.errors import InputError
 from unilateral.fem.form import Form
 from unilateral.geometry import exact_mesh
@@ -128,8 +128,8 @@ def local_bound(
     of_v = moved_parts(parts, source, tau, u_h, q, form, layer, hats, bubbles)
     errors = total_errors(
         form,
-        Residual(parts, 0.0, short.product),
-        Residual(of_v, missing, short.product),
+        Defect(parts, 0.0, short.product),
+        Defect(of_v, missing, short.product),
         D=D,
         D_clamped=D,
         of_sigma=flux.distance(mesh, form),

@@ -10,19 +10,20 @@ x_k, and the hats psi_k there, q gets theta r,
     theta = k ||div r||_T^2 / (k ||div r||_T^2 + c ||r||_T^2),
 
 since div (psi_k (x - x_k)) = 3 psi_k - 1. f_h is the linear part of f. On small triangles theta is nearly 1,
-and the mean-free part of rho = f_h + div q - c w nearly 0; on triangles larger than (k/c)^{1/2} all of r would
-cost more than it gains, and on much larger ones theta is 0. With curl phi, phi of P2 and 0 on the boundary but for clamped sides, div q, and q.n
-on the other sides, stay what they are: these are all fluxes of RT1 with those. The potential v of P2 is g
-where (u_h, lambda_H) is in contact, u_D on clamped sides, and goes from w towards the solution of (1.1) with
-k dv/dn = tau~ on free sides and sigma elsewhere; at last it is made feasible. Both reduce
+and the mean-free part of rho = f_h + div q - c w nearly 0; on triangles larger than (k/c)^{1/2} all of r
+would cost more than it gains, and on much larger ones theta is 0. With curl phi, phi of P2 and 0 on the
+boundary but for clamped sides, div q, and q.n on the other sides, stay what they are: these are all fluxes of
+RT1 with those. The potential v of P2 is g where (u_h, lambda_H) is in contact, u_D on clamped sides, and goes
+from w towards the solution of (1.1) with k dv/dn = tau~ on free sides and sigma elsewhere; at last it is made
+feasible. Both reduce
 
     ||q - k grad v||^2 / k + ||f_h + div q - c v||^2 / c + 2 <sigma, v - g>
 
 independently of each other: (grad v, curl phi) = 0, and the best v does not depend on q. They are found by
 conjugate gradients, and every iterate will do.
 
-Where u and f are smooth the bound of u tends to the energy norm of u - u_h, as eta is of higher order. Nothing
-is assumed of u_h and lambda_H. What rounding and the exact mesh may do is added on each triangle.
+Where u and f are smooth the bound of u tends to the energy norm of u - u_h, as eta is of higher order.
+Nothing is assumed of u_h and lambda_H. What rounding and the exact mesh may do is added on each triangle.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ from unilateral.bounds.local_bounds import Bound, check, flux_of
 from unilateral.bounds.mesh_data import MeshData
 from unilateral.bounds.residual_norm import SUMS, ResidualParts, underflow
 from unilateral.bounds.source import Source
-from unilateral.bounds.total_errors import Residual, total_errors
+from unilateral.bounds.total_errors import Defect, total_errors
 from unilateral.fem.condense import matrix
 from unilateral.fem.form import Form
 from unilateral.fem.linear_systems import solved
@@ -71,9 +72,9 @@ THICK = 20.0
 There s' of `flux_residuals` counts, which needs the normal parts on edges that the patches make.
 """
 UNBALANCED = 0.01
-"""What w leaves of the discrete equations may add this fraction of the squared error of w in L2.
+"""What w leaves of the discrete equations may be this fraction of the squared error of w in L2, over W^4.
 
-With ||z||_0 <= W ||z|| that is like the sum over the triangles of min(h/W, k^{1/2})^2 ||q - k grad w||^2 / k^2.
+W is that of ||z||_0 <= W ||z||. The error is like W min(h/W, k^{1/2}) ||q - k grad w|| / k on a triangle.
 """
 
 
@@ -121,8 +122,8 @@ def sharp_bound(
 
     errors = total_errors(
         form,
-        Residual(field.parts(of_u, tau), 0.0, short.product),
-        Residual(field.parts(of_v, tau), missing, short_of_v.product),
+        Defect(field.parts(of_u, tau), 0.0, short.product),
+        Defect(field.parts(of_v, tau), missing, short_of_v.product),
         D=D,
         D_clamped=D_clamped,
         of_sigma=flux.distance(mesh, form),
@@ -143,12 +144,12 @@ def sharp_bound(
 
 @dataclass(frozen=True, eq=False)
 class _Field:
-    """q - k grad w and f_h + div q - c w for a flux q and w (n,) of V_h; functions v of P2 are given by v - w.
+    """q - k grad w and f_h + div q - c w for a flux q and w (n,) of V_h; v of P2 is given by v - w.
 
     The first one has the coefficients `hats` and `bubbles` (m, 3, 2), the second one the values `rho` (m, 3)
-    at the nodes. `rounding` (2, m) is what rounding and the exact mesh may add to both on each triangle, and
-    `thick` (m,) says where q stays as it is.
-    `outflows` are those of a `Bound`: curl phi changes none but within a row of clamped sides.
+    at the nodes. `more_field` and `more_rho` (m,) are what rounding and the exact mesh may add to both on a
+    triangle, and `thick` (m,) says where q stays as it is. `outflows` are those of a `Bound`: curl phi
+    changes none but within a row of clamped sides.
     """
 
     spaces: Quadratic
@@ -158,7 +159,8 @@ class _Field:
     hats: Array
     bubbles: Array
     rho: Array
-    rounding: Array
+    more_field: Array
+    more_rho: Array
     thick: Mask
     outflows: Array
 
@@ -169,7 +171,7 @@ class _Field:
         size = np.abs(phi[self.spaces.unknowns]).sum(axis=1) * mesh.longest_edges / mesh.areas
         more = (ROUNDING + mesh.distortion) * size
         hats = self.hats + _curl(self.spaces.gradient(phi))
-        return replace(self, hats=hats, rounding=self.rounding + [more, np.zeros_like(more)])
+        return replace(self, hats=hats, more_field=self.more_field + more)
 
     def squares(self, d: Array) -> Array:
         """(3, m) squared norms for v = w + d: of q - k grad v, of rho less its mean, and of its mean."""
@@ -184,10 +186,8 @@ class _Field:
         """The parts of the residual of v = w + d, with what is left of tau."""
         mesh, source, form = self.spaces.mesh, self.source, self.form
         size = ROUNDING * np.abs(d[self.spaces.unknowns]).sum(axis=1)
-        more_field, more_rho = self.rounding + [
-            form.k * size * mesh.longest_edges / mesh.areas,
-            form.c * size,
-        ]
+        more_field = self.more_field + form.k * size * mesh.longest_edges / mesh.areas
+        more_rho = self.more_rho + form.c * size
         of_field, of_rho, mean = np.sqrt(self.squares(d))
         parts = ResidualParts(
             mesh,
@@ -195,10 +195,10 @@ class _Field:
             oscillation=of_rho + source.oscillation,
             mean=mean,
             rest=source.rest + np.sqrt(mesh.areas) * more_rho,
-            by_parts=np.full_like(mean, math.inf),
+            by_parts=np.broadcast_to(math.inf, mean.shape),
         )
 
-        # f_h - c v + k lap v, and q - k grad v at the nodes, where the layer is thinner than triangles
+        # s' from f_h - c v + k lap v and from q - k grad v at the nodes
         thick = np.flatnonzero(form.c * mesh.longest_edges**2 > form.k)
         if thick.size:
             slopes, area = self.spaces.slopes[thick], mesh.areas[thick]
@@ -209,9 +209,11 @@ class _Field:
             of_inside = np.sqrt(squares(area, inside, -form.c * bubbles))
             of_inside += source.oscillation[thick] + parts.rest[thick]
             field = self.hats[thick] - form.k * slopes_at_nodes(slopes, hats, bubbles)
-            parts.by_parts[thick] = by_parts(
+            on_all = np.full_like(mean, math.inf)
+            on_all[thick] = by_parts(
                 mesh, thick, field.transpose(2, 1, 0), of_inside, more_field[thick], form
             )
+            parts = parts._replace(by_parts=on_all)
         put_tau(parts, tau, form)
         return parts
 
@@ -275,7 +277,7 @@ def _field(spaces: Quadratic, source: Source, u_h: Array, sigma: Array, form: Fo
     size = (ROUNDING + mesh.distortion) * np.abs(p).max(axis=1)
     largest = np.abs(w[mesh.triangles]).max(axis=1)
     stretched = stretched_divergence(mesh, q)
-    rounding = allowances(mesh, slice(None), largest, source.f_h.T, ends, form, stretched)
+    more_field, more_rho = allowances(mesh, slice(None), largest, source.f_h.T, ends, form, stretched)
     return _Field(
         spaces,
         source,
@@ -284,7 +286,8 @@ def _field(spaces: Quadratic, source: Source, u_h: Array, sigma: Array, form: Fo
         hats=-misfit(mesh, w, q, slice(None), form.k),
         bubbles=theta[..., None] * r,
         rho=rho,
-        rounding=np.stack(rounding) + [mesh.longest_edges * size, 2 * size],
+        more_field=more_field + mesh.longest_edges * size,
+        more_rho=more_rho + 2 * size,
         thick=thick,
         outflows=outflows(mesh, form, q),
     )

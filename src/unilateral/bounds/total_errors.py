@@ -40,7 +40,7 @@ from unilateral.bounds.residual_norm import SUMS, ResidualParts
 from unilateral.fem.form import Form
 
 
-class Residual(NamedTuple):
+class Defect(NamedTuple):
     """The parts of the residual of a function, what these miss in the energy norm, and B of the function."""
 
     parts: ResidualParts
@@ -62,7 +62,7 @@ class TotalErrors(NamedTuple):
 
 
 def total_errors(
-    form: Form, of_u: Residual, of_v: Residual, D: float, D_clamped: float, of_sigma: float
+    form: Form, of_u: Defect, of_v: Defect, D: float, D_clamped: float, of_sigma: float
 ) -> TotalErrors:
     """The bounds from the residuals of u_h and of a feasible v, D, D_D, and the norm of lambda_H - sigma."""
     growth = (1 + SUMS) * of_u.parts.mesh.growth
@@ -90,20 +90,20 @@ def total_errors(
     )
 
 
-def _eta(residual: Residual, norm: float) -> float:
+def _eta(defect: Defect, norm: float) -> float:
     """(S^2 + 2 B)^{1/2}, from the norm of the parts."""
-    return math.hypot(norm + residual.missing, math.sqrt(2 * residual.slack))
+    return math.hypot(norm + defect.missing, math.sqrt(2 * defect.slack))
 
 
-def _fluxes(form: Form, residual: Residual, D: float) -> float:
+def _fluxes(form: Form, defect: Defect, D: float) -> float:
     """E of (iii)."""
-    parts = residual.parts
+    parts = defect.parts
     none = np.zeros_like(parts.misfit)
     others = parts._replace(misfit=none, by_parts=none + math.inf)
     m = float(np.linalg.norm(parts.misfit)) / math.sqrt(form.k)
     _, e = others.norms(form)
     e_N, _ = others.norms(form._replace(c=max(form.c, form.k / form.friedrichs**2)))
-    return D + math.hypot(_eta(residual, m), D + e) + e_N
+    return D + math.hypot(_eta(defect, m), D + e) + e_N
 
 
 def _leg(hypotenuse: float, other: float) -> float:

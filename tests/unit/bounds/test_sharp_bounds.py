@@ -332,11 +332,42 @@ def test_the_rounding_of_a_defect_of_0_is_below_its_allowance():
     spaces = quadratic(mesh)
     field = bounds._field(spaces, enclosed(mesh, problem), 1e6 + mesh.points[:, 0], sigma, H1)
     nothing = np.zeros(spaces.size)
-    of_gradients, of_values = np.linalg.norm(np.sqrt(mesh.areas) * field.rounding, axis=1)
+    of_gradients, of_values = (
+        np.linalg.norm(np.sqrt(mesh.areas) * more) for more in (field.more_field, field.more_rho)
+    )
     assert 1e-4 * of_gradients < np.sqrt(field.squares(nothing)[0].sum()) <= of_gradients
     assert 1e-4 * of_values < np.sqrt(field.squares(nothing)[1:].sum()) <= of_values
     turned = field.turned(1e6 + nothing)
-    assert np.linalg.norm(np.sqrt(mesh.areas) * turned.rounding[0]) > of_gradients
+    assert np.linalg.norm(np.sqrt(mesh.areas) * turned.more_field) > of_gradients
+
+
+def test_all_that_rounding_may_do_is_in_the_parts():
+    """Where field and rho vanish the parts are their allowances; a large v has larger ones."""
+    mesh = structured(square(), 1 / 4)
+    spaces, zero = quadratic(mesh), np.zeros(mesh.n_nodes)
+    field = bounds._field(spaces, linear(mesh, zero), zero, np.zeros((len(mesh.boundary), 2)), Form(2.0, 3.0))
+    large = replace(field, more_field=field.more_field + 5.0, more_rho=field.more_rho + 7.0)
+    of_zero = large.parts(np.zeros(spaces.size), nothing(mesh))
+    np.testing.assert_allclose(of_zero.misfit, 5 * np.sqrt(mesh.areas), rtol=1e-9)
+    np.testing.assert_allclose(of_zero.rest, 7 * np.sqrt(mesh.areas), rtol=1e-9)
+    # 1e6 is off by some units in the last place, and so is its gradient
+    of_constant = field.parts(spaces.of_hats(1e6 + zero), nothing(mesh))
+    eps = np.finfo(float).eps
+    assert np.all(of_constant.misfit > 2.0 * 1e6 * eps / mesh.longest_edges * np.sqrt(mesh.areas))
+    assert np.all(of_constant.rest > 3.0 * 1e6 * eps * np.sqrt(mesh.areas))
+
+
+def test_what_is_left_of_a_given_flux_counts():
+    """Functions linear on edges are 10 away from tau in L2 on each edge of the lower side."""
+    problem, mesh = Manufactured(square(), LINEAR_SOURCE), structured(square(), 1 / 4)
+    cells = partitions.uniform(square(), 1 / 2)
+    u_h, zero = problem.u(*mesh.points.T), np.zeros(cells.n_cells)
+    data, *others = given_to(problem, mesh, cells, u_h, zero, (0, 1, 2, 3))
+    tau = data.tau._replace(left=np.where(mesh.side == 0, 10.0, 0.0))
+    parts = np.zeros(len(mesh.triangles))
+    np.add.at(parts, mesh.boundary_triangles, tau.misfit(mesh))
+    added = sharp_bound(replace(data, tau=tau), *others).u - sharp_bound(data, *others).u
+    assert 0.1 * np.linalg.norm(parts) < added <= np.linalg.norm(parts)
 
 
 @pytest.mark.parametrize("c", [1e3, 1e8])

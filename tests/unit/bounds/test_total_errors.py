@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from unilateral.bounds.total_errors import Residual, total_errors
+from unilateral.bounds.total_errors import Defect, total_errors
 from unilateral.fem.form import Form
 
 N = 7
@@ -98,7 +98,7 @@ class Trial:
         self.u, self.multiplier = exact(A, load, u_D, g, space.clamped)
         self.space, self.A = space, A
 
-        # q.n on clamped sides and in contact, sigma >= 0 there; the flux is that of a third function
+        # q.n on clamped sides and in contact, sigma >= 0 there; q is that of a third function, or of u_h = v
         near = 10 ** rng.uniform(-6, 1)
         self.sigma = np.zeros(N)
         self.sigma[space.clamped] = self.multiplier[space.clamped] + near * rng.normal(
@@ -106,6 +106,7 @@ class Trial:
         )
         self.sigma[CONTACT] = np.abs(self.multiplier[CONTACT] + near * rng.normal(size=2))
         q = self.form.k * space.G @ (self.u + near * rng.normal(size=N))
+        same = rng.random() < 0.3
 
         def lifted(v, more):
             """v, moved to u_D, and to g and above."""
@@ -117,11 +118,14 @@ class Trial:
         def residual(v, slack):
             misfit = q - self.form.k * space.G @ v
             others = load + self.sigma - space.G.T @ q - self.form.c * space.M @ v
-            return Residual(Parts(space, misfit, others), 0.0, slack)
+            return Defect(Parts(space, misfit, others), 0.0, slack)
 
-        self.u_h = self.u + near * rng.normal(size=N)
-        feasible = lifted(self.u_h, 0.1 * near * rng.normal(size=N) * (rng.random() < 0.5))
         v = lifted(self.u, near * 10 ** rng.uniform(-3, 0) * rng.normal(size=N))
+        self.u_h = v if same else self.u + near * rng.normal(size=N)
+        feasible = lifted(self.u_h, 0.1 * near * rng.normal(size=N) * (not same and rng.random() < 0.5))
+        if same:
+            q = self.form.k * space.G @ v
+            self.sigma[CONTACT] *= v[CONTACT] <= g
         slack, slack_of_v = (float(self.sigma[CONTACT] @ (w[CONTACT] - g)) for w in (feasible, v))
         y = feasible - self.u_h
         y_D = np.where(np.isin(np.arange(N), space.clamped), y, 0.0)
@@ -194,7 +198,7 @@ def test_of_a_part_of_v_the_norm_is_enough(trials, known, wrong):
         w[V] = -np.linalg.solve(trial.A[np.ix_(V, V)], own.functional()[V])
         misfit = own.misfit + trial.form.k * trial.space.G @ w
         parts = replace(own, misfit=misfit, others=own.others + trial.form.c * trial.space.M @ w)
-        return trial.bounds(of_v=Residual(parts, known * math.sqrt(w @ trial.A @ w), trial.of_v.slack))
+        return trial.bounds(of_v=Defect(parts, known * math.sqrt(w @ trial.A @ w), trial.of_v.slack))
 
     assert violations(trials, bounds).any() == wrong
 
