@@ -10,20 +10,25 @@ from documents import blocks
 import unilateral as ul
 from unilateral.bounds import equilibrated_flux, flux_residuals
 from unilateral.fem.form import Form
-from unilateral.fem.p1 import energy_norm
+from unilateral.fem.p1 import energy_norm, stiffness_and_mass
 
 LENGTHS = [1.0, 1e-2, 1e-4, 1e-6, 1e-8]
 """The first four are on the page, too."""
 
 
-@pytest.fixture(scope="module")
-def page():
-    """The names of the page's program for the heat equation, on a mesh with edges of 1/8."""
+def follow(n, factor=-6):
+    """The names of the page's program for the heat equation, with edges of 1/n, and that factor of x."""
     programs = [block.text for block in blocks("docs/time-steps.md") if "make_solver(dt)" in block.text]
+    text = programs[0].replace("h=1 / 32, H=1 / 16", f"h=1 / {n}, H=2 / {n}").replace("-6 *", f"{factor} *")
     names = {"np": np, "ul": ul}
     with contextlib.redirect_stdout(io.StringIO()):
-        exec(programs[0].replace("h=1 / 32, H=1 / 16", "h=1 / 8, H=1 / 4"), names)
+        exec(text, names)
     return names
+
+
+@pytest.fixture(scope="module")
+def page():
+    return follow(8)
 
 
 def steps(page, dt, factor=2):
@@ -65,6 +70,20 @@ def test_the_bound_on_a_step_with_another_loss_is_too_small(page):
     """Control."""
     step, fine = steps(page, 1.0, factor=1)
     assert distance(step, fine, 1.0) > step.bounds.u + fine.bounds.u
+
+
+def test_the_bound_on_all_steps_holds(page):
+    """Both meshes are as far from exact steps as their bounds say. Control: with a third of the loss not."""
+    fine = follow(32)
+    mesh = fine["solver"].mesh
+
+    def apart(coarse):
+        difference = coarse["step"].u_at(mesh.points) - fine["u"]
+        return np.sqrt(difference @ (stiffness_and_mass(mesh)[1] @ difference))
+
+    assert apart(page) <= page["drift"] + fine["drift"]
+    other = follow(8, factor=-2)
+    assert apart(other) > other["drift"] + fine["drift"]
 
 
 def test_a_flux_in_equilibrium_is_no_good_bound_on_a_short_step(page, monkeypatch):
