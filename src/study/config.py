@@ -41,6 +41,7 @@ ORDERS = {
     "kappas": (operator.gt, "smaller"),
     "points": (operator.lt, "larger"),
     "nodes": (operator.lt, "larger"),
+    "c_over_k": (operator.lt, "larger"),
 }
 """How numbers of a list are ordered, by the names of fields."""
 

@@ -24,6 +24,7 @@ NUMBERS = {
     "multiplier": ["mu"],
     "portrait": ["value"],
     "rates": ["error", "rate", "expected"],
+    "reaction": ["log10_value", "index"],
     "sharpness": ["rate"],
     "verdict": ["margin"],
     "work_precision": ["error"],

@@ -134,6 +134,8 @@ REFUSED = {
     "extremes.axes.ratio.values": [[1], [1, -1]],
     "extremes.axes.ratio.steps": [3],
     "extremes.axes": [{}],
+    "extremes.reaction.h": [[], ["1/0"]],
+    "extremes.reaction.c_over_k": [[1], [0, 1], [1.0, 1.0], [1.0, 1e-30], ["1/8", "1"], [1.0, math.inf]],
     "figures.solution.levels": [3],
     "rates.judged_ratio": ["0"],
     "rates.norms.h1.bound.reference": ["h"],
@@ -142,10 +144,10 @@ REFUSED = {
 }
 """Values of fields that are refused."""
 NEEDED = [
-    "adaptive", "cells", "cost", "cost.base.case", "extremes", "figures.consistency.case",
-    "figures.rates.shows", "figures.solution.H", "finds", "finds.betarule", "graded",
-    "graded.normed", "rates", "rates.cases.thirds.h1.source", "scenes.quick.judged", "scenes.quick.polygon",
-    "scenes.quick.side", "scenes.square", "sharpness",
+    "adaptive", "cells", "cost", "cost.base.case", "extremes", "extremes.reaction",
+    "figures.consistency.case", "figures.rates.shows", "figures.solution.H", "finds", "finds.betarule",
+    "graded", "graded.normed", "rates", "rates.cases.thirds.h1.source", "scenes.quick.judged",
+    "scenes.quick.polygon", "scenes.quick.side", "scenes.square", "sharpness",
     "sharpness.fixed", "surveys.betanode.deltas", "surveys.betasquare.partitions",
 ]  # fmt: skip
 """Fields that may not be left out."""

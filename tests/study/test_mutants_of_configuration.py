@@ -45,6 +45,7 @@ ACCEPTED = [
     (r".*\.(accuracy|memory|fraction)", "three|float|tiny"),
     (r"finds\.\w+\.\d+\.(points|nodes)\.\d+", "zero|tiny|three|float"),
     (r"cost\.stops\.\d+", "tiny"),
+    (r"extremes\.reaction\.c_over_k\.\d+", "three|float|huge|huge float|tiny"),
     (r"surveys\.\w+\.polygon\.\d\.\d", "zero|three|float|negative|huge|tiny"),
     # Text for readers.
     (r".*\.(source|reason)", "text|upper|path|half|scientific|digits|newline"),
@@ -86,7 +87,10 @@ def mutant(rng, place):
 
 
 def test_mutants_are_refused_in_one_line_but_for_those_that_make_sense():
-    """Some 200, of all places, but for most of the numbers that the search for the worst beta found."""
+    """Some 200, of all places, but for most of the numbers that the search for the worst beta found.
+
+    The longest line lists all cases.
+    """
     rng, accepted, number = np.random.default_rng(7), [], 0
     found = list(places(STUDY))
     found = [place for place in found if "finds" not in place or rng.random() < 0.1]
@@ -99,7 +103,7 @@ def test_mutants_are_refused_in_one_line_but_for_those_that_make_sense():
             accepted.append((".".join(map(str, place)), made[1]))
         else:
             assert re.match(rf"{SOURCE}(, field \S+)?: [^\n]*\Z", said)
-            assert len(said) < 400
+            assert len(said) < 450
     assert number > 160
     surprising = [
         (place, how)

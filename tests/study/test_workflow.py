@@ -72,6 +72,7 @@ PLANS = {
     "figures/sharpness.svg": ({"sharpness": 1, "draw_sharpness": 1}, {"sharpness"}),
     "figures/adaptive.svg": ({"adaptive": 1, "draw_adaptive": 1}, {"adaptive"}),
     "figures/extremes.svg": ({"extremes": 1, "draw_extremes": 1}, {"extremes"}),
+    "figures/reaction.svg": ({"extremes": 1, "draw_reaction": 1}, {"extremes"}),
     "figures/solution.svg": ({"draw_solution": 1}, set()),
     "quick": ({**SOLVED, "rates": 1, "quick": 1}, {"quick"}),
 }
@@ -205,7 +206,7 @@ TOLD = {
     "cells": ["errors", "alternating"],
     "certify": ["solutions"],
     "cost": ["algorithm", "case", "scene", "algebra", "precision"],
-    "extremes": ["extremes"],
+    "extremes": ["extremes", "reaction"],
     "graded": ["errors", "adapted"],
     "sharpness": ["rates"],
 }

@@ -25,6 +25,7 @@ rule document_numbers:
             "results/cost/algebra.nc",
             "results/cost/precision.nc",
             "results/extremes/extremes.nc",
+            "results/extremes/reaction.nc",
             "results/graded/errors.nc",
             "results/graded/adapted.nc",
             *expand("results/{scene}/rates.nc", scene=JUDGED),

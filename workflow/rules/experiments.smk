@@ -98,6 +98,7 @@ rule certify:
 rule extremes:
     output:
         extremes="results/extremes/extremes.nc",
+        reaction="results/extremes/reaction.nc",
     log:
         "results/logs/extremes.log",
     benchmark:
@@ -108,7 +109,7 @@ rule extremes:
         study=config["extremes"],
         code=code("extremes"),
     message:
-        "extremes: where algorithms fail"
+        "extremes: where algorithms fail, and how sharp bounds are over c/k"
     script:
         "../scripts/extremes.py"
 

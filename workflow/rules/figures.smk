@@ -188,6 +188,23 @@ rule draw_extremes:
         "../scripts/draw_extremes.py"
 
 
+rule draw_reaction:
+    input:
+        reaction="results/extremes/reaction.nc",
+    output:
+        **figure("reaction"),
+    log:
+        "results/logs/draw_reaction.log",
+    resources:
+        **TELLS,
+    params:
+        code=code("draw_reaction"),
+    message:
+        "The figure figures/reaction.svg and its table"
+    script:
+        "../scripts/draw_reaction.py"
+
+
 rule draw_verdict:
     input:
         claims="results/claims.json",

@@ -1,4 +1,4 @@
-"""Where algorithms fail."""
+"""Where algorithms fail, and how sharp bounds are over c/k."""
 
 from job import run
 
@@ -8,4 +8,5 @@ with run(snakemake):
     try_extremes(
         study=snakemake.params.study,
         extremes=snakemake.output.extremes,
+        reaction=snakemake.output.reaction,
     )

@@ -29,7 +29,7 @@ from unilateral.bounds.equilibrated_flux import flows
 from unilateral.bounds.residual_norm import UNDERFLOW, ResidualParts
 from unilateral.bounds.source import Source
 from unilateral.fem.form import Form
-from unilateral.fem.p2 import Layer, linear_squares, slopes_at_nodes, squares
+from unilateral.fem.p2 import Layer, laplacians, linear_squares, slopes_at_nodes, squares
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.refinement import CORNERS
 from unilateral.norms.oscillation import value_constants
@@ -135,14 +135,13 @@ def _put(
         size = _largest(np.abs(v))
         mean = _sum(g) / 3
         mean_free = area / 36 * ((g[1] - g[0]) ** 2 + (g[2] - g[1]) ** 2 + (g[0] - g[2]) ** 2)
-        laplace = 0.0
+        laplace = np.zeros_like(area)
     else:
         size = _largest(np.abs(v)) + np.abs(bubbles).sum(axis=1)
         field += k * slopes_at_nodes(slopes, 0 * bubbles, bubbles).transpose(2, 1, 0)
         mean = (_sum(g) - c * bubbles.sum(axis=1)) / 3
         mean_free = squares(area, (g - mean).T, -c * bubbles)
-        products = np.sum(slopes * np.roll(slopes, -1, axis=1), axis=2)
-        laplace = 8 * k * np.sum(bubbles * products, axis=1)
+        laplace = k * laplacians(slopes, bubbles)
     more_field, more_rho = allowances(mesh, of, size, f_h, ends, form, stretched[of])
     length = np.sqrt(area)
     parts.misfit[of] = np.sqrt(linear_squares(area, field.transpose(2, 1, 0))) + length * more_field
@@ -154,6 +153,8 @@ def _put(
     if thick.size:
         rows = np.arange(len(parts.misfit))[of][thick]
         inside = np.sqrt(mean_free + area * (mean + laplace) ** 2) + source.oscillation[of] + parts.rest[of]
+        if bubbles is not None:
+            inside += length * laplace_allowances(mesh, of, bubbles, form)
         parts.by_parts[rows] = by_parts(mesh, rows, field[..., thick], inside[thick], more_field[thick], form)
 
 
@@ -163,19 +164,32 @@ def by_parts(mesh: Mesh, of: Index, field: Array, inside: Array, more: Array, fo
     The `field` q - k grad v has these values (2, 3, m) at the nodes, up to `more` (m,); `inside` (m,) are
     bounds on ||f - c v + k lap v||_T.
     """
+    # the exact mesh changes grad v, too, and k |grad v| is at most |q - k grad v| + |q|
+    added = 2 * more + mesh.distortion[of] * _largest(np.hypot(field[0], field[1]))
     corners = mesh.points[mesh.triangles[of]].transpose(2, 1, 0)
     area, through = mesh.areas[of], np.empty((3, len(of)))
     for i, j, k in CORNERS:
         x, y = corners[:, k] - corners[:, j]
         length = np.hypot(x, y)
         start, end = ((field[0, node] * y - field[1, node] * x) / length for node in (j, k))
-        norm = np.sqrt(length / 3 * (start**2 + start * end + end**2)) + np.sqrt(length) * more
+        norm = np.sqrt(length / 3 * (start**2 + start * end + end**2)) + np.sqrt(length) * added
         through[i] = np.sqrt(length / area) * norm
     total = _sum(through)
     centre = (through * corners).sum(axis=1) / total
     R = _largest(np.hypot(*(corners - centre[:, None])))
     constant = np.sqrt((1 + np.sqrt(1 + R**2 * (form.c / form.k))) / (2 * form.c))
     return np.asarray(inside / math.sqrt(form.c) + constant * total)
+
+
+def laplace_allowances(mesh: Mesh, of: slice | Index, bubbles: Array, form: Form) -> Array:
+    """(m,) what rounding and the exact mesh may add to |k lap v|, from coefficients (m, 3) of P2.
+
+    A second derivative of 4 psi_i psi_j is at most 8 |grad psi_i| |grad psi_j|, and it changes by less than
+    5 times the distortion of that; heights are twice the area over an edge.
+    """
+    steep = mesh.longest_edges[of] / mesh.areas[of]
+    size = 2 * form.k * steep**2 * np.abs(bubbles).sum(axis=1)
+    return np.asarray((ROUNDING + 5 * mesh.distortion[of]) * size)
 
 
 def allowances(
@@ -199,12 +213,11 @@ def allowances(
     flow = np.abs(_sum(ends[0]) + _sum(ends[1]))
     first, last = np.abs(ends[0]), np.abs(ends[1])
     most = _largest([first[k] + last[j] for _, j, k in CORNERS])
-    flows_in, slope = _sum(first) + _sum(last), form.k * size
-    steep = longest * over
-    field = ROUNDING * (slope + flows_in) + distortion * (0.5 * most + 2 * slope)
+    flows_in = _sum(first) + _sum(last)
+    field = longest * over * (ROUNDING * (form.k * size + flows_in) + 0.5 * distortion * most)
     rho = ROUNDING * (form.c * size + _largest(np.abs(f_h)) + flows_in * over)
     rho += 0.5 * distortion * flow * over + stretched
-    return steep * field + longest * stretched + UNDERFLOW, rho + UNDERFLOW
+    return field + longest * stretched + UNDERFLOW, rho + UNDERFLOW
 
 
 def stretched_divergence(mesh: Mesh, q: Array) -> Array:

@@ -54,7 +54,7 @@ by areas.
 
 def underflow(mesh: Mesh, form: Form) -> float:
     """What underflow takes from the energy norms of functions on a mesh, and from those of residuals."""
-    sizes = math.sqrt(form.k) + math.sqrt(form.c) + 1 / math.sqrt(form.k) + form.value_constant
+    sizes = math.sqrt(form.k + form.c + 1 / form.k + 1 / form.coercivity)
     divided = DIVIDED / math.sqrt(float(mesh.areas.min()))
     return sizes * (UNDERFLOW * (1 + mesh.polygon.perimeter**2) + divided)
 

@@ -9,7 +9,7 @@ from importlib import resources
 import numpy as np
 
 from unilateral.arrays import Array, Index, Mask, floats, read_only
-from unilateral.errors import InputError, meant
+from unilateral.errors import InputError, meant, shown
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.plane import cross, first_crossing
 from unilateral.system.declarations import own
@@ -181,7 +181,8 @@ def named(name: str) -> Polygon:
     """The polygon of that name in polygons.yaml. Raises InputError, with the known names, for others."""
     if name not in _named():
         known = ", ".join(names())
-        raise InputError(f"polygon '{name}' is unknown; the named ones are {known}{meant(name, names())}")
+        near = meant(name, names())
+        raise InputError(f"polygon {shown(repr(name))} is unknown; the named ones are {known}{near}")
     return Polygon(np.array(_named()[name]), name)
 
 

@@ -467,6 +467,47 @@ def test_what_w_is_at_least_on_a_square_with_two_edges_to_a_side(part, above, be
     assert [each.tolist() for each in found] == [above, below]
 
 
+def pressed_on_one_side(k, c):
+    """A problem with u = sin(x) y + x^2: contact on side 1, clamped side 3, and the flux on the others."""
+    u = "sin(x)*y + x**2"
+    return ul.Problem(
+        SQUARE.tolist(),
+        f"{k!r}*(sin(x)*y - 2) + {c!r}*({u})",
+        [None, u, None, None],
+        [0, 2],
+        q=[f"-{k!r}*sin(x)", None, f"{k!r}*sin(x)", None],
+        u={3: u},
+        k=k,
+        c=c,
+    )
+
+
+@pytest.mark.parametrize("sharp", [False, True])
+@pytest.mark.parametrize("k", [1e-12, 1.0, 1e12])
+def test_forces_and_reactions_for_all_reactions(k, sharp):
+    """k du/dn is k (cos(1) y + 2) on side 1 and -k y on side 3. For tiny c the intervals are those of c = 0.
+
+    Control: by a thousandth of the bounds they are missed.
+    """
+    exact = k * (0.5 * math.cos(1) + 2), -0.5 * k
+    found = []
+    for ratio in (0.0, 1e-18, 1e-8, 1e-2, 1.0, 1e2, 1e4, 1e8, 1e14):
+        s = ul.solve(pressed_on_one_side(k, k * ratio), h=1 / 8, H=1 / 4)
+        both = s.forces(sharp).sides[1], s.forces(sharp).reactions[3,]
+        assert all(force.lower <= true <= force.upper for force, true in zip(both, exact, strict=True))
+        found.append(both)
+    for one, tiny in zip(found[0], found[1], strict=True):
+        assert np.array(tiny) == pytest.approx(np.array(one), rel=1e-2)
+    s = ul.solve(pressed_on_one_side(k, k), h=1 / 8, H=1 / 4)
+    bound, data = s.solved.bound(sharp), s.solved.data
+    clamps = Clamps(
+        s.solved.form, bound.outflows, s.solved.local_bound.ends, 1e-3 * bound.of_fluxes, data.balance
+    )
+    given = s.mesh, s.solved.partition, s.solved.lambda_H, 1e-3 * bound.lambda_
+    narrow = forces(*given, [[1], [3]], clamps)
+    assert not any(force.lower <= true <= force.upper for force, true in zip(narrow, exact, strict=True))
+
+
 @pytest.fixture
 def boundary(monkeypatch):
     """`Best` on sixteen boundary edges; edge 0 is as short as 1e-12. No w has a norm."""

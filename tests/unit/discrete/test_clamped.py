@@ -23,6 +23,7 @@ from unilateral.adaptive.level import contradict
 from unilateral.bounds import feasible, local_bounds
 from unilateral.bounds.clamped_ends import conflicts, unclamped
 from unilateral.bounds.constraint import constraint
+from unilateral.bounds.flux_residuals import misfit
 from unilateral.discrete import loads
 from unilateral.errors import InputError
 from unilateral.fem.form import Form, decoupled
@@ -244,8 +245,8 @@ def test_what_nodes_do_not_see_of_u_on_a_clamped_side_is_in_the_bounds(c, monkey
         assert math.sqrt(4 * math.pi) * 0.999 < bounds.u < 3 * math.sqrt(4 * math.pi)
     short = feasible._short
 
-    def without(g, v, touching, flux):
-        squares, *rest = short(g, v, touching, flux)
+    def without(g, form, v, touching, flux):
+        squares, *rest = short(g, form, v, touching, flux)
         return np.where(g.clamped, 0.0, squares), *rest
 
     monkeypatch.setattr(feasible, "_short", without)

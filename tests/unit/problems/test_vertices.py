@@ -16,6 +16,7 @@ import unilateral as ul
 from unilateral.bounds import feasible
 from unilateral.bounds.constraint import constraint
 from unilateral.discrete.loads import form_of
+from unilateral.fem.form import H1
 from unilateral.formulas.expression import ZERO
 from unilateral.formulas.formula import parse
 from unilateral.formulas.taylor import EPS
@@ -122,7 +123,7 @@ def of_mesh(problem):
 def missing_of(g):
     """What u_D and g themselves are short of, without a flux."""
     v = np.where(np.isfinite(g.at_unknowns), g.at_unknowns, 0.0)
-    return feasible.missing(g, v, g.clamped, np.zeros((len(g.unknowns), 2)))
+    return feasible.missing(g, H1, v, g.clamped, np.zeros((len(g.unknowns), 2)))
 
 
 @pytest.mark.parametrize(("given", "draws"), [(formula, DRAWS), (trace, DRAWS // 3)])

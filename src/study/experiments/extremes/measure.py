@@ -11,6 +11,7 @@ import xarray as xr
 from study import tables
 from study.experiments.extremes import data_axes, mesh_axes
 from study.experiments.extremes.outcome import NO_TOOL, RIGHT, Axis, Budget, try_value
+from study.experiments.extremes.reaction import survey_reaction
 from unilateral.arrays import Array
 from unilateral.formulas.formula import real
 
@@ -48,9 +49,10 @@ AXES: dict[str, Callable[[Array, float, float, Budget], Axis]] = {
 """The axes: functions of the values, h, H and the budget of a run."""
 
 
-def try_extremes(study: Mapping[str, Any], extremes: str) -> None:
-    """Write the table of all axes."""
+def try_extremes(study: Mapping[str, Any], extremes: str, reaction: str) -> None:
+    """Write the table of all axes, and that of the errors and bounds over c/k."""
     tables.save(survey(study), extremes, "extremes", {"extremes": study})
+    tables.save(survey_reaction(study["reaction"]), reaction, "extremes", {"extremes": study})
 
 
 def survey(study: Mapping[str, Any]) -> xr.Dataset:

@@ -1,4 +1,4 @@
-"""The extremes, as documents show them: limits, and axes on which there is none."""
+"""The extremes, as documents show them: limits, axes on which there is none, and bounds over c/k."""
 
 from __future__ import annotations
 
@@ -19,6 +19,8 @@ ALWAYS, NEVER, NO_TOOL = "–", "none", "not offered"
 TOLD = {RESCUED: "by another algorithm only"}
 SPARE = 3
 """The allowance for rounding is told with this factor, since the digits of rounding are not reproducible."""
+SLIGHT = 0.01
+"""The largest c/k that is compared with c = 0."""
 LAWS = ("odd", "shift", "short", "short_loaded", "scale_down", "scale_up", "angle", "slit", "side", "aspect")
 """The axes whose numbers are cond(S)."""
 
@@ -30,7 +32,10 @@ def kinds(table: xr.Dataset) -> NDArray[np.str_]:
 
 
 def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
-    return {"extremes": outcomes(results["extremes/extremes"])}
+    return {
+        "extremes": outcomes(results["extremes/extremes"]),
+        "reaction": reaction(results["extremes/reaction"]),
+    }
 
 
 def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
@@ -109,3 +114,26 @@ def _last_and_first(table: xr.Dataset, axis: str) -> dict[str, Any]:
     of, values = table.sel(axis=axis), table["value"].values[table["axis_of"].values == axis]
     first = float(of["measured_limit"])
     return {"right": float(values[values < first].max()), "fails": first, "local": float(of["local_limit"])}
+
+
+def reaction(table: xr.Dataset) -> dict[str, Any]:
+    """What is tried over c/k, the largest bounds over the error, and what a slight c changes.
+
+    `slight` is how far the error, or a bound over it, is for c/k <= SLIGHT from that of c = 0, relatively.
+    """
+    values = table["c_over_k"].values
+    sizes = table["h"].values
+    error = table["energy_error"]
+    index = {bound: table[f"{bound}_bound"] / error for bound in ("cheap", "sharp")}
+    slight = (table["c_over_k"] > 0) & (table["c_over_k"] <= SLIGHT)
+    changes = [abs(each / each.sel(c_over_k=0) - 1).where(slight) for each in (error, *index.values())]
+    return {
+        "points": int(error.size),
+        "failed": int(np.count_nonzero(np.isnan(error))),
+        "from": float(values[values > 0].min()),
+        "to": float(values.max()),
+        "coarsest": float(sizes.max()),
+        "finest": float(sizes.min()),
+        **{bound: float(each.max()) for bound, each in index.items()},
+        "slight": max(float(change.max()) for change in changes),
+    }

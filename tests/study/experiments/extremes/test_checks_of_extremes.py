@@ -63,7 +63,27 @@ STEPS = table(measured_limit=[1.5, 1.0], axis=["step_partial", "b"])
 FLOOR = partial(extremes.floor, table="t", axis="a", factor=5.0)
 
 
+def over_c(**changed):
+    """Errors and bounds of one case on one mesh, for c/k = 0, 1e-6 and 1."""
+    of = {"energy_error": [2.0, 2.01, 8.0], "cheap_bound": [3.0, 3.0, 40.0], "sharp_bound": [2.2, 2.2, 8.0]}
+    values = {name: (("case", "mesh", "c_over_k"), [[each]]) for name, each in (of | changed).items()}
+    return table(case=["a"], h=[0.125], c_over_k=[0.0, 1e-6, 1.0], **values)
+
+
 ROWS = [
+    # The cheap bound over the error is told, unless the sharp bound or one below the error is at fault.
+    ("X.robust", over_c(), (5.0, True)),
+    ("X.robust", over_c(cheap_bound=[3.0, 3.0, 81.0]), (81 / 8, False)),
+    ("X.robust", over_c(sharp_bound=[2.2, 2.2, 41.0]), (41 / 8, False)),
+    ("X.robust", over_c(sharp_bound=[2.2, 2.2, 7.9]), (7.9 / 8, False)),
+    ("X.robust", over_c(cheap_bound=[1.9, 3.0, 40.0]), (0.95, False)),
+    ("X.robust", over_c(energy_error=[2.0, NAN, 8.0]), (INF, False)),
+    ("X.robust", over_c(sharp_bound=[2.2, NAN, 8.0]), (INF, False)),
+    # c/k = 1 is not compared with 0, and what is not known differs.
+    ("X.tiny", over_c(), (0.005, True)),
+    ("X.tiny", over_c(energy_error=[2.0, 2.03, 8.0]), (0.015, False)),
+    ("X.tiny", over_c(sharp_bound=[2.2, 2.3, 8.0]), (2.3 / 2.2 * 2 / 2.01 - 1, False)),
+    ("X.tiny", over_c(cheap_bound=[3.0, NAN, 40.0]), (INF, False)),
     *[(power(exponent), SLOPE, distance) for exponent, distance in ((-2, 0), (-1, 1), (-3, 1))],
     (power(-2), points(value=[0.2, 0.1], measured=[1, NAN]), "fewer than two numbers are known on the"),
     # The first step that fails is the measured one.

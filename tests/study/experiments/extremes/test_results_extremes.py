@@ -11,7 +11,9 @@ from study.documents import marks, numbers
 from study.experiments.extremes import extremes_figure as figure
 from study.experiments.extremes import measure as extremes
 from study.experiments.extremes import numbers as extremes_tables
-from study.experiments.extremes import problem
+from study.experiments.extremes import problem, reaction
+from study.ledger import claims
+from unilateral.formulas.formula import real
 
 STUDY = config("extremes")["extremes"]
 AXES = STUDY["axes"]
@@ -22,7 +24,7 @@ EVERYWHERE = [
 VARIANTS = ["step_full", "step_partial", "printed_full", "printed_partial", "single", "double"]
 """What the library does not offer, or takes as it is given."""
 REFUSALS = (
-    "fields k and c",
+    "clamp a side",
     "scale the data",
     "move polygon",
     "list every node once",
@@ -251,3 +253,36 @@ def test_the_supplement_names_every_axis_that_has_settings_of_its_own():
     for axis in own:
         assert f"For *{AXES[axis]['label']}* " in text
     assert f"but at least $10^{{{math.log10(problem.LEAST):.0f}}}$, times" in text
+
+
+def over_c():
+    return table_of("extremes/reaction")
+
+
+def test_the_table_over_c_is_complete_and_has_a_bound_everywhere():
+    declared = STUDY["reaction"]
+    assert over_c()["c_over_k"].values.tolist() == [0, *declared["c_over_k"]]
+    assert over_c()["h"].values.tolist() == [real(h, "") for h in declared["h"]]
+    assert over_c()["case"].values.tolist() == list(reaction.CASES)
+    assert set(over_c()["message"].values.ravel()) == {""}
+
+
+def test_errors_over_c_halve_with_h_where_the_mesh_resolves_u():
+    """Up to c/k = 1, within a tenth for terms of higher order."""
+    error = over_c()["energy_error"].sel(c_over_k=slice(0, 1)).values
+    np.testing.assert_allclose(error[:, :-1] / error[:, 1:], 2, rtol=0.1)
+
+
+def test_what_is_said_of_bounds_over_c_is_in_the_table():
+    """Every number by a loop over all points."""
+    said = extremes_tables.reaction(over_c())
+    points = over_c().stack(point=("case", "mesh", "c_over_k"))
+    rows = [points.isel(point=i) for i in range(points.sizes["point"])]
+    for bound in ("cheap", "sharp"):
+        assert said[bound] == max((row[f"{bound}_bound"] / row["energy_error"]).item() for row in rows)
+    assert (said["points"], said["failed"]) == (len(rows), 0)
+    assert (said["from"], said["to"]) == (1e-30, 1e16)
+    assert (said["coarsest"], said["finest"]) == (1 / 8, 1 / 32)
+    # f = c + 1 in the boundary layers, which changes u by 1 % for c = 0.01
+    tiny = claims.find("X.tiny").measure({"extremes/reaction": over_c()}).observed
+    assert tiny <= said["slight"] <= 0.02
