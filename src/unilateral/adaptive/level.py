@@ -165,8 +165,8 @@ def uncontradicted(levels: Sequence[Level]) -> list[Level]:
 def contradict(a: Level, b: Level) -> bool:
     """Whether two levels' bounds cannot both hold: for ||u||_1, the integral of u or that of lambda.
 
-    |int v| <= (|Omega| / c)^{1/2} ||v||, and |<mu, 1>| <= (c |Omega|)^{1/2} ||mu||_{-1/2}. Beside clamped sides
-    only ||u||_1 tells: u - u_h need not vanish there, as Friedrichs' inequality asks, and 1 does not.
+    |int v| <= (|Omega| / c)^{1/2} ||v||, and |<mu, 1>| <= (c |Omega|)^{1/2} ||mu||_{-1/2}. Beside clamped
+    sides only ||u||_1 tells: u - u_h need not vanish there, as Friedrichs' inequality asks, and 1 does not.
     """
     form = a.solved.form
     of_u = math.inf

@@ -167,8 +167,8 @@ def test_bounds_are_above_the_true_errors(seed: int, k: object, c: object) -> No
 def test_bounds_do_not_mind_coefficients(seed: int, k: str, c: str) -> None:
     """They are above the errors, for c/k from 0 to 1e24, and at most 10 and 5 times that of u.
 
-    These limits were set before any of these problems was solved. Before the flux and the norm of its residual
-    knew c/k, the quotient for a smooth u was like h (c/k)^(1/2).
+    These limits were set before any of these problems was solved. Before the flux and the norm of its
+    residual knew c/k, the quotient for a smooth u was like h (c/k)^(1/2).
     """
     of = random_problem(seed, k, c)
     s = solved(of, PATHS[seed % len(PATHS)])
