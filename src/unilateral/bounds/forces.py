@@ -109,11 +109,12 @@ def forces(
         elif some.size:
             lower[some], upper[some] = -np.inf, np.inf
     lower[~signed] = np.maximum(lower[~signed], 0.0)
-    if of.balance:
+    # The sum of all forces and reactions is - int f - int q, by (1.1) with v = 1
+    if of.balance and of.balance[1] < math.inf:
         n_held = mesh.polygon.n_sides - len(of.form.free)
         for k in (k for k, part in enumerate(sides) if len(part) == n_held):
             lower[k], upper[k] = max(lower[k], of.balance[0]), min(upper[k], of.balance[1])
-            values[k] = min(max(values[k], lower[k]), upper[k])
+            values[k] = float(0.5 * (lower[k] + upper[k]))
     return [Force(*each) for each in zip(values, lower.tolist(), upper.tolist(), strict=True)]
 
 

@@ -26,6 +26,8 @@ from unilateral.system.files import sized
 
 DIGITS = ".4e"
 """The format of errors, bounds and forces."""
+NARROW = 1e-4
+"""A force whose interval is narrower than this part of it is printed with the digits that are known."""
 SIDES, INTERVALS = 12, 4
 """Forces are computed, and the contact on sides is printed, for at most SIDES sides.
 
@@ -94,7 +96,9 @@ def table(
         rows["these bounds include"] = f"all rounding errors, and {enclosed}"
     rows |= _contact(found["contact"]) if found["multipliers"] else {"contact": LINEAR}
     for row in forces:
-        rows[row.label] = interval(row.force.lower, row.force.upper, row.force.value, DIGITS)
+        value, lower, upper = row.force
+        spec = "" if 0 < upper - lower < NARROW * abs(value) else DIGITS
+        rows[row.label] = interval(lower, upper, value, spec)
     if doubt:
         rows["lambda_H"] = doubt
     rows["time and memory"] = f"{found['seconds']:.2f} s, {found['peak_mb']:.0f} MB"

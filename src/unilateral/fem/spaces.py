@@ -12,7 +12,7 @@ from scipy.linalg import eigvalsh, solve_triangular
 
 from unilateral.arrays import Array, Index
 from unilateral.fem.condense import Condensed
-from unilateral.fem.p1 import coupling
+from unilateral.fem.p1 import coupling, energy_norm
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
@@ -27,15 +27,17 @@ STEKLOV_GUARD = 0.5
 
 @dataclass(frozen=True, eq=False)
 class DualOperator:
-    """D = half^T half (m, m) of one mesh and partition, the cells' lengths H_i (m,), and |Omega|.
+    """D = half^T half (m, m) of one mesh and partition, the cells' lengths H_i (m,), and a function w of V_h.
 
     mu . D mu is the squared discrete norm ||mu||_{-1/2,h} = sup over V_h of <mu, v> / ||v||; column i of
-    `half` (nb, m) is the boundary response to a unit load on cell i, measured in (A_3)^{1/2}.
+    `half` (nb, m) is the boundary response to a unit load on cell i, measured in (A_3)^{1/2}. w is 1 at all
+    nodes that are not fixed. `lift_norm` is ||w||, and `lift_means` (m,) are its means on the cells.
     """
 
     half: Array
     H_i: Array
-    area: float
+    lift_norm: float
+    lift_means: Array | float = 1.0
 
     @cached_property
     def D(self) -> Array:
@@ -74,6 +76,16 @@ class DualOperator:
     def gap(self, mu: Array, offset: Array) -> Array:
         """F (m,): the cell means of u(mu) - g, the offset being F(0); one application of D."""
         return self.D @ mu / self.H_i + offset
+
+    def lift(self, gap: Array) -> float:
+        """The least t >= 0 with which no mean of u + t w - g is below 0, those of u - g being the gap (m,).
+
+        It is infinite where such a mean cannot be raised, as all nodes of its cell are fixed.
+        """
+        below = gap < 0
+        means = np.broadcast_to(self.lift_means, gap.shape)[below]
+        with np.errstate(divide="ignore"):
+            return float(np.max(-gap[below] / means, initial=0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,4 +145,5 @@ def dual_operator(condensed: Condensed, B: sp.csr_array, H_i: Array) -> DualOper
     loads = B.T.toarray()
     loads[condensed.fixed[condensed.mesh.boundary]] = 0.0
     half = solve_triangular(condensed.cholesky, loads, trans="T", check_finite=False)
-    return DualOperator(half, H_i, condensed.mesh.polygon.area)
+    lift_norm = energy_norm(condensed.mesh, np.where(condensed.fixed, 0.0, 1.0), condensed.form)
+    return DualOperator(half, H_i, lift_norm, loads.sum(axis=0) / H_i)

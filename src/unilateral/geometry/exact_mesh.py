@@ -2,8 +2,8 @@
 
 The exact mesh has the same triangles, nodes inside and nodal values. Its boundary node at the arc length s of
 side i is the point that divides the side as s divides the interval from starts[i] to starts[i + 1]. The exact
-polygon is the one that was given; with k and c its image under the exact scaling by (c/k)^{1/2}. The bounds
-are computed on the mesh in memory, and what they need for the exact one is the supplement's Proposition S7.
+polygon is the one that was given. The bounds are computed on the mesh in memory, and what they need for the
+exact one is the supplement's Proposition S7.
 """
 
 from __future__ import annotations

@@ -72,6 +72,8 @@ def forces(solution: Solution, of: Shown) -> str:
     rows = {f"force, side {side}": found.sides[side] for side in with_contact}
     for row, reaction in found.reactions.items():
         rows[f"reaction, side{'s' * (len(row) > 1)} {' and '.join(map(str, row))}"] = reaction
+    if found.total and len(rows) > 1:
+        rows["sum of forces, reactions"] = found.total
     lines = []
     for name, (value, lower, upper) in rows.items():
         text = guaranteed(interval(lower, upper, value), lower, upper)

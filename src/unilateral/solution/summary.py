@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from unilateral.errors import counted
 from unilateral.formulas.decimals import guaranteed, interval, percent
+from unilateral.formulas.expression import ZERO
 from unilateral.problems.fields import LINEAR_BETWEEN_NODES, linear_fields
 from unilateral.solution.bounds import are_computed, sizes, too_large, wants_sharp
 
@@ -68,7 +69,7 @@ def rows(of: Solution) -> dict[str, str]:
 
 
 def _bounded(of: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, str]:
-    """The rows of guaranteed errors and of the force."""
+    """The rows of guaranteed errors and of the force, and of its sum with all reactions, known if c = 0."""
     if bounds is None:
         return {
             "error of u": "unknown, for there is no bound",
@@ -84,8 +85,12 @@ def _bounded(of: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, str]
         rows[name] = guaranteed(f"{interval(-math.inf, bound, spec='.3g')}{share}", -math.inf, bound)
     if len(parts) == 1:
         return rows
-    value, lower, upper = of.force(sharp)
-    return rows | {"force": guaranteed(interval(lower, upper, value), lower, upper)}
+    forces = {"force": of.force(sharp)}
+    if of.problem.c == ZERO:
+        forces["with reactions"] = of.force(sharp, range(of.polygon.n_sides))
+    for name, (value, lower, upper) in forces.items():
+        rows[name] = guaranteed(interval(lower, upper, value), lower, upper)
+    return rows
 
 
 def _title(of: Solution) -> str:

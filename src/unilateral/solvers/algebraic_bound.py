@@ -13,12 +13,12 @@ rho (F - F_h, mu - R - lambda) <= (R, mu - R - lambda), as for the projection in
 
     ||e||_1^2 <= <mu - lambda, e> + delta ||e||_1 <= (a + delta) ||e||_1 + b (||e||_1 + delta),
 
-which fails for ||e||_1 > a + b + 2 delta, so ||e||_1 is at most that. Where S is singular take c >= 0 such
-that no mean of v - g is below 0 for v = u + c. Then <mu - lambda, v - u_h> <= <mu, v - g>, and as
-<mu - lambda, c> = (e, c)_1 + r(c)
+which fails for ||e||_1 > a + b + 2 delta, so ||e||_1 is at most that. Where S is singular take t >= 0 such
+that no mean of v - g is below 0 for v = u + t w, w in V_h that of `DualOperator`. Then
+<mu - lambda, v - u_h> <= <mu, v - g>, and as <mu - lambda, w> = (e, w)_1 + r(w)
 
-    ||e||_1^2 <= <mu, v - g> + (c |Omega|^{1/2} + delta) ||e||_1 + c |Omega|^{1/2} delta,
-    ||e||_1^2 <= 2 <mu, v - g> + (c |Omega|^{1/2} + 2 delta)^2.
+    ||e||_1^2 <= <mu, v - g> + (t ||w||_1 + delta) ||e||_1 + t ||w||_1 delta,
+    ||e||_1^2 <= 2 <mu, v - g> + (t ||w||_1 + 2 delta)^2.
 
 For ||mu - lambda||_{-1/2,h} another delta is added.
 """
@@ -64,7 +64,9 @@ def _by_energy(operator: DualOperator, mu: Array, gap: Rounded, delta: float) ->
     unit = max(float(np.max(each)) for each in (np.abs(gap.values), gap.doubt, weighted, [delta]))
     if not 0 < unit < math.inf:
         return unit
-    c = max(float(np.max(gap.doubt - gap.values)), 0.0) / unit
-    product = float(weighted / unit @ ((gap.values + gap.doubt) / unit + c))
-    of_c = c * math.sqrt(operator.area) + 2 * delta / unit
-    return SLACK * unit * math.hypot(math.sqrt(2 * max(product, 0.0)), of_c) + delta
+    t = operator.lift(gap.values - gap.doubt) / unit
+    if not t < math.inf:
+        return math.inf
+    product = float(weighted / unit @ ((gap.values + gap.doubt) / unit + t * operator.lift_means))
+    linear = t * operator.lift_norm + 2 * delta / unit
+    return SLACK * unit * math.hypot(math.sqrt(2 * max(product, 0.0)), linear) + delta

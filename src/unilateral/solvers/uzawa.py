@@ -69,11 +69,12 @@ def residual_bound(operator: DualOperator, offset: Array, mu: Array, rho: float)
 
 
 def energy_bound(operator: DualOperator, offset: Array, mu: Array) -> float:
-    """(c^2 |Omega| + 2 <mu, v - g>)^{1/2} with v = u(mu) + c, c >= 0 smallest so that no mean(v - g) < 0.
+    """(t^2 ||w||^2 + 2 <mu, v - g>)^{1/2} with v = u(mu) + t w, t >= 0 smallest so that no mean(v - g) < 0.
 
-    It bounds the same error as `residual_bound`, also where S is singular; rounding leaves about 5e-7.
+    w is that of `DualOperator`. It bounds the same error as `residual_bound`, also where S is singular;
+    rounding leaves about 5e-7.
     """
-    return _energy(operator.gap(mu, offset), operator.H_i * mu, operator.area)
+    return _energy(operator.gap(mu, offset), operator.H_i * mu, operator)
 
 
 def predicted_steps(operator: DualOperator, rho: float, bound0: float, tolerance: float) -> float:
@@ -190,14 +191,14 @@ class _Iteration:
     def _bound(self, y: Array, F: Array, R: Array, size: float) -> float:
         if self.singular:
             root = np.sqrt(self.operator.H_i)
-            return _energy(F / root, root * y, self.operator.area)
+            return _energy(F / root, root * y, self.operator)
         if not size < DIVERGED:
             return math.inf
         self.applications += 1
         return energy_norm(self.operator.S, R, size) + size * self.per_residual
 
 
-def _energy(gap: Array, weighted_mu: Array, area: float) -> float:
+def _energy(gap: Array, weighted_mu: Array, operator: DualOperator) -> float:
     """The value of `energy_bound`.
 
     It is computed in units of the largest number, because the square of a tiny one would be 0.
@@ -205,8 +206,11 @@ def _energy(gap: Array, weighted_mu: Array, area: float) -> float:
     unit = float(max(np.max(np.abs(gap)), np.max(weighted_mu)))
     if not 0 < unit < math.inf:
         return unit
-    c = max(0.0, -float(np.min(gap))) / unit
-    return unit * math.sqrt(max(c * c * area + 2 * float(weighted_mu / unit @ (gap / unit + c)), 0.0))
+    t = operator.lift(gap) / unit
+    if not t < math.inf:
+        return math.inf
+    product = float(weighted_mu / unit @ (gap / unit + t * operator.lift_means))
+    return unit * math.sqrt(max((t * operator.lift_norm) ** 2 + 2 * product, 0.0))
 
 
 def energy_norm(matrix: Array, R: Array, unit: float) -> float:

@@ -320,10 +320,25 @@ def test_without_a_reaction_the_sum_of_all_forces_is_known(data, exact, clamped)
     assert found.total == s.force(sides=sides)
     assert found.total.lower <= found.total.value <= found.total.upper
     assert found.total.lower <= exact <= found.total.upper
+    assert abs(found.total.value - exact) <= 0.51 * (found.total.upper - found.total.lower)
     assert found.total.upper - found.total.lower < 1e-2 * (
         found.reactions[3,].upper - found.reactions[3,].lower
     )
     assert "sum of forces and reactions: " in repr(found)
+
+
+def test_the_only_reaction_is_known_where_no_side_has_contact():
+    """The integral of x + 1 over the square is 3/2. Control: with two clamped sides, neither is known so."""
+    reaction, other = (
+        ul.solve(
+            ul.Problem(square(), "-x - 1", None, free, u=dict.fromkeys(clamped, 0), c=0), h=1 / 4, H=1 / 2
+        ).forces()
+        for free, clamped in (([0, 1, 2], [3]), ([0, 2], [1, 3]))
+    )
+    assert reaction.reactions[3,] == reaction.total
+    assert reaction.total.value == pytest.approx(1.5, rel=1e-12)
+    assert reaction.total.upper - reaction.total.lower < 1e-8
+    assert all(force.upper - force.lower > 1e-2 for force in other.reactions.values())
 
 
 def test_with_a_reaction_the_sum_is_not_known():

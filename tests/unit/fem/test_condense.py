@@ -145,7 +145,8 @@ def test_dual_operator_equals_full_solves(ratio):
     continued[mesh.boundary] = B.toarray().T
     expected = continued.T @ spl.spsolve(assembled(mesh).tocsc(), continued)
     assert abs(operator.D - expected).max() < 1e-10 * abs(expected).max()
-    assert operator.area == pytest.approx(3)
+    assert operator.lift_norm == pytest.approx(3**0.5)
+    assert operator.lift_means == pytest.approx(np.ones(partition.n_cells))
 
 
 def test_S_has_the_energy_of_D_in_unknowns_of_the_L2_norm():

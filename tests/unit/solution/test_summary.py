@@ -1,6 +1,7 @@
 """What objects print of themselves: little, quickly, and no more than is guaranteed."""
 
 import base64
+import json
 import re
 import warnings
 from xml.etree import ElementTree
@@ -13,6 +14,7 @@ import unilateral as ul
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.problems.fields import as_html
 from unilateral.solution import summary
+from unilateral.solution.interactive import page
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
 
@@ -48,6 +50,35 @@ def test_a_printed_force_has_the_guaranteed_interval_inside(cog):
     value, apart = map(float, re.search(r"(\S+) ± (\S+), guaranteed", repr(cog)).groups())
     assert value - apart <= force.lower < force.upper <= value + apart
     assert 2 * apart <= 1.3 * (force.upper - force.lower)
+
+
+@pytest.mark.parametrize(("name", "exact"), [("shelf", 2.0), ("seal", 12.0)])
+def test_the_sum_of_all_forces_is_shown_wherever_forces_are(name, exact, run, tmp_path):
+    """-f times the area: the shelf has 1 * 2, the seal 50 * 0.24. Control: with c = 1 nothing says a sum."""
+    file = ROOT / f"examples/{name}.yaml"
+    other = tmp_path / "other.yaml"
+    other.write_text(re.sub(r"\nc: 0", "\nc: 1", file.read_text()))
+    for problem in (file, other):
+        s = ul.solve(ul.load(problem), accuracy=0.2)
+        table = run("solve", problem, "--accuracy", "0.2")[1]
+        record = run("solve", problem, "--accuracy", "0.2", "--json")[1]
+        shown = {
+            "Python": re.search("sum of forces and reactions: (.*);", repr(s.forces())),
+            "summary": re.search("with reactions   (.*), guaranteed", repr(s)),
+            "notebook": re.search("<th>with reactions</th><td>(.*?), guaranteed</td>", s._repr_html_()),
+            "page": re.search("<th>sum of forces, reactions</th><td>(.*?), guaranteed</td>", page(s)),
+            "command": re.search("sum of forces, reactions +(.*)", table),
+        }
+        found = json.loads(record)["forces"].get("forces_and_reactions")
+        if problem == other:
+            assert [*shown.values(), found] == [None] * 6
+            continue
+        assert found["lower"] <= exact <= found["upper"]
+        assert found["value"] == pytest.approx(exact, rel=1e-12)
+        for place, text in shown.items():
+            value, apart = map(float, text[1].split(" ± "))
+            assert (place, value) == (place, pytest.approx(exact, rel=1e-12))
+            assert apart < 1e-8 * exact
 
 
 def test_all_that_users_meet_prints_little(cog, functions):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import warnings
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,10 +19,14 @@ from unilateral.discrete.condensed import CondensedProblem, discretise
 from unilateral.discrete.multilevel import discretise_nested
 from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem import residual_rounding
-from unilateral.fem.spaces import DualOperator
+from unilateral.fem.condense import condense
+from unilateral.fem.form import Form
+from unilateral.fem.spaces import DualOperator, mixed_spaces
 from unilateral.geometry.adapted import adapted, refined
 from unilateral.geometry.partition import uniform
+from unilateral.geometry.polygon import square
 from unilateral.geometry.structured import structured
+from unilateral.solvers.active_set import active_set
 from unilateral.solvers.algebraic_bound import certified
 from unilateral.solvers.multigrid_bounds import algebraic_bound
 from unilateral.solvers.stop import Stop
@@ -252,7 +258,7 @@ def test_no_number_above_the_bound_fulfils_the_inequality(share: float) -> None:
 @pytest.mark.parametrize("delta", [0.0, 1e-4, 1.0])
 def test_nor_by_the_energy(P: float, delta: float) -> None:
     """Of two cells with a singular S on a domain of area 4, one 1/2 below g, one above it with mu > 0."""
-    of = DualOperator(np.array([[1.0, 1.0]]), np.ones(2), 4.0)
+    of = DualOperator(np.array([[1.0, 1.0]]), np.ones(2), lift_norm=2.0)
     assert of.singular
     gap, mu = residual_rounding.Rounded(np.array([-0.5, 0.5]), np.zeros(2)), np.array([0.0, P])
     found, q = certified(of, mu, gap, delta, 1.0), 0.5 * 2
@@ -260,6 +266,52 @@ def test_nor_by_the_energy(P: float, delta: float) -> None:
     assert least <= found
     if max(P, delta) < 1:  # small beside q: then it is hardly less
         assert found - q <= 1.01 * (least - q) + 1e-8
+
+
+SINGULAR = {
+    "large c": (Form(c=1e6), 1 / 4),
+    "large k": (Form(k=1e4, c=100.0), 1 / 4),
+    "clamped": (Form(c=0.0, clamped=(1, 3), free=(2,), friedrichs=1.0), 1 / 32),
+}
+
+
+@pytest.mark.parametrize("name", SINGULAR)
+def test_where_S_is_singular_u_is_raised_by_a_function_with_its_own_norm(name: str) -> None:
+    """u = 0 is below g, a constant or, between clamped sides, two bumps of the height 1. One edge is a cell.
+
+    Control: with 1 for that function, as if it were in V and had the norm |Omega|^(1/2).
+    """
+    form, h = SINGULAR[name]
+    spaces = mixed_spaces(condense(structured(square(), h), form), uniform(square(), h))
+    of, x = spaces.operator, (np.arange(len(spaces.cells)) + 0.5) * h
+    offset = -16 * x * (1 - x) * (2 * x - 1) ** 2 if form.clamped else -np.ones(len(x))
+    assert of.singular
+    nothing = np.zeros(len(x))
+    exact_multiplier = active_set(of, offset, 1e-3).lambda_H
+    error = float(np.linalg.norm(of.half @ exact_multiplier))
+    gap = residual_rounding.Rounded(offset, nothing)
+    bounds = [energy_bound(of, offset, nothing), certified(of, nothing, gap, 0.0, 1.0)]
+    assert all(error <= bound < math.inf for bound in bounds)
+    constant = replace(of, lift_norm=1.0, lift_means=1.0)
+    assert energy_bound(constant, offset, nothing) < 0.9 * error
+    assert certified(constant, nothing, gap, 0.0, 1.0) < 0.9 * error
+
+
+def test_u_is_raised_by_what_rounding_may_hide() -> None:
+    """Two cells with a singular S, on one of which u - g is 0 up to 1/4; the norm of w is 2."""
+    of = DualOperator(np.array([[1.0, 1.0]]), np.ones(2), lift_norm=2.0)
+    gap = residual_rounding.Rounded(np.array([0.0, 0.5]), np.array([0.25, 0.0]))
+    assert certified(of, np.zeros(2), gap, 0.0, 1.0) == pytest.approx(0.5, rel=1e-8)
+
+
+def test_what_cannot_be_raised_has_no_bound() -> None:
+    """Both nodes of the one cell are fixed: the mean of u is that of the given values, whatever mu is."""
+    of = DualOperator(np.array([[0.0]]), np.ones(1), lift_norm=1.0, lift_means=np.zeros(1))
+    nothing = np.zeros(1)
+    for gap, bound in ((-1.0, math.inf), (1.0, 0.0)):
+        rounded = residual_rounding.Rounded(np.array([gap]), nothing)
+        assert certified(of, nothing, rounded, 0.0, 1.0) == bound
+        assert energy_bound(of, np.array([gap]), nothing) == bound
 
 
 def test_the_least_eigenvalue_is_bounded_from_below() -> None:

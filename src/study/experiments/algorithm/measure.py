@@ -6,6 +6,7 @@ Also its certificates, problems with two multipliers, and what steps cost.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from unilateral.discrete.condensed import CondensedProblem, with_solution
 from unilateral.fem.condense import condense
 from unilateral.fem.linear_systems import Sparse, dissected
 from unilateral.fem.quadrature import boundary_rule
-from unilateral.fem.spaces import DualOperator, MixedSpaces, mixed_spaces
+from unilateral.fem.spaces import MixedSpaces, mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.norms.exact_errors import Exact, cell_means
@@ -94,7 +95,7 @@ def _distance(of: SolvedCase, share: float, steps: int, variant: str) -> float:
 def _factor(of: SolvedCase, share: float) -> float:
     """The norm in L2 of the stationary multiplier with that share of D, over that of lambda_H."""
     spaces, H_i = of.spaces, of.spaces.partition.lengths
-    scaled = DualOperator(spaces.operator.half * np.sqrt(share), H_i, spaces.mesh.polygon.area)
+    scaled = replace(spaces.operator, half=spaces.operator.half * np.sqrt(share))
     other = active_set(scaled, of.discrete.offset, np.inf).lambda_H
     return float(np.sqrt(H_i @ other**2 / (H_i @ of.lambda_H**2)))
 

@@ -274,11 +274,11 @@ def _floors(values: Array, h_over_H: float, budget: Budget, precision: DTypeLike
 
 def operator_in(problem: ExtremeProblem, precision: DTypeLike) -> DualOperator:
     """The dual operator of A rounded to that precision, its factors, A_3, D and S computed in it."""
-    spaces, mesh = problem.spaces, problem.spaces.mesh
+    spaces, boundary = problem.spaces, problem.spaces.mesh.boundary
     A = spaces.condensed.A.astype(precision)
-    cholesky = last_block(factorise(A, elimination_order(A, mesh.boundary)), len(mesh.boundary))
+    cholesky = last_block(factorise(A, elimination_order(A, boundary)), len(boundary))
     half = solve_triangular(cholesky, spaces.B.T.toarray().astype(precision), trans="T")
-    return DualOperator(half, spaces.partition.lengths.astype(precision), mesh.polygon.area)
+    return replace(spaces.operator, half=half, H_i=spaces.partition.lengths.astype(precision))
 
 
 def bound_of_floor(problem: ExtremeProblem) -> float:

@@ -27,7 +27,6 @@ from study.experiments.extremes.outcome import (
 from study.experiments.extremes.problem import condensed, full, made, on_square, waves
 from unilateral.errors import InputError
 from unilateral.fem.condense import CONSTANTS
-from unilateral.fem.spaces import DualOperator
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.partition import uniform
 from unilateral.geometry.polygon import Polygon, square
@@ -357,7 +356,7 @@ def test_what_the_floor_has_above_its_prediction_is_the_rounding_of_the_factors(
     for H in sizes:
         of = on_square(H / 2, H, full)
         exact, single = of.spaces.operator, data_axes.operator_in(of, np.float32)
-        after = DualOperator(exact.half.astype(np.float32), single.H_i, exact.area)
+        after = replace(single, half=exact.half.astype(np.float32))
         rounded.append(floor_of(of, after))
         computed.append(floor_of(of, single))
     root = np.sqrt(exact.H_i)
