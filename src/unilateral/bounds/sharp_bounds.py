@@ -42,6 +42,7 @@ from unilateral.bounds.flux_residuals import (
     ROUNDING,
     allowances,
     by_parts,
+    laplace_allowances,
     misfit,
     put_tau,
     residual_parts,
@@ -56,7 +57,7 @@ from unilateral.fem.condense import matrix
 from unilateral.fem.form import Form
 from unilateral.fem.linear_systems import solved
 from unilateral.fem.p1 import edge_load, lumped_mass, of_rest
-from unilateral.fem.p2 import Quadratic, linear_squares, quadratic, slopes_at_nodes, squares
+from unilateral.fem.p2 import Quadratic, laplacians, linear_squares, quadratic, slopes_at_nodes, squares
 from unilateral.geometry.partition import Partition
 
 ENOUGH = 0.01
@@ -204,11 +205,11 @@ class _Field:
         if thick.size:
             slopes, area = self.spaces.slopes[thick], mesh.areas[thick]
             hats, bubbles = (values[thick] for values in self.spaces.coefficients(d))
-            products = np.sum(slopes * np.roll(slopes, -1, axis=1), axis=2)
-            laplace = 8 * form.k * np.sum(bubbles * products, axis=1, keepdims=True)
+            laplace = form.k * laplacians(slopes, bubbles)[:, None]
             inside = source.f_h[thick] - form.c * (self.w[mesh.triangles[thick]] + hats) + laplace
             of_inside = np.sqrt(squares(area, inside, -form.c * bubbles))
             of_inside += source.oscillation[thick] + parts.rest[thick]
+            of_inside += np.sqrt(area) * laplace_allowances(mesh, thick, bubbles, form)
             field = self.hats[thick] - form.k * slopes_at_nodes(slopes, hats, bubbles)
             on_all = np.full_like(mean, math.inf)
             on_all[thick] = by_parts(

@@ -17,6 +17,7 @@ from unilateral.bounds import feasible
 from unilateral.bounds import sharp_bounds as bounds
 from unilateral.bounds.boundary_flux import nothing
 from unilateral.bounds.constraint import constraint
+from unilateral.bounds.flux_residuals import laplace_allowances
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.mesh_data import enclose_data
 from unilateral.bounds.sharp_bounds import sharp_bound
@@ -355,6 +356,27 @@ def test_all_that_rounding_may_do_is_in_the_parts():
     eps = np.finfo(float).eps
     assert np.all(of_constant.misfit > 2.0 * 1e6 * eps / mesh.longest_edges * np.sqrt(mesh.areas))
     assert np.all(of_constant.rest > 3.0 * 1e6 * eps * np.sqrt(mesh.areas))
+
+
+def test_what_rounding_may_do_to_laplacians_is_in_the_parts():
+    """On triangles with heights of 1e-4 lap v is large, and so is what rounding may make of it.
+
+    v - w is the bubble of the edges across, whose Laplacian is nearly 8 / 1e-8.
+    """
+    thin = Polygon(np.array([[0, 0], [1, 0], [1, 1e-4], [0, 1e-4]]), "thin")
+    mesh = meshes.from_arrays(thin, thin.vertices, [[0, 1, 2], [0, 2, 3]])
+    found = laplace_allowances(mesh, slice(None), np.ones((2, 3)), Form(2.0, 1e3))
+    eps = np.finfo(float).eps
+    assert np.all(found > 2.0 * 8 / 1e-8 * eps)
+    form = Form(2.0, 1e3)
+    spaces, zero = quadratic(mesh), np.zeros(4)
+    field = bounds._field(spaces, linear(mesh, zero), zero, np.zeros((4, 2)), form)
+    d = np.where(np.arange(spaces.size) < 4, 0.0, 1.0)
+    with_it = field.parts(d, nothing(mesh)).by_parts
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(bounds, "laplace_allowances", lambda mesh, of, bubbles, form: 1e9)
+        more = field.parts(d, nothing(mesh)).by_parts - with_it
+    np.testing.assert_allclose(more, 1e9 * np.sqrt(mesh.areas / form.c), rtol=1e-6)
 
 
 def test_what_is_left_of_a_given_flux_counts():
