@@ -119,10 +119,11 @@ def sharp_bound(
     added_to_v = math.sqrt(float(lift.added(short_of_v).sum()))
     missing = (1 + SUMS) * (short_of_v.norm + added_to_v) + lost
 
+    of_tau = tau.distance(mesh, form)
     errors = total_errors(
         form,
-        Defect(field.parts(spaces.of_hats(u_h - field.w), tau), 0.0, short.product),
-        Defect(field.parts(of_v, tau), missing, short_of_v.product),
+        Defect(field.parts(spaces.of_hats(u_h - field.w), tau), of_tau, short.product),
+        Defect(field.parts(of_v, tau), missing + of_tau, short_of_v.product),
         D=D,
         D_clamped=D_clamped,
         of_sigma=flux.distance(mesh, form),
