@@ -64,8 +64,8 @@ class Bound:
     eta
         That of `total_errors`, for the v of this bound.
     shares : (triangles,)
-        Of the cheap bound: the triangles' parts of u^2. Their sum is at most u^2 and, but for rounding, at
-        least u^2 / 6.
+        Of the cheap bound: the triangles' parts of S^2 + 2 B + D^2. Their sum is at most that and, but for
+        rounding, at least u^2 / 6.
     lift : (2, boundary edges)
         Of the cheap bound: the coefficients of y at boundary nodes, and of the bubbles of boundary edges.
     ends
