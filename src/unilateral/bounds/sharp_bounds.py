@@ -101,16 +101,14 @@ def sharp_bound(
     field = _field(spaces, source, w, flux.ends + tau.ends, form)
 
     # D = ||y||, and the norm of the part of y at clamped sides
-    of_u = spaces.of_hats(u_h - field.w)
-    of_lifted, short = _lifted(lift, field, of_u)
-    y, added = of_lifted - of_u, math.sqrt(float(lift.added(short).sum()))
-    nodes, edges = np.split(spaces.of_boundary, 2)
+    nodal, edges, short = lift.lifted(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
+    added = math.sqrt(float(lift.added(short).sum()))
     clamped = form.edges(mesh)
-    inside = np.ones(spaces.size, dtype=bool)
-    inside[nodes[clamped | np.roll(clamped, 1)]] = inside[edges[clamped]] = False
-    at_clamped = spaces.norm(np.where(inside, 0.0, y), form) + math.sqrt(float(short.squares[clamped].sum()))
+    at_nodes = np.where(clamped | np.roll(clamped, 1), nodal, 0.0)
+    at_clamped = lift.of.norm(form, at_nodes, np.where(clamped, edges, 0.0))
+    at_clamped += math.sqrt(float(short.squares[clamped].sum()))
     lost = underflow(mesh, form)
-    D = (1 + SUMS) * (spaces.norm(y, form) + short.norm + added) + lost
+    D = (1 + SUMS) * (lift.of.norm(form, nodal, edges) + short.norm + added) + lost
     D_clamped = (1 + SUMS) * (at_clamped + added) + lost
 
     # the flux q + curl phi, and a feasible v
@@ -124,7 +122,7 @@ def sharp_bound(
     of_tau = tau.distance(mesh, form)
     errors = total_errors(
         form,
-        Defect(field.parts(of_u, tau), of_tau, short.product),
+        Defect(field.parts(spaces.of_hats(u_h - field.w), tau), of_tau, short.product),
         Defect(field.parts(of_v, tau), missing + of_tau, short_of_v.product),
         D=D,
         D_clamped=D_clamped,
