@@ -141,7 +141,7 @@ def test_a_bound_without_what_f_h_leaves_is_noticed(one, bound):
 def test_the_triangles_shares_add_up_to_the_squared_bound(one):
     """At most that, for squares of sums are more; at least a sixth, by Cauchy's inequality used twice.
 
-    (a + b)^2 <= 2 (a^2 + b^2) for S and what tau~ leaves, (a + b + c)^2 <= 3 (..) for the parts of the lifting.
+    (a + b)^2 <= 2 (a^2 + b^2) for S and what tau~ leaves, (a + b + c)^2 <= 3 (..) for parts of the lifting.
     """
     for bound, trial in zip(bounds(local_bound, one), one.trials, strict=True):
         mesh = trial.given[0].mesh
