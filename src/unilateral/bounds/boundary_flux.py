@@ -9,12 +9,13 @@ much larger than lambda. This is a choice, and only the sharpness of bounds depe
 
 On free sides the flux tau (q in problem files) is given. On an edge e it is a piecewise polynomial p up to a
 function rho, and bounds on ||rho||_e and on its integral are known (`Flux`). tau~ is the L2
-projection of p onto linear functions: int tau~ psi is int p psi for all hats psi. So on the triangle T at e
+projection of p onto linear functions: int tau~ psi is int p psi for all hats psi. For p - tau~, which is
+orthogonal to linear functions, see `oscillation`. On the triangle T at e
 
-    <tau - tau~, z>_e <= (||p - tau~||_e + ||rho||_e) ||z - mean_T z||_e + |int rho| |T|^{-1/2} ||z||_T,
+    <rho, z>_e <= ||rho||_e ||z - mean_T z||_e + |int rho| |T|^{-1/2} ||z||_T,
 
-and the norm of z - mean_T z is at most a constant of `oscillation` times |z|_{1,T}. Both are parts of
-a residual like those of `residual_norm`.
+and the norm of z - mean_T z is at most a constant of `oscillation` times |z|_{1,T}. So rho has parts like
+those of `residual_norm`.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ from unilateral.norms.oscillation import (
     MEAN_FREE_ON_SQUARE,
     ON_SQUARE,
     oscillation_bound,
+    oscillation_constants,
     trace_constants,
     value_constants,
 )
@@ -115,24 +117,26 @@ class Given(NamedTuple):
     size: Array
     integral: Array
 
-    @property
-    def norm(self) -> Array:
-        """(nb,) bounds on ||tau - tau~||_e."""
-        return self.left + self.size
+    def distance(self, mesh: Mesh, form: Form) -> float:
+        """A bound on the norm of p - tau~ in the dual of the energy norm on H^1."""
+        return (1 + SUMS) * oscillation_bound(mesh, self.left[:, None] ** 2, form=form).item()
+
+    def shares(self, mesh: Mesh, form: Form) -> Array:
+        """(nb,) the edges' parts of its square."""
+        return np.asarray(oscillation_constants(mesh, form=form).sum(axis=0) * self.left**2)
 
     def misfit(self, mesh: Mesh) -> Array:
-        """(nb,) what gradients are multiplied by in the functional of tau - tau~, on the triangles."""
-        return np.sqrt(trace_constants(mesh, 1 / J)) * self.norm
+        """(nb,) what gradients are multiplied by in the functional of rho, on the triangles."""
+        return np.sqrt(trace_constants(mesh, 1 / J)) * self.size
 
     def rest(self, mesh: Mesh) -> Array:
         """(nb,) what values are multiplied by in that functional."""
         return self.integral / np.sqrt(mesh.areas[mesh.boundary_triangles])
 
     def unknown(self, mesh: Mesh, form: Form) -> float:
-        """A bound on the norm of the functional of tau - p, on functions that vanish on clamped sides."""
-        of_rho = self._replace(left=np.zeros_like(self.left))
-        of_gradients = np.linalg.norm(of_rho.misfit(mesh)) / math.sqrt(form.k)
-        return float(of_gradients + form.value_constant * np.linalg.norm(of_rho.rest(mesh)))
+        """A bound on the norm of the functional of rho, on functions that vanish on clamped sides."""
+        of_gradients = np.linalg.norm(self.misfit(mesh)) / math.sqrt(form.k)
+        return float(of_gradients + form.value_constant * np.linalg.norm(self.rest(mesh)))
 
 
 def nothing(mesh: Mesh) -> Given:

@@ -120,7 +120,7 @@ def _put(
     slopes: Array | None = None,
     bubbles: Array | None = None,
 ) -> None:
-    """Put in the parts on some triangles, but for tau.
+    """Put in the parts on some triangles, but for rho of `boundary_flux`.
 
     v has the values (3, m) at their nodes. It may have `bubbles` (m, 3), which takes the hats' `slopes`.
     """
@@ -233,13 +233,13 @@ def stretched_divergence(mesh: Mesh, q: Array) -> Array:
 
 
 def put_tau(parts: ResidualParts, tau: Given, form: Form) -> None:
-    """Put in what tau~ leaves of the flux that is given on free sides, on the triangles there."""
+    """Put in rho, which is not known of the flux that is given on free sides, on the triangles there."""
     mesh = parts.mesh
     at = mesh.boundary_triangles
     np.add.at(parts.misfit, at, tau.misfit(mesh))
     np.add.at(parts.rest, at, tau.rest(mesh))
     if form.c and parts.by_parts.flags.writeable:
-        np.add.at(parts.by_parts, at, np.sqrt(value_constants(mesh, form)) * tau.norm)
+        np.add.at(parts.by_parts, at, np.sqrt(value_constants(mesh, form)) * tau.size)
 
 
 def _sum(of: Array) -> Array:

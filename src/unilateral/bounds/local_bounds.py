@@ -64,8 +64,8 @@ class Bound:
     eta
         That of `total_errors`, for the v of this bound.
     shares : (triangles,)
-        Of the cheap bound: the triangles' parts of u^2. Their sum is at most u^2 and, but for rounding, at
-        least u^2 / 6.
+        Of the cheap bound: the triangles' parts of S^2 + 2 B + D^2. Their sum is at most that and, but for
+        rounding, at least u^2 / 6.
     lift : (2, boundary edges)
         Of the cheap bound: the coefficients of y at boundary nodes, and of the bubbles of boundary edges.
     ends
@@ -123,13 +123,14 @@ def local_bound(
     missing = (1 + SUMS) * (short.norm + added) + underflow(mesh, form)
     D = (1 + SUMS) * math.sqrt(float(of_y.sum())) + missing
 
-    # the residuals of u_h and of the feasible v = u_h + y
+    # the residuals of u_h and of the feasible v = u_h + y, and the norm of what tau~ leaves of tau
+    of_tau = tau.distance(mesh, form)
     parts = residual_parts(source, tau, u_h, q, form)
     of_v = moved_parts(parts, source, tau, u_h, q, form, layer, hats, bubbles)
     errors = total_errors(
         form,
-        Defect(parts, 0.0, short.product),
-        Defect(of_v, missing, short.product),
+        Defect(parts, of_tau, short.product),
+        Defect(of_v, missing + of_tau, short.product),
         D=D,
         D_clamped=D,
         of_sigma=flux.distance(mesh, form),
@@ -143,7 +144,8 @@ def local_bound(
     doubt = added + tau.unknown(mesh, form)
     shares = parts.shares(form)
     shares[layer.triangles] += of_y + of_added
-    np.add.at(shares, mesh.boundary_triangles, short.squares + 2 * short.slack)
+    on_edges = short.squares + 2 * short.slack + tau.shares(mesh, form)
+    np.add.at(shares, mesh.boundary_triangles, on_edges)
     return Bound(
         u=errors.u,
         lambda_=errors.lambda_ if form.held(mesh.side).any() else 0.0,

@@ -41,7 +41,10 @@ from unilateral.fem.form import Form
 
 
 class Defect(NamedTuple):
-    """The parts of the residual of a function, what these miss in the energy norm, and B of the function."""
+    """The parts of the residual of a function, what these miss in the energy norm, and B of the function.
+
+    They miss a function of which the energy norm alone is known, and a functional of which its dual is.
+    """
 
     parts: ResidualParts
     missing: float

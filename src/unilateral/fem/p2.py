@@ -88,12 +88,6 @@ class Quadratic:
         """(m, 3, 2) the gradient of v at the nodes of the triangles."""
         return slopes_at_nodes(self.slopes, *self.coefficients(v))
 
-    def norm(self, v: Array, form: Form) -> float:
-        """The energy norm of v."""
-        of_gradient = linear_squares(self.mesh.areas, self.gradient(v))
-        of_values = squares(self.mesh.areas, *self.coefficients(v))
-        return math.sqrt(float((form.k * of_gradient + form.c * of_values).sum()))
-
     def assembled(self, of_triangles: Array) -> Array:
         """(size,) the sums over the triangles of values (m, 6) that belong to their unknowns."""
         return np.bincount(self.unknowns.ravel(), of_triangles.ravel(), self.size).astype(float)
@@ -179,6 +173,10 @@ class Layer(NamedTuple):
         """(k,) the squared energy norms on the triangles, from these coefficients."""
         of_gradient = linear_squares(self.areas, slopes_at_nodes(self.slopes, hats, bubbles))
         return form.k * of_gradient + form.c * squares(self.areas, hats, bubbles)
+
+    def norm(self, form: Form, nodal: Array, bubble: Array) -> float:
+        """The energy norm of the function with these coefficients at boundary nodes and edges (nb,)."""
+        return math.sqrt(float(self.squares(form, *self.function(nodal, bubble)).sum()))
 
     def bubble_squares(self, form: Form) -> Array:
         """(nb,) the squares of the bubbles' energy norms on the boundary edges."""

@@ -41,15 +41,21 @@ def oscillation_bound(
 ) -> Array:
     """Bounds (k,) on ||r||_{-1/2}, the dual of the energy norm, from ||r||_e^2 (nb, k).
 
-    `on_square` is C, for all edges or each (nb,). On every edge the smaller one of the constants for |v|_1
-    and of that for ||v||_T counts.
+    `on_square` is C, for all edges or each (nb,).
+    """
+    of_squares, of_triangles = oscillation_constants(mesh, on_square, form) @ squared_norms
+    return np.asarray(np.sqrt(of_squares) + np.sqrt(of_triangles))
+
+
+def oscillation_constants(mesh: Mesh, on_square: Array | float = ON_SQUARE, form: Form = H1) -> Array:
+    """(2, nb) what ||r||_e^2 is multiplied by in the squares of both terms of that bound.
+
+    On every edge the smaller one of the constants for |v|_1 and of that for ||v||_T counts.
     """
     on_squares = np.where(has_square(mesh), on_square * np.diff(mesh.s) / form.k, math.inf)
     on_triangles = np.minimum(trace_constants(mesh) / form.k, value_constants(mesh, form))
     by_square = on_squares <= on_triangles
-    of_squares = np.where(by_square, on_squares, 0.0) @ squared_norms
-    of_triangles = np.where(by_square, 0.0, on_triangles) @ squared_norms
-    return np.sqrt(of_squares) + np.sqrt(of_triangles)
+    return np.stack([np.where(by_square, on_squares, 0.0), np.where(by_square, 0.0, on_triangles)])
 
 
 def has_square(mesh: Mesh) -> Mask:

@@ -10,7 +10,7 @@ from hand_made import Manufactured, enclosed
 from unilateral.bounds import flux_residuals
 from unilateral.bounds.boundary_flux import nothing
 from unilateral.bounds.equilibrated_flux import equilibrated, flows
-from unilateral.bounds.flux_residuals import misfit, moved_parts, residual_parts
+from unilateral.bounds.flux_residuals import by_parts, misfit, moved_parts, residual_parts
 from unilateral.bounds.residual_norm import SUMS
 from unilateral.bounds.source import Source
 from unilateral.fem.form import H1, Form
@@ -201,3 +201,48 @@ def test_on_the_exact_mesh_flows_are_larger_by_the_stretch(length, monkeypatch):
     assert (1 - 1e-9) * flow * d / (2 * area) <= more_field[right] / math.sqrt(area) <= 2 * flow * d / area
     for each in (more, more_field):
         assert each.sum() == pytest.approx(each[right], rel=1e-9)
+
+
+def test_on_the_exact_mesh_fields_are_larger_at_edges():
+    """k grad v - q = (1, 0) on the unit square: its flow through edges may be larger by eps |k grad v|.
+
+    With eps = 1/1000 that is some thousandths of it, for grad v is no larger than it with q = 0.
+    """
+    mesh, every = structured(square(), 1 / 4), np.arange(32)
+    field = np.stack([np.ones((3, 32)), np.zeros((3, 32))])
+    found = []
+    for eps in (0.0, 1e-3):
+        mesh.__dict__["distortion"] = np.full(32, eps)
+        found.append(by_parts(mesh, every, field, np.zeros(32), np.zeros(32), Form(1.0, 1e4)))
+    assert np.all(found[1] >= (1 + 0.9e-3) * found[0])
+    assert np.all(found[1] <= (1 + 4e-3) * found[0])
+
+
+def test_by_parts_a_function_of_P2_has_its_laplacian():
+    """v = x^2 on a square without a flux, f = 0: f - c v + k lap v = 2 k - c x^2, and no more in the mean."""
+    mesh, form = structured(square(), 1), Form(1.0, 100.0)
+    m = len(mesh.triangles)
+    source, of = Source(mesh, np.zeros((m, 3)), *np.zeros((2, m))), layer(mesh)
+    u_h, q = mesh.points[:, 0] ** 2, np.zeros((2, 5))
+    before = residual_parts(source, nothing(mesh), u_h, q, form)
+    start, end = mesh.points[mesh.boundary], mesh.points[np.roll(mesh.boundary, -1)]
+    edges = -0.25 * (end - start)[:, 0] ** 2
+    hats, bubbles = of.function(np.zeros(4), edges)
+    # the diagonal has a bubble, too
+    node = [[i for i in range(3) if bubbles[t, i] == 0 and _crosses(mesh, t, i)] for t in range(m)]
+    for t, (i,) in enumerate(node):
+        bubbles[t, i] = -0.25
+    found = moved_parts(before, source, nothing(mesh), u_h, q, form, of, hats, bubbles)
+    x = np.linspace(0, 1, 2001)
+    # sums over the square of (2 - 100 x^2)^2, and the flow (-2 x, 0) through all edges of both triangles
+    inside = math.sqrt(np.mean((2 - 100 * x**2) ** 2))
+    field = -2 * mesh.points[mesh.triangles][..., 0].T
+    flows_in = by_parts(mesh, np.arange(m), np.stack([field, 0 * field]), np.zeros(m), np.zeros(m), form)
+    squares_inside = (found.by_parts - flows_in) ** 2 * form.c
+    assert math.sqrt(squares_inside.sum()) == pytest.approx(inside, rel=1e-3)
+
+
+def _crosses(mesh, t, i):
+    """Whether an edge of a triangle is the diagonal of the square."""
+    a, b = mesh.points[mesh.triangles[t, [i, (i + 1) % 3]]]
+    return np.all(a != b)

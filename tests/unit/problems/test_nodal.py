@@ -134,7 +134,8 @@ def test_the_bounds_hold_for_the_functions_that_arrays_stand_for(given, seed, wa
         for on, of, H in zip((mesh, finer), of_g, (1 / 2, 1 / 16), strict=True)
     )
     of = fine.solved.mesh
-    distance = energy_norm(of, fine.solved.u_h - prolonged(mesh, coarse.solved.u_h, finer))
+    away = fine.solved.u_h - prolonged(mesh, coarse.solved.u_h, finer)
+    distance = energy_norm(of, away, fine.solved.form)
     assert fine.sharp_bounds.u < 0.3 * coarse.sharp_bounds.u
     for bound in (coarse.bounds, coarse.sharp_bounds):
         assert distance <= bound.u + fine.sharp_bounds.u
