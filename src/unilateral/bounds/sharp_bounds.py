@@ -14,7 +14,7 @@ and the mean-free part of rho = f_h + div q - c w nearly 0; on triangles larger 
 would cost more than it gains, and on much larger ones theta is 0. With curl phi, phi of P2 and 0 on the
 boundary but for clamped sides, div q, and q.n on the other sides, stay what they are: these are all fluxes of
 RT1 with those. The potential v of P2 is g where (u_h, lambda_H) is in contact, u_D on clamped sides, and goes
-from w towards the solution of (1.1) with k dv/dn = tau~ on free sides and sigma elsewhere; at last it is made
+from w towards the solution of (1.1) with k dv/dn = tau~ on free sides and 0 elsewhere; at last it is made
 feasible. Both reduce
 
     ||q - k grad v||^2 / k + ||f_h + div q - c v||^2 / c + 2 <sigma, v - g>
@@ -37,7 +37,7 @@ from unilateral.arrays import Array, Mask
 from unilateral.bounds.boundary_flux import Given, edge_flux, nothing
 from unilateral.bounds.clamped_ends import outflows
 from unilateral.bounds.equilibrated_flux import flows
-from unilateral.bounds.feasible import Lifting, Missing, lifting
+from unilateral.bounds.feasible import Lifting, lifting
 from unilateral.bounds.flux_residuals import (
     ROUNDING,
     allowances,
@@ -111,11 +111,13 @@ def sharp_bound(
     D = (1 + SUMS) * (lift.of.norm(form, nodal, edges) + short.norm + added) + lost
     D_clamped = (1 + SUMS) * (at_clamped + added) + lost
 
-    # the flux q + curl phi, and a feasible v
-    load = spaces.load(source.f_h) + spaces.edge_load(flux.ends + tau.ends)
-    of_v, phi, steps = _descended(lift, field, load, 2 * short.product)
+    # the flux q + curl phi, and a feasible v = w + d
+    load = spaces.load(source.f_h) + spaces.edge_load(tau.ends)
+    d, phi, steps = _descended(lift, field, load, 2 * short.product)
     field = field.turned(phi)
-    of_v, short_of_v = _lifted(lift, field, of_v)
+    of_nodes, of_edges = np.split(d[spaces.of_boundary], 2)
+    *more, short_of_v = lift.lifted(field.w[mesh.boundary] + of_nodes, of_edges)
+    d[spaces.of_boundary] += np.concatenate(more)
     added_to_v = math.sqrt(float(lift.added(short_of_v).sum()))
     missing = (1 + SUMS) * (short_of_v.norm + added_to_v) + lost
 
@@ -123,7 +125,7 @@ def sharp_bound(
     errors = total_errors(
         mesh.growth,
         defect(form, field.parts(spaces.of_hats(u_h - field.w), tau), of_tau, short.product),
-        defect(form, field.parts(of_v, tau), missing + of_tau, short_of_v.product),
+        defect(form, field.parts(d, tau), missing + of_tau, short_of_v.product),
         D=D,
         D_clamped=D_clamped,
         of_sigma=flux.distance(mesh, form),
@@ -291,16 +293,6 @@ def _field(spaces: Quadratic, source: Source, u_h: Array, sigma: Array, form: Fo
         thick=thick,
         outflows=outflows(mesh, form, q),
     )
-
-
-def _lifted(lift: Lifting, field: _Field, d: Array) -> tuple[Array, Missing]:
-    """d (size,) plus what makes w + d feasible, and what is missing then."""
-    of = field.spaces.of_boundary
-    nodal, bubbles = np.split(d[of], 2)
-    *more, short = lift.lifted(field.w[field.spaces.mesh.boundary] + nodal, bubbles)
-    lifted = d.copy()
-    lifted[of] += np.concatenate(more)
-    return lifted, short
 
 
 def _descended(lift: Lifting, field: _Field, load: Array, slack: float) -> tuple[Array, Array, int]:

@@ -211,6 +211,24 @@ def test_the_steps_go_to_the_best_potential_and_the_best_flux(monkeypatch):
     assert found[0] > 1.01 * best
 
 
+def test_no_other_potential_is_better_where_sigma_is_large_and_nothing_in_contact(monkeypatch):
+    """eta^2 has <sigma, v>, which cancels the flux of q: with sigma in the load of v, too, eta is larger.
+
+    lambda_H = 1 where u - g = 10, and the steps end at the best v.
+    """
+    problem, mesh = Manufactured(square(), "cosh(x - 0.4)", "10"), structured(square(), 1 / 4)
+    cells = partitions.uniform(square(), 1 / 2)
+    given = given_to(problem, mesh, cells, problem.u(*mesh.points.T), np.ones(cells.n_cells))
+    monkeypatch.setattr(bounds, "ENOUGH", 1e-12)
+    best, own = sharp_bound(*given).eta, bounds._descended
+
+    def with_sigma(lift, field, load, slack):
+        return own(lift, field, load + field.spaces.edge_load(lift.flux), slack)
+
+    monkeypatch.setattr(bounds, "_descended", with_sigma)
+    assert sharp_bound(*given).eta > 1.01 * best
+
+
 def test_every_step_will_do(monkeypatch):
     """The bounds hold after any number of steps, and eta falls."""
     of, etas = pair("natural", 8), []
