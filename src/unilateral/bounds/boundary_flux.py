@@ -2,7 +2,7 @@
 
 mu has the mean of lambda_H on every edge e and as much of its slope as leaves mu >= 0. On the triangle T at e
 
-    sigma = w mu + (1 - w) min(mu, max(k du_h/dn, 0)),     w = 1 / (1 + (c |e|^2 / (EDGE_BALANCE k))^2).
+    sigma = w mu + (1 - w) min(mu, max(k du_h/dn, 0)),     w = min(1, EDGE_BALANCE k / (c |e|^2))^2.
 
 Where the mesh does not see the layer of depth (k/c)^{1/2}, lambda_H is some c |e| times the error of u_h, and
 much larger than lambda. This is a choice, and only the sharpness of bounds depends on it.
@@ -50,7 +50,7 @@ It is added once more for every interval of the edge.
 
 
 EDGE_BALANCE = 15.0
-"""c |e|^2 / k of an edge on which mu and the flux of u_h count the same, as fluxes of `equilibrated` do."""
+"""c |e|^2 / k of an edge above which the flux of u_h counts beside mu, as in `equilibrated`."""
 
 
 class EdgeFlux(NamedTuple):
@@ -95,7 +95,7 @@ def edge_flux(mesh: Mesh, cells: Partition, lambda_H: Array, u_h: Array, form: F
     part = mesh.part(mesh.boundary_triangles)
     slopes = np.einsum("tid,ti->td", gradients(part), u_h[part.triangles])
     outflow = form.k * np.sum(slopes * mesh.polygon.normals[mesh.side], axis=1)
-    w = 1 / (1 + (form.c / (EDGE_BALANCE * form.k) * lengths**2) ** 2)
+    w = 1 / np.maximum(1.0, form.c / (EDGE_BALANCE * form.k) * lengths**2) ** 2
     less = (1 - w[:, None]) * np.maximum(mu - np.maximum(outflow, 0.0)[:, None], 0.0)
     return EdgeFlux(
         mu - less,

@@ -20,9 +20,10 @@ k^{-1/2} ||k psi_a grad u_h - q_a|| and of c^{-1/2} times the norm of what div q
 the patch, J(q_1) is at most a multiple of 1 + (c |a| / k)^{1/2} times J(q_0), and J(q_0) one of
 1 + (c |a| / k)^{-1/2} times J(q_1). So J(q_a) is at most a multiple of the smaller one of both, for
 
-    w = 1 / (1 + (c |a| / (BALANCE k))^2).
+    w = min(1, BALANCE k / (c |a|))^2.
 
-It is a choice, and only the sharpness of bounds depends on it.
+It is a choice, and only the sharpness of bounds depends on it. On meshes that see the layer of depth
+(k/c)^{1/2} w is 1.
 
 The triangles T_0, T_1, .. of a patch are anticlockwise around a, T_j = (a, b_j, b_{j+1}). The flux into T_j
 through the spoke from a to b_j, times its length, is linear, with the values F_j + z_j at a and F_j - z_j at
@@ -51,7 +52,7 @@ CHUNK = 4096
 Their numbers fit into a processor's cache.
 """
 BALANCE = 45.0
-"""c |a| / k of a patch on which q_1 and q_0 count the same. On many meshes |a| is 3 h^2."""
+"""c |a| / k of a patch above which q_0 counts, too. On many meshes |a| is 3 h^2."""
 
 
 class _Numbers(NamedTuple):
@@ -164,7 +165,7 @@ def _numbers(mesh: Mesh, u_h: Array, a: Int32, b: Int32, moments: Array, form: F
     slope *= form.k
     through_b, through_c = bb * slope[:-1] + bc * slope[1:], bc * slope[:-1] + cc * slope[1:]
     d -= through_b + through_c
-    weight = 1 / (1 + (form.c / (BALANCE * form.k) * area.sum(axis=0)) ** 2)
+    weight = 1 / np.maximum(1.0, form.c / (BALANCE * form.k) * area.sum(axis=0)) ** 2
     return _Numbers(area, d, bb, cc, bc, through_b, through_c, slope, weight)
 
 

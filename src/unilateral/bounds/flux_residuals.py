@@ -83,7 +83,7 @@ def residual_parts(source: Source, tau: Given, u_h: Array, q: Array, form: Form)
     return parts
 
 
-def moved_parts(
+def move_parts(
     parts: ResidualParts,
     source: Source,
     tau: Given,
@@ -93,20 +93,12 @@ def moved_parts(
     layer: Layer,
     hats: Array,
     bubbles: Array,
-) -> ResidualParts:
-    """The parts for u_h + d, from those for u_h; d has these coefficients (m, 3) on the layer's triangles."""
-    parts = parts._replace(
-        misfit=parts.misfit.copy(),
-        oscillation=parts.oscillation.copy(),
-        mean=parts.mean.copy(),
-        rest=parts.rest.copy(),
-        by_parts=parts.by_parts.copy() if parts.by_parts.flags.writeable else parts.by_parts,
-    )
+) -> None:
+    """Make the parts for u_h those for u_h + y; y has these coefficients (m, 3) on the layer's triangles."""
     v = u_h.take(parts.mesh.triangles[layer.triangles].T) + hats.T
     stretched = stretched_divergence(parts.mesh, q)
     _put(parts, layer.triangles, source, q, form, stretched, v, layer.slopes, bubbles)
     put_tau(parts, tau, form)
-    return parts
 
 
 def _put(

@@ -31,11 +31,11 @@ from unilateral.bounds.boundary_flux import edge_flux
 from unilateral.bounds.clamped_ends import ClampedEnds, clamped_ends, none, outflows
 from unilateral.bounds.equilibrated_flux import equilibrated
 from unilateral.bounds.feasible import lifting
-from unilateral.bounds.flux_residuals import moved_parts, residual_parts
+from unilateral.bounds.flux_residuals import move_parts, residual_parts
 from unilateral.bounds.mesh_data import MeshData
 from unilateral.bounds.residual_norm import SUMS, underflow
 from unilateral.bounds.source import Source
-from unilateral.bounds.total_errors import Defect, total_errors
+from unilateral.bounds.total_errors import defect, total_errors
 from unilateral.errors import InputError
 from unilateral.fem.form import Form
 from unilateral.geometry import exact_mesh
@@ -126,15 +126,10 @@ def local_bound(
     # the residuals of u_h and of the feasible v = u_h + y, and the norm of what tau~ leaves of tau
     of_tau = tau.distance(mesh, form)
     parts = residual_parts(source, tau, u_h, q, form)
-    of_v = moved_parts(parts, source, tau, u_h, q, form, layer, hats, bubbles)
-    errors = total_errors(
-        form,
-        Defect(parts, of_tau, short.product),
-        Defect(of_v, missing + of_tau, short.product),
-        D=D,
-        D_clamped=D,
-        of_sigma=flux.distance(mesh, form),
-    )
+    of_u, shares = defect(form, parts, of_tau, short.product), parts.shares(form)
+    move_parts(parts, source, tau, u_h, q, form, layer, hats, bubbles)
+    of_v = defect(form, parts, missing + of_tau, short.product)
+    errors = total_errors(mesh.growth, of_u, of_v, D=D, D_clamped=D, of_sigma=flux.distance(mesh, form))
 
     # v at the boundary nodes may be below u_h where u_h is above u_D
     least = u_h.copy()
@@ -142,7 +137,6 @@ def local_bound(
     ends = clamped_ends(mesh, form, lift, least, flux, errors.product)
 
     doubt = added + tau.unknown(mesh, form)
-    shares = parts.shares(form)
     shares[layer.triangles] += of_y + of_added
     on_edges = short.squares + 2 * short.slack + tau.shares(mesh, form)
     np.add.at(shares, mesh.boundary_triangles, on_edges)

@@ -76,7 +76,10 @@ class ResidualParts(NamedTuple):
 
     def squares(self, form: Form) -> Array:
         """(m,) the squares of min(s, s')."""
-        return np.concatenate([self._squares(of, form) for of in blocks(len(self.misfit))])
+        squares = np.empty_like(self.misfit)
+        for of in blocks(len(squares)):
+            squares[of] = self._squares(of, form)
+        return squares
 
     def norms(self, form: Form) -> tuple[float, float]:
         """S_1 and S: bounds on R(z) over the energy norm of z, for all z, and for z = 0 on clamped sides.

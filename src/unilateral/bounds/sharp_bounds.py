@@ -52,7 +52,7 @@ from unilateral.bounds.local_bounds import Bound, check, flux_of
 from unilateral.bounds.mesh_data import MeshData
 from unilateral.bounds.residual_norm import SUMS, ResidualParts, underflow
 from unilateral.bounds.source import Source
-from unilateral.bounds.total_errors import Defect, total_errors
+from unilateral.bounds.total_errors import defect, total_errors
 from unilateral.fem.condense import matrix
 from unilateral.fem.form import Form
 from unilateral.fem.linear_systems import solved
@@ -123,9 +123,9 @@ def sharp_bound(
 
     of_tau = tau.distance(mesh, form)
     errors = total_errors(
-        form,
-        Defect(field.parts(spaces.of_hats(u_h - field.w), tau), of_tau, short.product),
-        Defect(field.parts(d, tau), missing + of_tau, short_of_v.product),
+        mesh.growth,
+        defect(form, field.parts(spaces.of_hats(u_h - field.w), tau), of_tau, short.product),
+        defect(form, field.parts(d, tau), missing + of_tau, short_of_v.product),
         D=D,
         D_clamped=D_clamped,
         of_sigma=flux.distance(mesh, form),

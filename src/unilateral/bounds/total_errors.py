@@ -41,14 +41,33 @@ from unilateral.fem.form import Form
 
 
 class Defect(NamedTuple):
-    """The parts of the residual of a function, what these miss in the energy norm, and B of the function.
+    """Bounds on the residual of a function, on what they miss, and B of the function, which is the `slack`.
 
-    They miss a function of which the energy norm alone is known, and a functional of which its dual is.
+    S_1 and S are bounds `on_H1` and `on_V`; `of_gradient`, `others_on_V` and `others_in_N` are m, e and e_N
+    of (iii), infinite without Friedrichs' constant. They miss a function of which the energy norm alone is
+    known, and a functional of which its dual is.
     """
 
-    parts: ResidualParts
+    on_H1: float
+    on_V: float
+    of_gradient: float
+    others_on_V: float
+    others_in_N: float
     missing: float
     slack: float
+
+
+def defect(form: Form, parts: ResidualParts, missing: float, slack: float) -> Defect:
+    """The bounds from the parts of the residual."""
+    on_H1, on_V = parts.norms(form)
+    m = e = e_N = math.inf
+    if math.isfinite(form.friedrichs):
+        none = np.zeros_like(parts.misfit)
+        others = parts._replace(misfit=none, by_parts=np.broadcast_to(math.inf, none.shape))
+        m = float(np.linalg.norm(parts.misfit)) / math.sqrt(form.k)
+        _, e = others.norms(form)
+        e_N, _ = others.norms(form._replace(c=max(form.c, form.k / form.friedrichs**2)))
+    return Defect(on_H1, on_V, m, e, e_N, missing, slack)
 
 
 class TotalErrors(NamedTuple):
@@ -65,25 +84,27 @@ class TotalErrors(NamedTuple):
 
 
 def total_errors(
-    form: Form, of_u: Defect, of_v: Defect, D: float, D_clamped: float, of_sigma: float
+    growth: float, of_u: Defect, of_v: Defect, D: float, D_clamped: float, of_sigma: float
 ) -> TotalErrors:
-    """The bounds from the residuals of u_h and of a feasible v, D, D_D, and the norm of lambda_H - sigma."""
-    growth = (1 + SUMS) * of_u.parts.mesh.growth
+    """The bounds from the residuals of u_h and of a feasible v, D, D_D, and the norm of lambda_H - sigma.
 
-    on_H1, on_V = of_u.parts.norms(form)
-    on_H1_of_v, on_V_of_v = of_v.parts.norms(form)
+    The exact mesh makes them larger by the `growth`.
+    """
+    growth *= 1 + SUMS
 
     # (i), infinite for c = 0
-    X_1 = math.hypot(_eta(of_u, on_H1), D)
-    eta_1 = _eta(of_v, on_H1_of_v)
+    X_1 = math.hypot(_eta(of_u, of_u.on_H1), D)
+    eta_1 = _eta(of_v, of_v.on_H1)
     Y_1 = min(D + X_1, eta_1)
 
     # (ii)
-    X = math.hypot(_eta(of_u, on_V), D)
-    eta = _eta(of_v, on_V_of_v)
+    X = math.hypot(_eta(of_u, of_u.on_V), D)
+    eta = _eta(of_v, of_v.on_V)
     Y = min(D + X, eta, Y_1)
-    S_of_v = on_V_of_v + of_v.missing
-    E = min(Y_1, _fluxes(form, of_u, D), _fluxes(form, of_v, 0.0)) if form.clamped else Y_1
+    S_of_v = of_v.on_V + of_v.missing
+
+    # (iii)
+    E = min(Y_1, _fluxes(of_u, D), _fluxes(of_v, 0.0))
     return TotalErrors(
         u=growth * min(_leg(X_1, D - eta_1), _leg(X, D - math.hypot(eta, D_clamped))),
         lambda_=growth * (Y + of_sigma),
@@ -98,15 +119,10 @@ def _eta(defect: Defect, norm: float) -> float:
     return math.hypot(norm + defect.missing, math.sqrt(2 * defect.slack))
 
 
-def _fluxes(form: Form, defect: Defect, D: float) -> float:
+def _fluxes(defect: Defect, D: float) -> float:
     """E of (iii)."""
-    parts = defect.parts
-    none = np.zeros_like(parts.misfit)
-    others = parts._replace(misfit=none, by_parts=none + math.inf)
-    m = float(np.linalg.norm(parts.misfit)) / math.sqrt(form.k)
-    _, e = others.norms(form)
-    e_N, _ = others.norms(form._replace(c=max(form.c, form.k / form.friedrichs**2)))
-    return D + math.hypot(_eta(defect, m), D + e) + e_N
+    root = math.hypot(_eta(defect, defect.of_gradient), D + defect.others_on_V)
+    return D + root + defect.others_in_N
 
 
 def _leg(hypotenuse: float, other: float) -> float:

@@ -173,11 +173,10 @@ class Solution:
         is the flux that the `bounds` rest on. On each triangle it is linear. On edges it is taken as
         `grad_at`.
 
-        If c = 0, it is in equilibrium: its divergence has on every triangle the mean of -f. On the boundary
-        its normal component is lambda_H, or its linear part on edges on which lambda_H is not constant, and
-        the q that is given on free sides, linear on edges. If c > 0, the divergence has about the mean of
-        c u_h - f, and the normal component is about lambda_H or less, with x = c h^2 / (15 k) up to parts of
-        about x^2.
+        Where c h^2 is at most 15 k, as for c = 0, it is in equilibrium: its divergence has on every triangle
+        the mean of c u_h - f. On the boundary its normal component is lambda_H, or its linear part on edges
+        on which lambda_H is not constant, and the q that is given on free sides, linear on edges. On larger
+        triangles it is nearer to the mean of k grad u_h on both sides of each edge.
 
         Raises InputError for another shape.
 

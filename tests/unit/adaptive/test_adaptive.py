@@ -68,7 +68,7 @@ def rate(unknowns, values):
 
 @pytest.mark.parametrize(
     ("name", "accuracy"),
-    [("reentrant", 0.1), ("violates_j", 0.05), ("singular", 0.05), ("thirds", 0.05)],
+    [("reentrant", 0.1), ("violates_j", 0.03), ("singular", 0.05), ("thirds", 0.05)],
 )
 def test_certificates_hold_and_the_search_gets_there(name, accuracy):
     """Every level's bound against the true error, by quadrature with the exact solution.

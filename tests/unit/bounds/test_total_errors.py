@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from unilateral.bounds.total_errors import Defect, total_errors
+from unilateral.bounds.total_errors import defect, total_errors
 from unilateral.fem.form import Form
 
 N = 7
@@ -31,7 +30,6 @@ class Parts:
     space: Space
     misfit: np.ndarray
     others: np.ndarray
-    mesh = SimpleNamespace(growth=1.0)
 
     def _replace(self, misfit, by_parts):
         assert np.all(np.isinf(by_parts))
@@ -115,10 +113,10 @@ class Trial:
             v[CONTACT] = np.maximum(v[CONTACT], g)
             return v
 
-        def residual(v, slack):
+        def residual(v):
             misfit = q - self.form.k * space.G @ v
             others = load + self.sigma - space.G.T @ q - self.form.c * space.M @ v
-            return Defect(Parts(space, misfit, others), 0.0, slack)
+            return Parts(space, misfit, others)
 
         v = lifted(self.u, near * 10 ** rng.uniform(-3, 0) * rng.normal(size=N))
         self.u_h = v if same else self.u + near * rng.normal(size=N)
@@ -129,14 +127,16 @@ class Trial:
         slack, slack_of_v = (float(self.sigma[CONTACT] @ (w[CONTACT] - g)) for w in (feasible, v))
         y = feasible - self.u_h
         y_D = np.where(np.isin(np.arange(N), space.clamped), y, 0.0)
-        self.of_u, self.of_v = residual(self.u_h, slack), residual(v, slack_of_v)
+        self.parts_of_v = residual(v)
+        self.of_u = defect(self.form, residual(self.u_h), 0.0, slack)
+        self.of_v = defect(self.form, self.parts_of_v, 0.0, slack_of_v)
         self.D, self.D_clamped = (math.sqrt(w @ A @ w) for w in (y, y_D))
         self.gap = float((v[CONTACT] - g).min())
         self.v = v
 
     def bounds(self, **others):
         given = {"of_u": self.of_u, "of_v": self.of_v, "D": self.D, "D_clamped": self.D_clamped} | others
-        return total_errors(self.form, **given, of_sigma=0.0)
+        return total_errors(1.0, **given, of_sigma=0.0)
 
     def errors(self):
         """X, Y on V, the norm of j in N, and the largest gamma <lambda, w>."""
@@ -193,22 +193,23 @@ def test_of_a_part_of_v_the_norm_is_enough(trials, known, wrong):
     """v is a function without a residual on V, plus one of which the norm is known, or not even that."""
 
     def bounds(trial):
-        own, V = trial.of_v.parts, trial.space.V
+        own, V = trial.parts_of_v, trial.space.V
         w = np.zeros(N)
         w[V] = -np.linalg.solve(trial.A[np.ix_(V, V)], own.functional()[V])
         misfit = own.misfit + trial.form.k * trial.space.G @ w
         parts = replace(own, misfit=misfit, others=own.others + trial.form.c * trial.space.M @ w)
-        return trial.bounds(of_v=Defect(parts, known * math.sqrt(w @ trial.A @ w), trial.of_v.slack))
+        missing = known * math.sqrt(w @ trial.A @ w)
+        return trial.bounds(of_v=defect(trial.form, parts, missing, trial.of_v.slack))
 
     assert violations(trials, bounds).any() == wrong
 
 
-def test_all_bounds_grow_on_the_exact_mesh(trials, monkeypatch):
+def test_all_bounds_grow_on_the_exact_mesh(trials):
     """Norms by the growth, products by its square; and lambda_H - sigma counts for lambda_H."""
     trial = trials[1]
     before = np.array(trial.bounds())
-    monkeypatch.setattr(Parts, "mesh", SimpleNamespace(growth=1.5))
-    assert np.array(trial.bounds()) == pytest.approx(before * [1.5, 1.5, 1.5, 1.5, 2.25])
     given = trial.of_u, trial.of_v, trial.D, trial.D_clamped
-    after = total_errors(trial.form, *given, of_sigma=2.0)
+    grown = total_errors(1.5, *given, of_sigma=0.0)
+    assert np.array(grown) == pytest.approx(before * [1.5, 1.5, 1.5, 1.5, 2.25])
+    after = total_errors(1.5, *given, of_sigma=2.0)
     assert np.array(after) == pytest.approx(before * [1.5, 1.5, 1.5, 1.5, 2.25] + [0, 3, 3, 0, 0])
