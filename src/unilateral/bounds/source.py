@@ -29,12 +29,9 @@ from unilateral.fem.form import Form
 from unilateral.fem.p1 import linear_moments, load_vector
 from unilateral.fem.p2 import linear_squares
 from unilateral.fem.splitting import quarter
-from unilateral.formulas.taylor import EPS
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.problem import SourceFunction
 
-ROUNDING = 8 * EPS
-"""Values at nodes, in units of the problem that is solved, are rounded by less than this part of them."""
 IN_VAIN = 16.0
 """A piece is not quartered if its E^2 is at most this times what rounding leaves."""
 RESOLVED = 4.0
@@ -135,10 +132,8 @@ def enclose_source(mesh: Mesh, f: SourceFunction | Array, form: Form, before: So
 
 
 def linear(mesh: Mesh, f: Array) -> Source:
-    """f (n,) at the nodes, linear on every triangle; only the rounding of the values is not known."""
-    f_h = f[mesh.triangles]
-    rounding = ROUNDING * np.abs(f_h).max(axis=1) * np.sqrt(mesh.areas)
-    return Source(mesh, f_h, np.zeros(len(f_h)), rounding)
+    """f with the values (n,) at the nodes, linear on every triangle: all of it is known."""
+    return Source(mesh, f[mesh.triangles], *np.zeros((2, len(mesh.triangles))))
 
 
 def _in_pieces(mesh: Mesh, f: SourceFunction, length: float, sums: Sums, left: int) -> tuple[Source, Sums]:

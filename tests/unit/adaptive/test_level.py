@@ -147,6 +147,15 @@ def test_bounds_contradict_each_other_if_numbers_are_too_far_apart(one, other, t
     assert contradict(level(**one, **unused), level(**other, **unused)) == told
 
 
+@pytest.mark.parametrize(("number", "most"), [("u_integral", 0.04), ("force", 4.0)])
+def test_with_a_reaction_the_norm_of_constants_decides(number, most):
+    """c = 100: |int v| <= (4/100)^(1/2) ||v|| and |<mu, 1>| <= (4 100)^(1/2) ||mu||, and both bounds are 0.1."""
+    form = Form(c=100.0)
+    for far, told in ((0.99, False), (1.01, True)):
+        other = {number: far * most}
+        assert contradict(level(form=form), level(form=form, **other)) == told
+
+
 def test_norms_on_different_meshes_may_differ_by_their_growth():
     """1 and 1.4 are apart by 0.4: 0.2 by the bounds, and 1.1^2 - 1 of 1.4 by the exact meshes."""
     far = {"u_norm": 1.4, "growth": 1.1}
