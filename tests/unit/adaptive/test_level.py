@@ -149,7 +149,7 @@ def test_bounds_contradict_each_other_if_numbers_are_too_far_apart(one, other, t
 
 @pytest.mark.parametrize(("number", "most"), [("u_integral", 0.04), ("force", 4.0)])
 def test_with_a_reaction_the_norm_of_constants_decides(number, most):
-    """c = 100: |int v| <= (4/100)^(1/2) ||v|| and |<mu, 1>| <= (4 100)^(1/2) ||mu||, and both bounds are 0.1."""
+    """c = 100: |int v| <= (4 / 100)^(1/2) ||v||, |<mu, 1>| <= (4 100)^(1/2) ||mu||; both bounds are 0.1."""
     form = Form(c=100.0)
     for far, told in ((0.99, False), (1.01, True)):
         other = {number: far * most}
