@@ -173,7 +173,8 @@ class Solution:
         and is lambda_H on the boundary, or its linear part on edges on which lambda_H is not constant, and
         the q that is given on free sides, linear on edges. Its divergence has on every triangle the mean of
         c u_h - f. Both hold where edges are no longer than about 4 (k/c)^(1/2). It is the flux that the
-        `bounds` rest on: k^(-1/2) times the L2 norm of its error is at most `bounds.multiplier`. On each triangle it is linear. On edges it is taken as `grad_at`.
+        `bounds` rest on: k^(-1/2) times the L2 norm of its error is at most `bounds.multiplier`. On each
+        triangle it is linear. On edges it is taken as `grad_at`.
 
         Raises InputError for another shape.
 
