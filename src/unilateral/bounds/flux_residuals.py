@@ -68,17 +68,18 @@ def residual_parts(source: Source, tau: Given, u_h: Array, q: Array, form: Form)
     by_parts = np.broadcast_to(math.inf, len(mesh.triangles))
     if form.c * mesh.diameter**2 > form.k:
         by_parts = by_parts.copy()
+    # one array for the stretched divergence and then `rest`, which takes its place block by block
+    stretched = stretched_divergence(mesh, q)
     parts = ResidualParts(
         mesh,
         misfit=np.empty_like(mesh.areas),
         oscillation=np.empty_like(mesh.areas),
         mean=np.empty_like(mesh.areas),
-        rest=np.empty_like(mesh.areas),
+        rest=stretched,
         by_parts=by_parts,
     )
-    stretched = stretched_divergence(mesh, q)
     for of in blocks(len(mesh.triangles)):
-        _put(parts, of, source, q, form, stretched, u_h.take(mesh.triangles[of].T))
+        _put(parts, of, source, q, form, stretched[of], u_h.take(mesh.triangles[of].T))
     put_tau(parts, tau, form)
     return parts
 
@@ -96,7 +97,7 @@ def move_parts(
 ) -> None:
     """Make the parts for u_h those for u_h + y; y has these coefficients (m, 3) on the layer's triangles."""
     v = u_h.take(parts.mesh.triangles[layer.triangles].T) + hats.T
-    stretched = stretched_divergence(parts.mesh, q)
+    stretched = stretched_divergence(parts.mesh, q)[layer.triangles]
     _put(parts, layer.triangles, source, q, form, stretched, v, layer.slopes, bubbles)
     put_tau(parts, tau, form)
 
@@ -134,7 +135,7 @@ def _put(
         mean = (_sum(g) - c * bubbles.sum(axis=1)) / 3
         mean_free = squares(area, (g - mean).T, -c * bubbles)
         laplace = k * laplacians(slopes, bubbles)
-    more_field, more_rho = allowances(mesh, of, size, f_h, ends, form, stretched[of])
+    more_field, more_rho = allowances(mesh, of, size, f_h, ends, form, stretched)
     length = np.sqrt(area)
     parts.misfit[of] = np.sqrt(linear_squares(area, field.transpose(2, 1, 0))) + length * more_field
     parts.oscillation[of] = source.oscillation[of] + np.sqrt(mean_free)
