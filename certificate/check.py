@@ -27,10 +27,11 @@ L <= |||w|||. As e = u - v - y is in V,
     X^2 + (|||w||| - D)^2 <= S^2 + 2 B + D^2.  []
 
 BOUND ON S. With rho = f + div p - c v, R(z) = (p - k grad v, grad z) + (rho, z) + <t - p.n, z>_free. On a triangle T
-with longest edge d, ||z - mean z|| <= d/pi |z|_1 (Payne and Weinberger 1960). Let M = ||mean of rho|| and A =
-||p - k grad v|| + d/pi ||rho - mean of rho||. The terms on T are at most A |z|_1 + M ||z||, and their sum is at most
+with longest edge d, ||z - mean z|| <= d/j |z|_1, where j = 3.8317.. (Laugesen and Siudeja 2010). With o =
+||rho - mean of rho|| and any number theta from 0 to 1 let A = ||p - k grad v|| + theta d/j o and M =
+||mean of rho + (1 - theta) (rho - mean of rho)||. The terms on T are at most A |z|_1 + M ||z||, and their sum is at most
 (sum A^2/k + sum M^2/c)^(1/2) |||z|||, or ((sum A^2/k)^(1/2) + C (sum M^2)^(1/2)) |||z||| if ||z|| <= C |||z||| on V.
-If f is not quadratic on T, a quadratic function takes its place, and M has the norm of the difference, too.
+If f is not quadratic on T, a quadratic function takes its place, and M has the norm of the difference added.
 """
 
 import decimal
@@ -45,7 +46,7 @@ from fractions import Fraction as Q
 
 FORMAT = "unilateral certificate 1"
 UNITS = 1 << 200  # numbers that are rounded become multiples of 1/UNITS, rounded in the safe direction
-PI = Q(314159265358979323846, 10**20)  # a lower bound
+J = Q(38317, 10**4)  # a lower bound for the first zero of the Bessel function J_1
 OPPOSITE = ((1, 2), (2, 0), (0, 1))  # the ends of the edge opposite to corner 0, 1, 2 of a triangle
 
 
@@ -242,6 +243,11 @@ def quadratic_mass(corners, middles):
     return squares + sum(32 * middles[i] * middles[j] - 2 * corners[i] * corners[j] for i, j in OPPOSITE)
 
 
+def add_up(a2, b2):
+    """An integer that is not below (a + b)^2, for integers a^2 and b^2."""
+    return a2 + b2 + math.isqrt(4 * a2 * b2) + 1
+
+
 def linear_mass(fields):
     """12/|T| ||z||^2 for a linear vector field z, by its values at the corners."""
     return sum(sum(value * value for value in part) + sum(part) ** 2 for part in zip(*fields))
@@ -276,7 +282,7 @@ class Certificate:
             misfit.append((kn * W * dx - x, kn * W * dy - y))
         misfit2 = divide_up(linear_mass(misfit) * UNITS**2, 24 * (kd * N * W) ** 2 * area)
         # 2 |T| rho = 2 |T| (f + div p - c v) at corners and midpoints in units of 1/scale. f may be off
-        # by a function whose norm is at most |T|^(1/2) doubt/unit; it counts like the mean
+        # by a function whose norm is at most |T|^(1/2) doubt/unit
         points = [(2 * x, 2 * y) for x, y in X] + [(X[i][0] + X[j][0], X[i][1] + X[j][1]) for i, j in OPPOSITE]
         values, unit, doubt = self.problem.f.on_triangle(points, 2 * D)
         scale = unit * D * D * W * cd * N
@@ -284,11 +290,15 @@ class Certificate:
         rho = [per_f * value + div_p - per_v * v for value, v in zip(values, [*corners, *middles])]
         sum_rho = sum(rho[3:])  # three times the mean of a quadratic function
         off = [3 * value - sum_rho for value in rho]
-        d2 = max(x * x + y * y for x, y in e)
-        top, bottom = d2 * quadratic_mass(off[:3], off[3:]) * PI.denominator**2, scale**2 * PI.numerator**2
-        oscillation2 = divide_up(top * UNITS**2, 3240 * bottom * area)
-        M2 = divide_up(((abs(sum_rho) + 3 * doubt * per_f) * D * UNITS) ** 2, 18 * scale**2 * area)
-        return misfit2 + oscillation2 + math.isqrt(4 * misfit2 * oscillation2) + 1, M2
+        o2 = divide_up((D * UNITS) ** 2 * quadratic_mass(off[:3], off[3:]), 3240 * scale**2 * area)
+        mean2, doubt2 = (divide_up((z * D * UNITS) ** 2, 18 * scale**2 * area) for z in (sum_rho, 3 * doubt * per_f))
+        b2 = Q(max(x * x + y * y for x, y in e)) / (D * J) ** 2  # (d/j)^2
+        # A^2/k + M^2/c is about least for theta = (1 - (c/k) b m/o) / (1 + (c/k) b^2) or 0, m = ||p - k grad v||
+        ratio = Q(cn * kd, cd * kn)
+        theta = (1 - root(ratio**2 * b2 * Q(misfit2, o2 or 1))[0]) / (1 + ratio * b2)
+        theta = Q(max(round(theta * 2**20), 0), 2**20)
+        of_gradients2, of_values2 = math.ceil(theta**2 * b2 * o2), math.ceil((1 - theta) ** 2 * o2)
+        return add_up(misfit2, of_gradients2), add_up(mean2 + of_values2, doubt2)
 
     def friedrichs_constant(self):
         """C with ||z|| <= C |z|_1 on V, by a field b, linear on triangles, with one b.n on each edge.
@@ -403,10 +413,8 @@ class Certificate:
         w = self.boundary_values(edges)
         B, free = self.contact_product(edges, w), self.free_norm(edges, C)
         *sums, D2 = self.sums(w)
-        if self.field is None:
-            S_v, S_w = (root(A2 / k + M2 / c)[1] + free for A2, M2 in sums)
-        else:
-            S_v, S_w = (root(A2 / k)[1] + C * root(M2)[1] + free for A2, M2 in sums)
+        norms = (root(A2 / k)[1] + C * root(M2)[1] if self.field else root(A2 / k + M2 / c)[1] for A2, M2 in sums)
+        S_v, S_w = (norm + free for norm in norms)
         X = root(S_v**2 + 2 * B + D2)[1]
         return X, min(root(D2)[1] + X, root(S_w**2 + 2 * B)[1])
 

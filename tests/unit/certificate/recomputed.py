@@ -7,7 +7,8 @@ import math
 from decimal import Context, Decimal, localcontext
 from fractions import Fraction
 
-PI = Decimal("3.14159265358979323846264338327950288419716939937510582097494459")
+J = Decimal("3.8317")
+"""The first zero of the Bessel function J_1, rounded down."""
 ONE = {(0, 0): Fraction(1)}
 EDGES = ((1, 2), (2, 0), (0, 1))
 
@@ -195,16 +196,21 @@ class Recomputed:
         return y
 
     def residual(self, z, p, corners):
-        """(||p - k grad z|| + d/pi ||rho - mean||)^2 and ||mean||^2 on a triangle, rho = f + div p - c z."""
+        """(m + theta d/j o)^2 and ||mean||^2 + (1 - theta)^2 o^2 on a triangle, for rho = f + div p - c z.
+
+        m = ||p - k grad z||, o = ||rho - mean||, and theta is a multiple of 2^-20.
+        """
         misfit = [total(p[axis], times(-self.k, gradient(z)[axis])) for axis in (0, 1)]
         rho = total(self.f, divergence(p), times(-self.c, z))
         area = integral(ONE, corners)
         mean = integral(rho, corners) / area
         rest = total(rho, times(-mean, ONE))
         diameter = decimal(max(length2(corners[i], corners[j]) for i, j in EDGES)).sqrt()
-        oscillation = diameter / PI * decimal(integral(product(rest, rest), corners)).sqrt()
-        A = decimal(integral(square(misfit), corners)).sqrt() + oscillation
-        return A**2, decimal(mean**2 * area)
+        b, ratio = diameter / J, decimal(self.c / self.k)
+        m, o = (decimal(integral(each, corners)).sqrt() for each in (square(misfit), product(rest, rest)))
+        theta = (o - ratio * b * m) / (o * (1 + ratio * b**2)) if o else Decimal(0)
+        theta = max((theta * 2**20).to_integral_value(), Decimal(0)) / 2**20
+        return (m + theta * b * o) ** 2, decimal(mean**2 * area) + ((1 - theta) * o) ** 2
 
     def bounds(self):
         k, c, field = decimal(self.k), decimal(self.c), "field" in self.stated

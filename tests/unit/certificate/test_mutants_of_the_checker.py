@@ -11,7 +11,7 @@ Some parts have no attack. A checker without one of them still proves what it pr
 - Places on a side grow, and the polygon is anticlockwise. Anticlockwise triangles whose edges inside cancel
   cover no point around which the boundary does not wind, so otherwise there is no triangulation.
 - Two triangles lie on different sides of an edge. Otherwise v may have two values at a point.
-- PI is rounded downwards. The best constant on triangles is d/3.8317, so a PI up to 3.83 is safe.
+- j is rounded downwards: 3.83170597.. is the best constant.
 - u_D does not jump. If it does there is no u.
 """
 
@@ -258,7 +258,7 @@ ATTACKS = [
         (4 / 3) ** 0.5,
     ),
     Attack("b.n <= 0", "require(inward or", "require(True or", field_through_long_sides(), (8**3 / 3) ** 0.5),
-    Attack("mean of rho", "+ C * root(M2)[1] + free", "+ free", load(), (4 / 3) ** 0.5),
+    Attack("mean of rho", "+ C * root(M2)[1] if", "if", load(), (4 / 3) ** 0.5),
     Attack("1/k", "root(A2 / k)[1] + C", "root(A2)[1] + C", soft_pull(), 1 / 8),
     Attack(
         "k in C",
@@ -269,13 +269,13 @@ ATTACKS = [
     ),
     Attack(
         "rho - mean of rho",
-        "return misfit2 + oscillation2 + math.isqrt(4 * misfit2 * oscillation2) + 1, M2",
-        "return misfit2, M2",
+        "return add_up(misfit2, of_gradients2), add_up(mean2 + of_values2, doubt2)",
+        "return misfit2, add_up(mean2, doubt2)",
         waves(),
         210**-0.5,
     ),
-    Attack("d is the longest edge", "d2 = max(", "d2 = min(", needle(), NEEDLE),
-    Attack("pi", "PI = Q(314159265358979323846, 10**20)", "PI = Q(4)", needle(), NEEDLE),
+    Attack("d is the longest edge", "b2 = Q(max(", "b2 = Q(min(", needle(), NEEDLE),
+    Attack("j", "J = Q(38317, 10**4)", "J = Q(4)", needle(), NEEDLE),
     Attack(
         "S of v + y",
         "min(root(D2)[1] + X, root(S_w**2",
