@@ -29,7 +29,7 @@ L <= |||w|||. As e = u - v - y is in V,
 BOUND ON S. With rho = f + div p - c v, R(z) = (p - k grad v, grad z) + (rho, z) + <t - p.n, z>_free. On a triangle T
 with longest edge d, ||z - mean z|| <= d/j |z|_1, where j = 3.8317.. (Laugesen and Siudeja 2010). With o =
 ||rho - mean of rho|| and any number theta from 0 to 1 let A = ||p - k grad v|| + theta d/j o and M =
-||mean of rho + (1 - theta) (rho - mean of rho)||. The terms on T are at most A |z|_1 + M ||z||, and their sum is at most
+||mean of rho + (1 - theta) (rho - mean of rho)||. The terms on T are at most A |z|_1 + M ||z||; their sum is at most
 (sum A^2/k + sum M^2/c)^(1/2) |||z|||, or ((sum A^2/k)^(1/2) + C (sum M^2)^(1/2)) |||z||| if ||z|| <= C |||z||| on V.
 If f is not quadratic on T, a quadratic function takes its place, and M has the norm of the difference added.
 """
@@ -295,10 +295,9 @@ class Certificate:
         b2 = Q(max(x * x + y * y for x, y in e)) / (D * J) ** 2  # (d/j)^2
         # A^2/k + M^2/c is about least for theta = (1 - (c/k) b m/o) / (1 + (c/k) b^2) or 0, m = ||p - k grad v||
         ratio = Q(cn * kd, cd * kn)
-        theta = (1 - root(ratio**2 * b2 * Q(misfit2, o2 or 1))[0]) / (1 + ratio * b2)
-        theta = Q(max(round(theta * 2**20), 0), 2**20)
-        of_gradients2, of_values2 = math.ceil(theta**2 * b2 * o2), math.ceil((1 - theta) ** 2 * o2)
-        return add_up(misfit2, of_gradients2), add_up(mean2 + of_values2, doubt2)
+        share = (1 - root(ratio**2 * b2 * Q(misfit2, o2 or 1))[0]) / (1 + ratio * b2)
+        theta = Q(max(round(share * 2**20), 0), 2**20)
+        return add_up(misfit2, math.ceil(theta**2 * b2 * o2)), add_up(mean2 + math.ceil((1 - theta) ** 2 * o2), doubt2)
 
     def friedrichs_constant(self):
         """C with ||z|| <= C |z|_1 on V, by a field b, linear on triangles, with one b.n on each edge.
@@ -413,8 +412,8 @@ class Certificate:
         w = self.boundary_values(edges)
         B, free = self.contact_product(edges, w), self.free_norm(edges, C)
         *sums, D2 = self.sums(w)
-        norms = (root(A2 / k)[1] + C * root(M2)[1] if self.field else root(A2 / k + M2 / c)[1] for A2, M2 in sums)
-        S_v, S_w = (norm + free for norm in norms)
+        S = [root(A2 / k)[1] + C * root(M2)[1] if self.field else root(A2 / k + M2 / c)[1] for A2, M2 in sums]
+        S_v, S_w = S[0] + free, S[1] + free
         X = root(S_v**2 + 2 * B + D2)[1]
         return X, min(root(D2)[1] + X, root(S_w**2 + 2 * B)[1])
 

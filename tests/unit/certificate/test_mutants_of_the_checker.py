@@ -269,8 +269,8 @@ ATTACKS = [
     ),
     Attack(
         "rho - mean of rho",
-        "return add_up(misfit2, of_gradients2), add_up(mean2 + of_values2, doubt2)",
-        "return misfit2, add_up(mean2, doubt2)",
+        "o2 = divide_up(",
+        "o2 = 0 * divide_up(",
         waves(),
         210**-0.5,
     ),
