@@ -35,10 +35,10 @@ def printed(tmp_path, capsys):
 
 
 def forces(out):
-    """The two numbers of every force."""
+    """The two ends of every force, which is printed as a number and by how much it may be off."""
     return [
-        [Decimal(x) for x in ends]
-        for ends in re.findall(rf"force, .* between ({NUMBER}) and ({NUMBER})", out)
+        (Decimal(value) - Decimal(off), Decimal(value) + Decimal(off))
+        for value, off in re.findall(rf"force, .* ({NUMBER}) ± ({NUMBER})", out)
     ]
 
 
