@@ -168,7 +168,7 @@ def _difference(
 
 
 def _square(w: Array, value: Array, slope: Array, form: Form) -> float:
-    return float(np.sum(w * (form.c * value**2 + form.k * (slope[..., 0] ** 2 + slope[..., 1] ** 2))))
+    return float(np.sum(w * (form.c * value**2 + form.k * slope[..., 0] ** 2 + form.k * slope[..., 1] ** 2)))
 
 
 def moments(
