@@ -129,7 +129,7 @@ def search(
     Parameters
     ----------
     problem
-        The problem, whose functions have values.
+        The problem. None of its data waits for a mesh.
     goal
         The accuracy, and the limits. Without a limit of its own, the loop ends as soon as the default ones
         do not suffice by far.
