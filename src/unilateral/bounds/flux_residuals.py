@@ -1,15 +1,14 @@
 """k grad v - q and f + div q - c v on triangles, for a flux q that is given on edges, as by `equilibrated`.
 
 Their norms are those of `residual_norm`. Where (k/c)^{1/2} is smaller than a triangle T, there is another
-bound on what T adds. v is linear, or of P2, and (q - k grad v).n is linear on the edges e of T. By parts
+bound on what T adds for a linear v. As (q - k grad v).n is linear on the edges e of T, by parts
 
-    (q - k grad v, grad z)_T + (f + div q - c v, z)_T
-        = (f - c v + k lap v, z)_T + sum_e <(q - k grad v).n, z>_e.
+    (q - k grad v, grad z)_T + (f + div q - c v, z)_T = (f - c v, z)_T + sum_e <(q - k grad v).n, z>_e.
 
 Let a_e = (|e|/|T|)^{1/2} ||(q - k grad v).n||_e, let x_0 be the mean of the vertices off the edges e with the
 weights a_e, and R its greatest distance from a vertex. The divergence theorem with the field x - x_0 gives
 
-    s' = c^{-1/2} ||f - c v + k lap v||_T + ((1 + (1 + R^2 c/k)^{1/2}) / (2 c))^{1/2} sum_e a_e.
+    s' = c^{-1/2} ||f - c v||_T + ((1 + (1 + R^2 c/k)^{1/2}) / (2 c))^{1/2} sum_e a_e.
 
 What the exact mesh adds to the norms (`geometry.exact_mesh`) is counted with the rounding. On a triangle
 with the `distortion` eps it is eps |q| and eps |div q|, and at edges eps k |grad v|, too. At the boundary it
@@ -29,7 +28,7 @@ from unilateral.bounds.equilibrated_flux import flows
 from unilateral.bounds.residual_norm import UNDERFLOW, ResidualParts
 from unilateral.bounds.source import Source
 from unilateral.fem.form import Form
-from unilateral.fem.p2 import Layer, laplacians, linear_squares, slopes_at_nodes, squares
+from unilateral.fem.p2 import Layer, linear_squares, slopes_at_nodes, squares
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.refinement import CORNERS
 from unilateral.norms.oscillation import value_constants
@@ -72,6 +71,7 @@ def residual_parts(source: Source, tau: Given, u_h: Array, q: Array, form: Form)
     stretched = stretched_divergence(mesh, q)
     parts = ResidualParts(
         mesh,
+        form,
         misfit=np.empty_like(mesh.areas),
         oscillation=np.empty_like(mesh.areas),
         mean=np.empty_like(mesh.areas),
@@ -95,7 +95,10 @@ def move_parts(
     hats: Array,
     bubbles: Array,
 ) -> None:
-    """Make the parts for u_h those for u_h + y; y has these coefficients (m, 3) on the layer's triangles."""
+    """Make the parts for u_h those for u_h + y; y has these coefficients (m, 3) on the layer's triangles.
+
+    There s' is infinite.
+    """
     v = u_h.take(parts.mesh.triangles[layer.triangles].T) + hats.T
     stretched = stretched_divergence(parts.mesh, q)[layer.triangles]
     _put(parts, layer.triangles, source, q, form, stretched, v, layer.slopes, bubbles)
@@ -122,19 +125,17 @@ def _put(
     field = _misfit(mesh, mesh.triangles[of].T, k * v, ends, area)
     divergence = -0.5 * (_sum(ends[0]) + _sum(ends[1])) / area
 
-    # f_h - c v, its mean, and the squares of what is left of it and of f_h - c v + k lap v
+    # f_h - c v, its mean, and the squares of what is left of it
     g = f_h - c * v
     if bubbles is None or slopes is None:
         size = _largest(np.abs(v))
         mean = _sum(g) / 3
         mean_free = area / 36 * ((g[1] - g[0]) ** 2 + (g[2] - g[1]) ** 2 + (g[0] - g[2]) ** 2)
-        laplace = np.zeros_like(area)
     else:
         size = _largest(np.abs(v)) + np.abs(bubbles).sum(axis=1)
         field += k * slopes_at_nodes(slopes, 0 * bubbles, bubbles).transpose(2, 1, 0)
         mean = (_sum(g) - c * bubbles.sum(axis=1)) / 3
         mean_free = squares(area, (g - mean).T, -c * bubbles)
-        laplace = k * laplacians(slopes, bubbles)
     more_field, more_rho = allowances(mesh, of, size, f_h, ends, form, stretched)
     length = np.sqrt(area)
     parts.misfit[of] = np.sqrt(linear_squares(area, field.transpose(2, 1, 0))) + length * more_field
@@ -143,11 +144,11 @@ def _put(
     parts.rest[of] = source.rest[of] + length * more_rho
 
     thick = np.flatnonzero(c * mesh.longest_edges[of] ** 2 > k)
-    if thick.size:
+    if thick.size and bubbles is not None:
+        parts.by_parts[of] = math.inf
+    elif thick.size:
         rows = np.arange(len(parts.misfit))[of][thick]
-        inside = np.sqrt(mean_free + area * (mean + laplace) ** 2) + source.oscillation[of] + parts.rest[of]
-        if bubbles is not None:
-            inside += length * laplace_allowances(mesh, of, bubbles, form)
+        inside = np.sqrt(mean_free + area * mean**2) + source.oscillation[of] + parts.rest[of]
         parts.by_parts[rows] = by_parts(mesh, rows, field[..., thick], inside[thick], more_field[thick], form)
 
 
@@ -155,7 +156,7 @@ def by_parts(mesh: Mesh, of: Index, field: Array, inside: Array, more: Array, fo
     """(m,) s' on the triangles `of` (m,), for c > 0.
 
     The `field` q - k grad v has these values (2, 3, m) at the nodes, up to `more` (m,); `inside` (m,) are
-    bounds on ||f - c v + k lap v||_T.
+    bounds on ||f - c v||_T.
     """
     # the exact mesh changes grad v, too, and k |grad v| is at most |q - k grad v| + |q|
     added = 2 * more + mesh.distortion[of] * _largest(np.hypot(field[0], field[1]))
@@ -172,17 +173,6 @@ def by_parts(mesh: Mesh, of: Index, field: Array, inside: Array, more: Array, fo
     R = _largest(np.hypot(*(corners - centre[:, None])))
     constant = np.sqrt((1 + np.sqrt(1 + R**2 * (form.c / form.k))) / (2 * form.c))
     return np.asarray(inside / math.sqrt(form.c) + constant * total)
-
-
-def laplace_allowances(mesh: Mesh, of: slice | Index, bubbles: Array, form: Form) -> Array:
-    """(m,) what rounding and the exact mesh may add to |k lap v|, from coefficients (m, 3) of P2.
-
-    A second derivative of 4 psi_i psi_j is at most 8 |grad psi_i| |grad psi_j|, and it changes by less than
-    5 times the distortion of that; heights are twice the area over an edge.
-    """
-    steep = mesh.longest_edges[of] / mesh.areas[of]
-    size = 2 * form.k * steep**2 * np.abs(bubbles).sum(axis=1)
-    return np.asarray((ROUNDING + 5 * mesh.distortion[of]) * size)
 
 
 def allowances(

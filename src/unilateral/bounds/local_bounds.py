@@ -126,9 +126,9 @@ def local_bound(
     # the residuals of u_h and of the feasible v = u_h + y, and the norm of what tau~ leaves of tau
     of_tau = tau.distance(mesh, form)
     parts = residual_parts(source, tau, u_h, q, form)
-    of_u, shares = defect(form, parts, of_tau, short.product), parts.shares(form)
+    of_u, shares = defect(parts, of_tau, short.product), parts.shares()
     move_parts(parts, source, tau, u_h, q, form, layer, hats, bubbles)
-    of_v = defect(form, parts, missing + of_tau, short.product)
+    of_v = defect(parts, missing + of_tau, short.product)
     errors = total_errors(mesh.growth, of_u, of_v, D=D, D_clamped=D, of_sigma=flux.distance(mesh, form))
 
     # v at the boundary nodes may be below u_h where u_h is above u_D

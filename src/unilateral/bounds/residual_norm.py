@@ -15,8 +15,8 @@ part of T in R is at most s ||z||_T, the energy norm on T, with
     s^2 = (m + theta d/j o)^2 / k + ((r^2 + (1 - theta)^2 o^2)^{1/2} + E)^2 / c.
 
 If E = 0 the best theta is (o - m d/j c/k) / (o (1 + (d/j)^2 c/k)), or the nearest end of [0, 1]. Where
-(k/c)^{1/2} is below the size of T, integration by parts on T may bound that part by a smaller s'
-(`flux_residuals`). S_1 = (sum min(s, s')^2)^{1/2} bounds R on all of H^1.
+(k/c)^{1/2} is below the size of T and v is linear, integration by parts on T may bound that part by a
+smaller s' (`flux_residuals`). S_1 = (sum min(s, s')^2)^{1/2} bounds R on all of H^1.
 
 (ii) Where ||z||_0 <= C |z|_1, let M^2 = sum (m + d/j o)^2 and N^2 = sum (r + E)^2. R is at most M |z|_1
 + N ||z||_0. If k N >= c C M, the largest value of that for energy norms of 1 is
@@ -63,70 +63,71 @@ class ResidualParts(NamedTuple):
     """Norms of the parts of a residual on the triangles of a mesh, (m,) each, which include their rounding.
 
     `misfit` is that of q - k grad v; `mean`, `oscillation` and `rest` are those of the parts of rho that are
-    constant, have mean 0, and may have any mean. `by_parts` is s' for the form that R is for. It is infinite
-    where it is not computed.
+    constant, have mean 0, and may have any mean. `by_parts` is s', infinite where it is not computed. `form`
+    has the norm in which R is bounded.
     """
 
     mesh: Mesh
+    form: Form
     misfit: Array
     oscillation: Array
     mean: Array
     rest: Array
     by_parts: Array
 
-    def squares(self, form: Form) -> Array:
+    def squares(self) -> Array:
         """(m,) the squares of min(s, s')."""
         squares = np.empty_like(self.misfit)
-        for of in blocks(len(squares)):
-            squares[of] = self._squares(of, form)
+        for block in blocks(len(squares)):
+            squares[block] = self._squares(block)
         return squares
 
-    def norms(self, form: Form) -> tuple[float, float]:
+    def norms(self) -> tuple[float, float]:
         """S_1 and S: bounds on R(z) over the energy norm of z, for all z, and for z = 0 on clamped sides.
 
         S_1 is infinite for c = 0.
         """
         on_H1 = of_gradients = of_values = 0.0
-        for of in blocks(len(self.misfit)):
-            on_H1 += float(self._squares(of, form).sum())
-            m = self.misfit[of] + self.mesh.longest_edges[of] / J * self.oscillation[of]
-            r = self.mean[of] + self.rest[of]
+        for block in blocks(len(self.misfit)):
+            on_H1 += float(self._squares(block).sum())
+            m = self.misfit[block] + self.mesh.longest_edges[block] / J * self.oscillation[block]
+            r = self.mean[block] + self.rest[block]
             of_gradients += float(m @ m)
             of_values += float(r @ r)
         S_1, M, N = _root(on_H1), _root(of_gradients), _root(of_values)
 
         # (ii)
-        k, c, C = form.k, form.c, form.friedrichs
+        k, c, C = self.form.k, self.form.c, self.form.friedrichs
         if math.isinf(C) or k * N < c * C * M:
             return S_1, S_1
         return S_1, min(S_1, (M + C * N) / math.hypot(math.sqrt(k), math.sqrt(c) * C))
 
-    def shares(self, form: Form) -> Array:
+    def shares(self) -> Array:
         """(m,) the triangles' parts of S^2: but for rounding their sum is at most that and at least half."""
-        C = form.friedrichs
-        S_1, S = self.norms(form) if math.isfinite(C) else (0.0, 0.0)
+        k, c, C = self.form.k, self.form.c, self.form.friedrichs
+        S_1, S = self.norms() if math.isfinite(C) else (0.0, 0.0)
         if S == S_1:
-            return self.squares(form)
+            return self.squares()
         m = self.misfit + self.mesh.longest_edges / J * self.oscillation
         r = C * (self.mean + self.rest)
-        return np.asarray((m**2 + r**2) / (form.k + form.c * C**2))
+        return np.asarray((m**2 + r**2) / (k + c * C**2))
 
-    def _squares(self, of: slice, form: Form) -> Array:
+    def _squares(self, block: slice) -> Array:
         """(k,) the squares of min(s, s') on some triangles."""
-        m, o, r, E = self.misfit[of], self.oscillation[of], self.mean[of], self.rest[of]
-        if not form.c:
+        k, c = self.form.k, self.form.c
+        m, o, r, E = self.misfit[block], self.oscillation[block], self.mean[block], self.rest[block]
+        if not c:
             return np.full_like(m, math.inf)
-        poincare = self.mesh.longest_edges[of] / J
-        ratio = form.c / form.k
+        poincare = self.mesh.longest_edges[block] / J
+        ratio = c / k
 
         # (i): theta is best for E = 0, and any number where o = 0
         with np.errstate(divide="ignore", invalid="ignore"):
             theta = (o - ratio * poincare * m) / (o + ratio * poincare**2 * o)
         theta = np.fmin(np.fmax(theta, 0.0), 1.0)
-        of_gradients = (m + theta * poincare * o) / math.sqrt(form.k)
-        r, o, E = (part / math.sqrt(form.c) for part in (r, (1 - theta) * o, E))
-        of_values = np.sqrt(r**2 + o**2) + E
-        return np.asarray(np.minimum(of_gradients**2 + of_values**2, self.by_parts[of] ** 2))
+        of_gradients = (m + theta * poincare * o) / math.sqrt(k)
+        of_values = (np.hypot(r, (1 - theta) * o) + E) / math.sqrt(c)
+        return np.asarray(np.minimum(of_gradients**2 + of_values**2, self.by_parts[block] ** 2))
 
 
 def _root(squares: float) -> float:

@@ -41,8 +41,6 @@ from unilateral.bounds.feasible import Lifting, lifting
 from unilateral.bounds.flux_residuals import (
     ROUNDING,
     allowances,
-    by_parts,
-    laplace_allowances,
     misfit,
     put_tau,
     residual_parts,
@@ -57,7 +55,7 @@ from unilateral.fem.condense import matrix
 from unilateral.fem.form import Form
 from unilateral.fem.linear_systems import solved
 from unilateral.fem.p1 import edge_load, lumped_mass, of_rest
-from unilateral.fem.p2 import Quadratic, laplacians, linear_squares, quadratic, slopes_at_nodes, squares
+from unilateral.fem.p2 import Quadratic, linear_squares, quadratic, squares
 from unilateral.geometry.partition import Partition
 
 ENOUGH = 0.01
@@ -70,7 +68,7 @@ MOST_STEPS = 50
 THICK = 20.0
 """On triangles with an edge longer than this times (k/c)^{1/2} the flux stays as it is, and phi is 0.
 
-There s' of `flux_residuals` counts, which needs the normal parts on edges that the patches make.
+There s' of `flux_residuals` counts, for u_h.
 """
 UNBALANCED = 0.01
 """What w leaves of the discrete equations may be this fraction of the squared error of w in L2, over W^4.
@@ -98,7 +96,8 @@ def sharp_bound(
     flux = edge_flux(mesh, cells, lambda_H, w, form)
     lift = lifting(data.constraint, form, u_h, flux)
     spaces = quadratic(mesh)
-    field = _field(spaces, source, w, flux.ends + tau.ends, form)
+    w, q = balanced(source, w, flux.ends + tau.ends, form)
+    field = _field(spaces, source, w, q, form)
 
     # D = ||y||, and the norm of the part of y at clamped sides
     nodal, edges, short = lift.lifted(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
@@ -121,11 +120,17 @@ def sharp_bound(
     added_to_v = math.sqrt(float(lift.added(short_of_v).sum()))
     missing = (1 + SUMS) * (short_of_v.norm + added_to_v) + lost
 
+    # the residual of u_h, with s' where q stays as it is
+    of_u = field.parts(spaces.of_hats(u_h - field.w), tau)
+    if field.thick.any():
+        by_parts = residual_parts(source, tau, u_h, q, form).by_parts
+        of_u = of_u._replace(by_parts=np.where(field.thick, by_parts, math.inf))
+
     of_tau = tau.distance(mesh, form)
     errors = total_errors(
         mesh.growth,
-        defect(form, field.parts(spaces.of_hats(u_h - field.w), tau), of_tau, short.product),
-        defect(form, field.parts(d, tau), missing + of_tau, short_of_v.product),
+        defect(of_u, of_tau, short.product),
+        defect(field.parts(d, tau), missing + of_tau, short_of_v.product),
         D=D,
         D_clamped=D_clamped,
         of_sigma=flux.distance(mesh, form),
@@ -193,29 +198,13 @@ class _Field:
         of_field, of_rho, mean = np.sqrt(self.squares(d))
         parts = ResidualParts(
             mesh,
+            form,
             misfit=of_field + np.sqrt(mesh.areas) * more_field,
             oscillation=of_rho + source.oscillation,
             mean=mean,
             rest=source.rest + np.sqrt(mesh.areas) * more_rho,
             by_parts=np.broadcast_to(math.inf, mean.shape),
         )
-
-        # s' from f_h - c v + k lap v and from q - k grad v at the nodes
-        thick = np.flatnonzero(form.c * mesh.longest_edges**2 > form.k)
-        if thick.size:
-            slopes, area = self.spaces.slopes[thick], mesh.areas[thick]
-            hats, bubbles = (values[thick] for values in self.spaces.coefficients(d))
-            laplace = form.k * laplacians(slopes, bubbles)[:, None]
-            inside = source.f_h[thick] - form.c * (self.w[mesh.triangles[thick]] + hats) + laplace
-            of_inside = np.sqrt(squares(area, inside, -form.c * bubbles))
-            of_inside += source.oscillation[thick] + parts.rest[thick]
-            of_inside += np.sqrt(area) * laplace_allowances(mesh, thick, bubbles, form)
-            field = self.hats[thick] - form.k * slopes_at_nodes(slopes, hats, bubbles)
-            on_all = np.full_like(mean, math.inf)
-            on_all[thick] = by_parts(
-                mesh, thick, field.transpose(2, 1, 0), of_inside, more_field[thick], form
-            )
-            parts = parts._replace(by_parts=on_all)
         put_tau(parts, tau, form)
         return parts
 
@@ -257,10 +246,9 @@ def _solved(source: Source, w: Array, sigma: Array, least: float, form: Form) ->
     return held + solved(matrix(mesh, form), rhs, w - held, lumped_mass(mesh), least)[0]
 
 
-def _field(spaces: Quadratic, source: Source, u_h: Array, sigma: Array, form: Form) -> _Field:
-    """The `_Field` of the flux with q.n = sigma (nb, 2) and with theta r, for w by `balanced`."""
+def _field(spaces: Quadratic, source: Source, w: Array, q: Array, form: Form) -> _Field:
+    """The `_Field` of q + theta r for w; both are as `balanced` gives them."""
     mesh = spaces.mesh
-    w, q = balanced(source, u_h, sigma, form)
 
     # theta r, and rho with what that leaves of its mean-free part, -p
     p, x = form.c * w[mesh.triangles] - source.f_h, mesh.points[mesh.triangles]

@@ -37,7 +37,6 @@ from typing import NamedTuple
 import numpy as np
 
 from unilateral.bounds.residual_norm import SUMS, ResidualParts
-from unilateral.fem.form import Form
 
 
 class Defect(NamedTuple):
@@ -57,16 +56,17 @@ class Defect(NamedTuple):
     slack: float
 
 
-def defect(form: Form, parts: ResidualParts, missing: float, slack: float) -> Defect:
+def defect(parts: ResidualParts, missing: float, slack: float) -> Defect:
     """The bounds from the parts of the residual."""
-    on_H1, on_V = parts.norms(form)
+    form = parts.form
+    on_H1, on_V = parts.norms()
     m = e = e_N = math.inf
     if math.isfinite(form.friedrichs):
         none = np.zeros_like(parts.misfit)
         others = parts._replace(misfit=none, by_parts=np.broadcast_to(math.inf, none.shape))
         m = float(np.linalg.norm(parts.misfit)) / math.sqrt(form.k)
-        _, e = others.norms(form)
-        e_N, _ = others.norms(form._replace(c=max(form.c, form.k / form.friedrichs**2)))
+        _, e = others.norms()
+        e_N, _ = others._replace(form=form._replace(c=max(form.c, form.k / form.friedrichs**2))).norms()
     return Defect(on_H1, on_V, m, e, e_N, missing, slack)
 
 

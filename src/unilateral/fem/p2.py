@@ -56,11 +56,6 @@ def slopes_at_nodes(slopes: Array, hats: Array, bubbles: Array) -> Array:
     return np.asarray(linear + 4 * (bubbles[..., None] * after + of_before))
 
 
-def laplacians(slopes: Array, bubbles: Array) -> Array:
-    """(k,) Laplacians on the triangles, from the `slopes` (k, 3, 2) of the hats and coefficients (k, 3)."""
-    return np.asarray(8 * np.sum(bubbles * np.sum(slopes * np.roll(slopes, -1, axis=1), axis=2), axis=1))
-
-
 @dataclass(frozen=True, eq=False)
 class Quadratic:
     """P2 on a mesh: the `unknowns` (m, 6) of every triangle, those of hats first, and `slopes` (m, 3, 2).
