@@ -245,7 +245,8 @@ def test_what_the_sharp_bound_adds_to_the_flux_is_displaced_too():
     mesh, rng = in_doubt(meshes.unstructured(polygon, 0.3), 1e-6), np.random.default_rng(9)
     problem = Problem("waves", polygon, plain(sympy.sin(3 * X) * Y), (exact_number(-9),) * 4, ())
     source, sigma = enclosed(mesh, problem.source), np.zeros((len(mesh.boundary), 2))
-    field = sharp_bounds._field(quadratic(mesh), source, np.zeros(mesh.n_nodes), sigma, H1)
+    w, q = sharp_bounds.balanced(source, np.zeros(mesh.n_nodes), sigma, H1)
+    field = sharp_bounds._field(quadratic(mesh), source, w, q, H1)
     phi = rng.uniform(-1, 1, field.spaces.size)
     of_curl = linear_squares(mesh.areas, field.spaces.gradient(phi))
     more = field.turned(phi).more_field - field.more_field

@@ -133,8 +133,8 @@ def test_both_parts_of_the_distance_are_needed():
 def distance(found):
     """A bound on the norm of f - f_h in the dual of H1."""
     zero = np.zeros_like(found.rest)
-    parts = ResidualParts(found.mesh, zero, found.oscillation, zero, found.rest, zero + np.inf)
-    return parts.norms(H1)[0]
+    parts = ResidualParts(found.mesh, H1, zero, found.oscillation, zero, found.rest, zero + np.inf)
+    return parts.norms()[0]
 
 
 def dual(of, found):
