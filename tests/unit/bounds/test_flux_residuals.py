@@ -343,3 +343,21 @@ def test_by_parts_rounding_is_below_its_allowance(monkeypatch):
     rounding = residual_parts(source, nothing(mesh), u, q, form).by_parts
     assert rounding.max() > 3 * np.spacing(1e6) / 1e3
     assert np.all(rounding < allowed - rounding)
+
+
+def test_by_parts_what_is_not_known_of_a_given_flux_counts():
+    """On one edge its norm is 5. z = exp(-(c/k)^(1/2) t), t the distance, has ||z||_e / ||z|| = (k c)^(-1/4).
+
+    At least, as the triangle lies within the strip of the edge.
+    """
+    mesh, form = structured(square(), 1 / 4), Form(2.0, 1e4, free=(0, 1, 2, 3))
+    q, source = constant_flux(mesh)
+    size = np.where(np.arange(16) == 3, 5.0, 0.0)
+    parts = [
+        residual_parts(source, nothing(mesh)._replace(size=unknown), mesh.points[:, 0], q, form).by_parts
+        for unknown in (0 * size, size)
+    ]
+    here = mesh.boundary_triangles[3]
+    added = parts[1] - parts[0]
+    assert added[here] >= 5 * 2e4 ** (-1 / 4)
+    assert not np.delete(added, here).any()
