@@ -32,6 +32,13 @@ with longest edge d, ||z - mean z|| <= d/j |z|_1, where j = 3.8317.. (Laugesen a
 ||mean of rho + (1 - theta) (rho - mean of rho)||. The terms on T are at most A |z|_1 + M ||z||; their sum is at most
 (sum A^2/k + sum M^2/c)^(1/2) |||z|||, or ((sum A^2/k)^(1/2) + C (sum M^2)^(1/2)) |||z||| if ||z|| <= C |||z||| on V.
 If f is not quadratic on T, a quadratic function takes its place, and M has the norm of the difference added.
+
+BY PARTS. Where v is linear on T, the terms on T are (f - c v, z)_T + sum <b_e, z>_e over the edges e of T, with b_e =
+(p - k grad v).n. Let x_e be the corner off e. With x - x_e, |T|/|e| ||z||_e^2 = ||z||^2 + (z, (x - x_e).grad z).
+For any a_e >= (|e|/|T|)^(1/2) ||b_e||_e with the sum a, Cauchy's inequality gives
+    (sum <b_e, z>_e)^2 <= a sum a_e |T|/|e| ||z||_e^2 = a^2 (||z||^2 + (z, (x - x_0).grad z)), x_0 = sum a_e x_e / a.
+With R = max |x - x_0| at corners that is at most a^2 (||z||^2 + R ||z|| |z|_1) <= a^2 G^2 |||z|||^2 on T, where
+G^2 = (1 + (1 + R^2 c/k)^(1/2))/(2 c). So A^2/k + M^2/c on T may be replaced by (||f - c v||/c^(1/2) + G a)^2.
 """
 
 import decimal
@@ -218,6 +225,11 @@ class Mesh:
         number = self.numbers[b, a]
         return -values[2 * number + 1], -values[2 * number]
 
+    def shape(self, triangle, values):
+        """The corners of a triangle, 2 D^2 |T|, its edges opposite to them, and the outflows there by `values`."""
+        X = [self.nodes[i] for i in triangle]
+        return X, cross(*X), vectors(X), [self.outflow(values, triangle[i], triangle[j]) for i, j in OPPOSITE]
+
     def point(self, i, j):
         """The middle between the nodes i and j."""
         return [Q(p + q, 2 * self.D) for p, q in zip(self.nodes[i], self.nodes[j])]
@@ -267,12 +279,13 @@ class Certificate:
             self.field, self.U = integers(stated["field"], edges, "field")
 
     def residual(self, triangle, corners, middles, N):
-        """A^2 and M^2, times UNITS^2, for the quadratic function with these values/N in place of v."""
-        mesh, D, W = self.mesh, self.mesh.D, self.W
+        """A^2, M^2 and A^2/k + M^2/c, times UNITS^2, for the quadratic function with these values/N in place of v.
+
+        If it is linear, the third one is the lesser of that and of its bound by parts; it is 0 for c = 0.
+        """
+        D, W = self.mesh.D, self.W
         (kn, kd), (cn, cd) = self.problem.k.as_integer_ratio(), self.problem.c.as_integer_ratio()
-        X = [mesh.nodes[i] for i in triangle]
-        area, e = cross(*X), vectors(X)  # area is 2 D^2 |T|
-        out = [mesh.outflow(self.flux, triangle[i], triangle[j]) for i, j in OPPOSITE]
+        X, area, e, out = self.mesh.shape(triangle, self.flux)
         # 2 |T| (k grad v - p) in units of 1/(D N W kd); at the corner between the edges j and k,
         # 2 |T| p = outflow_k e_j - outflow_j e_k
         misfit = []
@@ -292,12 +305,35 @@ class Certificate:
         off = [3 * value - sum_rho for value in rho]
         o2 = divide_up((D * UNITS) ** 2 * quadratic_mass(off[:3], off[3:]), 3240 * scale**2 * area)
         mean2, doubt2 = (divide_up((z * D * UNITS) ** 2, 18 * scale**2 * area) for z in (sum_rho, 3 * doubt * per_f))
-        b2 = Q(max(x * x + y * y for x, y in e)) / (D * J) ** 2  # (d/j)^2
+        d2 = Q(max(x * x + y * y for x, y in e), D**2)
+        b2 = d2 / J**2
         # A^2/k + M^2/c is about least for theta = (1 - (c/k) b m/o) / (1 + (c/k) b^2) or 0, m = ||p - k grad v||
         ratio = Q(cn * kd, cd * kn)
         share = (1 - root(ratio**2 * b2 * Q(misfit2, o2 or 1))[0]) / (1 + ratio * b2)
         theta = Q(max(round(share * 2**20), 0), 2**20)
-        return add_up(misfit2, math.ceil(theta**2 * b2 * o2)), add_up(mean2 + math.ceil((1 - theta) ** 2 * o2), doubt2)
+        A2 = add_up(misfit2, math.ceil(theta**2 * b2 * o2))
+        M2 = add_up(mean2 + math.ceil((1 - theta) ** 2 * o2), doubt2)
+        energy2 = math.ceil(A2 * Q(kd, kn) + M2 * Q(cd, cn)) if cn else 0
+        is_linear = all(2 * middle == corners[i] + corners[j] for middle, (i, j) in zip(middles, OPPOSITE))
+        if is_linear and ratio * d2 > 1:
+            rest = [Q(value, unit) - Q(cn * v, cd * N) for value, v in zip(values, [*corners, *middles])]
+            s = self.by_parts(X, out, [Q(v, N) for v in corners], rest, Q(doubt, unit))
+            energy2 = min(energy2, math.ceil((s * UNITS) ** 2))
+        return A2, M2, energy2
+
+    def by_parts(self, X, out, v, rest, doubt):
+        """An upper bound on ||f - c v||/c^(1/2) + G a, from v at the corners X, the outflows, and f - c v."""
+        k, c, size, e = self.problem.k, self.problem.c, Q(cross(*X), 2 * self.mesh.D**2), vectors(X)
+        weights = []  # a_e
+        for (first, last), (dx, dy) in zip(out, e):
+            slope = k * sum(z * (dx * p + dy * q) for z, (p, q) in zip(v, e)) / cross(*X)  # - k |e| dv/dn
+            first, last = Q(first, self.W) + slope, Q(last, self.W) + slope
+            weights.append(root((first * first + first * last + last * last) / (3 * size))[1])
+        a = sum(weights)
+        x_0 = [sum(weight * x[z] for weight, x in zip(weights, X)) / a for z in (0, 1)]
+        R2 = max((x - x_0[0]) ** 2 + (y - x_0[1]) ** 2 for x, y in X) / self.mesh.D**2
+        G = root((1 + root(1 + R2 * c / k)[1]) / (2 * c))[1]
+        return (root(quadratic_mass(rest[:3], rest[3:]) / 180)[1] + doubt) * root(size / c)[1] + G * a
 
     def friedrichs_constant(self):
         """C with ||z|| <= C |z|_1 on V, by a field b, linear on triangles, with one b.n on each edge.
@@ -310,9 +346,7 @@ class Certificate:
             clamped = self.problem.sides[side][0] == "clamped"
             require(inward or clamped, f"field: b.n > 0 on side {side}, which is not clamped")
         for number, triangle in enumerate(mesh.triangles):
-            X = [mesh.nodes[i] for i in triangle]
-            area, e = cross(*X), vectors(X)
-            out = [mesh.outflow(self.field, triangle[i], triangle[j]) for i, j in OPPOSITE]
+            _, area, e, out = mesh.shape(triangle, self.field)
             # 2 |T| div b is the sum of the outflows at all ends; b at corners is found like p in `residual`
             require(mesh.D**2 * sum(map(sum, out)) >= self.U * area, f"field: div b < 1 on triangle {number}")
             for j, k in OPPOSITE:
@@ -378,23 +412,22 @@ class Certificate:
         return root(Q(sum2, UNITS**2) * (C * C + d * C / root(self.problem.k)[0]))[1]
 
     def sums(self, w):
-        """(sum A^2, sum M^2) for v, the same for v + y, and D^2; w is v + y at boundary nodes and midpoints."""
+        """Sums of A^2, M^2, A^2/k + M^2/c for v, for v + y, and D^2; w is v + y at boundary nodes and midpoints."""
         mesh, nb = self.mesh, self.mesh.nb
         N = 2 * math.lcm(self.V, *{z.denominator for z in w})
         v, w = [z * (N // self.V) for z in self.v], [int(z * N) for z in w]
         y = [w[i] - v[i] for i in range(nb)] + [0] * (len(v) - nb)
         middle = {(i, (i + 1) % nb, mesh.beside[i]): w[nb + i] - (v[i] + v[(i + 1) % nb]) // 2 for i in range(nb)}
-        sums_v, sums_w, D2 = [0, 0], [0, 0], 0  # in units of 1/UNITS^2: exact sums of fractions take quadratic time
+        sums_v, sums_w, D2 = [0] * 3, [0] * 3, 0  # in units of 1/UNITS^2: exact sums of fractions take quadratic time
         for number, triangle in enumerate(mesh.triangles):
             ends = [(triangle[i], triangle[j]) for i, j in OPPOSITE]
-            v_corners, v_middles = [v[i] for i in triangle], [(v[i] + v[j]) // 2 for i, j in ends]
-            terms_v = self.residual(triangle, v_corners, v_middles, N)
+            corners, middles = [v[i] for i in triangle], [(v[i] + v[j]) // 2 for i, j in ends]
+            terms_v = terms_w = self.residual(triangle, corners, middles, N)
             y_corners = [y[i] for i in triangle]
             y_middles = [middle.get((i, j, number), (y[i] + y[j]) // 2) for i, j in ends]
-            terms_w = terms_v
             if any(y_corners) or any(y_middles):
-                corners, middles = map(sum, zip(v_corners, y_corners)), map(sum, zip(v_middles, y_middles))
-                terms_w = self.residual(triangle, list(corners), list(middles), N)
+                raised = [a + b for a, b in zip(corners, y_corners)], [a + b for a, b in zip(middles, y_middles)]
+                terms_w = self.residual(triangle, *raised, N)
                 X = [mesh.nodes[i] for i in triangle]
                 slopes = linear_mass(gradients(vectors(X), y_corners, y_middles))
                 gradient2 = self.problem.k * slopes / (24 * cross(*X) * N**2)
@@ -407,13 +440,14 @@ class Certificate:
     def bounds(self):
         """Upper bounds on X and L."""
         k, c = self.problem.k, self.problem.c
-        C = root(1 / c)[1] if self.field is None else self.friedrichs_constant() / root(k)[0]
+        constants = ([root(1 / c)[1]] if c else []) + ([self.friedrichs_constant() / root(k)[0]] if self.field else [])
+        C = min(constants)  # ||z|| <= C |||z|||
         edges = list(self.boundary_edges())
         w = self.boundary_values(edges)
         B, free = self.contact_product(edges, w), self.free_norm(edges, C)
         *sums, D2 = self.sums(w)
-        S = [root(A2 / k)[1] + C * root(M2)[1] if self.field else root(A2 / k + M2 / c)[1] for A2, M2 in sums]
-        S_v, S_w = S[0] + free, S[1] + free
+        pairs = [(root(A2 / k)[1] + C * root(M2)[1], root(energy2)[1]) for A2, M2, energy2 in sums]
+        S_v, S_w = (free + (min(pair) if c else pair[0]) for pair in pairs)
         X = root(S_v**2 + 2 * B + D2)[1]
         return X, min(root(D2)[1] + X, root(S_w**2 + 2 * B)[1])
 

@@ -58,7 +58,7 @@ def test_a_named_module_is_found_in_a_document():
     assert named_tests("see `test_a` and `test_b.py`, not test_c") == {"test_a", "test_b"}
 
 
-MOST_LINES_OF_A_CHECKER = 300
+MOST_LINES_OF_A_CHECKER = 320
 """A checker of certificates is read by people: as much code as half an hour allows."""
 LAYOUT = {
     tokenize.COMMENT,

@@ -124,21 +124,23 @@ def _put(
     field = _misfit(mesh, mesh.triangles[of].T, k * v, ends, area)
     divergence = -0.5 * (_sum(ends[0]) + _sum(ends[1])) / area
 
-    # f_h - c v, its mean, and the squares of what is left of it
+    # the mean of f_h - c v, and the norm of p - c v less that
     g = f_h - c * v
     if bubbles is None or slopes is None:
         size = _largest(np.abs(v))
         mean = _sum(g) / 3
-        mean_free = area / 36 * ((g[1] - g[0]) ** 2 + (g[2] - g[1]) ** 2 + (g[0] - g[2]) ** 2)
+        linear = area / 36 * ((g[1] - g[0]) ** 2 + (g[2] - g[1]) ** 2 + (g[0] - g[2]) ** 2)
+        # p - f_h is orthogonal to a linear f_h - c v
+        mean_free = np.sqrt(linear + source.oscillation[of] ** 2)
     else:
         size = _largest(np.abs(v)) + np.abs(bubbles).sum(axis=1)
         field += k * slopes_at_nodes(slopes, 0 * bubbles, bubbles).transpose(2, 1, 0)
         mean = (_sum(g) - c * bubbles.sum(axis=1)) / 3
-        mean_free = squares(area, (g - mean).T, -c * bubbles)
+        mean_free = np.sqrt(squares(area, (g - mean).T, -c * bubbles)) + source.oscillation[of]
     more_field, more_rho = allowances(mesh, of, size, f_h, ends, form, stretched)
     length = np.sqrt(area)
     parts.misfit[of] = np.sqrt(linear_squares(area, field.transpose(2, 1, 0))) + length * more_field
-    parts.oscillation[of] = source.oscillation[of] + np.sqrt(mean_free)
+    parts.oscillation[of] = mean_free + source.jumps[of]
     parts.mean[of] = length * np.abs(mean + divergence)
     parts.rest[of] = source.rest[of] + length * more_rho
 
@@ -148,7 +150,7 @@ def _put(
         parts.by_parts[of] = math.inf
     elif thick.size:
         rows = np.arange(len(parts.misfit))[of][thick]
-        inside = np.sqrt(mean_free + area * mean**2) + source.oscillation[of] + parts.rest[of]
+        inside = np.sqrt(mean_free**2 + area * mean**2) + source.jumps[of] + parts.rest[of]
         parts.by_parts[rows] = by_parts(mesh, rows, field[..., thick], inside[thick], more_field[thick], form)
 
 

@@ -196,11 +196,14 @@ class _Field:
         more_field = self.more_field + form.k * size * mesh.longest_edges / mesh.areas
         more_rho = self.more_rho + form.c * size
         of_field, of_rho, mean = np.sqrt(self.squares(d))
+        # p - f_h is orthogonal to linear functions
+        is_linear = not np.any(d[len(self.w) :])
+        mean_free = np.hypot(of_rho, source.oscillation) if is_linear else of_rho + source.oscillation
         parts = ResidualParts(
             mesh,
             form,
             misfit=of_field + np.sqrt(mesh.areas) * more_field,
-            oscillation=of_rho + source.oscillation,
+            oscillation=mean_free + source.jumps,
             mean=mean,
             rest=source.rest + np.sqrt(mesh.areas) * more_rho,
             by_parts=np.broadcast_to(math.inf, mean.shape),

@@ -5,7 +5,7 @@ are the triangles of the first mesh; where rad is not small they are replaced by
 (`source_ancestors`). Triangles of the mesh itself are cut at a jump, where the bound holds but for a part
 whose area is bounded (`source_pieces`). Pieces are quartered until sum |piece| rad^2 is small, so that no
 peak of f can hide between points. With f_h the L2 projection of p to linear functions on each triangle T,
-p - f_h has mean 0 there, and E_T >= ||f - p||_T. `residual_norm` has what both can do.
+p - f_h is orthogonal to linear functions there, and E_T >= ||f - p||_T. `residual_norm` has what both can do.
 """
 
 from __future__ import annotations
@@ -47,14 +47,16 @@ Triangles of coarser levels are not counted.
 class Source:
     """f_h (m, 3) at the triangles' vertices, and what is left of f on each triangle.
 
-    f - f_h is the sum of a function with mean 0 and a norm of at most `oscillation` (m,), which is
-    ||p - f_h||_T but for jumps, and of one with a norm of at most `rest` (m,), which is E_T. `resolved` says
-    whether `rest` is as small as wanted, and `seen` where p was found.
+    f - f_h is the sum of p - f_h, which is orthogonal to linear functions on triangles, of a function with
+    mean 0 that jumps leave, and of another one. Their norms are at most `oscillation`, `jumps` and `rest`
+    (m,), the last of which is E_T. `resolved` says whether `rest` is as small as wanted, and `seen` where p
+    was found.
     """
 
     mesh: Mesh
     f_h: Array
     oscillation: Array
+    jumps: Array
     rest: Array
     resolved: bool = True
     seen: Seen | None = None
@@ -80,7 +82,10 @@ class Source:
 
     def put(self, at: Index | slice, of: Source) -> None:
         """Put in what is known on the triangles `at` as those of another mesh."""
-        self.f_h[at], self.oscillation[at], self.rest[at] = of.f_h, of.oscillation, of.rest
+        self.f_h[at] = of.f_h
+        self.oscillation[at] = of.oscillation
+        self.jumps[at] = of.jumps
+        self.rest[at] = of.rest
 
     def put_polynomials(self, at: Index, seen: Seen) -> None:
         """Put in what the polynomials say on the triangles `at` (k,)."""
@@ -90,13 +95,15 @@ class Source:
             area, of = mesh.areas[some], seen.of[some]
             f_h, squares = values(places[:, mesh.triangles[some].T], seen.known, of)
             outer = with_gaps(area, 3 * mesh.longest_edges[some], size)
-            self.f_h[some], self.oscillation[some] = f_h.T, np.sqrt(area * squares)
+            self.f_h[some] = f_h.T
+            self.oscillation[some] = np.sqrt(area * squares)
+            self.jumps[some] = 0.0
             self.rest[some] = np.sqrt(outer) * seen.known.rad[of]
 
     def sums(self, of: Mask) -> Sums:
         """The sums over some of the triangles."""
         area, means = self.mesh.areas[of], self.f_h[of].mean(axis=1)
-        squares = linear_squares(area, self.f_h[of]) + self.oscillation[of] ** 2
+        squares = linear_squares(area, self.f_h[of]) + (self.oscillation[of] + self.jumps[of]) ** 2
         unknown = float(np.sum(self.rest[of] ** 2))
         return Sums(unknown, float(squares.sum()), float(area @ means), float(area.sum()), len(area))
 
@@ -108,7 +115,7 @@ def enclosed(mesh: Mesh, f: SourceFunction, before: Source | None = None, length
     `length` see `resolution`.
     """
     n = len(mesh.triangles)
-    source, seen, sums = Source(mesh, np.empty((n, 3)), *np.empty((2, n))), None, Sums()
+    source, seen, sums = Source(mesh, np.empty((n, 3)), *np.empty((3, n))), None, Sums()
     if before:
         source.put(slice(len(before.f_h)), before)
     if before and before.seen:
@@ -133,7 +140,7 @@ def enclose_source(mesh: Mesh, f: SourceFunction | Array, form: Form, before: So
 
 def linear(mesh: Mesh, f: Array) -> Source:
     """f with the values (n,) at the nodes, linear on every triangle: all of it is known."""
-    return Source(mesh, f[mesh.triangles], *np.zeros((2, len(mesh.triangles))))
+    return Source(mesh, f[mesh.triangles], *np.zeros((3, len(mesh.triangles))))
 
 
 def _in_pieces(mesh: Mesh, f: SourceFunction, length: float, sums: Sums, left: int) -> tuple[Source, Sums]:
@@ -176,5 +183,10 @@ def _projected(mesh: Mesh, done: list[TrianglePieces]) -> Source:
         left = pieces.c.copy()
         left[:3] -= 0.5 * np.stack([b + c, c - a, b - a])  # of degree 1: (0, 1), (1, 0)
         squares += np.bincount(pieces.parent, pieces.outer * averages(left)[1], n)
-    oscillation = np.sqrt(squares) + np.sqrt(jumping)
-    return Source(mesh, f_h, oscillation, np.sqrt(rest) + integral / np.sqrt(mesh.areas))
+    return Source(
+        mesh,
+        f_h,
+        oscillation=np.sqrt(squares),
+        jumps=np.sqrt(jumping),
+        rest=np.sqrt(rest) + integral / np.sqrt(mesh.areas),
+    )

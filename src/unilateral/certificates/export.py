@@ -23,7 +23,6 @@ from unilateral.discrete.solution import DiscreteSolution
 from unilateral.fem.form import Form, decoupled
 from unilateral.fem.linear_systems import dissected
 from unilateral.fem.p1 import load_vector, stiffness_and_mass
-from unilateral.formulas.expression import ZERO
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.piecewise import ORDER, SIGNS, on_intervals
 from unilateral.problems.problem import Problem
@@ -47,31 +46,37 @@ class JudgedFunction(NamedTuple):
 
     `flux` (2, E) has the flows and tilts of p on edges, as `equilibrated` gives them. `trace` (2 nb,) is
     v + y at the boundary nodes, then at the midpoints of boundary edges; it is raised to g when written.
+    `field` (2, E) is that of `friedrichs_field` where c is small, and else None.
     """
 
     mesh: Mesh
     v: Array
     flux: Array
     trace: Array
+    field: Array | None = None
 
 
 def judge_solution(solved: DiscreteSolution) -> JudgedFunction:
     """What the cheap bound of a solution rests on.
 
-    If c = 0, the flux is balanced: a checker multiplies the mean of f + div p on triangles by a constant that
-    is less sharp than the program's. It is what the iteration left of the discrete equations.
+    If c is 0 or small, the flux is balanced: a checker multiplies the mean of f + div p - c v on triangles by
+    a constant that is less sharp than the program's. It is what the iteration left of the discrete equations.
     """
     bound, flux, data = solved.local_bound, solved.flux, solved.data
     assert bound is not None  # the data of a user's problem are known
     assert flux is not None
     assert data is not None
     mesh, form = solved.mesh, solved.form
-    if not form.c:
-        means = data.source.moments().sum(axis=1) / mesh.areas
-        flux = flux + flux_of_source(mesh, form.clamped, means + divergence(mesh, flux))
+    field = None
+    if form.c * form.friedrichs**2 < form.k:
+        load_means = data.source.moments().sum(axis=1) / mesh.areas
+        v_means = solved.u_h[mesh.triangles].mean(axis=1)
+        surplus = load_means - form.c * v_means + divergence(mesh, flux)
+        flux = flux + flux_of_source(mesh, form.clamped, surplus)
+        field = friedrichs_field(mesh, form.clamped)
     raised, bubbles = solved.u_h[mesh.boundary] + bound.lift[0], bound.lift[1]
     trace = np.append(raised, 0.5 * (raised + np.roll(raised, -1)) + bubbles)
-    return JudgedFunction(mesh, solved.u_h, flux, trace)
+    return JudgedFunction(mesh, solved.u_h, flux, trace, field)
 
 
 def make_certificate(problem: Problem, judged: JudgedFunction) -> dict[str, Any]:
@@ -101,9 +106,8 @@ def make_certificate(problem: Problem, judged: JudgedFunction) -> dict[str, Any]
         "flux": round_to_grid(edge_values(mesh, judged.flux, contact), VALUE_BITS).ravel().tolist(),
         "trace": raise_trace(problem, judged, places, contact).tolist(),
     }
-    if problem.c == ZERO:
-        field = edge_values(mesh, friedrichs_field(mesh, problem.clamped_sides))
-        record["field"] = round_to_grid(field, VALUE_BITS).ravel().tolist()
+    if judged.field is not None:
+        record["field"] = round_to_grid(edge_values(mesh, judged.field), VALUE_BITS).ravel().tolist()
     return record
 
 
