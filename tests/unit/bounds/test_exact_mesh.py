@@ -220,7 +220,7 @@ def test_what_is_added_holds_what_displaced_nodes_do(size):
         u, (start, end) = mesh.points @ slope, mesh.points[mesh.triangulation.ends.T]
         e, f = (end - start).T
         q, at_nodes = np.stack([slope[1] * e - slope[0] * f, np.zeros_like(e)]), u[mesh.triangles]
-        source = Source(mesh, at_nodes, *np.zeros((2, len(at_nodes))))
+        source = Source(mesh, at_nodes, *np.zeros((3, len(at_nodes))))
         parts = residual_parts(source, nothing(mesh), u, q, H1)
         assert np.linalg.norm(parts.mean) < 1e-12 * size
         added = np.linalg.norm(parts.misfit), np.linalg.norm(parts.rest)

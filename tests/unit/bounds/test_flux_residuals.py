@@ -74,7 +74,7 @@ def shares(mesh, monkeypatch):
     """What rounding has done to the parts of f + div q - u and k grad u - q, over what is allowed for it."""
     of, zero = finer(mesh), np.zeros(len(mesh.triangles))
     for u in functions(mesh):
-        source = Source(mesh, 1.1 * u[mesh.triangles], zero, zero)
+        source = Source(mesh, 1.1 * u[mesh.triangles], zero, zero, zero)
         for q in fluxes(mesh, u, source):
             parts = residual_parts(source, nothing(mesh), u, q, H1)
             with monkeypatch.context() as patch:
@@ -125,7 +125,7 @@ def test_the_parts_of_a_function_of_P2_are_those_of_its_coefficients(form, monke
     spaces, of = quadratic(mesh), layer(mesh)
     u_h, nodal, edges = rng.standard_normal((3, 4))
     q, f_h = rng.standard_normal((2, 5)), rng.standard_normal((2, 3))
-    source = Source(mesh, f_h, np.zeros(2), np.zeros(2))
+    source = Source(mesh, f_h, *rng.uniform(1, 2, (2, 2)), np.zeros(2))
     tau = nothing(mesh)
     before = residual_parts(source, tau, u_h, q, form)
     hats, bubbles = of.function(nodal, edges)
@@ -140,8 +140,12 @@ def test_the_parts_of_a_function_of_P2_are_those_of_its_coefficients(form, monke
     rho = f_h - form.c * of_hats + divergence[:, None]
     mean = (rho.sum(axis=1) - form.c * of_bubbles.sum(axis=1)) / 3
     assert found.mean == pytest.approx(np.sqrt(mesh.areas) * np.abs(mean))
-    rest = squares(mesh.areas, rho - mean[:, None], -form.c * of_bubbles)
-    assert found.oscillation == pytest.approx(np.sqrt(rest))
+    norm = np.sqrt(squares(mesh.areas, rho - mean[:, None], -form.c * of_bubbles))
+    assert found.oscillation == pytest.approx(norm + source.oscillation + source.jumps)
+    # what f_h leaves is orthogonal to linear functions
+    linear = f_h - form.c * u_h[mesh.triangles]
+    squares_of_u = linear_squares(mesh.areas, linear - linear.mean(axis=1, keepdims=True))
+    assert before.oscillation == pytest.approx(np.sqrt(squares_of_u + source.oscillation**2) + source.jumps)
     assert not np.allclose(found.misfit, before.misfit)
 
 
@@ -150,7 +154,7 @@ def test_parts_of_other_triangles_stay():
     mesh, rng = structured(square(), 1 / 8), np.random.default_rng(6)
     u_h, q = rng.standard_normal(mesh.n_nodes), rng.standard_normal((2, len(mesh.triangulation.ends)))
     m = len(mesh.triangles)
-    source, tau, of = Source(mesh, np.zeros((m, 3)), *np.zeros((2, m))), nothing(mesh), layer(mesh)
+    source, tau, of = Source(mesh, np.zeros((m, 3)), *np.zeros((3, m))), nothing(mesh), layer(mesh)
     before = residual_parts(source, tau, u_h, q, Form(1.0, 1e3))
     hats, bubbles = of.function(*rng.standard_normal((2, len(mesh.boundary))))
     after = copied(before)
@@ -166,7 +170,7 @@ def test_parts_of_other_triangles_stay():
 def constant_flux(mesh):
     """(2, E) q = (1, 0), and the source of nothing."""
     m = len(mesh.triangles)
-    source = Source(mesh, np.zeros((m, 3)), *np.zeros((2, m)))
+    source = Source(mesh, np.zeros((m, 3)), *np.zeros((3, m)))
     return equilibrated(mesh, mesh.points[:, 0], source.moments, of_x(mesh), Form(c=0.0)), source
 
 
@@ -252,7 +256,7 @@ def test_by_parts_a_residual_is_the_same(monkeypatch):
     m, form = len(mesh.triangles), Form(k, c)
     slopes = rng.standard_normal((2, 3))
     u_h, f_h = rng.standard_normal(mesh.n_nodes), rng.standard_normal((m, 3))
-    source = Source(mesh, f_h, *rng.uniform(1, 2, (2, m)))
+    source = Source(mesh, f_h, *c * rng.uniform(1, 2, (3, m)))
     calls, own = [], flux_residuals.by_parts
     monkeypatch.setattr(flux_residuals, "by_parts", lambda *given: calls.append(given[1:4]) or own(*given))
     parts = residual_parts(source, nothing(mesh), u_h, linear_flux(mesh, slopes), form)
@@ -276,12 +280,12 @@ def test_by_parts_a_residual_is_the_same(monkeypatch):
     slope = np.einsum("tid,ti->td", gradients(mesh), u_h[mesh.triangles])[:, None]
     np.testing.assert_allclose(at_nodes.transpose(2, 1, 0), k * slope - q(corners), rtol=1e-9, atol=1e-9)
 
-    # the norm of f - c v, with what is left of f
+    # the norm of f - c v, with what is left of f; p - f_h is orthogonal to f_h - c v
     points, weights = get_quadrature_tri(4)
     bary = np.column_stack([1 - points.sum(axis=0), *points])
     places, weights = bary @ corners, 2 * mesh.areas[:, None] * weights
     g = (f_h - c * u_h[mesh.triangles]) @ bary.T
-    norm = np.sqrt(np.sum(weights * g**2, axis=1)) + source.oscillation + source.rest
+    norm = np.sqrt(np.sum(weights * g**2, axis=1) + source.oscillation**2) + source.jumps + source.rest
     assert np.all(norm * (1 - 1e-12) <= inside)
     assert inside == pytest.approx(norm, rel=1e-6)
 
@@ -314,7 +318,7 @@ def test_by_parts_rounding_counts_on_edges_and_inside(monkeypatch):
     """
     mesh, form = structured(square(), 1 / 4), Form(2.0, 1e3)
     q, zero = np.zeros((2, len(mesh.triangulation.ends))), np.zeros(mesh.n_nodes)
-    source = Source(mesh, np.zeros((32, 3)), *np.zeros((2, 32)))
+    source = Source(mesh, np.zeros((32, 3)), *np.zeros((3, 32)))
 
     def computed(field, rho):
         with monkeypatch.context() as patch:
@@ -336,7 +340,7 @@ def test_by_parts_rounding_is_below_its_allowance(monkeypatch):
     """
     mesh, form = as_if_exact(meshes.unstructured(square(), 1 / 16)), Form(3.0, 1e6)
     u = 1e6 + mesh.points[:, 0]
-    source = Source(mesh, 1e6 * u[mesh.triangles], *np.zeros((2, len(mesh.triangles))))
+    source = Source(mesh, 1e6 * u[mesh.triangles], *np.zeros((3, len(mesh.triangles))))
     q = linear_flux(mesh, np.array([[3.0, 0, 0], [0, 0, 0]]))
     allowed = residual_parts(source, nothing(mesh), u, q, form).by_parts
     with_allowances(monkeypatch, 1e-100, 0.0)

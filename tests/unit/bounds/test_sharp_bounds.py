@@ -21,7 +21,7 @@ from unilateral.bounds.flux_residuals import by_parts, misfit, residual_parts
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.mesh_data import enclose_data
 from unilateral.bounds.sharp_bounds import sharp_bound
-from unilateral.bounds.source import linear
+from unilateral.bounds.source import Source, linear
 from unilateral.fem import linear_systems
 from unilateral.fem.condense import matrix
 from unilateral.fem.form import H1, Form
@@ -380,6 +380,19 @@ def test_all_that_rounding_may_do_is_in_the_parts():
     eps = np.finfo(float).eps
     assert np.all(of_constant.misfit > 2.0 * 1e6 * eps / mesh.longest_edges * np.sqrt(mesh.areas))
     assert np.all(of_constant.rest > 3.0 * 1e6 * eps * np.sqrt(mesh.areas))
+
+
+def test_what_f_h_leaves_is_orthogonal_to_linear_functions_alone():
+    """For v of V_h squares are added, for v of P2 norms; what jumps leave is added always."""
+    mesh, rng = structured(square(), 1 / 4), np.random.default_rng(12)
+    spaces, m = quadratic(mesh), len(mesh.triangles)
+    source = Source(mesh, rng.standard_normal((m, 3)), *rng.uniform(1, 2, (3, m)))
+    sigma, w = np.zeros((len(mesh.boundary), 2)), rng.standard_normal(mesh.n_nodes)
+    field = field_of(spaces, source, w, sigma, Form(2.0, 300.0))
+    for d in (spaces.of_hats(w), rng.standard_normal(spaces.size)):
+        norm = np.sqrt(field.squares(d)[1])
+        both = np.hypot(norm, source.oscillation) if not d[len(w) :].any() else norm + source.oscillation
+        assert field.parts(d, nothing(mesh)).oscillation == pytest.approx(both + source.jumps)
 
 
 @pytest.mark.parametrize("field", ["left", "size", "integral"])
