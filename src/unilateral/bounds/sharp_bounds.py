@@ -12,8 +12,9 @@ x_k, and the hats psi_k there, q gets theta r,
 since div (psi_k (x - x_k)) = 3 psi_k - 1. f_h is the linear part of f. On small triangles theta is nearly 1,
 and the mean-free part of rho = f_h + div q - c w nearly 0; on triangles larger than (k/c)^{1/2} all of r
 would cost more than it gains, and on much larger ones theta is 0. With curl phi, phi of P2 and 0 on the
-boundary but for clamped sides, div q, and q.n on the other sides, stay what they are: these are all fluxes of
-RT1 with those. The potential v of P2 is g where (u_h, lambda_H) is in contact, u_D on clamped sides, and goes
+boundary but for clamped sides, div q, and q.n on the other sides, stay what they are. These are all fluxes of
+RT1 with those if the other sides make one arc; else those with the same flow through each row of clamped
+sides. The potential v of P2 is g where (u_h, lambda_H) is in contact, u_D on clamped sides, and goes
 from w towards the solution of (1.1) with k dv/dn = tau~ on free sides and 0 elsewhere; at last it is made
 feasible. Both reduce
 

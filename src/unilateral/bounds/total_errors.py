@@ -100,13 +100,14 @@ def total_errors(
     # (ii)
     X = math.hypot(_eta(of_u, of_u.on_V), D)
     eta = _eta(of_v, of_v.on_V)
+    eta_with_D = math.hypot(eta, D_clamped)
     Y = min(D + X, eta, Y_1)
     S_of_v = of_v.on_V + of_v.missing
 
     # (iii)
     E = min(Y_1, _fluxes(of_u, D), _fluxes(of_v, 0.0))
     return TotalErrors(
-        u=growth * min(_leg(X_1, D - eta_1), _leg(X, D - math.hypot(eta, D_clamped))),
+        u=growth * min(_u_bound(of_u, of_u.on_H1, D, eta_1), _u_bound(of_u, of_u.on_V, D, eta_with_D)),
         lambda_=growth * (Y + of_sigma),
         fluxes=growth * (E + of_sigma),
         eta=growth * eta,
@@ -125,8 +126,9 @@ def _fluxes(defect: Defect, D: float) -> float:
     return D + root + defect.others_in_N
 
 
-def _leg(hypotenuse: float, other: float) -> float:
-    """The other leg of a right triangle; the hypotenuse if that is infinite, or the one leg below 0."""
-    if not 0 < other < math.inf:
-        return hypotenuse
-    return math.sqrt(max(hypotenuse - other, 0.0)) * math.sqrt(hypotenuse + other)
+def _u_bound(defect: Defect, norm: float, D: float, eta: float) -> float:
+    """(S^2 + 2 B + D^2 - max(D - eta, 0)^2)^{1/2}, from the norm of the parts, D and a bound on eta."""
+    if eta >= D:
+        return math.hypot(_eta(defect, norm), D)
+    # D^2 - (D - eta)^2
+    return math.hypot(_eta(defect, norm), math.sqrt(eta) * math.sqrt(2 * D - eta))

@@ -126,7 +126,7 @@ def friedrichs(mesh: Mesh, clamped: tuple[int, ...]) -> float:
         height = float((2 * graded.areas / graded.longest_edges).min()) / polygon.diameter
         raise InputError(
             f"{needed}, which rounding hides, for triangles have heights down to {height:.1g} of the "
-            "diameter; make the polygon thicker or its short sides longer, or give a c above 0"
+            "diameter; make the polygon thicker or its short sides longer, or take c near k/diameter^2"
         )
     return constant
 

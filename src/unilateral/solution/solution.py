@@ -173,10 +173,12 @@ class Solution:
         is the flux that the `bounds` rest on. On each triangle it is linear. On edges it is taken as
         `grad_at`.
 
-        Where c h^2 is at most 15 k, as for c = 0, it is in equilibrium: its divergence has on every triangle
-        the mean of c u_h - f. On the boundary its normal component is lambda_H, or its linear part on edges
-        on which lambda_H is not constant, and the q that is given on free sides, linear on edges. On larger
-        triangles it is nearer to the mean of k grad u_h on both sides of each edge.
+        On meshes that resolve the length (k/c)^(1/2) it is in equilibrium: its divergence has on every
+        triangle the mean of c u_h - f, and on the boundary its normal component is lambda_H, or its linear
+        part on edges on which lambda_H is not constant, and the q that is given on free sides, linear on
+        edges. These are meshes with c |a| <= 45 k, for the area |a| of the triangles at each node, and
+        c |e|^2 <= 15 k for each boundary edge e; for c = 0 all. On others it is nearer to the mean of
+        k grad u_h on both sides of each edge.
 
         Raises InputError for another shape.
 

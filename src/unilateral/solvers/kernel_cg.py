@@ -70,7 +70,11 @@ class Run:
         self.grid, self.active, self.u = grid, active, u
         B = grid.cells.B[active]
         self.B_T = B[:, grid.ring].T.tocsr()
-        self.saddle = splu(_saddle(grid.of_ring[:, grid.ring], self.B_T))
+        A = grid.of_ring[:, grid.ring]
+        # A grows with k, B with lengths: for other units the matrix is the same up to a factor
+        largest = abs(self.B_T).max() if B.shape[0] else 1.0
+        self.scale = 2.0 ** np.rint(np.log2(abs(A).max() / largest))
+        self.saddle = splu(_saddle(A, self.scale * self.B_T))
         self.coarser = None if grid.exact else Truncated(grid.of, grid.cells.nodes(active))
         self.multiplier = np.zeros(B.shape[0])
         self.r = grid.load - grid.of.A @ u
@@ -127,10 +131,10 @@ class Run:
     def _equilibrate(self, gap: Array) -> Array:
         """x (k,) on the ring with B_a x = gap. Its residual there is B_a^T t, and t moves into lambda."""
         ring = self.grid.ring
-        x = self.saddle.solve(np.concatenate([self.r[ring], gap]))
-        self.multiplier -= x[len(ring) :]
-        self.r[ring] -= self.B_T @ x[len(ring) :]
-        return np.asarray(x[: len(ring)])
+        x, t = np.split(self.saddle.solve(np.append(self.r[ring], self.scale * gap)), [len(ring)])
+        self.multiplier -= self.scale * t
+        self.r[ring] -= self.B_T @ (self.scale * t)
+        return np.asarray(x)
 
     def _preconditioned(self) -> Array:
         """The preconditioned residual z (n,)."""
