@@ -315,25 +315,25 @@ class Certificate:
         M2 = add_up(mean2 + math.ceil((1 - theta) ** 2 * o2), doubt2)
         energy2 = math.ceil(A2 * Q(kd, kn) + M2 * Q(cd, cn)) if cn else 0
         is_linear = all(2 * middle == corners[i] + corners[j] for middle, (i, j) in zip(middles, OPPOSITE))
-        if is_linear and ratio * d2 > 1:
-            rest = [Q(value, unit) - Q(cn * v, cd * N) for value, v in zip(values, [*corners, *middles])]
-            s = self.by_parts(X, out, [Q(v, N) for v in corners], rest, Q(doubt, unit))
-            energy2 = min(energy2, math.ceil((s * UNITS) ** 2))
+        if is_linear and ratio * d2 > 1:  # otherwise the bound by parts is hardly ever the lesser one
+            rest = [z - div_p for z in rho]  # 2 |T| (f - c v)
+            rest2 = divide_up((D * UNITS) ** 2 * quadratic_mass(rest[:3], rest[3:]), 360 * scale**2 * area)
+            inside2 = math.ceil(add_up(rest2, doubt2) * Q(cd, cn))
+            energy2 = min(energy2, add_up(inside2, self.edge_terms(X, misfit, kd * N * W)))
         return A2, M2, energy2
 
-    def by_parts(self, X, out, v, rest, doubt):
-        """An upper bound on ||f - c v||/c^(1/2) + G a, from v at the corners X, the outflows, and f - c v."""
-        k, c, size, e = self.problem.k, self.problem.c, Q(cross(*X), 2 * self.mesh.D**2), vectors(X)
-        weights = []  # a_e
-        for (first, last), (dx, dy) in zip(out, e):
-            slope = k * sum(z * (dx * p + dy * q) for z, (p, q) in zip(v, e)) / cross(*X)  # - k |e| dv/dn
-            first, last = Q(first, self.W) + slope, Q(last, self.W) + slope
-            weights.append(root((first * first + first * last + last * last) / (3 * size))[1])
+    def edge_terms(self, X, misfit, unit):
+        """G^2 a^2, times UNITS^2, by 2 |T| (k grad v - p) at the corners X in units of 1/(D unit)."""
+        k, c, D, area, weights = self.problem.k, self.problem.c, self.mesh.D, cross(*X), []
+        for (dx, dy), (i, j) in zip(vectors(X), OPPOSITE):
+            # |e| b_e at both ends is misfit x e/(unit area), up to its sign; the weights are the a_e
+            first, last = (x * dy - y * dx for x, y in (misfit[i], misfit[j]))
+            squares = (first * first + first * last + last * last) * 2 * D**2
+            weights.append(math.isqrt(squares * UNITS**2 // (3 * unit**2 * area**3)) + 1)
         a = sum(weights)
-        x_0 = [sum(weight * x[z] for weight, x in zip(weights, X)) / a for z in (0, 1)]
-        R2 = max((x - x_0[0]) ** 2 + (y - x_0[1]) ** 2 for x, y in X) / self.mesh.D**2
-        G = root((1 + root(1 + R2 * c / k)[1]) / (2 * c))[1]
-        return (root(quadratic_mass(rest[:3], rest[3:]) / 180)[1] + doubt) * root(size / c)[1] + G * a
+        arms = [[sum(w * (p - q) for w, q in zip(weights, line)) for p in line] for line in zip(*X)]  # a (x - x_0)
+        R2 = Q(max(x * x + y * y for x, y in zip(*arms)), (a * D) ** 2)
+        return math.ceil(a * a * (1 + root(1 + R2 * c / k)[1]) / (2 * c))
 
     def friedrichs_constant(self):
         """C with ||z|| <= C |z|_1 on V, by a field b, linear on triangles, with one b.n on each edge.
