@@ -265,9 +265,9 @@ def load_and_pull():
 def bent():
     """u = 0, f = 0, g = v + y = ((x - 1)^2 + (y - 1)^2 - 10)/2 <= 0, and v interpolates g.
 
-    The circle around (1, 1) with the radius 1 touches all sides, so d(v + y)/dn = 1 = p.n there. So 2 - c (v + y)
-    is left of the residual of v + y, and it is 2 that a bound by parts would miss. The dual norm of du/dn - p.n
-    is that of -1, and z = 1 has the integral 12.
+    The circle around (1, 1) with the radius 1 touches all sides, so d(v + y)/dn = 1 = p.n there, and
+    2 - c (v + y) is left of the residual of v + y: a bound by parts would miss the 2. The dual norm of
+    du/dn - p.n is that of -1, and z = 1 has the integral 12.
     """
     g = polynomial(one=-4, x=-1, y=-1, xx="1/2", yy="1/2")
     return small_triangle(("contact", g), v=lambda x, y: value(g, x, y))
@@ -349,13 +349,13 @@ ATTACKS = [
     Attack("2 B", "2 * B + D2)[1]\n        return X", "B + D2)[1]\n        return X", pressure_in_a_gap(), 1),
     Attack("c > 0 where C = c^(-1/2)", "min(pair) if c else pair[0]", "min(pair)", load(), (4 / 3) ** 0.5),
     Attack("c in C", "root(1 / c)[1]", "Q(1)", weak_reaction(), 10),
-    Attack("1/k beside M^2/c", "A2 * Q(kd, kn)", "A2", soft_pull_with_reaction(), 1 / 8),
-    Attack("1/c beside A^2/k", "M2 * Q(cd, cn)", "M2", weak_reaction(), 10),
+    Attack("1/k beside M^2/c", "A2 * kd * cn", "A2 * kn * cn", soft_pull_with_reaction(), 1 / 8),
+    Attack("1/c beside A^2/k", "M2 * cd * kn", "M2 * cn * kn", weak_reaction(), 10),
     Attack("f - c v by parts", "inside2 = ", "inside2 = 0 * ", strong_reaction(), 1),
     Attack(
         "1/c by parts",
-        "add_up(rest2, doubt2) * Q(cd, cn)",
-        "add_up(rest2, doubt2)",
+        "add_up(rest2, doubt2) * cd, cn",
+        "add_up(rest2, doubt2), 1",
         load_and_pull(),
         2 * THREE_SIDES,
     ),
@@ -375,7 +375,7 @@ ATTACKS = [
     ),
     Attack("a_e of each edge", "a = sum(weights)", "a = sum(weights[1:])", layer(), 1),
     Attack("|T| in a_e", ") * 2 * D**2", ") * D**2", layer(), 1),
-    Attack("p.n at both ends of e", "first * first + first * last + last * last", "first * last", layer(), 1),
+    Attack("p.n at both ends of e", "p * p + p * q + q * q", "p * q", layer(), 1),
     Attack("R", "R2 * c / k", "0", layer(), 1),
     Attack("R is the largest distance", "R2 = Q(max(", "R2 = Q(min(", layer(), 1),
     Attack("R is measured from x_0", "w * (p - q)", "Q(a, 3) * (p - q)", layer(), 1),
