@@ -34,8 +34,8 @@ with longest edge d, ||z - mean z|| <= d/j |z|_1, where j = 3.8317.. (Laugesen a
 If f is not quadratic on T, a quadratic function takes its place, and M has the norm of the difference added.
 
 BY PARTS. Where v is linear on T, the terms on T are (f - c v, z)_T + sum <b_e, z>_e over the edges e of T, with b_e =
-(p - k grad v).n. Let x_e be the corner off e. On e (x - x_e).n is 2 |T|/|e|, and on the other edges it is 0, so
-    |T|/|e| ||z||_e^2 = ||z||^2 + (z, (x - x_e).grad z) on T.
+(p - k grad v).n. Let x_e be the corner off e. (x - x_e).n is 2 |T|/|e| on e and 0 on other edges, so the divergence
+theorem for (x - x_e) z^2 gives |T|/|e| ||z||_e^2 = ||z||^2 + (z, (x - x_e).grad z).
 For any a_e >= (|e|/|T|)^(1/2) ||b_e||_e with the sum a, Cauchy's inequality gives
     (sum <b_e, z>_e)^2 <= a sum a_e |T|/|e| ||z||_e^2 = a^2 (||z||^2 + (z, (x - x_0).grad z)), x_0 = sum a_e x_e / a.
 With R = max |x - x_0| at corners that is at most a^2 (||z||^2 + R ||z|| |z|_1) <= a^2 G^2 |||z|||^2 on T, where
