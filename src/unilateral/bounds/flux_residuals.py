@@ -79,8 +79,8 @@ def residual_parts(source: Source, tau: Given, u_h: Array, q: Array, form: Form)
         by_parts=by_parts,
     )
     for of in blocks(len(mesh.triangles)):
-        _put(parts, of, source, q, form, stretched[of], u_h.take(mesh.triangles[of].T))
-    put_tau(parts, tau, form)
+        _put(parts, of, source, q, stretched[of], u_h.take(mesh.triangles[of].T))
+    put_tau(parts, tau)
     return parts
 
 
@@ -90,19 +90,18 @@ def move_parts(
     tau: Given,
     u_h: Array,
     q: Array,
-    form: Form,
     layer: Layer,
     hats: Array,
     bubbles: Array,
 ) -> None:
     """Make the parts for u_h those for u_h + y; y has these coefficients (m, 3) on the layer's triangles.
 
-    There s' is infinite.
+    There s' becomes infinite.
     """
     v = u_h.take(parts.mesh.triangles[layer.triangles].T) + hats.T
     stretched = stretched_divergence(parts.mesh, q)[layer.triangles]
-    _put(parts, layer.triangles, source, q, form, stretched, v, layer.slopes, bubbles)
-    put_tau(parts, tau, form)
+    _put(parts, layer.triangles, source, q, stretched, v, layer.slopes, bubbles)
+    put_tau(parts, tau)
 
 
 def _put(
@@ -110,7 +109,6 @@ def _put(
     of: slice | Index,
     source: Source,
     q: Array,
-    form: Form,
     stretched: Array,
     v: Array,
     slopes: Array | None = None,
@@ -120,7 +118,8 @@ def _put(
 
     v has the values (3, m) at their nodes. It may have `bubbles` (m, 3), which takes the hats' `slopes`.
     """
-    mesh, k, c = source.mesh, form.k, form.c
+    mesh, form = parts.mesh, parts.form
+    k, c = form.k, form.c
     area, ends, f_h = mesh.areas[of], flows(mesh, q, of), source.f_h[of].T
     field = _misfit(mesh, mesh.triangles[of].T, k * v, ends, area)
     divergence = -0.5 * (_sum(ends[0]) + _sum(ends[1])) / area
@@ -145,6 +144,7 @@ def _put(
     parts.mean[of] = length * np.abs(mean + divergence)
     parts.rest[of] = source.rest[of] + length * more_rho
 
+    # s', which is for linear v
     thick = np.flatnonzero(c * mesh.longest_edges[of] ** 2 > k)
     if thick.size and bubbles is not None:
         parts.by_parts[of] = math.inf
@@ -157,7 +157,7 @@ def _put(
 def by_parts(mesh: Mesh, of: Index, field: Array, inside: Array, more: Array, form: Form) -> Array:
     """(m,) s' on the triangles `of` (m,), for c > 0.
 
-    The `field` q - k grad v has these values (2, 3, m) at the nodes, up to `more` (m,); `inside` (m,) are
+    The `field` k grad v - q has these values (2, 3, m) at the nodes, up to `more` (m,); `inside` (m,) are
     bounds on ||f - c v||_T.
     """
     # the exact mesh changes grad v, too, and k |grad v| is at most |q - k grad v| + |q|
@@ -217,9 +217,9 @@ def stretched_divergence(mesh: Mesh, q: Array) -> Array:
     return found
 
 
-def put_tau(parts: ResidualParts, tau: Given, form: Form) -> None:
+def put_tau(parts: ResidualParts, tau: Given) -> None:
     """Put in rho, which is not known of the flux that is given on free sides, on the triangles there."""
-    mesh = parts.mesh
+    mesh, form = parts.mesh, parts.form
     at = mesh.boundary_triangles
     np.add.at(parts.misfit, at, tau.misfit(mesh))
     np.add.at(parts.rest, at, tau.rest(mesh))

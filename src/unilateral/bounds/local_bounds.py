@@ -127,7 +127,7 @@ def local_bound(
     of_tau = tau.distance(mesh, form)
     parts = residual_parts(source, tau, u_h, q, form)
     of_u, shares = defect(parts, of_tau, short.product), parts.shares()
-    move_parts(parts, source, tau, u_h, q, form, layer, hats, bubbles)
+    move_parts(parts, source, tau, u_h, q, layer, hats, bubbles)
     of_v = defect(parts, missing + of_tau, short.product)
     errors = total_errors(mesh.growth, of_u, of_v, D=D, D_clamped=D, of_sigma=flux.distance(mesh, form))
 

@@ -115,21 +115,21 @@ def sharp_bound(
     d, phi, steps = _descended(lift, field, load, 2 * short.product)
     field = field.turned(phi)
     of_nodes, of_edges = np.split(d[spaces.of_boundary], 2)
-    *more, short_of_v = lift.lifted(field.w[mesh.boundary] + of_nodes, of_edges)
+    *more, short_of_v = lift.lifted(w[mesh.boundary] + of_nodes, of_edges)
     d[spaces.of_boundary] += np.concatenate(more)
     added_to_v = math.sqrt(float(lift.added(short_of_v).sum()))
     missing = (1 + SUMS) * (short_of_v.norm + added_to_v) + lost
 
     # the residual of u_h, with s' where q stays as it is
-    of_u = field.parts(spaces.of_hats(u_h - field.w), tau)
+    residual = field.parts(spaces.of_hats(u_h - w), tau)
     if field.thick.any():
         by_parts = residual_parts(source, tau, u_h, q, form).by_parts
-        of_u = of_u._replace(by_parts=np.where(field.thick, by_parts, math.inf))
+        residual = residual._replace(by_parts=np.where(field.thick, by_parts, math.inf))
 
     of_tau = tau.distance(mesh, form)
     errors = total_errors(
         mesh.growth,
-        defect(of_u, of_tau, short.product),
+        defect(residual, of_tau, short.product),
         defect(field.parts(d, tau), missing + of_tau, short_of_v.product),
         D=D,
         D_clamped=D_clamped,
@@ -190,7 +190,7 @@ class _Field:
         return np.stack([of_gradients, squares(areas, hats - mean[:, None], bubbles), areas * mean**2])
 
     def parts(self, d: Array, tau: Given) -> ResidualParts:
-        """The parts of the residual of v = w + d, with what is left of tau."""
+        """The parts of the residual of v = w + d, with what is left of tau; s' is infinite."""
         mesh, source, form = self.spaces.mesh, self.source, self.form
         size = ROUNDING * np.abs(d[self.spaces.unknowns]).sum(axis=1)
         more_field = self.more_field + form.k * size * mesh.longest_edges / mesh.areas
@@ -208,7 +208,7 @@ class _Field:
             rest=source.rest + np.sqrt(mesh.areas) * more_rho,
             by_parts=np.broadcast_to(math.inf, mean.shape),
         )
-        put_tau(parts, tau, form)
+        put_tau(parts, tau)
         return parts
 
 
@@ -250,7 +250,7 @@ def _solved(source: Source, w: Array, sigma: Array, least: float, form: Form) ->
 
 
 def _field(spaces: Quadratic, source: Source, w: Array, q: Array, form: Form) -> _Field:
-    """The `_Field` of q + theta r for w; both are as `balanced` gives them."""
+    """The `_Field` of q + theta r for w; w and q are as `balanced` gives them."""
     mesh = spaces.mesh
 
     # theta r, and rho with what that leaves of its mean-free part, -p

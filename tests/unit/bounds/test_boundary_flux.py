@@ -65,9 +65,9 @@ def test_moments_with_hats_are_exact(q):
 def distance(mesh, found, form=H1):
     """A bound on the norm of tau - tau~: that of p - tau~, and of a residual that has no parts but rho."""
     zero = np.zeros(len(mesh.triangles))
-    parts = ResidualParts(mesh, zero.copy(), zero, zero, zero.copy(), zero + np.inf)
-    put_tau(parts, found, form)
-    return found.distance(mesh, form) + parts.norms(form)[0]
+    parts = ResidualParts(mesh, form, zero.copy(), zero, zero, zero.copy(), zero + np.inf)
+    put_tau(parts, found)
+    return found.distance(mesh, form) + parts.norms()[0]
 
 
 def supremum(mesh, found, fine, of_fine, form=H1):

@@ -220,7 +220,7 @@ def test_what_is_added_holds_what_displaced_nodes_do(size):
         u, (start, end) = mesh.points @ slope, mesh.points[mesh.triangulation.ends.T]
         e, f = (end - start).T
         q, at_nodes = np.stack([slope[1] * e - slope[0] * f, np.zeros_like(e)]), u[mesh.triangles]
-        source = Source(mesh, at_nodes, *np.zeros((2, len(at_nodes))))
+        source = Source(mesh, at_nodes, *np.zeros((3, len(at_nodes))))
         parts = residual_parts(source, nothing(mesh), u, q, H1)
         assert np.linalg.norm(parts.mean) < 1e-12 * size
         added = np.linalg.norm(parts.misfit), np.linalg.norm(parts.rest)
@@ -245,7 +245,8 @@ def test_what_the_sharp_bound_adds_to_the_flux_is_displaced_too():
     mesh, rng = in_doubt(meshes.unstructured(polygon, 0.3), 1e-6), np.random.default_rng(9)
     problem = Problem("waves", polygon, plain(sympy.sin(3 * X) * Y), (exact_number(-9),) * 4, ())
     source, sigma = enclosed(mesh, problem.source), np.zeros((len(mesh.boundary), 2))
-    field = sharp_bounds._field(quadratic(mesh), source, np.zeros(mesh.n_nodes), sigma, H1)
+    w, q = sharp_bounds.balanced(source, np.zeros(mesh.n_nodes), sigma, H1)
+    field = sharp_bounds._field(quadratic(mesh), source, w, q, H1)
     phi = rng.uniform(-1, 1, field.spaces.size)
     of_curl = linear_squares(mesh.areas, field.spaces.gradient(phi))
     more = field.turned(phi).more_field - field.more_field

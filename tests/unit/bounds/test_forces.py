@@ -352,7 +352,7 @@ def test_with_a_reaction_the_sum_is_not_known():
 def test_all_that_is_not_known_of_f_and_q_is_in_the_balance():
     """By hand on two triangles of the unit square, f = -1 up to a norm of 3 on each, q = 2 up to 1/10."""
     mesh = structured(square(), 1)
-    source = Source(mesh, np.full((2, 3), -1.0), np.ones(2), np.zeros(2))
+    source = Source(mesh, np.full((2, 3), -1.0), np.ones(2), np.ones(2), np.zeros(2))
     flux = enclose_flux(square(), lambda _, t: number(t, 2.0), (1,))
     none = enclose_flux(square(), lambda _, t: t, ())
     for of, width in ((source, 0), (replace(source, rest=np.full(2, 3.0)), 6 * math.sqrt(1 / 2))):

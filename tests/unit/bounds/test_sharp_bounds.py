@@ -13,15 +13,15 @@ from skfem.helpers import div, dot, grad
 from skfem.quadrature import get_quadrature_tri
 
 import unilateral as ul
-from unilateral.bounds import feasible
+from unilateral.bounds import feasible, flux_residuals
 from unilateral.bounds import sharp_bounds as bounds
 from unilateral.bounds.boundary_flux import nothing
 from unilateral.bounds.constraint import constraint
-from unilateral.bounds.flux_residuals import laplace_allowances
+from unilateral.bounds.flux_residuals import by_parts, misfit, residual_parts
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.mesh_data import enclose_data
 from unilateral.bounds.sharp_bounds import sharp_bound
-from unilateral.bounds.source import linear
+from unilateral.bounds.source import Source, linear
 from unilateral.fem import linear_systems
 from unilateral.fem.condense import matrix
 from unilateral.fem.form import H1, Form
@@ -55,12 +55,17 @@ def flux_in(field, bary):
     return of_w + difference, divergence
 
 
+def field_of(spaces, source, w, sigma, form):
+    """The field of the flux with q.n = sigma (nb, 2) on the boundary, for w or what balances it."""
+    return bounds._field(spaces, source, *bounds.balanced(source, w, sigma, form), form)
+
+
 def of_random_flux(problem, mesh, seed=0):
     """The flux for random w and sigma, turned by a random phi; and sigma, v - w, v at the boundary, too."""
     rng, nb = np.random.default_rng(seed), len(mesh.boundary)
     spaces, sigma = quadratic(mesh), problem.k * rng.standard_normal((nb, 2))
     form, w = Form(problem.k, problem.c), rng.standard_normal(mesh.n_nodes)
-    field = bounds._field(spaces, enclosed(mesh, problem), w, sigma, form)
+    field = field_of(spaces, enclosed(mesh, problem), w, sigma, form)
     phi, d = rng.standard_normal((2, spaces.size))
     phi[spaces.of_boundary] = 0
     return field.turned(problem.k * phi), sigma, d
@@ -199,7 +204,7 @@ def test_the_steps_go_to_the_best_potential_and_the_best_flux(monkeypatch):
     monkeypatch.setattr(bounds, "ENOUGH", 1e-13)
     of_source, flux = enclosed(mesh, problem), bounds.edge_flux(mesh, cells, lambda_H, u_h, H1)
     spaces = quadratic(mesh)
-    field = bounds._field(spaces, of_source, u_h, flux.ends, H1)
+    field = field_of(spaces, of_source, u_h, flux.ends, H1)
     lift, found = feasible.lifting(constraint(problem.enclosed(), mesh, H1), H1, u_h, flux), []
     load_of_v = spaces.load(of_source.f_h)
     for most in (1, 50):
@@ -350,7 +355,7 @@ def test_the_rounding_of_a_defect_of_0_is_below_its_allowance():
     problem, mesh = Manufactured(square(), "1000000 + x", "1"), meshes.unstructured(square(), 1 / 16)
     sigma = np.repeat(mesh.polygon.normals[mesh.side, :1], 2, axis=1)
     spaces = quadratic(mesh)
-    field = bounds._field(spaces, enclosed(mesh, problem), 1e6 + mesh.points[:, 0], sigma, H1)
+    field = field_of(spaces, enclosed(mesh, problem), 1e6 + mesh.points[:, 0], sigma, H1)
     nothing = np.zeros(spaces.size)
     of_gradients, of_values = (
         np.linalg.norm(np.sqrt(mesh.areas) * more) for more in (field.more_field, field.more_rho)
@@ -365,7 +370,7 @@ def test_all_that_rounding_may_do_is_in_the_parts():
     """Where field and rho vanish the parts are their allowances; a large v has larger ones."""
     mesh = structured(square(), 1 / 4)
     spaces, zero = quadratic(mesh), np.zeros(mesh.n_nodes)
-    field = bounds._field(spaces, linear(mesh, zero), zero, np.zeros((len(mesh.boundary), 2)), Form(2.0, 3.0))
+    field = field_of(spaces, linear(mesh, zero), zero, np.zeros((len(mesh.boundary), 2)), Form(2.0, 3.0))
     large = replace(field, more_field=field.more_field + 5.0, more_rho=field.more_rho + 7.0)
     of_zero = large.parts(np.zeros(spaces.size), nothing(mesh))
     np.testing.assert_allclose(of_zero.misfit, 5 * np.sqrt(mesh.areas), rtol=1e-9)
@@ -377,25 +382,17 @@ def test_all_that_rounding_may_do_is_in_the_parts():
     assert np.all(of_constant.rest > 3.0 * 1e6 * eps * np.sqrt(mesh.areas))
 
 
-def test_what_rounding_may_do_to_laplacians_is_in_the_parts():
-    """On triangles with heights of 1e-4 lap v is large, and so is what rounding may make of it.
-
-    v - w is the bubble of the edges across, whose Laplacian is nearly 8 / 1e-8.
-    """
-    thin = Polygon(np.array([[0, 0], [1, 0], [1, 1e-4], [0, 1e-4]]), "thin")
-    mesh = meshes.from_arrays(thin, thin.vertices, [[0, 1, 2], [0, 2, 3]])
-    found = laplace_allowances(mesh, slice(None), np.ones((2, 3)), Form(2.0, 1e3))
-    eps = np.finfo(float).eps
-    assert np.all(found > 2.0 * 8 / 1e-8 * eps)
-    form = Form(2.0, 1e3)
-    spaces, zero = quadratic(mesh), np.zeros(4)
-    field = bounds._field(spaces, linear(mesh, zero), zero, np.zeros((4, 2)), form)
-    d = np.where(np.arange(spaces.size) < 4, 0.0, 1.0)
-    with_it = field.parts(d, nothing(mesh)).by_parts
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(bounds, "laplace_allowances", lambda mesh, of, bubbles, form: 1e9)
-        more = field.parts(d, nothing(mesh)).by_parts - with_it
-    np.testing.assert_allclose(more, 1e9 * np.sqrt(mesh.areas / form.c), rtol=1e-6)
+def test_what_f_h_leaves_is_orthogonal_to_linear_functions_alone():
+    """For v of V_h squares are added, for v of P2 norms; what jumps leave is added always."""
+    mesh, rng = structured(square(), 1 / 4), np.random.default_rng(12)
+    spaces, m = quadratic(mesh), len(mesh.triangles)
+    source = Source(mesh, rng.standard_normal((m, 3)), *rng.uniform(1, 2, (3, m)))
+    sigma, w = np.zeros((len(mesh.boundary), 2)), rng.standard_normal(mesh.n_nodes)
+    field = field_of(spaces, source, w, sigma, Form(2.0, 300.0))
+    for d in (spaces.of_hats(w), rng.standard_normal(spaces.size)):
+        norm = np.sqrt(field.squares(d)[1])
+        both = np.hypot(norm, source.oscillation) if not d[len(w) :].any() else norm + source.oscillation
+        assert field.parts(d, nothing(mesh)).oscillation == pytest.approx(both + source.jumps)
 
 
 @pytest.mark.parametrize("field", ["left", "size", "integral"])
@@ -426,31 +423,50 @@ def test_constants_on_a_tiny_square_are_bounded_in_spite_of_rounding(c):
     assert abs(v @ (spaces.matrix(H1) @ v) / (c * 1e-3) ** 2 - 1) > 1e-9
 
 
-def test_by_parts_a_residual_is_the_same(monkeypatch):
-    """f - c v + k lap v, and q - k grad v at the nodes, by differentiation, on all triangles: c is large.
+def test_where_s_prime_counts_the_flux_stays_as_it_is(monkeypatch):
+    """Where triangles are thick, as half of them are here, s' by the flux that is turned elsewhere.
 
-    f is linear, and v of P2 is random.
+    f is linear on triangles, and u_h is not the discrete solution. On the other triangles s' is infinite.
+    Control: there fluxes differ, and s' of the one that is not turned is finite and, on some, smaller.
     """
-    k, c = 2.0, 5e3
-    problem, mesh = Manufactured(square(), linear_source(k, c), k=k, c=c), meshes.unstructured(square(), 0.35)
-    field, _, d = of_random_flux(problem, mesh)
-    seen, own = [], bounds.by_parts
-    monkeypatch.setattr(bounds, "by_parts", lambda *given: seen.append(given[1:4]) or own(*given))
-    found = field.parts(d, nothing(mesh))
-    ((thick, at_nodes, inside),) = seen
-    assert np.array_equal(thick, np.arange(len(mesh.triangles)))
-    assert np.all(np.isfinite(found.by_parts))
-    spaces, v = field.spaces, field.spaces.of_hats(field.w) + d
-    slope = spaces.gradient(v)
-    q, _ = flux_in(field, np.eye(3))
-    np.testing.assert_allclose(at_nodes.transpose(2, 1, 0), q - k * slope, rtol=1e-9, atol=1e-9)
-    bary, places, weights = rule_of(mesh, 4)
-    shapes = np.column_stack([bary, *(4 * bary[:, i] * bary[:, j] for i, j in ((0, 1), (1, 2), (2, 0)))])
-    laplace = np.einsum("tid,tid->t", slope, spaces.slopes)[:, None]
-    values = problem.f(*np.moveaxis(places, 2, 0)) - c * v[spaces.unknowns] @ shapes.T + k * laplace
-    exact = np.sqrt(np.sum(weights * values**2, axis=1))
-    assert np.all(exact * (1 - 1e-12) <= inside)
-    np.testing.assert_allclose(inside, exact, rtol=1e-6)
+    k, mesh, cells = 2.0, meshes.unstructured(square(), 0.2), partitions.uniform(square(), 0.5)
+    c = k * (bounds.THICK / np.median(mesh.longest_edges)) ** 2
+    form, zero = Form(k, c), np.zeros(cells.n_cells)
+    values, noise = np.random.default_rng(11).standard_normal((2, mesh.n_nodes))
+    data = enclose_data(ul.Problem(SQUARE, 0, -100, k=k, c=c), mesh, form, linear(mesh, c * values))
+    u_h = dissected(matrix(mesh, form)).solve(data.load) + noise
+    fields, residuals = [], []
+    parts, defect = bounds._Field.parts, bounds.defect
+    monkeypatch.setattr(
+        bounds._Field, "parts", lambda field, *more: fields.append(field) or parts(field, *more)
+    )
+    monkeypatch.setattr(
+        bounds, "defect", lambda residual, *more: residuals.append(residual) or defect(residual, *more)
+    )
+    sharp_bound(data, cells, u_h, zero, form)
+    field, s_prime = fields[0], residuals[0].by_parts
+    thick = mesh.longest_edges > np.median(mesh.longest_edges)
+
+    # the flux before it was turned
+    flux = bounds.edge_flux(mesh, cells, zero, u_h, form)
+    w, q = bounds.balanced(data.source, u_h, flux.ends + data.tau.ends, form)
+    slopes = gradients(mesh)
+    of_w, of_u = (k * np.einsum("tid,ti->td", slopes, v[mesh.triangles])[:, None] for v in (w, u_h))
+    bary, _, weights = rule_of(mesh, 4)
+    before = np.einsum("kb,tbd->tkd", bary, of_w - misfit(mesh, w, q, slice(None), k))
+    apart = np.abs(flux_in(field, bary)[0] - before).max(axis=(1, 2))
+    assert np.all(apart[thick] <= 1e-9 * np.abs(before).max())
+    assert np.all(apart[~thick] > 1e-3 * np.abs(before).max())
+
+    # s' by the turned one
+    g = c * (values - u_h)[mesh.triangles] @ bary.T
+    norm, every = np.sqrt(np.sum(weights * g**2, axis=1)), np.arange(len(mesh.triangles))
+    at_nodes = (of_u - flux_in(field, np.eye(3))[0]).transpose(2, 1, 0)
+    expected = by_parts(mesh, every, at_nodes, norm, 0 * norm, form)
+    assert s_prime[thick] == pytest.approx(expected[thick], rel=1e-6)
+    assert np.all(s_prime[~thick] == math.inf)
+    not_turned = residual_parts(data.source, data.tau, u_h, q, form).by_parts
+    assert np.any(not_turned[~thick] < (1 - 1e-6) * expected[~thick])
 
 
 def test_what_is_added_to_v_is_in_eta(monkeypatch):
@@ -574,5 +590,5 @@ def test_the_index_of_a_time_step_is_bounded(kind, c, monkeypatch):
     assert error <= found <= 5 * error
     assert found <= local_bound(*given).u * (1 + 1e-6)
     if c == 1e8:
-        monkeypatch.setattr(bounds, "by_parts", lambda mesh, of, *_: np.full(len(of), math.inf))
+        monkeypatch.setattr(flux_residuals, "by_parts", lambda mesh, of, *_: np.full(len(of), math.inf))
         assert sharp_bound(*given).u > 5 * error

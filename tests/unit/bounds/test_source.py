@@ -11,10 +11,10 @@ from scipy.special import jn_zeros
 from skfem.helpers import dot, grad
 from sources import FORMULAS, Source
 
-from unilateral.bounds import source
 from unilateral.bounds.residual_norm import SUMS, J, ResidualParts
 from unilateral.bounds.source import enclosed
 from unilateral.fem.form import H1
+from unilateral.fem.p2 import linear_squares
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.plane import cross
 from unilateral.geometry.polygon import Polygon, square
@@ -41,10 +41,29 @@ def test_what_is_left_of_f_is_bounded_on_every_triangle(text, h):
     norms, integrals = left(of, found)
     root = np.sqrt(found.mesh.areas)
     slack = 0.02 * root * (5 if "0)" in text else 1)
-    assert np.all(norms <= found.oscillation + found.rest + slack)
+    assert np.all(norms <= found.oscillation + found.jumps + found.rest + slack)
     assert np.all(np.abs(integrals) <= (found.rest + slack) * root)
-    assert np.linalg.norm(found.oscillation) <= 1.6 * np.linalg.norm(norms)
+    assert np.linalg.norm(found.oscillation + found.jumps) <= 1.6 * np.linalg.norm(norms)
     assert found.unknown <= 0.1 * np.linalg.norm(norms)
+
+
+@pytest.mark.parametrize("text", ["exp(x)*y**2", "4*cos(4*pi*x)*cos(4*pi*y)", "x**3 + pos(x - y - 1/7, 0)"])
+def test_what_f_h_leaves_is_orthogonal_to_linear_functions(text):
+    """||f - g||_T by sums over small triangles, for linear g: f_h - g is orthogonal to p - f_h, not to jumps.
+
+    Control: without p - f_h, and without what jumps leave, the bound is too small.
+    """
+    of = Source(text)
+    found = enclosed(meshes.unstructured(square(), 1 / 3), of)
+    area = found.mesh.areas
+    for seed in range(3):
+        more = np.random.default_rng(seed).standard_normal((len(area), 3))
+        norms, _ = left(of, replace(found, f_h=found.f_h + more))
+        of_linear = np.sqrt(linear_squares(area, more))
+        bound = np.hypot(of_linear, found.oscillation) + found.jumps + found.rest
+        slack = 0.02 * np.sqrt(area) * ("pos" in text)
+        assert np.all(norms <= bound * (1 + 1e-3) + slack)
+        assert np.any(norms > of_linear + found.jumps + found.rest + slack)
 
 
 @pytest.mark.parametrize("width", [1e-1, 1e-2, 1e-3, 1e-4])
@@ -124,7 +143,7 @@ def test_both_parts_of_the_distance_are_needed():
     mesh, of = structured(square(), 1 / 2), Source("4*cos(4*pi*x)*cos(4*pi*y)")
     found = enclosed(mesh, of)
     rest = found.rest + 0.6 * np.sqrt(mesh.areas)
-    moved = source.Source(mesh, found.f_h + 0.6, found.oscillation, rest)
+    moved = replace(found, f_h=found.f_h + 0.6, rest=rest)
     for each, without in ((found, "oscillation"), (moved, "rest")):
         assert dual(of, each) <= distance(each)
         assert dual(of, each) > distance(replace(each, **{without: 0 * rest}))
@@ -133,8 +152,9 @@ def test_both_parts_of_the_distance_are_needed():
 def distance(found):
     """A bound on the norm of f - f_h in the dual of H1."""
     zero = np.zeros_like(found.rest)
-    parts = ResidualParts(found.mesh, zero, found.oscillation, zero, found.rest, zero + np.inf)
-    return parts.norms(H1)[0]
+    mean_free = found.oscillation + found.jumps
+    parts = ResidualParts(found.mesh, H1, zero, mean_free, zero, found.rest, zero + np.inf)
+    return parts.norms()[0]
 
 
 def dual(of, found):

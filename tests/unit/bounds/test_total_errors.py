@@ -28,19 +28,20 @@ class Parts:
     """The residual, as `ResidualParts` has it, but exactly: (q - k grad v, G z) and the functional of rho."""
 
     space: Space
+    form: Form
     misfit: np.ndarray
     others: np.ndarray
 
-    def _replace(self, misfit, by_parts):
+    def _replace(self, by_parts=math.inf, **others):
         assert np.all(np.isinf(by_parts))
-        return replace(self, misfit=misfit)
+        return replace(self, **others)
 
     def functional(self):
         return self.space.G.T @ self.misfit + self.others
 
-    def norms(self, form):
-        A, V, functional = self.space.matrix(form), self.space.V, self.functional()
-        on_H1 = dual_norm(A, functional) if form.c else math.inf
+    def norms(self):
+        A, V, functional = self.space.matrix(self.form), self.space.V, self.functional()
+        on_H1 = dual_norm(A, functional) if self.form.c else math.inf
         return on_H1, dual_norm(A[np.ix_(V, V)], functional[V])
 
 
@@ -116,7 +117,7 @@ class Trial:
         def residual(v):
             misfit = q - self.form.k * space.G @ v
             others = load + self.sigma - space.G.T @ q - self.form.c * space.M @ v
-            return Parts(space, misfit, others)
+            return Parts(space, self.form, misfit, others)
 
         v = lifted(self.u, near * 10 ** rng.uniform(-3, 0) * rng.normal(size=N))
         self.u_h = v if same else self.u + near * rng.normal(size=N)
@@ -128,8 +129,8 @@ class Trial:
         y = feasible - self.u_h
         y_D = np.where(np.isin(np.arange(N), space.clamped), y, 0.0)
         self.parts_of_v = residual(v)
-        self.of_u = defect(self.form, residual(self.u_h), 0.0, slack)
-        self.of_v = defect(self.form, self.parts_of_v, 0.0, slack_of_v)
+        self.of_u = defect(residual(self.u_h), 0.0, slack)
+        self.of_v = defect(self.parts_of_v, 0.0, slack_of_v)
         self.D, self.D_clamped = (math.sqrt(w @ A @ w) for w in (y, y_D))
         self.gap = float((v[CONTACT] - g).min())
         self.v = v
@@ -199,7 +200,7 @@ def test_of_a_part_of_v_the_norm_is_enough(trials, known, wrong):
         misfit = own.misfit + trial.form.k * trial.space.G @ w
         parts = replace(own, misfit=misfit, others=own.others + trial.form.c * trial.space.M @ w)
         missing = known * math.sqrt(w @ trial.A @ w)
-        return trial.bounds(of_v=defect(trial.form, parts, missing, trial.of_v.slack))
+        return trial.bounds(of_v=defect(parts, missing, trial.of_v.slack))
 
     assert violations(trials, bounds).any() == wrong
 

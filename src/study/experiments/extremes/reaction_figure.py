@@ -14,7 +14,9 @@ LEFT, WIDTH = (1.25, 5.15, 9.05, 12.95), 3.45
 BOTTOM, HEIGHT = 2.1, 4.6
 """The left ends of the panels, their width, their lower end and their height, in cm."""
 TICKS = (1, 1.2, 1.5, 2, 3, 5, 10)
-POWERS = (-24, -12, 0, 12)
+POWERS = (-8, 0, 8, 16)
+RANGE = (-9, 17)
+"""Powers of 10 of c/k that the axis shows: for smaller ones the bounds are those for c = 0, see X.tiny."""
 BOUNDS: dict[str, style.Look] = {
     "cheap": {"ls": "-", "lw": 1.0, "ms": 3.2, "mew": 0.6},
     "sharp": {"ls": (0, (3, 2)), "lw": 0.8, "ms": 3.2, "mew": 0.6, "mfc": "white"},
@@ -69,6 +71,7 @@ def _lines(axes: Axes, rows: pd.DataFrame, sizes: list[float]) -> None:
         look = {**style.look(sizes.index(h)), **BOUNDS[str(bound)]}
         axes.plot(line["log10_value"], line["index"], **look)
     axes.set_xticks(POWERS, [rf"$10^{{{power}}}$" if power else "1" for power in POWERS])
+    axes.set_xlim(RANGE)
     axes.set_xlabel("$c/k$")
     axes.set_yticks(TICKS, [f"{tick:g}" for tick in TICKS])
     axes.yaxis.set_minor_locator(NullLocator())

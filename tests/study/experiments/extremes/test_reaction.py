@@ -159,8 +159,8 @@ def test_what_is_refused_is_no_number_with_its_reason_and_fails_the_claims():
 def without_integration_by_parts(monkeypatch):
     squares = ResidualParts._squares
 
-    def without(parts, of, form):
-        return squares(parts._replace(by_parts=np.full_like(parts.mean, math.inf)), of, form)
+    def without(parts, block):
+        return squares(parts._replace(by_parts=np.full_like(parts.mean, math.inf)), block)
 
     monkeypatch.setattr(ResidualParts, "_squares", without)
 
@@ -172,9 +172,9 @@ def with_the_equilibrated_flux(monkeypatch):
 def divided_by_c_alone(monkeypatch):
     """The residual counts by c^(-1/2) ||z||_0 only, and never by Poincare's or Friedrichs' inequality."""
 
-    def norms(parts, form):
+    def norms(parts):
         inside = np.hypot(parts.mean, parts.oscillation) + parts.rest
-        norm = math.sqrt(np.sum(parts.misfit**2 / form.k + inside**2 / max(form.c, 1e-300)))
+        norm = math.sqrt(np.sum(parts.misfit**2 / parts.form.k + inside**2 / max(parts.form.c, 1e-300)))
         return norm, norm
 
     monkeypatch.setattr(ResidualParts, "norms", norms)
