@@ -34,11 +34,13 @@ with longest edge d, ||z - mean z|| <= d/j |z|_1, where j = 3.8317.. (Laugesen a
 If f is not quadratic on T, a quadratic function takes its place, and M has the norm of the difference added.
 
 BY PARTS. Where v is linear on T, the terms on T are (f - c v, z)_T + sum <b_e, z>_e over the edges e of T, with b_e =
-(p - k grad v).n. Let x_e be the corner off e. With x - x_e, |T|/|e| ||z||_e^2 = ||z||^2 + (z, (x - x_e).grad z).
+(p - k grad v).n. Let x_e be the corner off e. (x - x_e).n is 2 |T|/|e| on e and 0 on other edges, so the divergence
+theorem for (x - x_e) z^2 gives |T|/|e| ||z||_e^2 = ||z||^2 + (z, (x - x_e).grad z).
 For any a_e >= (|e|/|T|)^(1/2) ||b_e||_e with the sum a, Cauchy's inequality gives
     (sum <b_e, z>_e)^2 <= a sum a_e |T|/|e| ||z||_e^2 = a^2 (||z||^2 + (z, (x - x_0).grad z)), x_0 = sum a_e x_e / a.
 With R = max |x - x_0| at corners that is at most a^2 (||z||^2 + R ||z|| |z|_1) <= a^2 G^2 |||z|||^2 on T, where
-G^2 = (1 + (1 + R^2 c/k)^(1/2))/(2 c). So A^2/k + M^2/c on T may be replaced by (||f - c v||/c^(1/2) + G a)^2.
+G^2 = (1 + (1 + R^2 c/k)^(1/2))/(2 c) is the largest (s^2 + R s t)/(c s^2 + k t^2). So A^2/k + M^2/c on T may be
+replaced by (||f - c v||/c^(1/2) + G a)^2. If f is not quadratic, ||f - c v|| has the same norm added as M.
 """
 
 import decimal
@@ -281,7 +283,7 @@ class Certificate:
     def residual(self, triangle, corners, middles, N):
         """A^2, M^2 and A^2/k + M^2/c, times UNITS^2, for the quadratic function with these values/N in place of v.
 
-        If it is linear, the third one is the lesser of that and of its bound by parts; it is 0 for c = 0.
+        The bound by parts replaces the third one where it is less. The third one is 0 if c = 0.
         """
         D, W = self.mesh.D, self.W
         (kn, kd), (cn, cd) = self.problem.k.as_integer_ratio(), self.problem.c.as_integer_ratio()
@@ -313,27 +315,27 @@ class Certificate:
         theta = Q(max(round(share * 2**20), 0), 2**20)
         A2 = add_up(misfit2, math.ceil(theta**2 * b2 * o2))
         M2 = add_up(mean2 + math.ceil((1 - theta) ** 2 * o2), doubt2)
-        energy2 = math.ceil(A2 * Q(kd, kn) + M2 * Q(cd, cn)) if cn else 0
+        energy2 = divide_up(A2 * kd * cn + M2 * cd * kn, kn * cn) if cn else 0
         is_linear = all(2 * middle == corners[i] + corners[j] for middle, (i, j) in zip(middles, OPPOSITE))
-        if is_linear and ratio * d2 > 1:
-            rest = [Q(value, unit) - Q(cn * v, cd * N) for value, v in zip(values, [*corners, *middles])]
-            s = self.by_parts(X, out, [Q(v, N) for v in corners], rest, Q(doubt, unit))
-            energy2 = min(energy2, math.ceil((s * UNITS) ** 2))
+        if is_linear and ratio * d2 > 1:  # otherwise the bound by parts is hardly ever the lesser one
+            rest = [z - div_p for z in rho]  # 2 |T| (f - c v)
+            rest2 = divide_up((D * UNITS) ** 2 * quadratic_mass(rest[:3], rest[3:]), 360 * scale**2 * area)
+            inside2 = divide_up(add_up(rest2, doubt2) * cd, cn)
+            energy2 = min(energy2, add_up(inside2, self.edge_terms(X, misfit, kd * N * W)))
         return A2, M2, energy2
 
-    def by_parts(self, X, out, v, rest, doubt):
-        """An upper bound on ||f - c v||/c^(1/2) + G a, from v at the corners X, the outflows, and f - c v."""
-        k, c, size, e = self.problem.k, self.problem.c, Q(cross(*X), 2 * self.mesh.D**2), vectors(X)
-        weights = []  # a_e
-        for (first, last), (dx, dy) in zip(out, e):
-            slope = k * sum(z * (dx * p + dy * q) for z, (p, q) in zip(v, e)) / cross(*X)  # - k |e| dv/dn
-            first, last = Q(first, self.W) + slope, Q(last, self.W) + slope
-            weights.append(root((first * first + first * last + last * last) / (3 * size))[1])
+    def edge_terms(self, X, misfit, unit):
+        """G^2 a^2, times UNITS^2, by 2 |T| (k grad v - p) at the corners X in units of 1/(D unit)."""
+        k, c, D = self.problem.k, self.problem.c, self.mesh.D
+        # |e| b_e at both ends of e is misfit x e/(2 D^2 |T| unit), up to its sign; the weights are the a_e
+        pairs = [(misfit[i], misfit[j]) for i, j in OPPOSITE]
+        ends = [[x * dy - y * dx for x, y in pair] for pair, (dx, dy) in zip(pairs, vectors(X))]
+        squares = [(p * p + p * q + q * q) * 2 * D**2 for p, q in ends]
+        weights = [math.isqrt(z * UNITS**2 // (3 * unit**2 * cross(*X) ** 3)) + 1 for z in squares]
         a = sum(weights)
-        x_0 = [sum(weight * x[z] for weight, x in zip(weights, X)) / a for z in (0, 1)]
-        R2 = max((x - x_0[0]) ** 2 + (y - x_0[1]) ** 2 for x, y in X) / self.mesh.D**2
-        G = root((1 + root(1 + R2 * c / k)[1]) / (2 * c))[1]
-        return (root(quadratic_mass(rest[:3], rest[3:]) / 180)[1] + doubt) * root(size / c)[1] + G * a
+        arms = [[sum(w * (p - q) for w, q in zip(weights, line)) for p in line] for line in zip(*X)]  # a (x - x_0)
+        R2 = Q(max(x * x + y * y for x, y in zip(*arms)), (a * D) ** 2)
+        return math.ceil(a * a * (1 + root(1 + R2 * c / k)[1]) / (2 * c))
 
     def friedrichs_constant(self):
         """C with ||z|| <= C |z|_1 on V, by a field b, linear on triangles, with one b.n on each edge.
@@ -440,7 +442,8 @@ class Certificate:
     def bounds(self):
         """Upper bounds on X and L."""
         k, c = self.problem.k, self.problem.c
-        constants = ([root(1 / c)[1]] if c else []) + ([self.friedrichs_constant() / root(k)[0]] if self.field else [])
+        constants = [root(1 / c)[1]] if c else []
+        constants += [self.friedrichs_constant() / root(k)[0]] if self.field else []
         C = min(constants)  # ||z|| <= C |||z|||
         edges = list(self.boundary_edges())
         w = self.boundary_values(edges)

@@ -5,6 +5,8 @@ from random import Random
 
 from recomputed import doubled_area, normal, number_edges, place_nodes
 
+POWERS, TINY = (-3, 0, 0, 1, 2, 4, 8), -30
+"""c is drawn between 1/7 and 50/7, then multiplied by a power of ten: also by a tiny one if there is b."""
 POLYGONS = (
     "0 0, 1 0, 1 1, 0 1",
     "0 0, 1 0, 1/3 1",
@@ -91,7 +93,11 @@ def random_certificate(seed):
         "f": random_polynomial(random),
         "sides": [{kind: data[kind]()} for kind in kinds],
     }
-    flux = [random.gauss(0, 1) for _ in range(2 * len(numbers))]
+    powers = (*POWERS, TINY) if with_field else POWERS
+    problem["c"] = str(Fraction(problem["c"]) * Fraction(10) ** random.choice(powers))
+    # p of the size of (c k)^(1/2) v: so neither p - k grad v nor f - c v is all that counts for a large c
+    size = max(1.0, float(Fraction(problem["c"]) * Fraction(problem["k"])) ** 0.5)
+    flux = [random.gauss(0, size) for _ in range(2 * len(numbers))]
     for i in range(len(side)):
         j = (i + 1) % len(side)
         if kinds[side[i]] == "contact":

@@ -135,7 +135,11 @@ def read_polynomial(terms):
 
 
 class Recomputed:
-    """The parts of the bounds X and L of a certificate, and the bounds, to 60 digits."""
+    """The bounds X and L of a certificate to 60 digits, and what they are the least of.
+
+    `constants` are the two C, and `S` has both S for v and for v + y; what is not there is infinite.
+    `is_by_parts` says for each residual on a triangle whether its bound by parts is the lesser one.
+    """
 
     def __init__(self, stated):
         problem, self.stated = stated["problem"], stated
@@ -146,6 +150,7 @@ class Recomputed:
         self.numbers = number_edges(self.triangles)
         self.boundary = [(i, (i + 1) % len(self.side)) for i in range(len(self.side))]
         self.trace = self.read_trace()
+        self.is_by_parts = []
         with localcontext(Context(prec=60)):
             self.X, self.L = self.bounds()
 
@@ -196,9 +201,10 @@ class Recomputed:
         return y
 
     def residual(self, z, p, corners):
-        """(m + theta d/j o)^2 and ||mean||^2 + (1 - theta)^2 o^2 on a triangle, for rho = f + div p - c z.
+        """A^2 = (m + theta d/j o)^2, M^2 = ||mean||^2 + (1 - theta)^2 o^2 and the lesser bound on a triangle.
 
-        m = ||p - k grad z||, o = ||rho - mean||, and theta is a multiple of 2^-20.
+        rho = f + div p - c z, m = ||p - k grad z||, o = ||rho - mean||, and theta is a multiple of 2^-20. The
+        lesser bound is A^2/k + M^2/c or that by parts, and 0 for c = 0.
         """
         misfit = [total(p[axis], times(-self.k, gradient(z)[axis])) for axis in (0, 1)]
         rho = total(self.f, divergence(p), times(-self.c, z))
@@ -210,11 +216,44 @@ class Recomputed:
         m, o = (decimal(integral(each, corners)).sqrt() for each in (square(misfit), product(rest, rest)))
         theta = (o - ratio * b * m) / (o * (1 + ratio * b**2)) if o else Decimal(0)
         theta = max((theta * 2**20).to_integral_value(), Decimal(0)) / 2**20
-        return (m + theta * b * o) ** 2, decimal(mean**2 * area) + ((1 - theta) * o) ** 2
+        A2, M2 = (m + theta * b * o) ** 2, decimal(mean**2 * area) + ((1 - theta) * o) ** 2
+        if self.c == 0:
+            return A2, M2, Decimal(0)
+        energy2 = A2 / decimal(self.k) + M2 / decimal(self.c)
+        by_parts2 = self.by_parts(z, p, corners)
+        self.is_by_parts.append(by_parts2 < energy2)
+        return A2, M2, min(energy2, by_parts2)
+
+    def by_parts(self, z, p, corners):
+        """(||f - c z||/c^(1/2) + G a)^2 on a triangle; infinite if z is not linear, or c d^2 <= k.
+
+        G^2 is the larger root of k c x^2 - k x = R^2/4: the largest (s^2 + R s t)/(c s^2 + k t^2).
+        """
+        d2 = max(length2(corners[i], corners[j]) for i, j in EDGES)
+        if self.c * d2 <= self.k or any(coefficient for (i, j), coefficient in z.items() if i + j > 1):
+            return Decimal("inf")
+        k, c, area = decimal(self.k), decimal(self.c), integral(ONE, corners)
+        rest = total(self.f, times(-self.c, z))
+        field = [total(p[axis], times(-self.k, gradient(z)[axis])) for axis in (0, 1)]
+        weights = []
+        for i, j in EDGES:
+            # |e| ||b_e||_e^2 is the integral over s in [0, 1] of the square of what field has along |e| n
+            a, b = corners[i], corners[j]
+            X, Y = ({(0, 0): a[axis], (1, 0): b[axis] - a[axis]} for axis in (0, 1))
+            through = total(*[times(n, part) for n, part in zip(normal(a, b), field, strict=True)])
+            density = square([substitute(through, X, Y)])
+            weights.append(decimal(sum(q / (power + 1) for (power, _), q in density.items()) / area).sqrt())
+        a = sum(weights)
+        points = [tuple(map(decimal, corner)) for corner in corners]
+        pairs = list(zip(weights, points, strict=True))
+        centre = [sum(weight * point[axis] for weight, point in pairs) / a for axis in (0, 1)]
+        R2 = max(length2(point, centre) for point in points)
+        G = ((k + (k**2 + k * c * R2).sqrt()) / (2 * k * c)).sqrt()
+        return (decimal(integral(product(rest, rest), corners) / self.c).sqrt() + G * a) ** 2
 
     def bounds(self):
         k, c, field = decimal(self.k), decimal(self.c), "field" in self.stated
-        D2, b2, sums = Fraction(0), Fraction(0), [Decimal(0)] * 4
+        D2, b2, sums = Fraction(0), Fraction(0), [Decimal(0)] * 6
         for triangle in self.triangles:
             corners = [self.nodes[i] for i in triangle]
             hats = hat_functions(corners)
@@ -229,12 +268,15 @@ class Recomputed:
             if field:
                 b = self.vector_field("field", triangle, hats)
                 b2 = max(b2, *[value(square(b), corner) for corner in corners])
-        C = 2 * (decimal(b2) / k).sqrt() if field else 1 / c.sqrt()
+        never = Decimal("inf")
+        self.constants = 2 * (decimal(b2) / k).sqrt() if field else never, 1 / c.sqrt() if c else never
+        C = min(self.constants)
         free = self.free_sides(C)
-        S2 = []
-        for A2, M2 in (sums[:2], sums[2:]):
-            interior = (A2 / k).sqrt() + C * M2.sqrt() if field else (A2 / k + M2 / c).sqrt()
-            S2.append((interior + free) ** 2)
+        self.S = [
+            ((A2 / k).sqrt() + C * M2.sqrt() + free, energy2.sqrt() + free if c else never)
+            for A2, M2, energy2 in (sums[:3], sums[3:])
+        ]
+        S2 = [min(pair) ** 2 for pair in self.S]
         B = decimal(self.contact_sides())
         X = (S2[0] + 2 * B + decimal(D2)).sqrt()
         return X, min(decimal(D2).sqrt() + X, (S2[1] + 2 * B).sqrt())

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from conftest import ROOT
+from known_certificates import checker
 from test_exact_mesh import FAR, OTHERS
 
 import unilateral as ul
@@ -103,6 +104,72 @@ SOLUTIONS = {
     "flux": with_flux,
     "without reaction": without_reaction,
 }
+
+
+def quadratic(kind, ratio, k=1.0):
+    """u is quadratic: given on all sides, touching g on all, or half of each; c/k is `ratio`."""
+    u, laplacian = ("x*y + x**2", 2) if kind != "contact" else ("2*x**2 + 2*y**2 - 2*x - 2*y + x*y/4", 8)
+    problem = {"f": f"{k * ratio!r}*({u}) - {k!r}*{laplacian}", "k": repr(k), "c": repr(k * ratio)}
+    if kind == "clamped":
+        problem |= {"u": dict.fromkeys(range(4), u)}
+    elif kind == "mixed":
+        problem |= {"g": [None, u, u, None], "u": {0: u, 3: u}}
+    else:
+        problem |= {"g": u}
+    return ul.solve(ul.Problem(SQUARE, **problem), h=1 / 16, H=1 / 8)
+
+
+def time_step():
+    """f = c u_0; u_0 is below g at x = 1, so that there is a layer in space, too."""
+    problem = ul.Problem(
+        SQUARE, f="1e8*(x - x**2/2)", g=[None, "3/5", None, None], u={3: 0}, free_sides=[0, 2], c="1e8"
+    )
+    return ul.solve(problem, h=1 / 16, H=1 / 8)
+
+
+def slanted_with_layers():
+    return ul.solve(ul.Problem(PENTAGON, f="1e6*(3*x - 4)", g="x*y/4", c="1e6"), h=1 / 16, H=1 / 8)
+
+
+def flux_into_a_layer():
+    """f - c u_h is small, and a linear p cannot carry the flux to where it ends, near its side."""
+    fields = {"free_sides": [1], "q": [None, "1000*(2 - y)", None, None], "k": 2.5, "c": "1e6"}
+    return ul.solve(ul.Problem(KITE, f="1e6*(x - 4)", g="x - 9/2", **fields), h=1 / 16, H=1 / 8)
+
+
+def with_formula(ratio):
+    """u = g = 2 x^2 + 2 y^2 - 2 x - 2 y + sin(x) y/3, so f is no polynomial."""
+    u = "2*x**2 + 2*y**2 - 2*x - 2*y + sin(x)*y/3"
+    problem = ul.Problem(SQUARE, f=f"{ratio!r}*({u}) - 8 + sin(x)*y/3", g=u, c=repr(ratio))
+    return ul.solve(problem, h=1 / 16, H=1 / 8)
+
+
+EXTREMES = {
+    "clamped, 1e-30": lambda: quadratic("clamped", 1e-30),
+    "clamped, 1e4": lambda: quadratic("clamped", 1e4, k=1e-8),
+    "clamped, 1e16": lambda: quadratic("clamped", 1e16),
+    "contact, 1e-2": lambda: quadratic("contact", 1e-2, k=1e5),
+    "contact, 1e6": lambda: quadratic("contact", 1e6),
+    "contact, 1e12": lambda: quadratic("contact", 1e12, k=1e-3),
+    "mixed, 1e-30": lambda: quadratic("mixed", 1e-30, k=8.0),
+    "mixed, 1e2": lambda: quadratic("mixed", 1e2),
+    "mixed, 1e8": lambda: quadratic("mixed", 1e8, k=1e8),
+    "time step": time_step,
+    "slanted": slanted_with_layers,
+    "flux": flux_into_a_layer,
+    "formula, 1e-2": lambda: with_formula(1e-2),
+    "formula, 1e8": lambda: with_formula(1e8),
+}
+"""Problems with c/k from 1e-30 to 1e16, and their solutions."""
+REST_OF_FORMULA = {
+    name: 2 * (1 / 16) ** 3 / 100 * (c + 1) / c**0.5
+    for name, c in [("formula, 1e-2", 1e-2), ("formula, 1e8", 1e8)]
+}
+"""What a quadratic function in place of f adds to S: to M, and once more as its norm, times c^(-1/2).
+
+The third derivatives of f are at most (c + 1)/3. So Taylor's coefficients f_30 and f_21 along the legs of
+triangles are at most h^3 (c + 1) times 1/18 and 1/6. The root mean squares of u^3 and u^2 v are below 0.04.
+"""
 POLYGONS = FAR | OTHERS
 CELLS_CUT_EDGES = {"slanted", "mesh without order"}
 """The multiplier's cells are no whole edges there, so that p.n, which is judged, is not lambda_H."""
@@ -125,7 +192,7 @@ def checked(tmp_path_factory):
 
     @cache
     def checked(name):
-        solution, path = SOLUTIONS[name](), folder / f"{name}.json.gz"
+        solution, path = (SOLUTIONS | EXTREMES)[name](), folder / f"{name}.json.gz"
         solution.save_certificate(path)
         stated = json.loads(gzip.decompress(path.read_bytes()))
         return Checked(solution, stated, *bounds_of(stated))
@@ -163,6 +230,30 @@ def test_the_check_proves_the_numbers_of_the_project(name, checked):
     proved, bounds = checked(name), checked(name).solution.bounds
     assert proved.u <= 1.0001 * bounds.u
     assert proved.multiplier <= 1.0001 * bounds.multiplier
+
+
+@pytest.mark.parametrize("name", EXTREMES)
+def test_so_it_does_for_all_ratios_of_c_and_k(name, checked):
+    """The multiplier of layers is bounded by less than what the project says."""
+    proved, bounds, more = checked(name), checked(name).solution.bounds, REST_OF_FORMULA.get(name, 0)
+    assert 0.97 * bounds.u <= proved.u <= 1.0001 * bounds.u + more
+    if not name.startswith("clamped"):
+        assert proved.multiplier <= 1.0001 * bounds.multiplier + more
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "replacement"),
+    [
+        ("flux", "is_linear and ratio * d2 > 1", "False"),
+        ("mixed, 1e-30", "C = min(constants)", "C = constants[0]"),
+        ("mixed, 1e-30", "min(pair) if c else", "pair[1] if c else"),
+    ],
+    ids=["by parts", "C from the field", "S with C"],
+)
+def test_it_needs_each_of_its_bounds(name, text, replacement, checked):
+    """Control: a layer needs the bound by parts, and a tiny c the constant of the field."""
+    u, _ = checker((text, replacement)).Certificate(checked(name).stated).bounds()
+    assert u > 2 * checked(name).solution.bounds.u
 
 
 @pytest.mark.parametrize("name", POLYGONS)

@@ -18,6 +18,7 @@ import sentences
 import sympy
 from conftest import ROOT
 from flint import arb, arb_series, ctx, fmpq
+from known_certificates import certificate, checker
 
 import unilateral as ul
 
@@ -426,6 +427,34 @@ def test_long_sums_are_read():
     """300 terms are nested 299 deep."""
     assert cf.Formula("+".join("x" * 300)).value([Q(2, 3), Q(0)]) == 200
     assert cf.Formula("+".join("x" * 299) + "+sin(x)").on_edge([Q(0), Q(0)], [Q(1), Q(0)])[0] == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("part", "replacement"),
+    [
+        ("math.ceil((1 - theta) ** 2 * o2), doubt2)", "math.ceil((1 - theta) ** 2 * o2), 0)"),
+        ("add_up(rest2, doubt2)", "rest2"),
+    ],
+    ids=["M", "by parts"],
+)
+def test_a_checker_that_believes_its_quadratic_function_proves_too_little(part, replacement):
+    """f = cos(6 pi x) is 1 at the centroids of both triangles, where v = 1/4 solves c v = 1, c = 4.
+
+    u = cos(6 pi x)/(c + 36 pi^2), and u - v has the square c v^2 = 1/4 and more. The checker itself sees it.
+    """
+    stated = certificate(
+        [(0, 0), (1, 0), (1, 1), (0, 1)],
+        [("free", [])] * 4,
+        c=4,
+        triangles=[(0, 1, 2), (0, 2, 3)],
+        v=lambda x, y: Q(1, 4),
+    )
+    stated["problem"]["f"] = "cos(6*pi*x)"
+    bounds = [
+        module.Certificate(stated, cf.Formula).bounds()[0]
+        for module in (checker(), checker((part, replacement)))
+    ]
+    assert bounds[1] < 1e-20 < 0.5 < bounds[0]
 
 
 # ---- The program ----

@@ -13,13 +13,18 @@ Some parts have no attack. A checker without one of them still proves what it pr
 - Two triangles lie on different sides of an edge. Otherwise v may have two values at a point.
 - j is rounded downwards: 3.83170597.. is the best constant.
 - u_D does not jump. If it does there is no u.
+- c d^2 > k, where a bound by parts is tried. It holds on every triangle.
+- By parts f - c v is not rho. They differ by div p, a constant, and (div p, z)_T is the sum of the
+  <b_e, mean of z>_e. With rho the <b_e, z - mean of z>_e are left, whose sum is at most G a |||z|||, too.
+- The least of two bounds is taken, and of two C. The larger ones hold, too.
+- What f is off a quadratic function: polynomials are not. test_formulas.py attacks it.
 """
 
 from fractions import Fraction
 from typing import NamedTuple
 
 import pytest
-from known_certificates import certificate, checker, polynomial, written
+from known_certificates import certificate, checker, polynomial, value, written
 
 GENUINE = checker()
 RIGHT, LEFT = 1, 3
@@ -216,6 +221,59 @@ def needle():
     return certificate(corners, [free()] * 3, load, c=Fraction(1, 10**6), triangles=[(0, 1, 2)])
 
 
+def soft_pull_with_reaction():
+    """k = t = 1/64 at x = 1, and f = c x, so that u = x; v = 0. S^2 = |||u|||^2 = k + c/3."""
+    k, c = Fraction(1, 64), Fraction(1, 1000)
+    pulled = {LEFT: clamped(), RIGHT: free(one=k)}
+    return rectangle(pulled, f=polynomial(x=c), k=k, c=c, p=lambda x, y: (k, 0), field=None)
+
+
+def weak_reaction():
+    """u = 100 for f = 1, c = 1/100; v = 0. |||u|||^2 = 100."""
+    return rectangle({}, f=polynomial(one=1), c=Fraction(1, 100), field=None)
+
+
+def strong_reaction():
+    """u = 1/2 for f = 2, c = 4; v = 0. |||u|||^2 = 1."""
+    return rectangle({}, f=polynomial(one=2), c=4, field=None)
+
+
+def layer():
+    """u = sinh(100 x)/cosh(200), as k = 1/100, c = 100 and t = 1 at x = 2; v = 0.
+
+    |||u|||^2 = <1, u> = tanh 200. p.n = t at x = 2, and 0 on all other edges.
+    """
+    flux = [1, 1] + [0] * 8
+    pulled = {LEFT: clamped(), RIGHT: free(one=1)}
+    return rectangle(pulled, length=2, k=Fraction(1, 100), c=100, p=flux, field=None)
+
+
+def small_triangle(side, **rest):
+    """The triangle with sides of 4, 5 and 3, where p.n = 1 all around; k = 1 and c = 1/20, so c d^2 = 5/4.
+
+    Let R be the residual of v = 0. If |R(1)| = r, then its norm is at least r/|||1||| = r/(6 c)^(1/2).
+    """
+    corners, flux = [(0, 0), (4, 0), (0, 3)], [5, 5, 3, 3, 4, 4]
+    return certificate(corners, [side] * 3, c=Fraction(1, 20), triangles=[(0, 1, 2)], p=flux, **rest)
+
+
+def load_and_pull():
+    """f = 2, and t = 1 all around; v = 0. |||u||| is the norm of (f, z) + <t, z>, 12 + 12 for z = 1."""
+    return small_triangle(free(one=1), f=polynomial(one=2))
+
+
+def bent():
+    """u = 0, f = 0, g = v + y = ((x - 1)^2 + (y - 1)^2 - 10)/2 <= 0, and v interpolates g.
+
+    The circle around (1, 1) with the radius 1 touches all sides, so d(v + y)/dn = 1 = p.n there, and
+    2 - c (v + y) is left of the residual of v + y: a bound by parts would miss the 2. The dual norm of
+    du/dn - p.n is that of -1, and z = 1 has the integral 12.
+    """
+    g = polynomial(one=-4, x=-1, y=-1, xx="1/2", yy="1/2")
+    return small_triangle(("contact", g), v=lambda x, y: value(g, x, y))
+
+
+THREE_SIDES = 12 / (6 / 20) ** 0.5
 NEEDLE = (1 / 64 / 30 / (1 + 1e-6)) ** 0.5
 
 
@@ -258,7 +316,7 @@ ATTACKS = [
         (4 / 3) ** 0.5,
     ),
     Attack("b.n <= 0", "require(inward or", "require(True or", field_through_long_sides(), (8**3 / 3) ** 0.5),
-    Attack("mean of rho", "+ C * root(M2)[1] if", "if", load(), (4 / 3) ** 0.5),
+    Attack("mean of rho", " + C * root(M2)[1]", "", load(), (4 / 3) ** 0.5),
     Attack("1/k", "root(A2 / k)[1] + C", "root(A2)[1] + C", soft_pull(), 1 / 8),
     Attack(
         "k in C",
@@ -274,7 +332,7 @@ ATTACKS = [
         waves(),
         210**-0.5,
     ),
-    Attack("d is the longest edge", "b2 = Q(max(", "b2 = Q(min(", needle(), NEEDLE),
+    Attack("d is the longest edge", "d2 = Q(max(", "d2 = Q(min(", needle(), NEEDLE),
     Attack("j", "J = Q(38317, 10**4)", "J = Q(4)", needle(), NEEDLE),
     Attack(
         "S of v + y",
@@ -289,6 +347,41 @@ ATTACKS = [
         "B", "2 * B + D2)[1]\n        return X", "0 * B + D2)[1]\n        return X", pressure_in_a_gap(), 1
     ),
     Attack("2 B", "2 * B + D2)[1]\n        return X", "B + D2)[1]\n        return X", pressure_in_a_gap(), 1),
+    Attack("c > 0 where C = c^(-1/2)", "min(pair) if c else pair[0]", "min(pair)", load(), (4 / 3) ** 0.5),
+    Attack("c in C", "root(1 / c)[1]", "Q(1)", weak_reaction(), 10),
+    Attack("1/k beside M^2/c", "A2 * kd * cn", "A2 * kn * cn", soft_pull_with_reaction(), 1 / 8),
+    Attack("1/c beside A^2/k", "M2 * cd * kn", "M2 * cn * kn", weak_reaction(), 10),
+    Attack("f - c v by parts", "inside2 = ", "inside2 = 0 * ", strong_reaction(), 1),
+    Attack(
+        "1/c by parts",
+        "add_up(rest2, doubt2) * cd, cn",
+        "add_up(rest2, doubt2), 1",
+        load_and_pull(),
+        2 * THREE_SIDES,
+    ),
+    Attack(
+        "norms inside and on edges are added",
+        "add_up(inside2, self.edge_terms(X, misfit, kd * N * W))",
+        "inside2 + self.edge_terms(X, misfit, kd * N * W)",
+        load_and_pull(),
+        2 * THREE_SIDES,
+    ),
+    Attack(
+        "a is a sum",
+        "math.ceil(a * a *",
+        "math.ceil(sum(weight * weight for weight in weights) *",
+        load_and_pull(),
+        2 * THREE_SIDES,
+    ),
+    Attack("a_e of each edge", "a = sum(weights)", "a = sum(weights[1:])", layer(), 1),
+    Attack("|T| in a_e", ") * 2 * D**2", ") * D**2", layer(), 1),
+    Attack("p.n at both ends of e", "p * p + p * q + q * q", "p * q", layer(), 1),
+    Attack("R", "R2 * c / k", "0", layer(), 1),
+    Attack("R is the largest distance", "R2 = Q(max(", "R2 = Q(min(", layer(), 1),
+    Attack("R is measured from x_0", "w * (p - q)", "Q(a, 3) * (p - q)", layer(), 1),
+    Attack("1/k in G", "R2 * c / k", "R2 * c", layer(), 1),
+    Attack("1/(2 c) in G", "/ (2 * c))", "/ (4 * c))", layer(), 1),
+    Attack("v is linear", "is_linear and ratio", "ratio", bent(), THREE_SIDES, is_dual=True),
 ]
 
 

@@ -6,10 +6,13 @@ import json
 import subprocess
 import sys
 from decimal import Decimal
+from fractions import Fraction
+from functools import cache
 
 import pytest
 import sentences
 from conftest import ROOT
+from known_certificates import checker
 from random_certificates import random_certificate
 from recomputed import Recomputed, decimal
 
@@ -115,14 +118,20 @@ def test_sums_over_triangles_do_not_grow():
     assert check.UNITS**2 % D2.denominator == 0
 
 
-SEEDS = (*range(8), 2073)  # the last one has a single triangle, with two free edges
+SEEDS = (*range(12), 21, 97, 2073)
+"""21 and 97 have b, and a large and a tiny c. The last one has a single triangle, with two free edges."""
+
+
+@cache
+def recompute(seed):
+    return Recomputed(random_certificate(seed))
 
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_both_bounds_agree_with_their_definitions(seed):
     """Not below them, up to the 28 digits of this comparison, and above by less than 1e-15."""
     certificate = random_certificate(seed)
-    expected = Recomputed(certificate)
+    expected = recompute(seed)
     for bound, exact in zip(check.Certificate(certificate).bounds(), (expected.X, expected.L), strict=True):
         assert exact * (1 - Decimal("1e-26")) <= decimal(bound) <= exact * (1 + Decimal("1e-15"))
 
@@ -131,7 +140,7 @@ def test_the_comparison_notices_a_change_of_one_number_by_1e_9():
     certificate = random_certificate(0)
     certificate["flux"][0] *= 1 + 1e-9
     changed, _ = check.Certificate(certificate).bounds()
-    assert abs(decimal(changed) / Recomputed(random_certificate(0)).X - 1) > Decimal("1e-15")
+    assert abs(decimal(changed) / recompute(0).X - 1) > Decimal("1e-15")
 
 
 def test_random_certificates_have_all_that_the_definitions_compute():
@@ -141,6 +150,38 @@ def test_random_certificates_have_all_that_the_definitions_compute():
     assert {"field" in stated for stated in certificates} == {False, True}
     assert any(stated["problem"]["c"] == "0" for stated in certificates)
     assert any(len(stated["mesh"]["triangles"]) == 1 for stated in certificates)
+    problems = [stated["problem"] for stated in certificates]
+    ratios = [float(Fraction(problem["c"]) / Fraction(problem["k"])) for problem in problems]
+    assert 0 < min(filter(None, ratios)) < 1e-25 < 1e5 < max(ratios)
+
+
+def test_each_of_the_bounds_is_the_least_somewhere():
+    """Of those on a triangle, of the two C, if both are there, and of the two S."""
+    all_parts = [recompute(seed) for seed in SEEDS]
+    assert any({False, True} <= set(parts.is_by_parts) for parts in all_parts)
+    both = [parts.constants for parts in all_parts if max(parts.constants).is_finite()]
+    assert {field < reaction for field, reaction in both} == {False, True}
+    pairs = [pair for parts in all_parts for pair in parts.S if max(pair).is_finite()]
+    assert {with_C < with_c for with_C, with_c in pairs} == {False, True}
+
+
+@pytest.mark.parametrize(
+    ("text", "replacement"),
+    [
+        ("is_linear and ratio * d2 > 1", "False"),
+        ("is_linear and ratio * d2 > 1", "ratio * d2 > 1"),
+        ("C = min(constants)", "C = constants[0]"),
+        ("min(pair) if c else pair[0]", "pair[1] if c else pair[0]"),
+    ],
+)
+def test_the_comparison_notices_a_choice_that_is_not_made(text, replacement):
+    """Control: some seed has another bound if the least one is not taken, or one where it is none."""
+    changed, changes = checker((text, replacement)), []
+    for seed in SEEDS:
+        stated = random_certificate(seed)
+        pairs = zip(changed.Certificate(stated).bounds(), check.Certificate(stated).bounds(), strict=True)
+        changes += [abs(bound / genuine - 1) for bound, genuine in pairs]
+    assert max(changes) > 1e-9
 
 
 def test_comments_in_formulas_are_refused():
@@ -182,8 +223,8 @@ def test_texts_of_any_alphabet_are_refused_on_a_terminal_of_ascii(tmp_path):
             place, "\u03c0"
         )
         (tmp_path / "greek.json").write_text(json.dumps(certificate))
-        for checker in (CHECKER, CHECKER.with_name("check_formulas.py")):
-            command = [sys.executable, "-S", checker, tmp_path / "greek.json"]
+        for program in (CHECKER, CHECKER.with_name("check_formulas.py")):
+            command = [sys.executable, "-S", program, tmp_path / "greek.json"]
             environment = {"PYTHONIOENCODING": "ascii"}
             done = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
             assert (done.returncode, done.stderr) == (1, "")

@@ -80,12 +80,16 @@ def test_the_checker_refuses_numbers_that_are_a_little_smaller(
     assert reason in printed
 
 
-def test_without_a_reaction_the_flux_is_balanced(tmp_path):
-    """The checker's bound is below the program's, which counts what multigrid left of f + div p.
+@pytest.mark.parametrize("c", ["0", "1e-6"])
+def test_without_a_reaction_or_with_a_small_one_the_flux_is_balanced(c, tmp_path):
+    """The checker's bound is below the program's, which counts what multigrid left of f + div p - c v.
 
     Control: with the flux as it is, it is above, because the checker's constant of Friedrichs is larger.
     """
-    s = ul.solve(EXAMPLES / "seal.yaml", accuracy=0.05)
+    seal = (EXAMPLES / "seal.yaml").read_text(encoding="utf-8")
+    assert "\nc: 0 " in seal
+    (tmp_path / "seal.yaml").write_text(seal.replace("\nc: 0 ", f"\nc: {c} "), encoding="utf-8")
+    s = ul.solve(tmp_path / "seal.yaml", accuracy=0.05)
     judged = judge_solution(s.solved)
     unbalanced = judged._replace(flux=s.solved.flux)
     bounds = []
@@ -93,6 +97,25 @@ def test_without_a_reaction_the_flux_is_balanced(tmp_path):
         write_certificate(make_certificate(s.problem, each), tmp_path / "c.json")
         bounds.append(proved(tmp_path / "c.json")[0])
     assert bounds[0] < s.bounds.u < bounds[1]
+
+
+@pytest.mark.parametrize(
+    ("c", "has_field"), [("0", True), ("1e-30", True), ("8", True), ("12", False), ("1e8", False)]
+)
+def test_a_field_is_written_for_a_small_reaction(c, has_field, tmp_path):
+    """Where c C_F^2 < k = 4: with one side clamped C_F^2 = 4/pi^2, by the function sin(pi x/2)."""
+    problem = ul.Problem(SQUARE, f="x", u={3: 0}, free_sides=[0, 1, 2], k=4, c=c)
+    ul.solve(problem, h=1 / 8, H=1 / 4).save_certificate(tmp_path / "c.json")
+    stated = json.loads((tmp_path / "c.json").read_text(encoding="utf-8"))
+    assert ("field" in stated) == has_field
+    assert len(proved(tmp_path / "c.json")) == 2
+
+
+def test_without_a_clamped_side_there_is_no_field(tmp_path):
+    ul.solve(ul.Problem(SQUARE, f="x - 1", g=0, c="1e-6"), h=1 / 8, H=1 / 4).save_certificate(
+        tmp_path / "c.json"
+    )
+    assert "field" not in json.loads((tmp_path / "c.json").read_text(encoding="utf-8"))
 
 
 def test_the_problem_that_is_proved_is_the_user_s(tmp_path):
