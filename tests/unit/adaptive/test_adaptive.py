@@ -11,6 +11,7 @@ from nested import multilevel
 from searched import FILES, levels, problem
 from symbolic import X
 
+from unilateral import Problem
 from unilateral.adaptive.goal import Goal
 from unilateral.adaptive.level import ALGEBRAIC_SHARE
 from unilateral.adaptive.loop import search, two_edges_per_cell
@@ -249,3 +250,32 @@ def test_multipliers_stay_away_from_free_sides(problem_of):
     for level in done:
         assert level.solved.lambda_H.max() > 0
         assert np.all(level.solved.lambda_H[level.partition.side > 0] == 0)
+
+
+@pytest.mark.parametrize("free", [[], [0, 1, 2, 3]], ids=["contact", "free"])
+def test_a_tiny_c_without_a_clamped_side_is_no_obstacle(free):
+    """On the first mesh rounding is above the iteration's tolerance, and far below the bound."""
+    data = {"q": ["0", "3", "0", "-1"], "free_sides": free} if free else {"g": "-x*y/2"}
+    f = "1e-9*(x**2 + x) - 2" if free else "-1 + sin(5*x)"
+    found = search(Problem([(0, 0), (1, 0), (1, 1), (0, 1)], f, c=1e-9, **data), Goal(0.05))
+    assert not found.levels[0].solved.result.converged
+    assert found.certified
+
+
+def test_units_of_k_and_of_lengths_change_nothing():
+    """k is 2^40, and lengths are 2^-20: the meshes are the same, and the certified accuracy nearly so."""
+
+    def searched(k, L):
+        x, y = f"(x/{L})", f"(y/{L})"
+        u = f"({x} + {x}*{y}/2 + sin(3*{x})*sinh(3*{y})/40)"
+        vertices = [(0, 0), (L, 0), (L, L), (0.01 * L, L), (0, 0.99 * L)]
+        given = {"g": [None, u, u, None, None], "u": {0: x, 3: u, 4: u}}
+        return search(Problem(vertices, "0", k=k, c=0, **given), Goal(0.05))
+
+    found, other = searched(1, 1.0), searched(2**40, 2.0**-20)
+    assert found.certified
+    assert other.certified
+    assert all(level.solved.result.converged for level in other.levels)
+    assert [level.unknowns for level in found.levels] == [level.unknowns for level in other.levels]
+    # q.n is rounded, and so is what bounds enclose, in other units
+    assert other.best.total / 2**20 == pytest.approx(found.best.total, rel=1e-6)

@@ -9,10 +9,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import mpmath
 import numpy as np
 import pytest
 
-from unilateral.bounds.total_errors import defect, total_errors
+from unilateral.bounds.total_errors import Defect, defect, total_errors
 from unilateral.fem.form import Form
 
 N = 7
@@ -214,3 +215,14 @@ def test_all_bounds_grow_on_the_exact_mesh(trials):
     assert np.array(grown) == pytest.approx(before * [1.5, 1.5, 1.5, 1.5, 2.25])
     after = total_errors(1.5, *given, of_sigma=2.0)
     assert np.array(after) == pytest.approx(before * [1.5, 1.5, 1.5, 1.5, 2.25] + [0, 3, 3, 0, 0])
+
+
+def test_a_small_residual_is_not_lost_beside_y():
+    """X^2 = S^2 + D^2 - (D - eta)^2 with 50 digits: D = 1, S = 1e-6, eta from 1e-3 to 1e-15."""
+    for eta in (1e-3, 1e-9, 1e-12, 1e-15):
+        of_u = Defect(1e-6, 1e-6, math.inf, math.inf, math.inf, missing=0.0, slack=0.0)
+        of_v = of_u._replace(on_H1=eta, on_V=eta)
+        X = total_errors(1.0, of_u, of_v, D=1.0, D_clamped=0.0, of_sigma=0.0).u
+        with mpmath.workdps(50):
+            exact = mpmath.sqrt(mpmath.mpf(1e-6) ** 2 + 1 - (1 - mpmath.mpf(eta)) ** 2)
+            assert exact <= X <= exact * (1 + 1e-8)
