@@ -21,7 +21,8 @@ from unilateral.errors import InputError
 from unilateral.system.files import replacing
 
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS")
-STARTS, GUESS = 3.0, 2e-5
+STARTS = 3.0
+GUESS = 2e-5
 """Seconds for the processes of a run, and for an unknown before anything is known of a solver."""
 
 
@@ -29,7 +30,8 @@ class Runner:
     """The plan, and the folder with the data of problems and a file for each run."""
 
     def __init__(self, given: dict[str, Any], folder: Path) -> None:
-        self.plan, self.folder = given, folder
+        self.plan = given
+        self.folder = folder
         (folder / "data").mkdir(parents=True, exist_ok=True)
         self.paces: dict[str, float] = {}
 
@@ -62,7 +64,8 @@ class Runner:
     def made(self, run: Run) -> dict[str, Any]:
         """Runs it, after one run that does not count if it is the solver's first: caches are filled then."""
         start = time.perf_counter()
-        data, found = self.data(run), self.folder / "found.npz"
+        data = self.data(run)
+        found = self.folder / "found.npz"
         if run.solver not in self.paces:
             self.measured(run, data, found)
         told = {**self.measured(run, data, found), **self.judged(run, data, found)}

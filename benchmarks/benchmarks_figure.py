@@ -37,7 +37,9 @@ PANELS = {
     "space": (r"$\Vert u-u_h\Vert_1$", "peak memory, over that of a linear multigrid solve"),
 }
 PLACES = ((1.45, 10.3), (9.85, 10.3), (1.45, 2.5), (9.85, 2.5))
-ACROSS, TALL, HEIGHT = 6.9, 4.6, 15.6
+ACROSS = 6.9
+TALL = 4.6
+HEIGHT = 15.6
 SHORT = 100
 """An axis whose largest value is less than so many times its least has few powers of 10."""
 THIN: style.Look = {"lw": 1.0, "ms": 4.0, "mec": "white", "mew": 0.3}

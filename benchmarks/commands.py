@@ -53,7 +53,8 @@ class Whole(Runner):
 
     def measured(self, run: Run, data: Path, found: Path) -> dict[str, Any]:
         """What the process took, and what it answers."""
-        typed, module = run.order.get("typed"), self.plan["solvers"][run.solver]["module"]
+        typed = run.order.get("typed")
+        module = self.plan["solvers"][run.solver]["module"]
         arguments = [*typed, "--json"] if typed else [data, found, run.order]
         said, took = process(plan.command(plan.interpreter(self.plan, run.solver), module, *arguments))
         return took | (certified(said) if typed else reported(said, run.n))
@@ -94,7 +95,8 @@ def process(command: list[str]) -> tuple[str, dict[str, float]]:
 def certified(said: str) -> dict[str, Any]:
     """Of what `unilateral solve --json` prints. Raises InputError without a guaranteed relative bound."""
     found = json.loads(said)
-    bound, levels = found["h1_relative_bound"], [level["unknowns"] for level in found["levels"]]
+    bound = found["h1_relative_bound"]
+    levels = [level["unknowns"] for level in found["levels"]]
     if bound is None or not found["converged"] or (found["goal"] and not found["certified"]):
         raise InputError("its answer is not certified")
     over_last = sum(levels) / levels[-1] if levels else 1.0
@@ -126,7 +128,8 @@ def rows(records: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def _row(records: list[Mapping[str, Any]]) -> dict[str, Any]:
-    first, seconds = records[0], [record["cpu_seconds"] for record in records]
+    first = records[0]
+    seconds = [record["cpu_seconds"] for record in records]
     told = {name: first.get(name) for name in ("solver", "problem", "n", "unknowns")}
     told |= {name: first[name] for name in TOLD if name in first}
     if "typed" in first["order"]:

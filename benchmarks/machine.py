@@ -12,14 +12,17 @@ from pathlib import Path
 import numpy as np
 from scipy.linalg.blas import daxpy
 
-LONG, SIDE, TIMES = 1 << 25, 2048, 5
+LONG = 1 << 25
+SIDE = 2048
+TIMES = 5
 WORDS = 3
 """Moved by y + a x for each entry, as by STREAM's triad: two are read, one is written."""
 
 
 def bandwidth() -> float:
     """Bytes a second of y + a x, far beyond the caches."""
-    x, y = np.ones(LONG), np.ones(LONG)
+    x = np.ones(LONG)
+    y = np.ones(LONG)
     return WORDS * x.nbytes / fastest(lambda: daxpy(x, y, a=1e-3))
 
 

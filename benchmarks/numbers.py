@@ -12,7 +12,8 @@ from benchmarks.side_by_side import NAMES, two_digits
 from study.formats import shown
 from unilateral.formulas.formula import real
 
-OURS, LARGE = "unilateral", 1024
+OURS = "unilateral"
+LARGE = 1024
 """The name under which this project's commands are listed; the n at which the time of the bound is told."""
 PACKAGES = {
     "skfem": "scikit-fem, active set, u ≥ g at the nodes",

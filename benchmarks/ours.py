@@ -42,8 +42,10 @@ Told = tuple[Array, list[dict[str, Any]], list[Array]]
 
 def by_multigrid(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
     """From nothing, and further."""
-    H, tolerance = of["H_over_h"], tolerance_of(data, of)
-    load, means = data["load"], data[f"means_{OTHER[H]}"]
+    H = of["H_over_h"]
+    tolerance = tolerance_of(data, of)
+    load = data["load"]
+    means = data[f"means_{OTHER[H]}"]
     mesh, levels, first = from_nothing(clock, data, of)
     further = grid(mesh, levels, load, means, OTHER[H]).solve(tolerance)
     clock.lap("further")
@@ -59,7 +61,9 @@ def from_nothing(
     clock: Clock, data: Mapping[str, Array], of: Order
 ) -> tuple[Mesh, Hierarchy, MultigridResult]:
     """By multigrid, in the phases `mesh`, `assembly` and `solve`."""
-    H, tolerance, load = of["H_over_h"], tolerance_of(data, of), data["load"]
+    H = of["H_over_h"]
+    tolerance = tolerance_of(data, of)
+    load = data["load"]
     means = data[f"means_{H}"]
     clock.skip()
     mesh = mesh_of(of)
@@ -73,7 +77,8 @@ def from_nothing(
 
 def linear(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
     """Without cells."""
-    load, none = data["load"], data["load"][:0]
+    load = data["load"]
+    none = data["load"][:0]
     clock.skip()
     mesh = mesh_of(of)
     clock.lap("mesh")
@@ -88,8 +93,10 @@ def linear(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
 
 def bound(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
     """From nothing, and the bound, of a problem file."""
-    problem, (mesh, _, found) = problem_file.load(of["case"]), from_nothing(clock, data, of)
-    enclosed, cells = enclose_data(problem, mesh, H1), partition(mesh, of["H_over_h"])
+    problem = problem_file.load(of["case"])
+    (mesh, _, found) = from_nothing(clock, data, of)
+    enclosed = enclose_data(problem, mesh, H1)
+    cells = partition(mesh, of["H_over_h"])
     clock.skip()
     local_bound(enclosed, cells, found.u, found.lambda_H, H1)
     clock.lap("bound")
@@ -111,7 +118,8 @@ def eliminated(
     clock: Clock, data: Mapping[str, Array], of: Order, condense: Callable[[Mesh], Condensed]
 ) -> Told:
     """All algorithms, each from nothing, and further: the load eliminated, and the steps."""
-    load, means = data["load"], data[f"means_{of['H_over_h']}"]
+    load = data["load"]
+    means = data[f"means_{of['H_over_h']}"]
     clock.skip()
     mesh = mesh_of(of)
     clock.lap("mesh")
@@ -120,7 +128,8 @@ def eliminated(
     spaces = mixed_spaces(condensed, partition(mesh, of["H_over_h"]))
     assert spaces.operator.lambda_min > 0
     clock.lap("operator")
-    results, us = [], []
+    results = []
+    us = []
     for algorithm in ALGORITHMS:
         clock.skip()
         discrete = with_load(spaces, load, condensed.solve(load)[mesh.boundary], means)

@@ -76,7 +76,8 @@ def commands(plan: dict[str, Any], sizes: Sequence[int] = ()) -> list[Run]:
 
 
 def _typed(entry: dict[str, Any], solvers: Sequence[str], sizes: Sequence[int]) -> Iterator[Run]:
-    file, accuracy = entry["solve"], entry.get("accuracy")
+    file = entry["solve"]
+    accuracy = entry.get("accuracy")
     wanted = {n: ["--h", f"1/{n}", "--H", f"1/{n // CELLS}"] for n in entry.get("sizes", [])}
     if sizes:
         wanted = {n: sized for n, sized in wanted.items() if n in sizes}
@@ -113,7 +114,8 @@ def interpreter(plan: dict[str, Any], solver: str) -> str:
 
 def missing(plan: dict[str, Any], solver: str) -> str:
     """Why a solver cannot run here, or nothing."""
-    python, needed = interpreter(plan, solver), plan["solvers"][solver].get("imports", [])
+    python = interpreter(plan, solver)
+    needed = plan["solvers"][solver].get("imports", [])
     try:
         subprocess.run(
             [python, "-c", f"import {', '.join(['sys', *needed])}"], check=True, capture_output=True

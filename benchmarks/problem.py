@@ -80,7 +80,8 @@ def prepare(order: Order, path: Path) -> None:
     if problem_file.is_declared_in(order["case"]):
         _save(path, _unknown(problem_file.load(order["case"]), order))
         return
-    case, mesh = cases.load(order["case"], named(order["polygon"])), mesh_of(order)
+    case = cases.load(order["case"], named(order["polygon"]))
+    mesh = mesh_of(order)
     load = by_parts(mesh, partial(case_moments, case))
     found: dict[str, Any] = {"load": load} | {
         f"means_{k}": cell_means(case, partition(mesh, k)).g_means for k in OTHER
@@ -121,7 +122,8 @@ def _arrays(mesh: Mesh) -> dict[str, Any]:
 def _unknown(problem: Problem, order: Order) -> dict[str, Any]:
     """The same of a problem file; `error` is the bound on w's."""
     mesh = mesh_of(order)
-    data, cells = enclose_data(problem, mesh, H1), {k: partition(mesh, k) for k in OTHER}
+    data = enclose_data(problem, mesh, H1)
+    cells = {k: partition(mesh, k) for k in OTHER}
     means = {k: obstacle_means(problem, cells[k]) for k in OTHER}
     w = grid(mesh, hierarchy(mesh), data.load, means[CELLS], CELLS).solve(CONVERGED)
     bound = local_bound(data, cells[CELLS], w.u, w.lambda_H, H1)
@@ -143,9 +145,12 @@ def grid(mesh: Mesh, levels: Hierarchy, load: Array, means: Array, edges: int) -
 
 def judge(order: Order, data: Path, found: Path) -> dict[str, Any]:
     """||u - v||_1 of each v that a driver has found, and of w; bounds on them where u is not known."""
-    known, given, mesh = np.load(data), np.load(found), mesh_of(order)
+    known = np.load(data)
+    given = np.load(found)
+    mesh = mesh_of(order)
     A, *_ = matrix(mesh.triangulation, mesh.points)
-    numbers, squares = matched(known["points"], given["points"]), []
+    numbers = matched(known["points"], given["points"])
+    squares = []
     for k in range(len(given.files) - 1):
         apart = known["w"] - given[f"u_{k}"][numbers]
         if "residual" not in known:

@@ -10,7 +10,9 @@ import xarray as xr
 
 NODAL = 0
 """The H/h of solvers that have no cells."""
-MULTIGRID, FURTHER, LINEAR = "multigrid", "further", "linear"
+MULTIGRID = "multigrid"
+FURTHER = "further"
+LINEAR = "linear"
 PEERS = ("fenicsx", "skfem", "ngsolve")
 """The other solvers with nodal constraints."""
 OTHERS = (*PEERS, "getfem")
@@ -37,7 +39,8 @@ def ratios(runs: pd.DataFrame, way: str, to: str = MULTIGRID) -> pd.Series:
 
 def growth(seconds: pd.Series) -> float:
     """p of seconds ~ n^p, between the first and the last n."""
-    first, last = seconds.index[0], seconds.index[-1]
+    first = seconds.index[0]
+    last = seconds.index[-1]
     return math.log(seconds[last] / seconds[first]) / math.log(last / first)
 
 
@@ -60,7 +63,8 @@ def iterations(runs: pd.DataFrame, problems: Iterable[str]) -> pd.DataFrame:
 
 def by_multigrid(runs: pd.DataFrame, algorithm: str) -> pd.DataFrame:
     """What an algorithm on the boundary would take if each of its steps were one linear solve: predicted."""
-    steps, linear = along(runs, f"recursive {algorithm}"), along(runs, LINEAR)
+    steps = along(runs, f"recursive {algorithm}")
+    linear = along(runs, LINEAR)
     predicted = linear.loc[linear.index.intersection(steps.index)].copy()
     predicted["cpu_seconds"] = predicted["assembly_cpu"] + steps["iterations"] * predicted["solve_cpu"]
     predicted["h1_error"] = steps["h1_error"]

@@ -39,20 +39,24 @@ def solutions(python: str, driver: Path, case: str) -> list[tuple[str, str | Non
     done = subprocess.run([python, str(driver), case], capture_output=True, text=True)
     if done.returncode:
         raise InputError(f"{driver.name} ended with code {done.returncode}: {done.stderr.strip()[-500:]}")
-    of_u, of_lambda = (sorted(map(str, Path().glob(f"{case}*{end}.csv"))) for end in ("_?", "_cells"))
+    of_u = sorted(map(str, Path().glob(f"{case}*_?.csv")))
+    of_lambda = sorted(map(str, Path().glob(f"{case}*_cells.csv")))
     return list(zip_longest(of_u, of_lambda))
 
 
 def scored(python: str, driver: Path, name: str, sizes: dict[str, Any]) -> dict[str, Any]:
     """How a driver does on a case: ratios on the finest level, the rates beside this project's, a verdict."""
-    h, H, levels = real(sizes["h"], "h"), real(sizes["H"], "H"), sizes["levels"]
+    h = real(sizes["h"], "h")
+    H = real(sizes["H"], "H")
+    levels = sizes["levels"]
     case = api.case(name)
     with TemporaryDirectory() as folder, chdir(folder):
         export(case, api.KINDS["structured"](case.polygon, h * 2 ** (levels - 1)), H, levels, name)
         known, meshes = exported(name)
         given = [foreign(meshes, *files) for files in solutions(python, driver, name)]
     found = [scores.score(known, each) for each in given]
-    rates, finest = scores.rates(known, found), min(found, key=lambda each: each.given.level.mesh.h)
+    rates = scores.rates(known, found)
+    finest = min(found, key=lambda each: each.given.level.mesh.h)
     row: dict[str, Any] = {"case": name, "h": sizes["h"], "H": sizes["H"], "multiplier": finest.given.kind}
     for norm, rate in rates.items():
         ratio = scores.error_in(finest.errors, norm) / scores.error_in(finest.own, norm)

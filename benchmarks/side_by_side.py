@@ -51,7 +51,8 @@ def solvers(table: xr.Dataset) -> pd.DataFrame:
 
 
 def _solver(runs: pd.DataFrame, way: str) -> dict[str, str]:
-    of, ratio = judge.along(runs, way), judge.ratios(runs, way)
+    of = judge.along(runs, way)
+    ratio = judge.ratios(runs, way)
     row = {"`natural`, H = 2h": NAMES[way]}
     for n in SHOWN:
         cell = "–"
@@ -73,7 +74,8 @@ def two_digits(value: float) -> str:
 
 def phases(table: xr.Dataset) -> pd.DataFrame:
     """Seconds of each phase in the middle of the sizes, their spread, iterations; growth over all sizes."""
-    runs, n = table.to_dataframe(), SHOWN[1]
+    runs = table.to_dataframe()
+    n = SHOWN[1]
     rows = []
     for way, name in NAMES.items():
         of = judge.along(runs, way)
@@ -108,15 +110,18 @@ def problems(table: xr.Dataset) -> pd.DataFrame:
 
 
 def _span(counts: pd.Series) -> str:
-    least, most = int(counts.min()), int(counts.max())
+    least = int(counts.min())
+    most = int(counts.max())
     return str(least) if least == most else f"{least} to {most}"
 
 
 def numbers(table: xr.Dataset) -> dict[str, Any]:
     """The machine, times and ratios by way and n, growth, iterations and what of the machine is used."""
-    runs, n = table.to_dataframe(), SHOWN[-1]
+    runs = table.to_dataframe()
+    n = SHOWN[-1]
     multigrid = judge.along(runs, judge.MULTIGRID)
-    counts, largest = judge.iterations(runs, PROBLEMS), multigrid.index[-1]
+    counts = judge.iterations(runs, PROBLEMS)
+    largest = multigrid.index[-1]
     return {
         **{name: table[name].item() for name in ("date", "processor", "cores")},
         "growth": judge.growth(multigrid["cpu_seconds"].loc[SHOWN[1] :]),

@@ -24,7 +24,9 @@ def rows(records: Iterable[Record]) -> pd.DataFrame:
     grouped = each.groupby(KEYS, sort=False)
     found = grouped[list(MEDIANS)].median()
     seconds = grouped["cpu_seconds"]
-    found["cpu_least"], found["cpu_most"], found["repeats"] = seconds.min(), seconds.max(), seconds.count()
+    found["cpu_least"] = seconds.min()
+    found["cpu_most"] = seconds.max()
+    found["repeats"] = seconds.count()
     return found.reset_index()
 
 

@@ -37,7 +37,8 @@ Part = dict[str, float]
 def row(n: int) -> dict[str, Any]:
     """What each part takes at h = 1/n: medians of its processor seconds, and its peak MB of 2^20 bytes."""
     with TemporaryDirectory() as folder:
-        polynomials, formulas = (Path(folder, f"{name}.json.gz") for name in ("polynomials", "formulas"))
+        polynomials = Path(folder, "polynomials.json.gz")
+        formulas = Path(folder, "formulas.json.gz")
         runs = [measured(n, polynomials, formulas) for _ in range(REPEATS)]
         size = polynomials.stat().st_size / 2**20
     parts = {

@@ -23,7 +23,8 @@ MB = 2**20
 
 def measured(command: list[str]) -> dict[str, float]:
     """Seconds of a command, and the MB of it and all that it started. Raises CalledProcessError."""
-    start, most = time.perf_counter(), 0.0
+    start = time.perf_counter()
+    most = 0.0
     with subprocess.Popen(command, cwd=ROOT, start_new_session=True) as running:
         while running.poll() is None:
             most = max(most, resident(running.pid))

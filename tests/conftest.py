@@ -195,7 +195,8 @@ def coupled(polygon, n, m):
 @cache
 def discrete(name, n, m, polygon="square", degree=None):
     """The case on its first side, h = 1/n, H = 1/m, and its exact solution."""
-    case, spaces = load(name, polygon), coupled(polygon, n, m)
+    case = load(name, polygon)
+    spaces = coupled(polygon, n, m)
     ritz = ritz_projection(case, spaces.condensed, degree)
     return with_solution(spaces, Exact(ritz, cell_means(case, spaces.partition)))
 
@@ -220,8 +221,10 @@ def interior_point(operator, offset):
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-13
     nb, m = operator.half.shape
-    rows, data = sp.csc_matrix(-operator.half.T), operator.H_i * offset
-    quadratic, cone = sp.identity(nb, format="csc"), [clarabel.NonnegativeConeT(m)]
+    rows = sp.csc_matrix(-operator.half.T)
+    data = operator.H_i * offset
+    quadratic = sp.identity(nb, format="csc")
+    cone = [clarabel.NonnegativeConeT(m)]
     solver = clarabel.DefaultSolver(quadratic, np.zeros(nb), rows, data, cone, settings)
     return np.asarray(solver.solve().x)
 
@@ -284,7 +287,8 @@ def measured_once(monkeypatch, evidence):
 
     That it looks at no other tables than those that it names is a test of its own.
     """
-    own, ledger = claims.Claim.measure, {id(claim) for claim in claims.ledger()}
+    own = claims.Claim.measure
+    ledger = {id(claim) for claim in claims.ledger()}
 
     def measure(claim, results):
         if id(claim) not in ledger:

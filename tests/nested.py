@@ -75,7 +75,8 @@ def graded(coarse: Mesh, node: int, times: int) -> Nested:
 
 def at_random(coarse: Mesh, times: int, seed: int, share: float = 0.3) -> Nested:
     """The same, a share of the triangles chosen at random, in an ever smaller part of the domain."""
-    rng, meshes = np.random.default_rng(seed), [alone(coarse)]
+    rng = np.random.default_rng(seed)
+    meshes = [alone(coarse)]
     place = coarse.points[rng.integers(coarse.n_nodes)]
     for k in range(times):
         mesh = meshes[-1]
@@ -124,7 +125,8 @@ def made(name: str, way: str, times: int | None = None, seed: int = 3) -> Nested
 
     In the way "mixed" some triangles are cut between uniform refinements.
     """
-    first, times = coarse(name), TIMES[way] if times is None else times
+    first = coarse(name)
+    times = TIMES[way] if times is None else times
     if way == "uniform":
         return refined(first, times)
     if way == "at random":

@@ -60,7 +60,9 @@ def follow(page: Iterable[Block], folder: Path) -> list[Block]:
     """
     page = list(page)
     everything = "".join(block.text for block in page)
-    printed, done, names = "", [], {"__name__": "__main__"}
+    printed = ""
+    done = []
+    names = {"__name__": "__main__"}
     with chdir(folder):
         for name in FOLDERS:
             if not Path(name).exists():

@@ -19,7 +19,12 @@ from unilateral.formulas.formula import Compiled
 from unilateral.formulas.formula_walk import Evaluation
 from unilateral.formulas.taylor import Model
 
-X, Y, T, D, R, THETA = (sympy.Symbol(name, real=True) for name in ("x", "y", "t", "d", "r", "theta"))
+X = sympy.Symbol("x", real=True)
+Y = sympy.Symbol("y", real=True)
+T = sympy.Symbol("t", real=True)
+D = sympy.Symbol("d", real=True)
+R = sympy.Symbol("r", real=True)
+THETA = sympy.Symbol("theta", real=True)
 """The coordinates of the formulas of cases."""
 
 

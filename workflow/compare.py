@@ -66,7 +66,8 @@ def list_files(tree: Path) -> Iterator[str]:
 
 def compare(before: Path, after: Path, tolerance: float) -> Iterator[str]:
     """The differences of two files, each as a sentence without its subject."""
-    old, new = read(before), read(after)
+    old = read(before)
+    new = read(after)
     for name in [*old, *(name for name in new if name not in old)]:
         if name not in old or name not in new:
             yield f"{name} is {'gone' if name in old else 'new'}"

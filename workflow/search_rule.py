@@ -17,7 +17,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -44,7 +44,8 @@ POLYGONS = {
 SEED = 1
 GRID = 4096
 """Points lie at multiples of 1/GRID of their side, and ends of cells at even ones: halves are exact."""
-MAX_CELLS, MAX_NODES = 24, 100
+MAX_CELLS = 24
+MAX_NODES = 100
 CHANGES = 400
 """Changes that are measured in a chain."""
 DRAWS = 200
@@ -55,7 +56,8 @@ LARGEST_VALUE = 3.0
 """What `measure` has for pairs without a small angle is below that."""
 BEST = 5
 """A chain goes on from one of so many of the best pairs."""
-LEAST_DELTA, LARGEST_ALPHA_1 = 0.1, 10.0
+LEAST_DELTA = 0.1
+LARGEST_ALPHA_1 = 10.0
 WRITTEN = 10
 """So many pairs are written, one of each random pair that chains began with."""
 
@@ -75,16 +77,18 @@ class Pair(NamedTuple):
 
     def arc_lengths(self, polygon: Polygon) -> tuple[list[float], list[float]]:
         """Those of the ends, the perimeter last, and of the nodes; exact at vertices, rounded elsewhere."""
-        starts, lengths = polygon.starts[:-1].tolist(), polygon.lengths.tolist()
-        ends, nodes = (
-            [
+        starts = polygon.starts[:-1].tolist()
+        lengths = polygon.lengths.tolist()
+
+        def places(sides: Sequence[Sequence[int]]) -> list[float]:
+            return [
                 round(start + length * k / GRID, 12) if k else start
                 for start, length, side in zip(starts, lengths, sides, strict=True)
                 for k in side
             ]
-            for sides in self
-        )
-        return [*ends, polygon.perimeter], nodes
+
+        ends, nodes = self
+        return [*places(ends), polygon.perimeter], places(nodes)
 
 
 class Resolved(NamedTuple):
@@ -97,7 +101,8 @@ class Resolved(NamedTuple):
 
 def resolved(polygon: Polygon, pair: Pair) -> Resolved:
     ends, nodes = pair.arc_lengths(polygon)
-    partition, s = from_points(polygon, ends), np.append(nodes, polygon.perimeter)
+    partition = from_points(polygon, ends)
+    s = np.append(nodes, polygon.perimeter)
     _, cell, edge = overlay(partition.points, s)
     longest = np.zeros(partition.n_cells)
     np.maximum.at(longest, cell, np.diff(s)[edge])
@@ -119,7 +124,8 @@ def measure(condition: str, polygon: Polygon, pair: Pair) -> float:
     """What is to be small; LARGEST_VALUE and the degrees that an angle lacks; infinite without a mesh."""
     ends, nodes = pair.arc_lengths(polygon)
     try:
-        mesh, partition = with_boundary(polygon, nodes), from_points(polygon, ends)
+        mesh = with_boundary(polygon, nodes)
+        partition = from_points(polygon, ends)
         missing = RULE.smallest_angle - smallest_angle(mesh)
         if missing > 0:
             return LARGEST_VALUE + missing
@@ -133,7 +139,8 @@ def measure(condition: str, polygon: Polygon, pair: Pair) -> float:
 
 def random_pair(polygon: Polygon, rng: np.random.Generator) -> Pair:
     """Up to four cells on a side, each cut into two or four equal edges."""
-    ends, nodes = list[Side](), list[Side]()
+    ends = list[Side]()
+    nodes = list[Side]()
     for _ in range(polygon.n_sides):
         cuts = 32 * rng.integers(1, GRID // 32, rng.integers(0, 4))
         side = sorted({0, *cuts.tolist()})
@@ -147,20 +154,25 @@ def random_pair(polygon: Polygon, rng: np.random.Generator) -> Pair:
 def changed(pair: Pair, rng: np.random.Generator) -> Pair:
     """The pair after one random change on one side, or the pair."""
     i = int(rng.integers(len(pair.ends)))
-    ends, nodes = [*pair.ends[i], GRID], [*pair.nodes[i], GRID]
-    cell, node = int(rng.integers(len(ends) - 1)), int(rng.integers(len(nodes) - 1))
+    ends = [*pair.ends[i], GRID]
+    nodes = [*pair.nodes[i], GRID]
+    cell = int(rng.integers(len(ends) - 1))
+    node = int(rng.integers(len(nodes) - 1))
     low, high = ends[cell : cell + 2]
     match rng.choice(["end", "node", "new node", "no node", "cut", "join", "halve"], p=CHANCES):
         case "end" if cell:  # moves an end of a cell, and the nodes in both cells at it
-            before, after = ends[cell - 1], high
+            before = ends[cell - 1]
+            after = high
             new = low + 2 * round(0.5 * rng.choice([0.3, 0.05]) * (after - before) * rng.standard_normal())
             if not before < new < after:
                 return pair
             fixed = sorted({0, before, after, GRID})
             places = np.interp(nodes, sorted({*fixed, low}), sorted({*fixed, new}))
-            nodes, ends[cell] = [round(place) for place in places], new
+            nodes = [round(place) for place in places]
+            ends[cell] = new
         case "node" if node:
-            before, after = nodes[node - 1], nodes[node + 1]
+            before = nodes[node - 1]
+            after = nodes[node + 1]
             nodes[node] += round(rng.choice([0.3, 0.05]) * (after - before) * rng.standard_normal())
             if not before < nodes[node] < after:
                 return pair
@@ -182,8 +194,10 @@ def changed(pair: Pair, rng: np.random.Generator) -> Pair:
             nodes = sorted({*kept, low, (low + high) // 2, high})
     if len(set(nodes)) < len(nodes):
         return pair
-    new_ends, new_nodes = list(pair.ends), list(pair.nodes)
-    new_ends[i], new_nodes[i] = tuple(ends[:-1]), tuple(nodes[:-1])
+    new_ends = list(pair.ends)
+    new_nodes = list(pair.nodes)
+    new_ends[i] = tuple(ends[:-1])
+    new_nodes[i] = tuple(nodes[:-1])
     return Pair(tuple(new_ends), tuple(new_nodes))
 
 
@@ -206,7 +220,8 @@ def chain(condition: str, polygon: Polygon, pair: Pair, rng: np.random.Generator
             break
         value = measure(condition, polygon, new)
         if value <= best:
-            best, pair = value, new
+            best = value
+            pair = new
     return best, pair
 
 
@@ -221,7 +236,8 @@ def pair_of(line: dict[str, Any]) -> Pair:
 
 def run(condition: str, progress: Path, minutes: float) -> None:
     """Append chains to the file of progress until the time is over."""
-    lines, end = read(progress), time.monotonic() + 60 * minutes
+    lines = read(progress)
+    end = time.monotonic() + 60 * minutes
     while time.monotonic() < end:
         number = len(lines)
         rng = np.random.default_rng([SEED, number])
@@ -229,9 +245,11 @@ def run(condition: str, progress: Path, minutes: float) -> None:
         known = sorted((x for x in lines if x["polygon"] == name), key=lambda x: x["value"])[:BEST]
         if number % 2 and known:
             best = known[int(rng.integers(len(known)))]
-            root, start = best["root"], pair_of(best)
+            root = best["root"]
+            start = pair_of(best)
         else:
-            root, start = number, random_pair(POLYGONS[name], rng)
+            root = number
+            start = random_pair(POLYGONS[name], rng)
             while not keeps(condition, POLYGONS[name], start):
                 start = random_pair(POLYGONS[name], rng)
         value, pair = chain(condition, POLYGONS[name], start, rng)
@@ -247,7 +265,8 @@ def find(condition: str, line: dict[str, Any]) -> dict[str, Any]:
     name = line["polygon"]
     polygon = POLYGONS[name]
     points, nodes = pair_of(line).arc_lengths(polygon)
-    mesh, partition = with_boundary(polygon, nodes), from_points(polygon, points)
+    mesh = with_boundary(polygon, nodes)
+    partition = from_points(polygon, points)
     beta = infsup(mixed_spaces(condense(mesh), partition).operator, dual_norm(partition).gram().p0).beta_upper
     return {
         "name": f"{name}_{line['root']}",

@@ -94,7 +94,8 @@ class Family:
 
     def candidate(self, x: Array) -> Candidate:
         """Of x (size,): the edges' lengths, then those of the cells or their excess over `edges`."""
-        edges, cells = (part.reshape(4, -1) for part in np.split(x, [4 * self.n_edges]))
+        edges = x[: 4 * self.n_edges].reshape(4, -1)
+        cells = x[4 * self.n_edges :].reshape(4, -1)
         lengths = self.edge_ratio**edges
         if self.nested:
             cell = np.repeat(np.arange(self.cells), self.per_cell.astype(int))
@@ -110,7 +111,8 @@ class Family:
                 [np.interp(t, np.arange(self.n_edges + 1), s) for t, s in zip(places, nodes, strict=True)]
             )
         start = np.arange(4)[:, None]
-        points, nodes = (np.round(start + s[:, :-1], self.digits).ravel() for s in (ends, nodes))
+        points = np.round(start + ends[:, :-1], self.digits).ravel()
+        nodes = np.round(start + nodes[:, :-1], self.digits).ravel()
         return Candidate(np.append(points, 4.0), nodes)
 
     def words(self) -> Iterator[Array]:
@@ -163,18 +165,21 @@ def search(family: Family, rng: np.random.Generator, n_random: int, changes: int
 
     starts = [*family.words(), *rng.random((n_random, family.size))]
     values = [beta(x) for x in starts]
-    best, x = min(values), starts[int(np.argmin(values))]
+    best = min(values)
+    x = starts[int(np.argmin(values))]
     for _ in range(changes):
         moved = _changed(x, rng)
         value = beta(moved)
         if value < best:
-            best, x = value, moved
+            best = value
+            x = moved
     return best, family.candidate(x)
 
 
 def _changed(x: Array, rng: np.random.Generator) -> Array:
     """One to four neighbouring components made extreme, or all of some moved a little."""
-    moved, size = x.copy(), len(x)
+    moved = x.copy()
+    size = len(x)
     if rng.random() < 0.7:
         chosen = (rng.integers(size) + np.arange(rng.integers(1, 5))) % size
         moved[chosen] = rng.choice([0.0, 0.5, 1.0], len(chosen))

@@ -57,7 +57,8 @@ def report(
 
 def matched(points: np.ndarray, others: np.ndarray) -> np.ndarray:
     """(n,) the numbers, among the `others` (n, 2), of the points (n, 2): both are the nodes of one mesh."""
-    order, found = (np.lexsort(np.round(each / SAME_PLACE).T) for each in (points, others))
+    order = np.lexsort(np.round(points / SAME_PLACE).T)
+    found = np.lexsort(np.round(others / SAME_PLACE).T)
     numbers = np.empty_like(found)
     numbers[order] = found
     if np.abs(points - others[numbers]).max() > SAME_PLACE:

@@ -39,7 +39,8 @@ def options(rtol: float, atol: float) -> None:
 def main() -> None:
     """A run."""
     data, of, path = order()
-    points, triangles = data["points"], data["triangles"].astype(np.int64)
+    points = data["points"]
+    triangles = data["triangles"].astype(np.int64)
     create = ufl.Mesh(ufl.VectorElement("Lagrange", ufl.triangle, 1))
     clock = Clock()
     if of["polygon"] == "square":  # its own generator is faster than a mesh from arrays
@@ -48,7 +49,8 @@ def main() -> None:
         mesh = create_mesh(MPI.COMM_SELF, triangles, points, create)
     clock.lap("mesh")
     V = FunctionSpace(mesh, ("Lagrange", 1))
-    u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+    u = ufl.TrialFunction(V)
+    v = ufl.TestFunction(V)
     A = assemble_matrix(form((ufl.inner(ufl.grad(u), ufl.grad(v)) + u * v) * ufl.dx))
     A.assemble()
     clock.lap("assembly")
@@ -56,8 +58,12 @@ def main() -> None:
     given = matched(dofs, points)
     lower = np.full(len(points), PETSc.NINFINITY)
     lower[data["boundary"]] = data["obstacle"]
-    b, low, high, x = (A.createVecRight() for _ in range(4))
-    b.array[:], low.array[:] = data["load"][given], lower[given]
+    b = A.createVecRight()
+    low = A.createVecRight()
+    high = A.createVecRight()
+    x = A.createVecRight()
+    b.array[:] = data["load"][given]
+    low.array[:] = lower[given]
     high.set(PETSc.INFINITY)
     x.array[:] = np.maximum(low.array, 0)
     clock.skip()

@@ -17,7 +17,8 @@ MOST = 100
 
 def minus_means(nodes: np.ndarray, s: np.ndarray, edges: int, n: int) -> gf.Spmat:
     """Minus the means (m, n) of the hats over cells of that many edges; nodes (nb,) along the boundary."""
-    B, half = gf.Spmat("empty", len(nodes) // edges, n), 0.5 * np.diff(s)
+    B = gf.Spmat("empty", len(nodes) // edges, n)
+    half = 0.5 * np.diff(s)
     for i, cell in enumerate(np.arange(len(nodes)).reshape(-1, edges)):
         weights = np.zeros(edges + 1)
         weights[:-1] += half[cell]
@@ -31,10 +32,13 @@ def minus_means(nodes: np.ndarray, s: np.ndarray, edges: int, n: int) -> gf.Spma
 def main() -> None:
     """A run."""
     data, of, path = order()
-    points, triangles, edges = data["points"], data["triangles"], of["H_over_h"]
+    points = data["points"]
+    triangles = data["triangles"]
+    edges = of["H_over_h"]
     clock = Clock()
     mesh = gf.Mesh("ptND", points.T, triangles.T)
-    V, rule = gf.MeshFem(mesh, 1), gf.MeshIm(mesh, gf.Integ("IM_TRIANGLE(2)"))
+    V = gf.MeshFem(mesh, 1)
+    rule = gf.MeshIm(mesh, gf.Integ("IM_TRIANGLE(2)"))
     V.set_classical_fem(1)
     clock.lap("mesh")
     dofs = V.basic_dof_nodes().T

@@ -159,7 +159,9 @@ def _unknown_names(study: Fields) -> Iterator[tuple[Place, str]]:
 
 def _names(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]]:
     """Names, each with its place and those that it may be; of scenes before those of their cases."""
-    scenes, cost, figures = study["scenes"], study["cost"], study["figures"]
+    scenes = study["scenes"]
+    cost = study["cost"]
+    figures = study["figures"]
     for scene, cases in study["totals"]["scenes"].items():
         yield ("totals", "scenes"), scene, scenes
         for i, case in enumerate(cases):

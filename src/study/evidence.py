@@ -56,7 +56,8 @@ def worst(values: Mapping[str, float], quantity: str, required: float, at_least:
 
 def in_rows(values: xr.DataArray, rows: str, scene: str = "") -> dict[str, float]:
     """Values by names, made by a format of the scene and of coordinates, such as "{scene}, H = {H:g}"."""
-    dims, found = dims_of(values, rows), {}
+    dims = dims_of(values, rows)
+    found = {}
     for place in itertools.product(*(range(values.sizes[dim]) for dim in dims)):
         here = values.isel(dict(zip(dims, place, strict=True)))
         labels = {name: here[name].item() for name in _coordinates(rows)}
@@ -97,7 +98,8 @@ def by_case(tables: Tables, table: str, scenes: Sequence[str], cases: Iterable[s
 
 def forms(tables: Tables, scene: str) -> list[tuple[Partition, Gram]]:
     """The partitions of a scene on which the dual norm is known, with its forms there."""
-    gram, table = Gram.of_table(tables[f"{scene}/dual_norm"]), tables[f"{scene}/errors"]
+    gram = Gram.of_table(tables[f"{scene}/dual_norm"])
+    table = tables[f"{scene}/errors"]
     polygon = named(str(tables[f"{scene}/dual_norm"]["polygon"].values))
     cells = [uniform(polygon, H) for H in table["H"].values]
     return [(each, gram.on(each)) for each in cells if each.n_cells <= gram.n_cells]

@@ -31,9 +31,8 @@ def factors(lu: SuperLU) -> Factors:
     to the right of a pivot; L has ones on its diagonal.
     """
     n = lu.shape[0]
-    lower, upper = (
-        np.diff(part.indptr.astype(np.int64)) - 1 for part in (sp.csc_array(lu.L), sp.csr_array(lu.U))
-    )
+    lower = np.diff(sp.csc_array(lu.L).indptr.astype(np.int64)) - 1
+    upper = np.diff(sp.csr_array(lu.U).indptr.astype(np.int64)) - 1
     nonzeros = int(lower.sum() + upper.sum()) + 2 * n
     return Factors(nonzeros, int(lower.sum() + 2 * (lower @ upper)), 2 * nonzeros - 3 * n)
 

@@ -62,8 +62,10 @@ class Expectation:
         """
         if case not in study["cases"]:
             raise InputError(f"the table of expected rates has no case '{case}'; add it there")
-        general, own = study["norms"][norm], study["cases"][case][norm]
-        rate, bound = own["rate"], general[own.get("judged_by", "bound")]
+        general = study["norms"][norm]
+        own = study["cases"][case][norm]
+        rate = own["rate"]
+        bound = general[own.get("judged_by", "bound")]
         where = f"the expected rate of '{case}' in {norm}"
         return cls(
             proved=real(general["proved"], where),
@@ -121,7 +123,9 @@ class JudgedRates:
 def judge(table: xr.Dataset, case: str, norm: str, h_over_H: float, expected: Expectation) -> JudgedRates:
     """The judgement of a case's errors in a norm along a fixed h/H, from the table of a scene."""
     runs = along_ratio(table.sel(case=case), h_over_H)
-    h, H, error = runs["h"].values, runs["H"].values, error_in(runs, norm).values
+    h = runs["h"].values
+    H = runs["H"].values
+    error = error_in(runs, norm).values
     coarse, fine = np.nonzero(np.isclose(h[:, None], expected.factor * h[None], rtol=1e-9))
     with np.errstate(divide="ignore", invalid="ignore"):
         rate = np.log(error[coarse] / error[fine]) / np.log(h[coarse] / h[fine])
@@ -129,7 +133,8 @@ def judge(table: xr.Dataset, case: str, norm: str, h_over_H: float, expected: Ex
     unfit: Reasons = ()
     against: Reasons = ()
     if expected.rate == "exact":
-        rate, against = np.full_like(rate, np.nan), _why_not_zero(runs, norm)
+        rate = np.full_like(rate, np.nan)
+        against = _why_not_zero(runs, norm)
     elif expected.rate == "none":
         levels = np.zeros_like(levels)
     else:
@@ -163,7 +168,8 @@ def _why_not_zero(runs: xr.Dataset, norm: str) -> Reasons:
 
 def _why_unfit(runs: xr.Dataset, norm: str, levels: Mask, expected: Expectation) -> Reasons:
     """Why the asymptotic levels cannot be judged: a run did not converge, or is not accurate enough."""
-    least, why = error_in(runs, norm, "lower").values, []
+    least = error_in(runs, norm, "lower").values
+    why = []
     factor = {
         "h1": np.ones_like(least),
         "hm12": runs["beta_lower"].values,
@@ -190,13 +196,15 @@ def _why_slow(rate: Array, asymptotic: Mask, h_coarse: Array, expected: Expectat
 def _why_large(runs: xr.Dataset, norm: str, expected: Expectation) -> Reasons:
     if runs.sizes["run"] == 0:
         return ()
-    finest, bound = error_in(runs, norm, "upper").values[-1], _bound(runs, expected)
+    finest = error_in(runs, norm, "upper").values[-1]
+    bound = _bound(runs, expected)
     return () if finest <= bound else (f"the finest error {finest:.4g} is above its bound {bound:.4g}",)
 
 
 def judge_rates(errors: str, name: str, study: Mapping[str, Any], judged: bool, rates: str) -> None:
     """Write and print the rates of a scene, judged as `study`, the table of expected rates, says."""
-    table, judgements = tables.load(errors), {}
+    table = tables.load(errors)
+    judgements = {}
     for case in map(str, table["case"].values):
         asymptotic = declared(case)[0]["asymptotic"]
         for norm in NORMS:
@@ -213,10 +221,12 @@ def collect(
     judgements: Mapping[tuple[str, str, float], JudgedRates], judged_ratio: float | None
 ) -> xr.Dataset:
     """The table of rates from judgements by (case, norm, h/H), with verdicts at `judged_ratio`, if any."""
-    pairs, rows = {}, {}
+    pairs = {}
+    rows = {}
     for key, judgement in judgements.items():
         pairs[key] = pd.DataFrame({name: getattr(judgement, name) for name in OF_PAIRS}, dtype=float)
-        expected, judged = judgement.expected, key[2] == judged_ratio
+        expected = judgement.expected
+        judged = key[2] == judged_ratio
         rows[key] = {
             "fitted": judgement.fitted,
             "proved": expected.proved,

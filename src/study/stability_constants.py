@@ -42,7 +42,9 @@ def constants(spaces: MixedSpaces, gram: Bracket) -> dict[str, float]:
 
     The bound `beta_0_certified` is not computed where a side is clamped.
     """
-    mesh, partition, form = spaces.mesh, spaces.partition, spaces.condensed.form
+    mesh = spaces.mesh
+    partition = spaces.partition
+    form = spaces.condensed.form
     return {
         **resolution(mesh, partition)._asdict(),
         **infsup(spaces.operator, gram)._asdict(),
@@ -67,7 +69,8 @@ def pairing(nodes: Array, partition: Partition) -> Array:
 
     M = diag(H_i)^{-1} B, B the integrals of V's hats over the cells; node i lies inside cell i.
     """
-    before, after = nodes - partition.points[:-1], partition.points[1:] - nodes
+    before = nodes - partition.points[:-1]
+    after = partition.points[1:] - nodes
     between = after + np.roll(before, -1)
     next_one = after**2 / (2 * between * partition.lengths)
     last_one = before**2 / (2 * np.roll(between, 1) * partition.lengths)
@@ -118,7 +121,8 @@ def of_runs(errors: xr.Dataset) -> xr.Dataset:
     1 + 1/beta and 1/beta, every factor taken on its unfavourable side. NaN where beta or, to round-off, the
     error is 0.
     """
-    beta, upper = errors["beta_upper"], errors["hm12_error_upper"]
+    beta = errors["beta_upper"]
+    upper = errors["hm12_error_upper"]
     known = (beta > 0) & (upper > ROUNDING * errors["u_norm"])
     right = (1 + 1 / beta) * errors["hm12_best"] + errors["h1_error"] / beta
     ratios = {

@@ -89,7 +89,8 @@ def axes_at(figure: Figure, left: float, bottom: float, width: float, height: fl
 
 def legend(figure: Figure, handles: Sequence[Any], left: float, top: float, **options: Any) -> Legend:
     """A key with its upper left corner at (left, top); it has no margin unless `options` give it one."""
-    corner, space = (left / WIDTH, top / _height(figure)), {"borderpad": 0, "borderaxespad": 0}
+    corner = (left / WIDTH, top / _height(figure))
+    space = {"borderpad": 0, "borderaxespad": 0}
     return figure.legend(handles=handles, loc="upper left", bbox_to_anchor=corner, **(space | options))
 
 
@@ -156,7 +157,8 @@ def few_powers(axis: Axis) -> None:
 
 def whole_decades(low: float, high: float) -> tuple[float, float]:
     """The limits of a logarithmic axis, moved out to powers of 10 if they hold fewer than two of them."""
-    first, last = np.ceil(np.log10(low)), np.floor(np.log10(high))
+    first = np.ceil(np.log10(low))
+    last = np.floor(np.log10(high))
     return (low, high) if last > first else (10.0 ** (first - 1), 10.0 ** (last + 1))
 
 

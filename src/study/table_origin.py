@@ -69,7 +69,8 @@ def _parts(held: Any) -> dict[str, Any]:
 
 def _differences(path: str, old: Any, new: Any) -> Iterator[tuple[str, Any, Any]]:
     """The innermost fields that differ, with both values; None stands for a field that is not there."""
-    one, other = _parts(old), _parts(new)
+    one = _parts(old)
+    other = _parts(new)
     if one and other:
         for name in dict.fromkeys([*one, *other]):
             yield from _differences(f"{path}.{name}", one.get(name), other.get(name))

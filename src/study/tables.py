@@ -116,7 +116,8 @@ def load(path: str | os.PathLike[str], study: Mapping[str, Any] | None = None) -
         raise InputError(f"there is no table {path}; run 'make', or 'snakemake -j2 {path}'") from None
     except OSError as error:
         raise StorageError(f"{path} cannot be read: {error.strerror}") from None
-    content, seal = data[:-SEAL], data[-SEAL:]
+    content = data[:-SEAL]
+    seal = data[-SEAL:]
     if seal != _seal(content):
         raise StorageError(
             f"{path} is damaged or no table of the study; 'snakemake -j2 -f {path}' makes it anew"

@@ -23,5 +23,6 @@ def iterate(operator: DualOperator, offset: Array, rho: float, steps: int, varia
         for _ in range(steps):
             seen = before if variant == AS_PRINTED else now
             new = now - rho * operator.gap(seen, offset)
-            now, before = (new if variant == UNCLIPPED else np.maximum(0, new)), now
+            before = now
+            now = new if variant == UNCLIPPED else np.maximum(0, new)
     return now

@@ -318,7 +318,8 @@ def certify(
 
 def _mesh_on(problem: problems.Problem, given: object) -> Mesh:
     """The mesh that is given, on the polygon of a problem; a problem of a mesh takes no other one."""
-    own, found = problem.mesh, given
+    own = problem.mesh
+    found = given
     if not (isinstance(found, Mesh) and np.array_equal(found.polygon.vertices, problem.polygon.vertices)):
         parts = given if isinstance(given, tuple) and len(given) == 2 else (given,)
         found = mesh(*parts, polygon=problem.polygon)

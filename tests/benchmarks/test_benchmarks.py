@@ -218,8 +218,10 @@ def ordered(**more: Any) -> dict[str, Any]:
 
 def test_the_judge_agrees_with_quadrature(data: Path, tmp_path: Path) -> None:
     known = np.load(data)
-    rng, mesh = np.random.default_rng(0), problem.mesh_of(ordered())
-    v, order = known["w"] + 0.01 * rng.standard_normal(len(known["w"])), rng.permutation(len(known["w"]))
+    rng = np.random.default_rng(0)
+    mesh = problem.mesh_of(ordered())
+    v = known["w"] + 0.01 * rng.standard_normal(len(known["w"]))
+    order = rng.permutation(len(known["w"]))
     np.savez(tmp_path / "found.npz", points=known["points"][order], u_0=v[order], u_1=known["w"][order])
     judged = problem.judge(ordered(), data, tmp_path / "found.npz")
     case = cases.load("natural", square())
@@ -238,7 +240,8 @@ def test_nodes_of_another_mesh_are_refused() -> None:
 @pytest.mark.parametrize("solver", ["multigrid", "linear", "recursive", "sparse", "skfem"])
 def test_a_tiny_run_finds_the_solution(solver: str, data: Path, tmp_path: Path) -> None:
     """On cells of two edges, or by nodes, within the plan's share of the discrete solution's error."""
-    given, found = plan.read(COMMITTED), tmp_path / "found.npz"
+    given = plan.read(COMMITTED)
+    found = tmp_path / "found.npz"
     of = given["solvers"][solver]
     said = json.loads(runner.started(sys.executable, of["module"], data, found, ordered(**of["settings"])))
     assert said["peak_mb"] > 10

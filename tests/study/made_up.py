@@ -17,7 +17,8 @@ import xarray as xr
 from study.evidence import Unjudged
 from study.ledger import claims
 
-NAN, INF = math.nan, math.inf
+NAN = math.nan
+INF = math.inf
 DIMS = {
     "case mesh partition": "h1_error l2_error hm12_best hm12_error_lower hm12_error_upper discrete_error "
     "ritz_means iterations tolerance",

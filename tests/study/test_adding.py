@@ -39,9 +39,9 @@ COUNTED = """claims:
   control: { what: "a hundredth more", tables: [counts/counts], variable: unknowns, factor: 1.01 }
 """
 """The claims of the experiment that is added."""
-STABILITY, COUNTS, EXTREMES = (
-    f"src/study/experiments/{name}" for name in ("stability", "counts", "extremes")
-)
+STABILITY = "src/study/experiments/stability"
+COUNTS = "src/study/experiments/counts"
+EXTREMES = "src/study/experiments/extremes"
 PLACES = [
     ("src/unilateral/geometry/polygons.yaml", "", POLYGON),
     ("manufactured/my_case.yaml", "", CASE),
@@ -91,10 +91,8 @@ print(open(files[1]).read().count("<svg"))
 
 def run(folder: Path, *arguments: str) -> str:
     """What a program says that uses the library in that folder."""
-    command, environment = (
-        [sys.executable, *arguments],
-        {**os.environ, "PYTHONPATH": f"{folder / 'src'}:{folder}"},
-    )
+    command = [sys.executable, *arguments]
+    environment = {**os.environ, "PYTHONPATH": f"{folder / 'src'}:{folder}"}
     found = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=60)
     assert found.returncode == 0, found.stderr
     return found.stdout + found.stderr

@@ -100,7 +100,8 @@ def file_of(module):
 def test_the_files_of_a_script_are_those_of_the_modules_that_it_imports(monkeypatch, script):
     """By import-linter's graph from what it and `job` import; and the packages that these are in."""
     monkeypatch.chdir(ROOT)
-    program, job = f"workflow/scripts/{script}.py", "workflow/scripts/job.py"
+    program = f"workflow/scripts/{script}.py"
+    job = "workflow/scripts/job.py"
     lines = [line.strip() for file in (program, job) for line in Path(file).read_text().splitlines()]
     ours = ("from benchmarks", "from study.", "from unilateral")
     own = {line.split()[1] for line in lines if line.startswith(ours)} | {"study.tables"}

@@ -17,7 +17,8 @@ def ended(statements, folder, given=(), config=None):
 
     Its rule is named `made`; its input is `given`, and the configuration is `config`.
     """
-    log, files = folder / "job.log", [str(file) for file in given]
+    log = folder / "job.log"
+    files = [str(file) for file in given]
     code = f"import os, signal, sys, warnings; sys.path.append({str(SCRIPTS)!r})\n"
     code += "from types import SimpleNamespace; from job import run; from unilateral import errors\n"
     code += f"snakemake = SimpleNamespace(input={files}, log=[{str(log)!r}])\n"

@@ -30,10 +30,13 @@ def table(power=1.0, **changes):
     """Errors 3 h^power along H = 2h, all else as it should be."""
     n = len(LEVELS)
     grid = np.full((1, n, n), np.nan)
-    error, algebraic, converged = grid.copy(), grid.copy(), grid.copy()
+    error = grid.copy()
+    algebraic = grid.copy()
+    converged = grid.copy()
     i = np.arange(n)
     error[0, i, i] = 3 * LEVELS**power
-    algebraic[0, i, i], converged[0, i, i] = 1e-3 * error[0, i, i], 1.0
+    algebraic[0, i, i] = 1e-3 * error[0, i, i]
+    converged[0, i, i] = 1.0
     run = ("case", "mesh", "partition")
     found = xr.Dataset(
         {
@@ -177,7 +180,8 @@ def test_an_error_that_vanishes_leaves_no_fit():
 def test_the_algebraic_share_is_taken_in_the_norm_that_is_judged(norm, factor):
     """A bound in ||.||_{-1/2,h} is worth 1/beta as much in H^{-1/2}, lambda_min^{-1/2} as much in L2."""
     found = table(1.0)
-    found["lambda_min"][:], found["beta_lower"][:] = 1e-4, 0.05
+    found["lambda_min"][:] = 1e-4
+    found["beta_lower"][:] = 0.05
     found["algebraic_bound"] *= 10 * factor * 0.99
     assert judged(found, norm).verdict == "holds"
     found["algebraic_bound"] *= 1.02

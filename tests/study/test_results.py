@@ -88,7 +88,8 @@ def test_a_multiplier_at_a_wide_angle_misses_the_bound_of_quasi_optimality(norm)
 @pytest.mark.parametrize("norm", rates.NORMS)
 def test_a_spoilt_table_is_refused(norm):
     """Control: errors of the finest level 10 % larger, and one run marked as not converged."""
-    worse, unconverged = (stored("square/errors").copy(deep=True) for _ in range(2))
+    worse = stored("square/errors").copy(deep=True)
+    unconverged = stored("square/errors").copy(deep=True)
     for name in ("hm12_error_lower", "hm12_error_upper") if norm == "hm12" else (f"{norm}_error",):
         worse[name][{"mesh": -1}] *= 1.1 if norm == "h1" else 1.3
     assert judged(worse, "natural", norm).verdict == "fails"
@@ -102,7 +103,8 @@ def test_the_table_is_complete(scene, errors):
     assert list(errors["case"].values) == declared["cases"]
     assert errors.sizes["mesh"] == declared["mesh"]["levels"]
     np.testing.assert_allclose(errors["H"], [real(H, "study") for H in declared["H"]], rtol=1e-14)
-    limits, H_over_h = declared["H_over_h"], 1 / errors["h_over_H"].values
+    limits = declared["H_over_h"]
+    H_over_h = 1 / errors["h_over_H"].values
     inside = H_over_h >= real(limits["min"], "study") * (1 - 1e-12)
     if "max" in limits:
         inside &= H_over_h <= real(limits["max"], "study") * (1 + 1e-12)
@@ -203,8 +205,10 @@ def test_an_upper_bound_a_thousandth_lower_would_be_below_it():
 def test_beta_is_known_to_half_a_percent_at_most_1_and_does_not_fall_on_refinement(scene, errors):
     """It is 0 from h = H on. V_h is contained in its refinement; each beta is known between bounds only."""
     table = stored(f"{scene}/infsup")
-    lower, upper = table["beta_lower"].values, table["beta_upper"].values
-    known, positive = np.isfinite(lower), upper > 0
+    lower = table["beta_lower"].values
+    upper = table["beta_upper"].values
+    known = np.isfinite(lower)
+    positive = upper > 0
     assert known.any()
     assert np.all((lower <= upper) & (upper <= 1) | ~known)
     assert np.all(upper[known & positive] <= 1.005 * lower[known & positive])
@@ -214,7 +218,8 @@ def test_beta_is_known_to_half_a_percent_at_most_1_and_does_not_fall_on_refineme
 
 def test_the_discrete_norm_is_a_part_of_the_true_one(scene):
     """Their ratio is at most 1, by bounds that do not know of V_h."""
-    lower, upper = (stored(f"{scene}/infsup")[f"norm_ratio_{bound}"].values for bound in ("lower", "upper"))
+    lower = stored(f"{scene}/infsup")["norm_ratio_lower"].values
+    upper = stored(f"{scene}/infsup")["norm_ratio_upper"].values
     known = np.isfinite(lower)
     assert np.all((lower <= upper)[known])
     assert np.all(lower[known] <= 1)

@@ -45,7 +45,9 @@ def test_cases_with_different_forms_are_no_scene() -> None:
 
 def test_no_flipped_bit_and_no_cut_changes_the_mesh(stored: Path) -> None:
     """300 bits and 50 lengths: zlib has a checksum of what it compresses, Adler-32; the rest is XML."""
-    whole, rng, refused = stored.read_bytes(), np.random.default_rng(1), 0
+    whole = stored.read_bytes()
+    rng = np.random.default_rng(1)
+    refused = 0
     for bit in rng.integers(8 * len(whole), size=300):
         damaged = bytearray(whole)
         damaged[bit // 8] ^= 1 << bit % 8
@@ -60,7 +62,8 @@ def test_no_flipped_bit_and_no_cut_changes_the_mesh(stored: Path) -> None:
 def test_a_flipped_bit_changes_the_mesh_where_nothing_is_compressed(stored: Path) -> None:
     """Control: one of the digits of a node inside."""
     meshio.read(stored).write(stored, binary=False)
-    right, content = scenes.stored_mesh(str(stored), SCENE), stored.read_text(encoding="utf-8")
+    right = scenes.stored_mesh(str(stored), SCENE)
+    content = stored.read_text(encoding="utf-8")
     inside = next(x for x in right.points[:, 0] if 0.1 < x < 0.9 and x not in (0.25, 0.5, 0.75))
     place = content.index(f"{inside:.15e}"[:8]) + 7
     damaged = bytearray(content.encode())

@@ -30,7 +30,8 @@ from unilateral.norms.resolution import inner_nodes
 
 def between(s, nodes, period):
     """(nb, m) values at arc lengths s of the hats of the nodes, linear and periodic."""
-    hats, places = np.eye(len(nodes)), np.concatenate([nodes - period, nodes, nodes + period])
+    hats = np.eye(len(nodes))
+    places = np.concatenate([nodes - period, nodes, nodes + period])
     return np.array([np.interp(s, places, np.tile(hat, 3)) for hat in hats]).T
 
 
@@ -40,7 +41,8 @@ def test_the_pairing_is_that_of_traces_of_V_h(seed):
 
     Up to rounding, for between two kept nodes a hat is linear: it is a trace of V_h.
     """
-    rng, polygon = np.random.default_rng(seed), [square(), named("lshape")][seed % 2]
+    rng = np.random.default_rng(seed)
+    polygon = [square(), named("lshape")][seed % 2]
     points = np.union1d(polygon.starts, rng.uniform(0, polygon.perimeter, 9))
     cells = partitions.from_points(polygon, points)
     inside = cells.points[:-1] + rng.uniform(0.1, 0.9, (3, cells.n_cells)) * cells.lengths
@@ -66,7 +68,8 @@ def test_on_equal_cells_alternating_values_are_the_worst(delta):
 @pytest.mark.parametrize("ratio", [1, 30, 1e6])
 def test_the_bound_of_the_proof_holds_for_random_cells_and_nodes(ratio):
     """By (6), whatever the lengths of the cells."""
-    rng, sides = np.random.default_rng(int(ratio)), square().starts
+    rng = np.random.default_rng(int(ratio))
+    sides = square().starts
     for _ in range(100):
         of_side = ratio ** rng.random((4, 3))
         ends = sides[:-1, None] + np.cumsum(of_side, axis=1) / of_side.sum(axis=1)[:, None]
@@ -131,7 +134,8 @@ def test_the_cellwise_constant_against_a_generalised_eigenvalue():
 
 def runs(hm12, h1_error, beta=(0.5, 0.5)):
     """A table of one run with the bounds hm12, of which 0.9 is the discrete norm, and the distance 0.1."""
-    grid, run = ("mesh", "partition"), ("case", "mesh", "partition")
+    grid = ("mesh", "partition")
+    run = ("case", "mesh", "partition")
     values = {"hm12_error_lower": hm12[0], "hm12_error_upper": hm12[1], "h1_error": h1_error}
     values |= {"discrete_error": 0.9, "hm12_best": 0.1}
     of_pair = {"beta_lower": beta[0], "beta_upper": beta[1], "beta_0": 0.3}

@@ -64,7 +64,8 @@ def test_a_table_tells_its_parameters_in_one_order(tmp_path):
     """As JSON, whatever the order in which they are given; without any it says so."""
     given = [{"scene": {"h": "1/8", "judged": True}, "stop": 0.01}, None]
     given.append({"stop": 0.01, "scene": {"judged": True, "h": "1/8"}})
-    told, sums = [], []
+    told = []
+    sums = []
     for parameters in given:
         tables.save(level(0.5), tmp_path / "errors.nc", "scene", parameters)
         told.append(json.loads(tables.load(tmp_path / "errors.nc").attrs["parameters"]))
@@ -139,7 +140,8 @@ def test_other_readers_pass_over_the_checksum(stored):
 
 def test_no_flipped_bit_and_no_cut_goes_unnoticed(stored):
     """200 bits drawn from all of the file, each bit of its last line, and 50 lengths."""
-    whole, rng = stored.read_bytes(), np.random.default_rng(1)
+    whole = stored.read_bytes()
+    rng = np.random.default_rng(1)
     bits = [*rng.integers(8 * len(whole), size=200), *range(8 * (len(whole) - tables.SEAL), 8 * len(whole))]
     for bit in bits:
         damaged = bytearray(whole)
@@ -157,7 +159,8 @@ def test_no_flipped_bit_and_no_cut_goes_unnoticed(stored):
 
 def test_a_flipped_bit_changes_a_value_where_nothing_checks(stored):
     """Control."""
-    whole, right = stored.read_bytes(), xr.load_dataset(stored)
+    whole = stored.read_bytes()
+    right = xr.load_dataset(stored)
     place = whole.index(np.array([0.25, np.nan]).tobytes())
     stored.write_bytes(whole[: place + 6] + bytes([whole[place + 6] ^ 16]) + whole[place + 7 :])
     assert not xr.load_dataset(stored).equals(right)

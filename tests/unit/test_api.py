@@ -45,7 +45,8 @@ def test_functions_give_the_solution_of_their_formulas():
         SQUARE, f=lambda x, y: x - 2, g=[lambda x, y: -x * y / 2, "-y/2", lambda x, y: -x / 2, 0]
     )
     stop = ul.Stop(tolerance=1e-10)
-    of_formulas, of_functions = (ul.solve(p, **SIZES, stop=stop) for p in (formulas, functions))
+    of_formulas = ul.solve(formulas, **SIZES, stop=stop)
+    of_functions = ul.solve(functions, **SIZES, stop=stop)
     np.testing.assert_allclose(of_functions.u, of_formulas.u, rtol=0, atol=1e-8)
     assert of_functions.errors is None
     assert of_functions.bounds.u == pytest.approx(of_formulas.bounds.u, rel=1e-6)
@@ -365,7 +366,8 @@ def test_a_mesh_of_one_s_own(tmp_path):
     write_mesh(structured(square(), 1 / 8), tmp_path / "own.vtu")
     mesh = ul.mesh(tmp_path / "own.vtu")
     problem = ul.Problem(mesh.polygon, f=-1, g="-x*y/2")
-    found, same = ul.solve(problem, H=1 / 4, mesh=mesh), ul.solve(problem, h=1 / 8, H=1 / 4)
+    found = ul.solve(problem, H=1 / 4, mesh=mesh)
+    same = ul.solve(problem, h=1 / 8, H=1 / 4)
     assert found.bounds.u == pytest.approx(same.bounds.u, rel=1e-6)
     assert found.bounds.multiplier == pytest.approx(same.bounds.multiplier, rel=1e-6)
     with sentences.raises(ul.InputError, "leave h out"):

@@ -38,7 +38,8 @@ class Variable:
     def __array__(self, dtype=None, copy=None):
         return masked(VALUES)
 
-    shape, ndim = VALUES.shape, 1
+    shape = VALUES.shape
+    ndim = 1
 
 
 def matrix(rows):
@@ -259,12 +260,16 @@ def test_the_force_of_a_function_of_one_point_at_a_time_is_not_of_its_integers()
     f = -3/4, the mean. Quadrature of the jump moves it by at most 3/2 times a column of triangles, h wide,
     times max w, where w <= 1 solves -lap w + w = 0 with w = 1 on the boundary.
     """
-    step, square = lambda x, y: 0 if x < 0.5 else -1.5, [(0, 0), (1, 0), (1, 1), (0, 1)]
+
+    def step(x, y):
+        return 0 if x < 0.5 else -1.5
+
+    square = [(0, 0), (1, 0), (1, 1), (0, 1)]
     h = 1 / 32
-    force, right = (
-        ul.solve(ul.Problem(square, f, 0), h=h, H=2 * h).forces().whole.value
-        for f in (np.vectorize(step, otypes=[float]), -0.75)
+    force = (
+        ul.solve(ul.Problem(square, np.vectorize(step, otypes=[float]), 0), h=h, H=2 * h).forces().whole.value
     )
+    right = ul.solve(ul.Problem(square, -0.75, 0), h=h, H=2 * h).forces().whole.value
     assert force == pytest.approx(right, abs=1.5 * h)
     assert abs(right * 2 / 3 - force) > 3 * 1.5 * h
     with sentences.raises(ul.InputError):

@@ -35,8 +35,10 @@ class OtherSolver:
         self.A = matrix(self.mesh, form._replace(clamped=())).tocsr()
         enclosed = enclose_data(problem, self.mesh, form)
         self.F = enclosed.load
-        self.u_D, self.fixed = enclosed.constraint.clamped_values, form.fixed(self.mesh)
-        first, last = self.mesh.boundary, np.roll(self.mesh.boundary, -1)
+        self.u_D = enclosed.constraint.clamped_values
+        self.fixed = form.fixed(self.mesh)
+        first = self.mesh.boundary
+        last = np.roll(self.mesh.boundary, -1)
         contact = form.held(self.mesh.side)
         on_edges = problem.enclosed_obstacle.on_edges(self.mesh.s, self.mesh.side, contact, parts=1)
         at_ends = on_edges.ends[contact]
@@ -132,7 +134,8 @@ def test_bounds_are_above_the_true_errors_and_near_them(method, limit, natural, 
 def test_half_the_load_is_seen(natural, other):
     """Its true error is nine times that of the right solution."""
     mesh, solver = other
-    right, half = (certified(natural, mesh, solver.constrained(share)).bounds.u for share in (1.0, 0.5))
+    right = certified(natural, mesh, solver.constrained(1.0)).bounds.u
+    half = certified(natural, mesh, solver.constrained(0.5)).bounds.u
     assert half > 5 * right
 
 
@@ -146,7 +149,8 @@ def test_of_this_project_s_own_solution_the_bounds_are_its_own(natural):
 
 def test_the_index_does_not_grow_on_finer_meshes(natural):
     """Control: with the flux of u itself it does, because u is in no equilibrium with lambda_H."""
-    indices, of_own_flux = [], []
+    indices = []
+    of_own_flux = []
     for n in (8, 16, 32):
         mesh = mesh_of(natural, n)
         found = certified(natural, mesh, OtherSolver(natural, mesh).constrained())
@@ -180,12 +184,15 @@ def clamped(k, c):
 
 def error(mesh, u, k, c):
     """The energy norm of x^2 + y - u, for u (n,) at the nodes of the mesh."""
-    corners, values = mesh.points[mesh.triangles], u[mesh.triangles]
+    corners = mesh.points[mesh.triangles]
+    values = u[mesh.triangles]
     sides = corners[:, 1:] - corners[:, :1]
     slopes = np.linalg.solve(sides, (values[:, 1:] - values[:, :1])[..., None])[..., 0]
-    area, square = np.linalg.det(sides) / 2, 0.0
+    area = np.linalg.det(sides) / 2
+    square = 0.0
     for weight, *place in RULE:
-        (x, y), at = np.einsum("mid,i->dm", corners, place), values @ place
+        (x, y) = np.einsum("mid,i->dm", corners, place)
+        at = values @ place
         of_gradient = (2 * x - slopes[:, 0]) ** 2 + (1 - slopes[:, 1]) ** 2
         square += weight * float(area @ (k * of_gradient + c * (x**2 + y - at) ** 2))
     return math.sqrt(square)
@@ -201,7 +208,8 @@ def shuffled(mesh, seed=1):
 def test_coefficients_clamped_and_free_sides_and_any_order_of_nodes(k, c):
     problem = clamped(k, c)
     mesh = mesh_of(problem, 8)
-    solver, (arrays, old) = OtherSolver(problem, mesh), shuffled(mesh)
+    solver = OtherSolver(problem, mesh)
+    (arrays, old) = shuffled(mesh)
     for share in (0.5, 1.0):
         u = solver.constrained(share)
         found = ul.certify(problem, arrays, u[old])
@@ -235,7 +243,8 @@ def test_a_multiplier_takes_the_place_of_lambda_h():
     mesh = mesh_of(problem, 16)
     u = OtherSolver(problem, mesh).constrained()
     exact = np.where(mesh.side == 1, 2.0, math.nan)
-    right, wrong = (ul.certify(problem, mesh, u, given) for given in (exact, exact + 1))
+    right = ul.certify(problem, mesh, u, exact)
+    wrong = ul.certify(problem, mesh, u, exact + 1)
     for found in (right, wrong):
         assert found.unique
         assert error(mesh, u, 1, 1) <= found.bounds.u
@@ -249,10 +258,8 @@ def test_the_potential_of_a_multiplier_solves_the_linear_problem():
     problem = clamped(3, 2)
     mesh = mesh_of(problem, 8)
     given = np.where(mesh.side == 1, 1 + np.arange(len(mesh.side)) % 3, 0.0)
-    solver, found = (
-        OtherSolver(problem, mesh),
-        certified(problem, mesh, np.zeros(mesh.n_nodes), multiplier=given),
-    )
+    solver = OtherSolver(problem, mesh)
+    found = certified(problem, mesh, np.zeros(mesh.n_nodes), multiplier=given)
     ends = np.column_stack([given, given])
     left = solver.A @ found.solved.potential - solver.F - edge_load(solver.mesh, ends)
     assert np.abs(left[~solver.fixed]).max() < 1e-12 * np.abs(solver.F).max()
@@ -378,8 +385,10 @@ def test_functions_are_certified_by_their_values_at_the_nodes(natural):
     """Bit for bit as the arrays of these values."""
     mesh = mesh_of(natural, 4)
     x, y = mesh.points.T
-    functions, arrays = ul.Problem(SQUARE, np.hypot, 0), ul.Problem(mesh, np.hypot(x, y), 0)
-    found, expected = (ul.certify(problem, mesh, x / 9) for problem in (functions, arrays))
+    functions = ul.Problem(SQUARE, np.hypot, 0)
+    arrays = ul.Problem(mesh, np.hypot(x, y), 0)
+    found = ul.certify(functions, mesh, x / 9)
+    expected = ul.certify(arrays, mesh, x / 9)
     assert found.bounds == expected.bounds
     assert "f                linear between the nodes of the mesh" in repr(found)
 

@@ -36,10 +36,9 @@ def write(
     """
     from plotly.offline import get_plotlyjs
 
-    of_errors, of_rates, of_totals = (
-        {table.attrs["scene"]: table for table in map(tables.load, paths)}
-        for paths in (errors, rates, totals)
-    )
+    of_errors = {table.attrs["scene"]: table for table in map(tables.load, errors)}
+    of_rates = {table.attrs["scene"]: table for table in map(tables.load, rates)}
+    of_totals = {table.attrs["scene"]: table for table in map(tables.load, totals)}
     found = [
         curve
         for scene, fitted in of_rates.items()
@@ -103,7 +102,8 @@ def _bounds(row: Mapping[str, float], case: str, norm: str, totals: xr.Dataset |
     at = np.all([np.isclose(totals[size], row[size], rtol=1e-9) for size in "hH"], axis=0)
     if not at.any():
         return {}
-    error, level = row.get("upper", row["error"]), totals.sel(case=case).isel(mesh=int(at.argmax()))
+    error = row.get("upper", row["error"])
+    level = totals.sel(case=case).isel(mesh=int(at.argmax()))
     return {
         "sharp": error * float(level[f"total_index_{OF[norm]}"]),
         "cheap": error * float(level[f"local_index_{OF[norm]}"]),

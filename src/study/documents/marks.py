@@ -97,7 +97,8 @@ def _blocks(path: str, text: str, blocks: Mapping[str, str]) -> str:
 
 def _numbers(path: str, text: str, numbers: Mapping[str, formats.Value]) -> str:
     def filled(mark: re.Match[str]) -> str:
-        name, spec = mark["name"], mark["spec"] or ""
+        name = mark["name"]
+        spec = mark["spec"] or ""
         where = f"{_place(path, text, mark.start())}, mark '{mark[0].partition('-->')[0][4:]}'"
         _known(where, "number", name, numbers)
         try:

@@ -78,7 +78,9 @@ def _of_the_study(
 
 def _parameters(study: Mapping[str, Any]) -> dict[str, Any]:
     """The parameters that documents name."""
-    cost, extremes, rates = study["cost"], study["extremes"], study["rates"]
+    cost = study["cost"]
+    extremes = study["extremes"]
+    rates = study["rates"]
     axes = {axis: {"h": extremes["axes"][axis]["h"]} for axis in ("ratio", "shift")}
     axes["single"] = {"accuracy": extremes["axes"]["single"]["accuracy"]}
     return {

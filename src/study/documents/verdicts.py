@@ -38,7 +38,8 @@ def _measured(record: Mapping[str, Any]) -> str:
     """What counts and its value, the margin, and what the check sees; a dash if nothing was measured."""
     if record["quantity"] is None:
         return texts.NONE
-    margin, sees = texts.margin(record), record["sees"]
+    margin = texts.margin(record)
+    sees = record["sees"]
     parts = [f"{record['quantity']}: {_formula(texts.observed(record))}"]
     parts += [f"margin {margin}"] if margin != texts.NONE else []
     parts += [f"sees {sees.removesuffix(' of the control')}"] if sees else []
@@ -54,6 +55,8 @@ def _formula(text: str) -> str:
 
 
 def _power(number: re.Match[str]) -> str:
-    minus, mantissa, power = number[1], number[2], int(number[3])
+    minus = number[1]
+    mantissa = number[2]
+    power = int(number[3])
     factor = "" if mantissa == "1" else rf"{mantissa}\cdot "
     return f"{minus}{factor}10^{{{power}}}"

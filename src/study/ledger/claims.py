@@ -114,7 +114,8 @@ class Judgement:
         """The smallest part of its control at which the claim does not hold; None if it fails anyway."""
         if not self.holds:
             return None
-        control, claim = self.claim.control, _of_spoilt_scenes(self.claim)
+        control = self.claim.control
+        claim = _of_spoilt_scenes(self.claim)
         if not judgement(self.results, claim).holds:  # nothing to judge on these alone
             claim = self.claim
         share = smallest_share(lambda x: not judgement(spoilt(self.results, control, x), claim).holds)

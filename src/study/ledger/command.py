@@ -38,11 +38,13 @@ def claims(claim: str | None, results: str, json: bool) -> int:
         from study.ledger.results import finished
 
         (judged,) = judge.judge(finished(results), [judge.find(claim)])
-        found, text = [_record(judged.record())], listing.explanation(judged)
+        found = [_record(judged.record())]
+        text = listing.explanation(judged)
     else:
         stored = listing.stored(results)
         width = get_terminal_size().columns if sys.stdout.isatty() else None
-        found, text = [_record(each) for each in stored], "\n".join(listing.table(stored, width))
+        found = [_record(each) for each in stored]
+        text = "\n".join(listing.table(stored, width))
     say(as_text({"claims": found}) if json else text)
     return DOES_NOT_HOLD if any(each["holds"] is False for each in found) else 0
 

@@ -11,7 +11,8 @@ import xarray as xr
 
 from study.ledger.results import Results
 
-LEAST, PRECISION = 1e-6, 0.01
+LEAST = 1e-6
+PRECISION = 0.01
 """The smallest share of a control that is tried, and the relative precision to which a share is found."""
 
 
@@ -29,7 +30,8 @@ def spoilt(results: Results, control: Mapping[str, Any], share: float = 1.0) -> 
             _spoil(table, control)
         if share < 1:
             for variable in [control["variable"]] if "variable" in control else [*table]:
-                true, spoilt_values = results[name][variable].values, table[variable].values
+                true = results[name][variable].values
+                spoilt_values = table[variable].values
                 # Numbers that were not changed stay exactly what they are
                 mixed = (1 - share) * true + share * spoilt_values
                 table[variable] = table[variable].copy(data=np.where(spoilt_values == true, true, mixed))
@@ -55,7 +57,8 @@ def smallest_share(fails: Callable[[float], bool]) -> float:
     """
     if fails(LEAST):
         return LEAST
-    low, high = LEAST, 1.0
+    low = LEAST
+    high = 1.0
     while high > (1 + PRECISION) * low:
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if fails(middle) else (middle, high)

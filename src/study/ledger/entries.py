@@ -20,7 +20,8 @@ def entries() -> list[dict[str, Any]]:
     """
     declared = [entry for file in files() for entry in own(file)["claims"]]
     sections = own(SECTIONS)
-    known, named = [entry["id"] for entry in declared], [each for ids in sections.values() for each in ids]
+    known = [entry["id"] for entry in declared]
+    named = [each for ids in sections.values() for each in ids]
     for each in dict.fromkeys([*known, *named]):
         if known.count(each) != 1 or named.count(each) != 1:
             raise InputError(

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 CLAIMS = "claims.json"
 COLUMNS = {"claim": 9, "title": 34, "observed": 17, "margin": 8}
 """The columns before the verdict, and how many letters each takes."""
-GAP, VERDICT = "  ", 23
+GAP = "  "
+VERDICT = 23
 """What separates columns; the least width of the verdicts, for which `observed` is left out."""
 NOTE = (
     "The margin is how far the observed number is on the right side of the required one, relative to that. "
@@ -105,12 +106,15 @@ def summary(judged: Sequence[Mapping[str, Any]]) -> str:
 
 def explanation(judgement: Judgement) -> str:
     """Everything about one claim, with its numbers."""
-    claim, evidence, record = judgement.claim, judgement.evidence, judgement.record()
+    claim = judgement.claim
+    evidence = judgement.evidence
+    record = judgement.record()
     lines = [f"{claim.id}: {plain(claim.title)}", f"statement: {plain(claim.statement)}"]
     lines.append(f"where: {plain(claim.where)}")
     if evidence is None:
         return "\n".join([*lines, plain(judgement.verdict)])
-    numbers, rows = [f"check: {claim.check} ({letters(claim.source)})"], []
+    numbers = [f"check: {claim.check} ({letters(claim.source)})"]
+    rows = []
     if isinstance(evidence, Evidence):
         sign = "at least" if evidence.at_least else "at most"
         quantity = plain(evidence.quantity)

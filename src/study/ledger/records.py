@@ -12,7 +12,9 @@ from typing import Any
 from unilateral.errors import StorageError
 
 MANIFEST = "manifest.json"
-FAILS, UNJUDGED, UNMEASURED = "fails", "not judged", "nothing to measure"
+FAILS = "fails"
+UNJUDGED = "not judged"
+UNMEASURED = "nothing to measure"
 """No document may rest on these verdicts; in the last two a reason follows."""
 ORIGINS = {
     "derived": "derived",
@@ -22,7 +24,8 @@ ORIGINS = {
     "after": "set after values had been seen",
 }
 """The origin of a required number, by a short name; a claim's source begins with such a text and a colon."""
-LEAST, PLENTY = 1e-4, 10.0
+LEAST = 1e-4
+PLENTY = 10.0
 """A margin below the first number or above the second is told as lying below or above it."""
 
 

@@ -24,7 +24,8 @@ class Results(dict[str, xr.Dataset]):
         listed: Mapping[str, str] | None = None,
     ) -> None:
         super().__init__(tables or {})
-        self.folder, self.listed = Path(folder), listed or {}
+        self.folder = Path(folder)
+        self.listed = listed or {}
 
     def __missing__(self, name: str) -> xr.Dataset:
         table = load(self.folder / f"{name}.nc")

@@ -47,7 +47,8 @@ def observed(record: Mapping[str, Any]) -> str:
     """
     if record["observed"] is None:
         return NONE
-    value, much = record["observed"], abs(record["margin"]) >= PLENTY
+    value = record["observed"]
+    much = abs(record["margin"]) >= PLENTY
     shown = "much more" if much else f"{value:.3g}"
     return letters(f"{'0' if abs(value) <= ROUND_OFF else shown} {record['expected']}")
 

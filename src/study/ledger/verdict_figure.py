@@ -11,9 +11,13 @@ from matplotlib.ticker import LogLocator, NullFormatter
 from study import style
 from study.ledger import records
 
-ROW, ABOVE, BELOW = 0.42, 1.6, 1.7
+ROW = 0.42
+ABOVE = 1.6
+BELOW = 1.7
 """The heights in cm of a row, of the legend, and of the axis with the note."""
-IDS, WORDS, SCALE = 1.25, 5.3, 2.75
+IDS = 1.25
+WORDS = 5.3
+SCALE = 2.75
 """The widths in cm of the ids, of the ids with the titles, and of the axis."""
 KINDS = {
     "holds": ("o", style.COLOURS[0]),
@@ -59,7 +63,8 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     data = style.read(csv_path)
     half = (len(data) + 1) // 2
     height = ROW * half + ABOVE + BELOW
-    least, most = data["margin"].min(), data["margin"].max()
+    least = data["margin"].min()
+    most = data["margin"].max()
     with style.figure_in(svg_path, height) as figure:
         for left, rows in ((0.1, data[:half]), (8.8, data[half:])):
             axes = style.axes_at(figure, left + WORDS, BELOW, SCALE, ROW * half)

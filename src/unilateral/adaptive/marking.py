@@ -31,7 +31,8 @@ Where solutions vary alike everywhere that ratio is seen to be 1.
 """
 LEAST_ADAPTED = 200
 """Below so many unknowns all meshes cost alike, and none is adapted."""
-LEAST_STEP, LARGEST_STEP = 1.25, 8.0
+LEAST_STEP = 1.25
+LARGEST_STEP = 8.0
 """A level has at most LARGEST_STEP times the triangles of the one before, before neighbours follow.
 
 If the limits allow neither the wanted step nor LEAST_STEP times the triangles, there is no other level.
@@ -40,7 +41,8 @@ TARGET_PART = 0.93
 """The next level aims at this fraction of the wanted error."""
 LAMBDA_RATE = 0.75
 """On adapted meshes lambda's bound falls like the unknowns to minus this, as H^{3/2}; 0.82 was observed."""
-LEAST_MISS, LARGEST_MISS = 0.9, 1.5
+LEAST_MISS = 0.9
+LARGEST_MISS = 1.5
 """The factor by which a bound missed its prediction is believed only as far as it lies between these two."""
 
 

@@ -77,10 +77,12 @@ class EdgeFlux(NamedTuple):
 
 def edge_flux(mesh: Mesh, cells: Partition, lambda_H: Array, u_h: Array, form: Form) -> EdgeFlux:
     """The flux of lambda_H (m,), which is constant on the cells, for u_h (n,) near the discrete solution."""
-    lengths, nb = np.diff(mesh.s), len(mesh.boundary)
+    lengths = np.diff(mesh.s)
+    nb = len(mesh.boundary)
     points, cell, edge = overlay(cells.points, mesh.s)
     middle = 0.5 * (points[1:] + points[:-1])
-    share, arm = np.diff(points) / lengths[edge], 2 * (middle - mesh.s[edge]) / lengths[edge] - 1
+    share = np.diff(points) / lengths[edge]
+    arm = 2 * (middle - mesh.s[edge]) / lengths[edge] - 1
     value = lambda_H[cell]
     mean = np.bincount(edge, share * value, nb)
     slope = 3 * np.bincount(edge, share * arm * value, nb)
@@ -149,10 +151,15 @@ def given(flux: Flux, mesh: Mesh) -> Given:
     """The `Given` of a problem's flux on a mesh; infinite where the flux has no bound."""
     if not flux.given.any():
         return nothing(mesh)
-    samples, lengths = flux.sample(mesh.s), np.diff(mesh.s)
+    samples = flux.sample(mesh.s)
+    lengths = np.diff(mesh.s)
     here = flux.given[samples.piece]
-    half, piece, s, p = samples.half[here], samples.piece[here], samples.s[here], samples.value[here]
-    edge, weight = _edges(mesh, samples.middle[here]), half[:, None] * samples.weights
+    half = samples.half[here]
+    piece = samples.piece[here]
+    s = samples.s[here]
+    p = samples.value[here]
+    edge = _edges(mesh, samples.middle[here])
+    weight = half[:, None] * samples.weights
     x = (s - mesh.s[edge][:, None]) / lengths[edge][:, None]
     ends = linear_parts(mesh, edge, x, weight, p)
     away = p - ends[edge, :1] * (1 - x) - ends[edge, 1:] * x
@@ -172,13 +179,17 @@ def _of_rho(flux: Flux, mesh: Mesh, edge: Index, length: Array, doubt: Array) ->
 
     Within the flux's `reach` of a place where two pieces meet, on either side, rho may be the jump there.
     """
-    at, jumps = flux.points[flux.jumps > 0], flux.jumps[flux.jumps > 0]
-    before, after = (_edges(mesh, at + off) for off in (-flux.reach, flux.reach))
-    apart, nb = before != after, len(mesh.boundary)
+    at = flux.points[flux.jumps > 0]
+    jumps = flux.jumps[flux.jumps > 0]
+    before = _edges(mesh, at + (-flux.reach))
+    after = _edges(mesh, at + flux.reach)
+    apart = before != after
+    nb = len(mesh.boundary)
     edge = np.concatenate([edge, before, after[apart]])
     length = np.append(length, np.full(len(edge) - len(length), 2 * flux.reach))
     size = np.concatenate([doubt, jumps, jumps[apart]])
-    square, integral = (np.bincount(edge, length * size**power, nb).astype(float) for power in (2, 1))
+    square = np.bincount(edge, length * size**2, nb).astype(float)
+    integral = np.bincount(edge, length * size**1, nb).astype(float)
     return np.sqrt(square), integral
 
 

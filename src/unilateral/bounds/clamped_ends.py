@@ -103,7 +103,8 @@ def clamped_ends(
         wide = gap[edges] > HALF * max(gap[edges[0]], 0.0)
         edges = edges[: len(edges) if wide.all() else int(np.argmin(wide))]
         if edges.size and np.isfinite(gap[edges]).all():
-            found.reach[vertex], found.gamma[vertex] = lengths[edges].sum(), gap[edges].min()
+            found.reach[vertex] = lengths[edges].sum()
+            found.gamma[vertex] = gap[edges].min()
     return found
 
 
@@ -136,10 +137,12 @@ def conflicts(part: Index, clamps: Clamps) -> list[tuple[int, int]]:
 
     Each comes with the bound for which w cannot pass from one side to the other: 0 is that below, 1 above.
     """
-    found, n = [], len(clamps.ends.reach)
+    found = []
+    n = len(clamps.ends.reach)
     for vertex in range(n):
         pair = {vertex, (vertex - 1) % n}
-        inside, clamped = pair & {*part.tolist()}, pair & {*clamps.form.clamped}
+        inside = pair & {*part.tolist()}
+        clamped = pair & {*clamps.form.clamped}
         if len(inside) == len(clamped) == 1 and not pair & {*clamps.form.free}:
             found.append((vertex, int(inside != clamped)))
     return found
@@ -147,7 +150,8 @@ def conflicts(part: Index, clamps: Clamps) -> list[tuple[int, int]]:
 
 def missing(mesh: Mesh, part: Index, clamps: Clamps) -> tuple[float, float]:
     """What the bounds below and above lack for their `conflicts`, at the ends of the part."""
-    most, edges = [0.0, 0.0], np.diff(mesh.s)
+    most = [0.0, 0.0]
+    edges = np.diff(mesh.s)
     for vertex, which in conflicts(part, clamps):
         first = edges[place(mesh, vertex) - (vertex in clamps.form.clamped)]
         known = first <= clamps.ends.reach[vertex]

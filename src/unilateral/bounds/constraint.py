@@ -87,7 +87,8 @@ class Constraint:
 
     def trace(self, v: Array) -> tuple[Array, Array]:
         """v and its derivative along the edges, (K, Q) each."""
-        x, (start, end, middle) = self.x, (a[:, None] for a in v[self.unknowns][self.edge].T)
+        x = self.x
+        start, end, middle = v[self.unknowns][self.edge].T[..., None]
         value = start * (1 - x) * (1 - 2 * x) + end * x * (2 * x - 1) + middle * 4 * x * (1 - x)
         slope = start * (4 * x - 3) + end * (4 * x - 1) + middle * 4 * (1 - 2 * x)
         return value, slope / np.diff(self.mesh.s)[self.edge][:, None]
@@ -168,7 +169,8 @@ def _at_ends(on_edges: Array, unknowns: Index, on: Mask, allowed: Array) -> tupl
 @cache
 def _to_bernstein() -> Array:
     """Coefficients in Bernstein's basis of degree ORDER from the values at Gauss points."""
-    x, k = 0.5 * (np.polynomial.legendre.leggauss(ORDER + 1)[0] + 1), np.arange(ORDER + 1)
+    x = 0.5 * (np.polynomial.legendre.leggauss(ORDER + 1)[0] + 1)
+    k = np.arange(ORDER + 1)
     binomials = np.array([math.comb(ORDER, i) for i in range(ORDER + 1)])
     return np.asarray(np.linalg.inv(binomials * x[:, None] ** k * (1 - x[:, None]) ** (ORDER - k)))
 

@@ -85,17 +85,20 @@ def equilibrated(
     (k, 3) of f with the hats of some triangles; `sigma` (nb, 2) are the values at the ends of the boundary
     edges of q.n, which is linear there. They are NaN where it is not given.
     """
-    ends, boundary = mesh.triangulation.ends.ravel(), mesh.triangulation.boundary
+    ends = mesh.triangulation.ends.ravel()
+    boundary = mesh.triangulation.boundary
     after, f = around(mesh, moments)
     flow, tilt = q = np.zeros((2, len(ends) // 2))
     for edge, spokes in fans(mesh, after):
         left = spokes[:-1]
         numbers = _numbers(mesh, u_h, ends.take(spokes[0]), ends.take(spokes ^ 1), f.take(left), form)
         if edge.size:
-            left, (F, z) = spokes, _at_the_boundary(numbers, *_given(mesh, sigma, edge))
+            left = spokes
+            (F, z) = _at_the_boundary(numbers, *_given(mesh, sigma, edge))
         else:
             F, z = _inside(numbers)
-        at, sign = (left >> 1).ravel(), 1 - 2 * (left & 1)
+        at = (left >> 1).ravel()
+        sign = 1 - 2 * (left & 1)
         np.add.at(flow, at, (F * sign).ravel())
         np.add.at(tilt, at, z.ravel())
     q_n = -0.5 * np.diff(mesh.s) * (sigma.T[0] + [[1], [-1]] * sigma.T[1])
@@ -108,9 +111,11 @@ def flows(mesh: Mesh, q: Array, of: Index | slice) -> tuple[Array, Array]:
 
     The ends are the two nodes after the opposite one, in this order.
     """
-    edge, start = mesh.opposite_edges[of].T, mesh.triangles[of].T[[1, 2, 0]]
+    edge = mesh.opposite_edges[of].T
+    start = mesh.triangles[of].T[[1, 2, 0]]
     left = mesh.triangulation.ends.ravel().take(2 * edge) == start
-    flow, tilt = q[0].take(edge), q[1].take(edge)
+    flow = q[0].take(edge)
+    tilt = q[1].take(edge)
     flow *= 2.0 * left - 1.0
     return flow + tilt, flow - tilt
 
@@ -121,9 +126,12 @@ def around(mesh: Mesh, of_corners: Callable[[slice], Array]) -> tuple[Int32, Arr
     Behind spokes that run back along the boundary there is neither: both are 0.
     """
     ends = mesh.triangulation.ends
-    after, found = np.zeros(2 * len(ends), dtype=np.int32), np.zeros(2 * len(ends))
+    after = np.zeros(2 * len(ends), dtype=np.int32)
+    found = np.zeros(2 * len(ends))
     for of in blocks(len(mesh.triangles), 2 * CHUNK):
-        node, edge, values = mesh.triangles[of].T, mesh.opposite_edges[of].T, of_corners(of).T
+        node = mesh.triangles[of].T
+        edge = mesh.opposite_edges[of].T
+        values = of_corners(of).T
         spokes = [2 * e + (ends[e, 0] != a) for e, a in zip(edge[[2, 0, 1]], node, strict=True)]
         for i, spoke in enumerate(spokes):
             found[spoke] = values[i]
@@ -137,13 +145,19 @@ def fans(mesh: Mesh, after: Int32) -> Iterator[tuple[Int32, Int32]]:
     The last spoke of a node inside is its first one again. Before the spokes come the numbers (p,) of the
     nodes along the boundary, or none (0,) for nodes inside.
     """
-    ends, n, nb = mesh.triangulation.ends.ravel(), mesh.n_nodes, len(mesh.boundary)
-    first, number, kind = *np.empty((2, n), dtype=np.int32), 2 * np.bincount(ends, minlength=n)
+    ends = mesh.triangulation.ends.ravel()
+    n = mesh.n_nodes
+    nb = len(mesh.boundary)
+    first = np.empty(n, dtype=np.int32)
+    number = np.empty(n, dtype=np.int32)
+    kind = 2 * np.bincount(ends, minlength=n)
     first[ends] = np.arange(len(ends), dtype=np.int32)
-    first[mesh.boundary], number[mesh.boundary] = 2 * mesh.triangulation.boundary, np.arange(nb)
+    first[mesh.boundary] = 2 * mesh.triangulation.boundary
+    number[mesh.boundary] = np.arange(nb)
     kind[mesh.boundary] -= 1
     for which in np.flatnonzero(np.bincount(kind)):
-        nodes, k = np.flatnonzero(kind == which), which // 2
+        nodes = np.flatnonzero(kind == which)
+        k = which // 2
         for part in (nodes[of] for of in blocks(len(nodes), CHUNK)):
             fan = np.empty((k + 1, len(part)), dtype=np.int32)
             fan[0] = first[part]
@@ -155,15 +169,20 @@ def fans(mesh: Mesh, after: Int32) -> Iterator[tuple[Int32, Int32]]:
 def _numbers(mesh: Mesh, u_h: Array, a: Int32, b: Int32, moments: Array, form: Form) -> _Numbers:
     """The numbers for nodes a (p,), nodes b (k + 1, p) around them, and `moments` (k, p) of f with psi_a."""
     points = mesh.points.ravel()
-    x, y = (points.take(2 * b + i) - points.take(2 * a + i) for i in range(2))
+    x = points.take(2 * b + 0) - points.take(2 * a + 0)
+    y = points.take(2 * b + 1) - points.take(2 * a + 1)
     u = u_h.take(a)
     slope = u_h.take(b) - u
     area = 0.5 * (x[:-1] * y[1:] - y[:-1] * x[1:])
-    square, scale = x * x + y * y, 0.25 / area
-    bb, cc, bc = square[1:] * scale, square[:-1] * scale, (x[:-1] * x[1:] + y[:-1] * y[1:]) * -scale
+    square = x * x + y * y
+    scale = 0.25 / area
+    bb = square[1:] * scale
+    cc = square[:-1] * scale
+    bc = (x[:-1] * x[1:] + y[:-1] * y[1:]) * -scale
     d = form.c / 12 * area * (4 * u + slope[:-1] + slope[1:]) - moments
     slope *= form.k
-    through_b, through_c = bb * slope[:-1] + bc * slope[1:], bc * slope[:-1] + cc * slope[1:]
+    through_b = bb * slope[:-1] + bc * slope[1:]
+    through_c = bc * slope[:-1] + cc * slope[1:]
     d -= through_b + through_c
     weight = 1 / np.maximum(1.0, form.c / (BALANCE * form.k) * area.sum(axis=0)) ** 2
     return _Numbers(area, d, bb, cc, bc, through_b, through_c, slope, weight)
@@ -189,9 +208,11 @@ def _terms(of: _Numbers, S: Array) -> tuple[Array, Array, Array]:
     These are the second derivative by z_j, which is also that by z_{j+1}, and minus the first derivatives by
     z_j and by z_{j+1} where these and F_0 are 0. The mixed second derivative is `bc`.
     """
-    middle, twist = S[:-1] + S[1:], 0.25 * (of.slope[:-1] + of.slope[1:])
+    middle = S[:-1] + S[1:]
+    twist = 0.25 * (of.slope[:-1] + of.slope[1:])
     mixed = 2 * of.bc
-    load, load_next = of.cc * middle + mixed * S[:-1], of.bb * middle + mixed * S[1:]
+    load = of.cc * middle + mixed * S[:-1]
+    load_next = of.bb * middle + mixed * S[1:]
     load += twist
     load_next -= twist
     return of.bb + of.cc + of.bc, load, load_next
@@ -212,11 +233,15 @@ def _inside(of: _Numbers) -> Array:
 
     The unknown of the border is 2 F_0.
     """
-    S, with_b, with_c = _sums(of, 0.0, 0.0), of.bb + of.bc, of.cc + of.bc
-    (own, load, load_next), both = _terms(of, S), with_b + with_c
+    S = _sums(of, 0.0, 0.0)
+    with_b = of.bb + of.bc
+    with_c = of.cc + of.bc
+    (own, load, load_next) = _terms(of, S)
+    both = with_b + with_c
     of_F = with_b * S[:-1] + with_c * S[1:] + both * (S[:-1] + S[1:])
     columns = np.zeros((3, *own.shape))
-    columns[1], columns[2] = -_joined(with_c, with_b), _joined(load, load_next)
+    columns[1] = -_joined(with_c, with_b)
+    columns[2] = _joined(load, load_next)
     z, F = _periodic(_joined(own, own), of.bc, columns, 1.5 * both.sum(axis=0), -of_F.sum(axis=0))
     mean = 0.5 * _joined(of.through_c, -of.through_b)
     return mean + of.weight * (np.stack([S[:-1] + 0.5 * F, z]) - mean)
@@ -238,7 +263,8 @@ def _periodic(
     z_0, .., z_{k-2} are eliminated, which leaves two unknowns, z_{k-1} and F. Their columns, of which the
     first one is made here, and the load are `columns` (3, k, p). These and `diagonal` are overwritten.
     """
-    m, (last, border, load) = len(diagonal) - 1, columns
+    m = len(diagonal) - 1
+    (last, border, load) = columns
     last[0] = off[m]
     last[m - 1] += off[m - 1]
     for j in range(m - 1):
@@ -246,13 +272,17 @@ def _periodic(
         diagonal[j + 1] -= factor * off[j]
         columns[:, j + 1] -= factor * columns[:, j]
     inverse = 1 / diagonal[:m]
-    over, factors = columns[:, :m] * inverse, off[:m] * inverse
-    a, b, r = (
-        x - _dot(over[0], y[:m]) for x, y in ((diagonal[m], last), (border[m], border), (load[m], load))
-    )
-    c, s = (x - _dot(over[1], y[:m]) for x, y in ((corner, border), (last_load, load)))
-    z, determinant = np.empty_like(diagonal), a * c - b * b
-    z[m], F = (c * r - b * s) / determinant, (a * s - b * r) / determinant
+    over = columns[:, :m] * inverse
+    factors = off[:m] * inverse
+    a = diagonal[m] - _dot(over[0], last[:m])
+    b = border[m] - _dot(over[0], border[:m])
+    r = load[m] - _dot(over[0], load[:m])
+    c = corner - _dot(over[1], border[:m])
+    s = last_load - _dot(over[1], load[:m])
+    z = np.empty_like(diagonal)
+    determinant = a * c - b * b
+    z[m] = (c * r - b * s) / determinant
+    F = (a * s - b * r) / determinant
     z[:m] = over[2] - over[0] * z[m] - over[1] * F
     for j in range(m - 2, -1, -1):
         z[j] -= factors[j] * z[j + 1]
@@ -269,22 +299,27 @@ def _at_the_boundary(of: _Numbers, into: Array, out: Array) -> Array:
 
     Where the flux through an outer spoke is not given these are NaN, and F_0, if neither is, is an unknown.
     """
-    given, whole = ~np.isnan([into[0], out[0]]), of.d.sum(axis=0)
+    given = ~np.isnan([into[0], out[0]])
+    whole = of.d.sum(axis=0)
     start = np.where(given[0], into[0], np.where(given[1], out[0] - whole, -0.5 * whole))
     S = _sums(of, start, np.where(given[1], out[0], start + whole))
     own, load, load_next = _terms(of, S)
-    with_b, with_c = of.bb + of.bc, of.cc + of.bc
-    none, columns = np.zeros((1, S.shape[1])), np.zeros((3, *S.shape))
-    diagonal, columns[1], columns[2] = (
-        np.concatenate([after, none]) + np.concatenate([none, before])
-        for after, before in ((own, own), (-with_c, -with_b), (load, load_next))
-    )
+    with_b = of.bb + of.bc
+    with_c = of.cc + of.bc
+    none = np.zeros((1, S.shape[1]))
+    columns = np.zeros((3, *S.shape))
+    diagonal = np.concatenate([own, none]) + np.concatenate([none, own])
+    columns[1] = np.concatenate([(-with_c), none]) + np.concatenate([none, (-with_b)])
+    columns[2] = np.concatenate([load, none]) + np.concatenate([none, load_next])
     off = np.concatenate([of.bc, none])
     for held, j, beside, next_, z in ((given[0], 0, 0, 1, into[1]), (given[1], -1, -2, -2, out[1])):
         columns[2, next_] -= np.where(held, off[beside] * z, 0.0)
         off[beside, held] = 0.0
-        diagonal[j, held], columns[1, j, held], columns[2, j, held] = 1.0, 0.0, z[held]
-    free, both = ~given.any(axis=0), with_b + with_c
+        diagonal[j, held] = 1.0
+        columns[1, j, held] = 0.0
+        columns[2, j, held] = z[held]
+    free = ~given.any(axis=0)
+    both = with_b + with_c
     columns[1, :, ~free] = 0.0
     of_F = with_b * S[:-1] + with_c * S[1:] + both * (S[:-1] + S[1:])
     load_of_F = 0.5 * (of.slope[-1] - of.slope[0]) - of_F.sum(axis=0)  # inside the domain slopes cancel

@@ -91,18 +91,18 @@ def raised(
     v = np.where(contact, g.at_unknowns, np.maximum(v, g.at_unknowns))
     touching = g.clamped | contact[g.unknowns].all(axis=1) & ~g.jumps
     g = g.near(v, touching | flux.any(axis=1))
-    above, by = v.copy(), _bubbles(g, v)
+    above = v.copy()
+    by = _bubbles(g, v)
     above[g.unknowns[:, 2]] += by
     none = np.zeros_like(touching)
-    extended, kept, lifted = (
-        DEAR * squares + 2 * slack
-        for squares, slack, _ in (
-            _short(g, form, v, touching, flux),
-            _short(g, form, v, none, flux),
-            _short(g, form, above, none, flux),
-        )
-    )
-    lifted += stiffness * by**2
+
+    def cost(v: Array, any_sign: Mask) -> Array:
+        squares, slack, _ = _short(g, form, v, any_sign, flux)
+        return DEAR * squares + 2 * slack
+
+    extended = cost(v, touching)
+    kept = cost(v, none)
+    lifted = cost(above, none) + stiffness * by**2
     lift = (lifted < np.where(touching, np.minimum(extended, kept), kept)) & ~g.clamped
     v[g.unknowns[lift, 2]] = above[g.unknowns[lift, 2]]
     return v, g.clamped | touching & ~lift & (extended <= kept)
@@ -113,11 +113,14 @@ def missing(g: Constraint, form: Form, v: Array, touching: Mask, flux: Array) ->
 
     q.n is linear on every edge, with the values `flux` (nb, 2) at its ends.
     """
-    mesh, triangle = g.mesh, g.mesh.boundary_triangles
+    mesh = g.mesh
+    triangle = g.mesh.boundary_triangles
     squares, slack, doubt = _short(g.near(v, touching | flux.any(axis=1)), form, v, touching, flux)
     shared = np.bincount(triangle, minlength=len(mesh.triangles))[triangle]
-    added, fixed = np.maximum(doubt, np.roll(doubt, 1)), g.clamped | np.roll(g.clamped, 1)
-    most, push = np.maximum(added, np.roll(added, -1)), 0.5 * np.diff(mesh.s) * flux.sum(axis=1)
+    added = np.maximum(doubt, np.roll(doubt, 1))
+    fixed = g.clamped | np.roll(g.clamped, 1)
+    most = np.maximum(added, np.roll(added, -1))
+    push = 0.5 * np.diff(mesh.s) * flux.sum(axis=1)
     # u_D that jumps, or may for all that rounding shows, is no trace: there is no u then, and no v
     squares = np.where(g.clamped & g.jumps, math.inf, shared * squares)
     return Missing(squares, slack + most * push, np.where(fixed, 0.0, added), np.where(fixed, added, 0.0))
@@ -125,7 +128,8 @@ def missing(g: Constraint, form: Form, v: Array, touching: Mask, flux: Array) ->
 
 def _bubbles(g: Constraint, v: Array) -> Array:
     """(nb,) by how much midpoints have to be raised for v > p, seen at the points of the rule."""
-    by, bubble = np.zeros(len(g.unknowns)), 4 * g.x * (1 - g.x)
+    by = np.zeros(len(g.unknowns))
+    bubble = 4 * g.x * (1 - g.x)
     ratio = np.where(bubble > 0, (g.p - g.trace(v)[0]) / np.where(bubble > 0, bubble, 1.0), 0.0)
     np.maximum.at(by, g.edge, np.max(ratio, axis=1))
     return SPARE * by
@@ -141,8 +145,11 @@ def _short(g: Constraint, form: Form, v: Array, touching: Mask, flux: Array) -> 
     low, high = bernstein_bounds(r)
     foot, height = _apex(g.mesh, form)
     arm = g.x * np.diff(g.mesh.s)[g.edge][:, None] - foot[g.edge][:, None]
-    r_prime, counts = g.slope - slope, (any_sign | (high > 0))[:, None]
-    of_r, of_slope, of_arm = (g.integrals(y**2 * counts) for y in (r, r_prime, arm * r_prime))
+    r_prime = g.slope - slope
+    counts = (any_sign | (high > 0))[:, None]
+    of_r = g.integrals(r**2 * counts)
+    of_slope = g.integrals(r_prime**2 * counts)
+    of_arm = g.integrals((arm * r_prime) ** 2 * counts)
     squares = form.k * 0.5 * (height * of_slope + (of_arm + 2 * of_r) / height)
     squares += form.c * 0.25 * height * of_r
     squares = (np.sqrt(squares) + g.steep * np.sqrt(_per_slope(g.mesh, form, foot, height))) ** 2
@@ -159,14 +166,16 @@ def _short(g: Constraint, form: Form, v: Array, touching: Mask, flux: Array) -> 
 def _per_slope(mesh: Mesh, form: Form, foot: Array, height: Array) -> Array:
     """(nb,) bounds on ||w||^2 for an r that vanishes at the ends of the edge, with ||r'||_e = 1."""
     lengths = np.diff(mesh.s)
-    arm, of_r = np.maximum(np.abs(foot), np.abs(lengths - foot)), (lengths / math.pi) ** 2
+    arm = np.maximum(np.abs(foot), np.abs(lengths - foot))
+    of_r = (lengths / math.pi) ** 2
     of_gradient = 0.5 * (height + (arm**2 + 2 * of_r) / height)
     return np.asarray(form.k * of_gradient + form.c * 0.25 * height * of_r)
 
 
 def _apex(mesh: Mesh, form: Form) -> tuple[Array, Array]:
     """(nb,), (nb,) the centres of extensions, by their place along the edge and their distance from it."""
-    start, end = mesh.boundary, np.roll(mesh.boundary, -1)
+    start = mesh.boundary
+    end = np.roll(mesh.boundary, -1)
     off = mesh.points[mesh.triangles[mesh.boundary_triangles].sum(axis=1) - start - end] - mesh.points[start]
     along = np.sum(off * mesh.polygon.tangents[mesh.side], axis=1)
     height = -np.sum(off * mesh.polygon.normals[mesh.side], axis=1)

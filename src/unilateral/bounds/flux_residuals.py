@@ -49,8 +49,11 @@ def _misfit(mesh: Mesh, node: Index, u: Array, ends: tuple[Array, Array], area: 
     At a node the flow in through the edge to the next node and the flow out through the edge from the node
     before determine q.
     """
-    (first, last), found, points = ends, np.empty((2, *u.shape), dtype=u.dtype), mesh.points.ravel()
-    x, y = points.take(2 * node), points.take(2 * node + 1)
+    (first, last) = ends
+    found = np.empty((2, *u.shape), dtype=u.dtype)
+    points = mesh.points.ravel()
+    x = points.take(2 * node)
+    y = points.take(2 * node + 1)
     along = [[z[k] - z[j] for _, j, k in CORNERS] for z in (x, y)]
     for values, e, sign, f in zip(found, along, (-1, 1), along[::-1], strict=True):
         slope = sign * (u[0] * f[0] + u[1] * f[1] + u[2] * f[2])
@@ -118,9 +121,13 @@ def _put(
 
     v has the values (3, m) at their nodes. It may have `bubbles` (m, 3), which takes the hats' `slopes`.
     """
-    mesh, form = parts.mesh, parts.form
-    k, c = form.k, form.c
-    area, ends, f_h = mesh.areas[of], flows(mesh, q, of), source.f_h[of].T
+    mesh = parts.mesh
+    form = parts.form
+    k = form.k
+    c = form.c
+    area = mesh.areas[of]
+    ends = flows(mesh, q, of)
+    f_h = source.f_h[of].T
     field = _misfit(mesh, mesh.triangles[of].T, k * v, ends, area)
     divergence = -0.5 * (_sum(ends[0]) + _sum(ends[1])) / area
 
@@ -163,11 +170,13 @@ def by_parts(mesh: Mesh, of: Index, field: Array, inside: Array, more: Array, fo
     # the exact mesh changes grad v, too, and k |grad v| is at most |q - k grad v| + |q|
     added = 2 * more + mesh.distortion[of] * _largest(np.hypot(field[0], field[1]))
     corners = mesh.points[mesh.triangles[of]].transpose(2, 1, 0)
-    area, through = mesh.areas[of], np.empty((3, len(of)))
+    area = mesh.areas[of]
+    through = np.empty((3, len(of)))
     for i, j, k in CORNERS:
         x, y = corners[:, k] - corners[:, j]
         length = np.hypot(x, y)
-        start, end = ((field[0, node] * y - field[1, node] * x) / length for node in (j, k))
+        start = (field[0, j] * y - field[1, j] * x) / length
+        end = (field[0, k] * y - field[1, k] * x) / length
         norm = np.sqrt(length / 3 * (start**2 + start * end + end**2)) + np.sqrt(length) * added
         through[i] = np.sqrt(length / area) * norm
     total = _sum(through)
@@ -194,9 +203,12 @@ def allowances(
     at nodes, and q the `flows` there.
     """
     area = mesh.areas[of]
-    longest, distortion, over = mesh.longest_edges[of], mesh.distortion[of], 1 / area
+    longest = mesh.longest_edges[of]
+    distortion = mesh.distortion[of]
+    over = 1 / area
     flow = np.abs(_sum(ends[0]) + _sum(ends[1]))
-    first, last = np.abs(ends[0]), np.abs(ends[1])
+    first = np.abs(ends[0])
+    last = np.abs(ends[1])
     most = _largest([first[k] + last[j] for _, j, k in CORNERS])
     flows_in = _sum(first) + _sum(last)
     field = longest * over * (ROUNDING * (form.k * size + flows_in) + 0.5 * distortion * most)
@@ -210,7 +222,8 @@ def stretched_divergence(mesh: Mesh, q: Array) -> Array:
 
     |q_T| is at most that times the longest edge.
     """
-    at, found = mesh.boundary_triangles, np.zeros(len(mesh.triangles))
+    at = mesh.boundary_triangles
+    found = np.zeros(len(mesh.triangles))
     flow, tilt = q[:, mesh.triangulation.boundary]
     flow = mesh.polygon.stretch[mesh.side] * (np.abs(flow + tilt) + np.abs(flow - tilt))
     np.add.at(found, at, 0.5 * flow / mesh.areas[at])
@@ -219,7 +232,8 @@ def stretched_divergence(mesh: Mesh, q: Array) -> Array:
 
 def put_tau(parts: ResidualParts, tau: Given) -> None:
     """Put in rho, which is not known of the flux that is given on free sides, on the triangles there."""
-    mesh, form = parts.mesh, parts.form
+    mesh = parts.mesh
+    form = parts.form
     at = mesh.boundary_triangles
     np.add.at(parts.misfit, at, tau.misfit(mesh))
     np.add.at(parts.rest, at, tau.rest(mesh))

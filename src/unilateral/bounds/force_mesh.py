@@ -16,7 +16,8 @@ from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, balanced, uniform
 from unilateral.geometry.structured import natural_kind, structured
 
-FEW, LARGE = 250, 2000
+FEW = 250
+LARGE = 2000
 """Before it is graded, the mesh is halved until it has FEW nodes; one with more than LARGE is not taken."""
 MOST = 640
 """The mesh is graded up to at most this many nodes on the boundary, for their matrix is full."""
@@ -54,7 +55,8 @@ def condensed(mesh: Mesh, cells: Partition, load: Array, clamps: Clamps) -> tupl
 def _reached(mesh: Mesh, clamps: Clamps) -> Mesh:
     """The mesh, refined at clamped vertices until an edge there lies within reach."""
     for vertex in np.flatnonzero(clamps.ends.reach).tolist():
-        at, edge = place(mesh, vertex), (0 if vertex not in clamps.form.clamped else -1)
+        at = place(mesh, vertex)
+        edge = 0 if vertex not in clamps.form.clamped else -1
         while np.diff(mesh.s)[at + edge] > clamps.ends.reach[vertex] and len(mesh.boundary) < 2 * MOST:
             finer = _halved(mesh, np.flatnonzero((mesh.triangles == mesh.boundary[at]).any(axis=1)))
             if finer is None:
@@ -92,7 +94,8 @@ def small_mesh(mesh: Mesh, cells: Partition, load: Array, depth: float) -> Mesh:
 
 def _first(mesh: Mesh) -> Mesh:
     """The mesh that this one was refined from, or another one if that is large."""
-    coarse, polygon = mesh.coarse or mesh, mesh.polygon
+    coarse = mesh.coarse or mesh
+    polygon = mesh.polygon
     if coarse.n_nodes <= LARGE:
         return coarse
     if natural_kind(polygon) == "structured":
@@ -113,7 +116,8 @@ def _halved(mesh: Mesh, chosen: Index | None = None) -> Mesh | None:
 
 def _chosen(mesh: Mesh, cells: Partition, load: Array, depth: float) -> Index:
     """The triangles at the ends with the largest loads, and those at the boundary above the `depth`."""
-    at, ends = np.zeros(mesh.n_nodes), _steep_ends(mesh, cells, load)
+    at = np.zeros(mesh.n_nodes)
+    ends = _steep_ends(mesh, cells, load)
     at[mesh.boundary[ends]] = (coupling(mesh, cells).T @ load)[ends]
     heavy = np.zeros(mesh.n_nodes, dtype=bool)
     heaviest = np.argsort(-at, kind="stable")[: max(MOST - len(mesh.boundary), 0) // 2]
@@ -125,8 +129,10 @@ def _chosen(mesh: Mesh, cells: Partition, load: Array, depth: float) -> Index:
 
 def _steep_ends(mesh: Mesh, cells: Partition, load: Array) -> Index:
     """The places in `mesh.boundary` of the polygon's vertices, and of the nodes next to ends of contact."""
-    contact, nb = load > 0, len(mesh.boundary)
+    contact = load > 0
+    nb = len(mesh.boundary)
     at = cells.points[:-1][contact != np.roll(contact, 1)]
-    before, after = (np.searchsorted(mesh.s, at, side=side) - 1 for side in ("left", "right"))
+    before = np.searchsorted(mesh.s, at, side="left") - 1
+    after = np.searchsorted(mesh.s, at, side="right") - 1
     vertices = np.flatnonzero(mesh.side != np.roll(mesh.side, 1))
     return np.unique(np.concatenate([vertices, before % nb, after, (after + 1) % nb]))

@@ -58,7 +58,8 @@ from unilateral.geometry.partition import Partition
 from unilateral.problems.obstacle_and_flux import Flux
 from unilateral.solvers.least_norm import least
 
-LEAST, TINY = 1e-100, 1e-300
+LEAST = 1e-100
+TINY = 1e-300
 """When w is chosen, k^(1/2) E counts as at least LEAST times the force of lambda_H, and as at least TINY."""
 
 
@@ -107,13 +108,15 @@ def forces(
         if some.size and error < np.inf:
             lower[some], upper[some] = _ends(mesh, cells, lambda_H, error, [sides[k] for k in some], of)
         elif some.size:
-            lower[some], upper[some] = -np.inf, np.inf
+            lower[some] = -np.inf
+            upper[some] = np.inf
     lower[~signed] = np.maximum(lower[~signed], 0.0)
     # The sum of all forces and reactions is - int f - int q, by (1.1) with v = 1
     if of.balance and of.balance[1] < math.inf:
         n_held = mesh.polygon.n_sides - len(of.form.free)
         for k in (k for k, part in enumerate(sides) if len(part) == n_held):
-            lower[k], upper[k] = max(lower[k], of.balance[0]), min(upper[k], of.balance[1])
+            lower[k] = max(lower[k], of.balance[0])
+            upper[k] = min(upper[k], of.balance[1])
             values[k] = float(0.5 * (lower[k] + upper[k]))
     return [Force(*each) for each in zip(values, lower.tolist(), upper.tolist(), strict=True)]
 
@@ -124,7 +127,8 @@ def balance(source: Source, flux: Flux) -> tuple[float, float]:
     Of f the means on triangles are known up to `rest`. Areas change by the square of 1 + the distortion, and
     lengths by the stretch.
     """
-    mesh, polygon = source.mesh, source.mesh.polygon
+    mesh = source.mesh
+    polygon = source.mesh.polygon
     integral = float(mesh.areas @ source.f_h.mean(axis=1))
     changed = SUMS + 3 * mesh.distortion
     doubt = float(
@@ -132,7 +136,9 @@ def balance(source: Source, flux: Flux) -> tuple[float, float]:
         + (changed * mesh.areas) @ np.abs(source.f_h).mean(axis=1)
     )
     # int sigma^k over [-1, 1] is 2 / (k + 1) for even k, and 0 for odd ones
-    k, lengths, sizes = np.arange(len(flux.c)), np.diff(flux.points), np.abs(flux.c).sum(axis=0)
+    k = np.arange(len(flux.c))
+    lengths = np.diff(flux.points)
+    sizes = np.abs(flux.c).sum(axis=0)
     integral += float(lengths @ (np.where(k % 2, 0.0, 1 / (k + 1)) @ flux.c))
     # beside a jump, and where places are rounded, as much of q as reaches there is in doubt
     doubt += float(lengths @ flux.doubt + 2 * flux.reach * (flux.jumps.sum() + sizes.sum()))
@@ -150,9 +156,9 @@ def _ends(
     pairing, load = (coupling(of, cells).T @ np.column_stack([lambda_H, load])).T
     exact = clamps.form.fixed(of)[of.boundary]
     best = Best(of, space, pairing, E, load, exact, Form(c=clamps.depth**-2))
-    above, below = (
-        np.column_stack(c) for c in zip(*(_limits(of, each, clamps) for each in parts), strict=True)
-    )
+    limits = [_limits(of, each, clamps) for each in parts]
+    above = np.column_stack([pair[0] for pair in limits])
+    below = np.column_stack([pair[1] for pair in limits])
     flows, magnitudes = np.array([clamps.outflows[:, part].sum(axis=1) for part in parts]).T
     doubt = (SUMS + mesh.polygon.stretch.max()) * magnitudes
     lacking = np.array([missing(of, part, clamps) for part in parts]).T + doubt
@@ -166,10 +172,13 @@ def _limits(mesh: Mesh, part: Index, clamps: Clamps) -> tuple[Array, Array]:
 
     It is -inf where w is free. At nodes on clamped sides it is what w, or -w, is.
     """
-    on, off = np.isin(mesh.side, part), ~np.isin(mesh.side, [*clamps.form.free, *part])
-    at_on, at_off = on | np.roll(on, 1), off | np.roll(off, 1)
+    on = np.isin(mesh.side, part)
+    off = ~np.isin(mesh.side, [*clamps.form.free, *part])
+    at_on = on | np.roll(on, 1)
+    at_off = off | np.roll(off, 1)
     c = np.where(at_on | at_off, 0.0, -np.inf)
-    above, below = c + at_on, c - ~at_off
+    above = c + at_on
+    below = c - ~at_off
     for vertex, which in conflicts(part, clamps):
         (below, above)[which][inside_reach(mesh, vertex, clamps)] -= 1.0
     clamped = np.isin(mesh.side, clamps.form.clamped)
@@ -217,7 +226,9 @@ class Best:
         The pairing is off by the `stretch` of sides and by rounding, each term by its own part, and by the
         rounding of places on edges, which is that of the perimeter.
         """
-        trace, polygon, l = w[self.mesh.boundary], self.mesh.polygon, self.pairing[:, None]  # noqa: E741
+        trace = w[self.mesh.boundary]
+        polygon = self.mesh.polygon
+        l = self.pairing[:, None]  # noqa: E741
         on_edges = (l + np.roll(l, -1, axis=0)) * np.abs(np.roll(trace, -1, axis=0) - trace)
         of_places = EPS * polygon.perimeter * (1 / np.diff(self.mesh.s)) @ on_edges
         off = (SUMS + polygon.stretch.max()) * (self.pairing @ np.abs(trace)) + of_places

@@ -107,7 +107,9 @@ def local_bound(
     InputError if the arrays do not fit the mesh and the cells, or lambda_H is negative somewhere or not 0 on
     such a side.
     """
-    mesh, source, tau = data.mesh, data.source, data.tau
+    mesh = data.mesh
+    source = data.source
+    tau = data.tau
     check(mesh, cells, u_h, lambda_H, form)
     w = u_h if potential is None else potential
     flux = edge_flux(mesh, cells, lambda_H, w, form)
@@ -118,7 +120,8 @@ def local_bound(
     layer = lift.of
     nodal, edges, short = lift.lifted(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
     hats, bubbles = layer.function(nodal, edges)
-    of_y, of_added = layer.squares(form, hats, bubbles), lift.added(short)
+    of_y = layer.squares(form, hats, bubbles)
+    of_added = lift.added(short)
     added = math.sqrt(float(of_added.sum()))
     missing = (1 + SUMS) * (short.norm + added) + underflow(mesh, form)
     D = (1 + SUMS) * math.sqrt(float(of_y.sum())) + missing
@@ -126,7 +129,8 @@ def local_bound(
     # the residuals of u_h and of the feasible v = u_h + y, and the norm of what tau~ leaves of tau
     of_tau = tau.distance(mesh, form)
     parts = residual_parts(source, tau, u_h, q, form)
-    of_u, shares = defect(parts, of_tau, short.product), parts.shares()
+    of_u = defect(parts, of_tau, short.product)
+    shares = parts.shares()
     move_parts(parts, source, tau, u_h, q, layer, hats, bubbles)
     of_v = defect(parts, missing + of_tau, short.product)
     errors = total_errors(mesh.growth, of_u, of_v, D=D, D_clamped=D, of_sigma=flux.distance(mesh, form))

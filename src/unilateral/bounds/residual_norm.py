@@ -42,7 +42,8 @@ J = 3.8317
 """The first zero of the Bessel function J_1, 3.83170597.., rounded down."""
 SUMS = 1e-9
 """At most this fraction of a sum of squares is rounding."""
-UNDERFLOW, DIVIDED = 1e-150, 1e-156
+UNDERFLOW = 1e-150
+DIVIDED = 1e-156
 """What squares that underflow take from the root of a sum, at most.
 
 It is UNDERFLOW times the sum of 1 and the squared perimeter, plus, where squares are divided by areas,
@@ -94,17 +95,23 @@ class ResidualParts(NamedTuple):
             r = self.mean[block] + self.rest[block]
             of_gradients += float(m @ m)
             of_values += float(r @ r)
-        S_1, M, N = _root(on_H1), _root(of_gradients), _root(of_values)
+        S_1 = _root(on_H1)
+        M = _root(of_gradients)
+        N = _root(of_values)
 
         # (ii)
-        k, c, C = self.form.k, self.form.c, self.form.friedrichs
+        k = self.form.k
+        c = self.form.c
+        C = self.form.friedrichs
         if math.isinf(C) or k * N < c * C * M:
             return S_1, S_1
         return S_1, min(S_1, (M + C * N) / math.hypot(math.sqrt(k), math.sqrt(c) * C))
 
     def shares(self) -> Array:
         """(m,) the triangles' parts of S^2: but for rounding their sum is at most that and at least half."""
-        k, c, C = self.form.k, self.form.c, self.form.friedrichs
+        k = self.form.k
+        c = self.form.c
+        C = self.form.friedrichs
         S_1, S = self.norms() if math.isfinite(C) else (0.0, 0.0)
         if S == S_1:
             return self.squares()
@@ -114,8 +121,12 @@ class ResidualParts(NamedTuple):
 
     def _squares(self, block: slice) -> Array:
         """(k,) the squares of min(s, s') on some triangles."""
-        k, c = self.form.k, self.form.c
-        m, o, r, E = self.misfit[block], self.oscillation[block], self.mean[block], self.rest[block]
+        k = self.form.k
+        c = self.form.c
+        m = self.misfit[block]
+        o = self.oscillation[block]
+        r = self.mean[block]
+        E = self.rest[block]
         if not c:
             return np.full_like(m, math.inf)
         poincare = self.mesh.longest_edges[block] / J

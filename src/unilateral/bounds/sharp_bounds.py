@@ -91,7 +91,9 @@ def sharp_bound(
     w is the `potential`, by default u_h, or near it. The nearer it and lambda_H are to the discrete solution,
     the sharper the bounds are.
     """
-    mesh, source, tau = data.mesh, data.source, data.tau
+    mesh = data.mesh
+    source = data.source
+    tau = data.tau
     check(mesh, cells, u_h, lambda_H, form)
     w = u_h if potential is None else potential
     flux = edge_flux(mesh, cells, lambda_H, w, form)
@@ -183,16 +185,21 @@ class _Field:
 
     def squares(self, d: Array) -> Array:
         """(3, m) squared norms for v = w + d: of q - k grad v, of rho less its mean, and of its mean."""
-        k, c, areas = self.form.k, self.form.c, self.spaces.mesh.areas
+        k = self.form.k
+        c = self.form.c
+        areas = self.spaces.mesh.areas
         of_hats, of_bubbles = self.spaces.coefficients(d)
-        hats, bubbles = self.rho - c * of_hats, -c * of_bubbles
+        hats = self.rho - c * of_hats
+        bubbles = -c * of_bubbles
         mean = hats.mean(axis=1) + bubbles.sum(axis=1) / 3
         of_gradients = squares(areas, self.hats - k * self.spaces.gradient(d), self.bubbles)
         return np.stack([of_gradients, squares(areas, hats - mean[:, None], bubbles), areas * mean**2])
 
     def parts(self, d: Array, tau: Given) -> ResidualParts:
         """The parts of the residual of v = w + d, with what is left of tau; s' is infinite."""
-        mesh, source, form = self.spaces.mesh, self.source, self.form
+        mesh = self.spaces.mesh
+        source = self.source
+        form = self.form
         size = ROUNDING * np.abs(d[self.spaces.unknowns]).sum(axis=1)
         more_field = self.more_field + form.k * size * mesh.longest_edges / mesh.areas
         more_rho = self.more_rho + form.c * size
@@ -225,7 +232,8 @@ def balanced(source: Source, u_h: Array, sigma: Array, form: Form) -> tuple[Arra
     What a solver left of the discrete equations, and what the flux on the edges leaves of lambda_H, may be
     nothing beside the error of u_h, and much beside the error of lambda_H, which is smaller.
     """
-    mesh, w = source.mesh, u_h
+    mesh = source.mesh
+    w = u_h
     W = form.value_constant
     for last in (False, True):
         q = flux_of(source, w, sigma, form)
@@ -245,7 +253,8 @@ def _solved(source: Source, w: Array, sigma: Array, least: float, form: Form) ->
     most three patches lie at any place. So the square of what div q lacks is at most sum 3 r_a^2 / |a|, which
     is brought down to `least`.
     """
-    mesh, held = source.mesh, np.where(form.fixed(source.mesh), w, 0.0)
+    mesh = source.mesh
+    held = np.where(form.fixed(source.mesh), w, 0.0)
     rhs = of_rest(mesh, form, source.load + edge_load(mesh, sigma), held)
     return held + solved(matrix(mesh, form), rhs, w - held, lumped_mass(mesh), least)[0]
 
@@ -255,9 +264,12 @@ def _field(spaces: Quadratic, source: Source, w: Array, q: Array, form: Form) ->
     mesh = spaces.mesh
 
     # theta r, and rho with what that leaves of its mean-free part, -p
-    p, x = form.c * w[mesh.triangles] - source.f_h, mesh.points[mesh.triangles]
-    along, fall = np.roll(x, -1, axis=1) - x, p - np.roll(p, -1, axis=1)
-    r, p_free = fall[..., None] * along / 12, p - p.mean(axis=1, keepdims=True)
+    p = form.c * w[mesh.triangles] - source.f_h
+    x = mesh.points[mesh.triangles]
+    along = np.roll(x, -1, axis=1) - x
+    fall = p - np.roll(p, -1, axis=1)
+    r = fall[..., None] * along / 12
+    p_free = p - p.mean(axis=1, keepdims=True)
     of_div = form.k * linear_squares(mesh.areas, p_free)
     both = of_div + form.c * squares(mesh.areas, np.zeros_like(r), r)
     theta = np.divide(of_div, both, out=np.ones_like(both), where=both > 0)
@@ -292,11 +304,16 @@ def _descended(lift: Lifting, field: _Field, load: Array, slack: float) -> tuple
 
     `load` (size,) is that of v, and `slack` is nearly 2 <sigma, v - g>.
     """
-    spaces, form, w = field.spaces, field.form, field.spaces.of_hats(field.w)
-    d, outer = np.zeros(spaces.size), np.zeros(len(spaces.of_boundary), dtype=bool)
-    outer[lift.g.unknowns[~lift.g.clamped]], outer[0] = True, True
+    spaces = field.spaces
+    form = field.form
+    w = field.spaces.of_hats(field.w)
+    d = np.zeros(spaces.size)
+    outer = np.zeros(len(spaces.of_boundary), dtype=bool)
+    outer[lift.g.unknowns[~lift.g.clamped]] = True
+    outer[0] = True
     d[spaces.of_boundary] = np.concatenate(lift.met(field.w[spaces.mesh.boundary]))
-    free, inner = spaces.free(lift.contact), spaces.free(outer, spaces.unknowns[field.thick])
+    free = spaces.free(lift.contact)
+    inner = spaces.free(outer, spaces.unknowns[field.thick])
 
     # eta^2 before the first step, with W^2 in place of 1/c; both summands as quadratic functions
     of_field, *of_rho = field.squares(d).sum(axis=1)
@@ -304,8 +321,10 @@ def _descended(lift: Lifting, field: _Field, load: Array, slack: float) -> tuple
     of_curl = spaces.load_of_gradients(_curl(field.hats), _curl(field.bubbles)) / form.k
     of_phi = spaces.descent(spaces.matrix(Form(1 / form.k, 0.0)), of_curl, np.zeros(spaces.size), inner)
     of_v = spaces.descent(spaces.matrix(form), load, w + d, free)
-    gain, steps = math.inf, 0
+    gain = math.inf
+    steps = 0
     while gain > ENOUGH * abs(square) and steps < MOST_STEPS:  # below 0 where v < g
         gain = of_v.step() + of_phi.step()
-        square, steps = square - gain, steps + 1
+        square = square - gain
+        steps = steps + 1
     return d + free @ of_v.x, inner @ of_phi.x, steps

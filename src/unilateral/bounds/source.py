@@ -89,10 +89,12 @@ class Source:
 
     def put_polynomials(self, at: Index, seen: Seen) -> None:
         """Put in what the polynomials say on the triangles `at` (k,)."""
-        mesh, size = self.mesh, rounded_size(self.mesh)
+        mesh = self.mesh
+        size = rounded_size(self.mesh)
         places = np.ascontiguousarray(mesh.points.T)
         for some in (at[of] for of in blocks(len(at), FEW)):
-            area, of = mesh.areas[some], seen.of[some]
+            area = mesh.areas[some]
+            of = seen.of[some]
             f_h, squares = values(places[:, mesh.triangles[some].T], seen.known, of)
             outer = with_gaps(area, 3 * mesh.longest_edges[some], size)
             self.f_h[some] = f_h.T
@@ -102,7 +104,8 @@ class Source:
 
     def sums(self, of: Mask) -> Sums:
         """The sums over some of the triangles."""
-        area, means = self.mesh.areas[of], self.f_h[of].mean(axis=1)
+        area = self.mesh.areas[of]
+        means = self.f_h[of].mean(axis=1)
         squares = linear_squares(area, self.f_h[of]) + (self.oscillation[of] + self.jumps[of]) ** 2
         unknown = float(np.sum(self.rest[of] ** 2))
         return Sums(unknown, float(squares.sum()), float(area @ means), float(area.sum()), len(area))
@@ -115,11 +118,14 @@ def enclosed(mesh: Mesh, f: SourceFunction, before: Source | None = None, length
     `length` see `resolution`.
     """
     n = len(mesh.triangles)
-    source, seen, sums = Source(mesh, np.empty((n, 3)), *np.empty((3, n))), None, Sums()
+    source = Source(mesh, np.empty((n, 3)), *np.empty((3, n)))
+    seen = None
+    sums = Sums()
     if before:
         source.put(slice(len(before.f_h)), before)
     if before and before.seen:
-        seen, sums = before.seen, before.sums(np.ones(len(before.f_h), dtype=bool))
+        seen = before.seen
+        sums = before.sums(np.ones(len(before.f_h), dtype=bool))
     first = before.mesh if before else mesh.coarse or mesh
     search = AncestorSearch(mesh, f, resolution(mesh, length), first, seen, sums)
     wide = search.new & search.wide()
@@ -146,13 +152,16 @@ def linear(mesh: Mesh, f: Array) -> Source:
 def _in_pieces(mesh: Mesh, f: SourceFunction, length: float, sums: Sums, left: int) -> tuple[Source, Sums]:
     """f on a part of a mesh; `sums` are over the rest of the mesh, and `left` pieces may be looked at."""
     n = len(mesh.triangles)
-    corners, parent, done = np.broadcast_to(np.eye(3), (n, 3, 3)), np.arange(n), []
+    corners = np.broadcast_to(np.eye(3), (n, 3, 3))
+    parent = np.arange(n)
+    done = []
     while parent.size:
         pieces, owner = polynomials(mesh, corners, parent, f)
         left -= len(owner)
         # E^2, where what may lack in the integral is spread over the piece's triangle
         rest = pieces.squares + pieces.integral**2 / mesh.areas[pieces.parent]
-        area, of_p = pieces.area, averages(pieces.c)
+        area = pieces.area
+        of_p = averages(pieces.c)
         squares = np.bincount(owner, rest, len(parent)).astype(float)
         total = sums + sums_of(of_p, area, rest)
         enough = total.wanted(resolution(mesh, length))
@@ -163,14 +172,19 @@ def _in_pieces(mesh: Mesh, f: SourceFunction, length: float, sums: Sums, left: i
         kept = ~wide[owner]
         done.append(pieces.of(kept))
         sums += sums_of(of_p[:, kept], area[kept], rest[kept])
-        corners, parent = quarter(corners[wide]), np.repeat(parent[wide], 4)
+        corners = quarter(corners[wide])
+        parent = np.repeat(parent[wide], 4)
     return _projected(mesh, done), sums
 
 
 def _projected(mesh: Mesh, done: list[TrianglePieces]) -> Source:
     """f_h and what is left of f, from pieces that cover the mesh."""
     n = len(mesh.triangles)
-    moments, squares, rest, jumping, integral = np.zeros((n, 3)), *np.zeros((4, n))
+    moments = np.zeros((n, 3))
+    squares = np.zeros(n)
+    rest = np.zeros(n)
+    jumping = np.zeros(n)
+    integral = np.zeros(n)
     for pieces in done:
         own = pieces.area[:, None] * (hat_means() @ pieces.c).T
         np.add.at(moments, pieces.parent, np.einsum("ki,kib->kb", own, pieces.corners))

@@ -96,7 +96,8 @@ def whole(corners: Array, size: float, f: SourceFunction) -> Polynomials:
 
 def _frame(a: Array, u: Array, v: Array) -> Array:
     """(6, k) the `frame` of triangles with those corners (2, k), in units of FINEST."""
-    e, f = 0.5 * (u - a), 0.5 * (v - a)
+    e = 0.5 * (u - a)
+    f = 0.5 * (v - a)
     scale = 1 / (FINEST * (e[0] * f[1] - e[1] * f[0]))
     return np.stack([f[1] * scale, -f[0] * scale, -e[1] * scale, e[0] * scale, *(0.5 * (u + v))])
 
@@ -107,14 +108,18 @@ def values(corners: Array, known: Polynomials, of: Int32) -> tuple[Array, Array]
     `of` (k,) says which p is known on each triangle. Where refinement was uniform, triangles in a row lie
     alike in those around them.
     """
-    places, c = np.concatenate(inside(corners, known.frame[:, of])), known.c[:, of]
+    places = np.concatenate(inside(corners, known.frame[:, of]))
+    c = known.c[:, of]
     change = np.flatnonzero((places[:, 1:] != places[:, :-1]).any(axis=0)) + 1
     if LONG * (len(change) + 1) > len(of):
         return _one_by_one(places, c)
-    starts, (f_h, squares) = [0, *change.tolist()], (np.empty((3, len(of))), np.empty(len(of)))
+    starts = [0, *change.tolist()]
+    f_h = np.empty((3, len(of)))
+    squares = np.empty(len(of))
     runs = itertools.starmap(slice, itertools.pairwise([*starts, len(of)]))
     for run, to_f_h, to_rest in zip(runs, *_matrices(places[:, starts]), strict=True):
-        f_h[:, run], squares[run] = to_f_h @ c[:, run], np.sum((to_rest @ c[:, run]) ** 2, axis=0)
+        f_h[:, run] = to_f_h @ c[:, run]
+        squares[run] = np.sum((to_rest @ c[:, run]) ** 2, axis=0)
     return f_h, squares
 
 
@@ -133,7 +138,8 @@ def _matrices(places: Array) -> tuple[Array, Array]:
     The squares of these numbers add up to the mean of (p - f_h)^2.
     """
     hats, weights = symmetric(2 * ORDER)
-    x, y = (hats @ each for each in (places[:3], places[3:]))
+    x = hats @ places[:3]
+    y = hats @ places[3:]
     powers = [(x**i, y**i) for i in range(ORDER + 1)]
     monomials = np.stack([powers[i][0] * powers[j][1] for i, j in basis(2, ORDER).exponents]).T
     to_f_h = _to_corners() @ monomials
@@ -143,7 +149,8 @@ def _matrices(places: Array) -> tuple[Array, Array]:
 def inside(corners: Array, frame: Array) -> tuple[Array, Array]:
     """(3, k), (3, k) the exact variables of p at the corners (2, 3, k), for that `frame` (6, k)."""
     xx, xy, yx, yy, *middle = frame
-    x, y = corners[0] - middle[0], corners[1] - middle[1]
+    x = corners[0] - middle[0]
+    y = corners[1] - middle[1]
     return FINEST * np.rint(xx * x + xy * y), FINEST * np.rint(yx * x + yy * y)
 
 
@@ -197,7 +204,8 @@ class Sums:
 
         The wanted E is a fraction of ||f - mean f||, of which only ||p - mean p|| - E is certain.
         """
-        unknown, norm = math.sqrt(self.unknown), math.sqrt(self.square)
+        unknown = math.sqrt(self.unknown)
+        norm = math.sqrt(self.square)
         spread = math.sqrt(max(self.square - self.integral * (self.integral / self.area), 0.0)) - unknown
         return max(share * ENOUGH * resolution * spread, FLOOR * (norm - unknown), 0.0) ** 2
 
@@ -236,22 +244,32 @@ class AncestorSearch:
         sums: Sums,
     ) -> None:
         """Search from the `first` mesh on, with what was seen there `before`, if anything, and its sums."""
-        self.mesh, self.f, self.resolution = mesh, f, resolution
-        self.known, self.sums, self.whole = none(), sums, before is not None
-        steps, n = mesh.steps[len(first.steps) :], len(first.triangles)
+        self.mesh = mesh
+        self.f = f
+        self.resolution = resolution
+        self.known = none()
+        self.sums = sums
+        self.whole = before is not None
+        steps = mesh.steps[len(first.steps) :]
+        n = len(first.triangles)
         self.of, self.halvings = np.zeros((2, n), dtype=np.int32)
         self.left, self.new = np.ones((2, n), dtype=bool)
         if before:
-            self.known, self.of, self.halvings = before.known, before.of.copy(), before.halvings.copy()
-            self.new, self.left = ~self.left, self._wide_above(before.known.rad[before.of])
+            self.known = before.known
+            self.of = before.of.copy()
+            self.halvings = before.halvings.copy()
+            self.new = ~self.left
+            self.left = self._wide_above(before.known.rad[before.of])
             asked = self.left & (self.halvings > 0) & _cut(steps, n)
         else:
             asked = self.left
         self._ask(first.triangles[asked], np.flatnonzero(asked))
         for step in steps:
             again = self.left[step.parent] | (self.halvings[step.parent] == MOST_HALVINGS)
-            self.of, self.halvings = step.inherited(self.of), step.inherited(self.halvings)
-            self.left, self.new = step.inherited(self.left), step.inherited(self.new)
+            self.of = step.inherited(self.of)
+            self.halvings = step.inherited(self.halvings)
+            self.left = step.inherited(self.left)
+            self.new = step.inherited(self.new)
             self.halvings[step.triangles] += 1
             self.new[step.triangles] = True
             self._ask(step.nodes[again], step.triangles[again])
@@ -266,7 +284,9 @@ class AncestorSearch:
             return
         asked = whole(self.mesh.points[nodes], rounded_size(self.mesh), self.f)
         self.of[at] = len(self.known.rad) + np.arange(len(at))
-        self.known, self.halvings[at], self.new[at] = joined([self.known, asked]), 0, True
+        self.known = joined([self.known, asked])
+        self.halvings[at] = 0
+        self.new[at] = True
         area = signed_areas(self.mesh.points, nodes)
         self.left[at] = self._wide_above(asked.rad, self._with(asked, area))
         fine = np.flatnonzero(~self.left[at])
@@ -288,8 +308,10 @@ class AncestorSearch:
 
         Half of what is wanted is shared out among the triangles by area, the other half equally.
         """
-        area, n = self.mesh.areas, len(self.mesh.triangles)
-        rad, left = self.known.rad[self.of], np.flatnonzero(self.left & self.new)
+        area = self.mesh.areas
+        n = len(self.mesh.triangles)
+        rad = self.known.rad[self.of]
+        left = np.flatnonzero(self.left & self.new)
         wanted = self._with(self.known.of(self.of[left]), area[left]).wanted(self.resolution)
         share = 0.5 * (area / float(area.sum()) + 1 / n)
         wide = self.left & (area * rad**2 > 0.5 * wanted * share)

@@ -75,7 +75,8 @@ def known_at_points(mesh: Mesh, corners: Array, parent: Index, source: SourceFun
     Smaller pieces would be in vain.
     """
     middle = corners.mean(axis=1, keepdims=True) @ mesh.points[mesh.triangles[parent]]
-    known, size = [], rounded_size(mesh)
+    known = []
+    size = rounded_size(mesh)
     for block in blocks(len(parent)):
         vertices = np.repeat(middle[block], 3, axis=1)
         known.append(_known(_model(vertices, size, source, sides(vertices, source.jumps, size)[0])))
@@ -86,7 +87,8 @@ def polynomials(
     mesh: Mesh, corners: Array, parent: Index, source: SourceFunction
 ) -> tuple[TrianglePieces, Index]:
     """p on the pieces, where those at a jump are cut along it; the piece (k,) that each is a part of."""
-    pieces, owners = [], []
+    pieces = []
+    owners = []
     for block in blocks(len(parent)):
         parts, owner = cut(mesh, corners[block], parent[block], source.jumps)
         pieces.append(on_block(mesh, parts, parent[block][owner], source))
@@ -117,12 +119,15 @@ def on_triangles(vertices: Array, size: float, source: SourceFunction) -> tuple[
 def on_block(mesh: Mesh, corners: Array, parent: Index, source: SourceFunction) -> TrianglePieces:
     vertices = corners @ mesh.points[mesh.triangles[parent]]
     order, perimeter = _ordered(vertices)
-    corners, vertices = (np.take_along_axis(a, order[..., None], axis=1) for a in (corners, vertices))
+    corners = np.take_along_axis(corners, order[..., None], axis=1)
+    vertices = np.take_along_axis(vertices, order[..., None], axis=1)
     size = rounded_size(mesh)
     steps, wrong = sides(vertices, source.jumps, size)
-    f, area = _model(vertices, size, source, steps), areas_of(mesh, corners, parent)
+    f = _model(vertices, size, source, steps)
+    area = areas_of(mesh, corners, parent)
     outer = with_gaps(area, perimeter, size)
-    squares, nothing = outer * _known(f) ** 2, np.zeros((2, len(parent)))
+    squares = outer * _known(f) ** 2
+    nothing = np.zeros((2, len(parent)))
     pieces = TrianglePieces(f.c, corners, parent, area, outer, squares, *nothing)
     near = {step: ~np.isnan(of_step) for step, of_step in wrong.items()}
     for step, at in near.items():
@@ -143,7 +148,8 @@ def _jump(pieces: TrianglePieces, at: Mask, by: Model, wrong: Array, doubt: Arra
     # where f has no range on all of a piece, as 1/a where a may be 0, nothing is known of it there
     known = np.isfinite(by.range[0]) & np.isfinite(by.range[1])
     lower, upper = np.where(known, by.range, 0.0)
-    middle, most = 0.5 * (lower + upper), np.maximum(np.abs(lower), np.abs(upper))
+    middle = 0.5 * (lower + upper)
+    most = np.maximum(np.abs(lower), np.abs(upper))
     area = pieces.area[at]
     shift = middle * wrong / area
     pieces.c[0, at] += shift
@@ -184,7 +190,8 @@ def _ordered(vertices: Array) -> tuple[Index, Array]:
 
 def _model(vertices: Array, size: float, source: SourceFunction, steps: Steps) -> Model:
     """f on pieces with those vertices (k, 3, 2), which are rounded like coordinates of that `size`."""
-    places, off = [], ROUNDING * size
+    places = []
+    off = ROUNDING * size
     for values in np.moveaxis(vertices, 2, 0):
         a, b, c = values.T
         ends = values.min(axis=1) - off, values.max(axis=1) + off
@@ -217,12 +224,14 @@ def cut(mesh: Mesh, corners: Array, parent: Index, jumps: Jumps) -> tuple[Array,
 
 def _along(corners: Array, owner: Index, level: Array, crossed: Mask) -> tuple[Array, Index]:
     """The pieces; each that is crossed is cut in three by the chord between two of its edges."""
-    above, s = level[crossed] >= 0, level[crossed]
+    above = level[crossed] >= 0
+    s = level[crossed]
     alone = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)
     order = (alone[:, None] + np.arange(3)) % 3
     a, b, c = np.moveaxis(np.take_along_axis(corners[crossed], order[..., None], axis=1), 1, 0)
     s = np.take_along_axis(s, order, axis=1)
-    p, q = (a + (s[:, :1] / (s[:, :1] - s[:, [i]])) * (end - a) for i, end in ((1, b), (2, c)))
+    p = a + (s[:, :1] / (s[:, :1] - s[:, [1]])) * (b - a)
+    q = a + (s[:, :1] / (s[:, :1] - s[:, [2]])) * (c - a)
     parts = np.concatenate([np.stack(part, axis=1) for part in ((a, p, q), (p, b, c), (p, c, q))])
     proper = shares(parts) > TINY
     of_parts = np.tile(owner[crossed], 3)[proper]
@@ -231,7 +240,8 @@ def _along(corners: Array, owner: Index, level: Array, crossed: Mask) -> tuple[A
 
 def shares(corners: Array) -> Array:
     """(k,) the areas of pieces with barycentric corners (k, 3, 3), over those of their triangles."""
-    b, c = ((corners[:, i] - corners[:, 0])[:, 1:] for i in (1, 2))
+    b = (corners[:, 1] - corners[:, 0])[:, 1:]
+    c = (corners[:, 2] - corners[:, 0])[:, 1:]
     return np.abs(cross(b, c))
 
 
@@ -242,10 +252,14 @@ def sides(vertices: Array, jumps: Jumps, size: float) -> tuple[dict[Atom, Array]
     the step may have both. The area is that of the part on the other side of the curve than the centroid, up
     to `rounding`; it is NaN for pieces that the curve is not near, and where the value is NaN.
     """
-    steps, wrong, centre = {}, {}, vertices.mean(axis=1)
+    steps = {}
+    wrong = {}
+    centre = vertices.mean(axis=1)
     for step, kink in jumps.items():
-        level, reach = kink.level(centre), _diameter(vertices) + 64 * EPS * _size(size, kink)
-        near, small = np.abs(level) <= reach, _is_small(vertices, kink)
+        level = kink.level(centre)
+        reach = _diameter(vertices) + 64 * EPS * _size(size, kink)
+        near = np.abs(level) <= reach
+        small = _is_small(vertices, kink)
         steps[step] = np.where(near & ~small, np.nan, kink.sign * level > 0)
         area = _wrong_area(vertices, kink, steps[step] != (kink.sign > 0))
         wrong[step] = np.where(near & small, area, np.nan)
@@ -291,7 +305,8 @@ def averages(c: Array) -> Array:
 @cache
 def hat_means() -> Array:
     """(3, m) means of monomials times each hat."""
-    (points, weights), values = collapsed(ORDER + 1), _monomials()
+    (points, weights) = collapsed(ORDER + 1)
+    values = _monomials()
     return (points.T * weights) @ values.T
 
 

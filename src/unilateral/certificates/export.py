@@ -31,7 +31,8 @@ from unilateral.system.files import replacing
 FORMAT = "unilateral certificate 1"
 CERTIFICATE_ENDINGS: dict[str, list[str]] = {".json": [], ".gz": []}
 """The endings of the names of certificates, and the optional packages that each needs: none."""
-PLACE_BITS, VALUE_BITS = 53, 60
+PLACE_BITS = 53
+VALUE_BITS = 60
 """Coordinates and values keep so many binary places of the largest one, for the checker's integers."""
 ROUNDING = 1e-14
 """Values are rounded, and moved by rounded places, by less than this part of their size."""
@@ -62,11 +63,14 @@ def judge_solution(solved: DiscreteSolution) -> JudgedFunction:
     If c is 0 or small, the flux is balanced: a checker multiplies the mean of f + div p - c v on triangles by
     a constant that is less sharp than the program's. It is what the iteration left of the discrete equations.
     """
-    bound, flux, data = solved.local_bound, solved.flux, solved.data
+    bound = solved.local_bound
+    flux = solved.flux
+    data = solved.data
     assert bound is not None  # the data of a user's problem are known
     assert flux is not None
     assert data is not None
-    mesh, form = solved.mesh, solved.form
+    mesh = solved.mesh
+    form = solved.form
     field = None
     if form.c * form.friedrichs**2 < form.k:
         load_means = data.source.moments().sum(axis=1) / mesh.areas
@@ -74,7 +78,8 @@ def judge_solution(solved: DiscreteSolution) -> JudgedFunction:
         surplus = load_means - form.c * v_means + divergence(mesh, flux)
         flux = flux + flux_of_source(mesh, form.clamped, surplus)
         field = friedrichs_field(mesh, form.clamped)
-    raised, bubbles = solved.u_h[mesh.boundary] + bound.lift[0], bound.lift[1]
+    raised = solved.u_h[mesh.boundary] + bound.lift[0]
+    bubbles = bound.lift[1]
     trace = np.append(raised, 0.5 * (raised + np.roll(raised, -1)) + bubbles)
     return JudgedFunction(mesh, solved.u_h, flux, trace, field)
 
@@ -138,16 +143,19 @@ def raise_trace(problem: Problem, judged: JudgedFunction, places: Array, contact
     """
     if contact.size == 0:
         return round_to_grid(judged.trace, VALUE_BITS)
-    side, nb = judged.mesh.side, len(places)
+    side = judged.mesh.side
+    nb = len(places)
     after = (contact + 1) % nb
     ends = np.where(side[after] == side[contact], places[after], 1.0)
     g_first, g_bend, g_last = obstacle_bounds(problem, side[contact], places[contact], ends)
     nodes, middles = np.split(judged.trace.copy(), 2)
     np.maximum.at(nodes, contact, g_first)
     np.maximum.at(nodes, after, g_last)
-    w_first, w_last = nodes[contact], nodes[after]
+    w_first = nodes[contact]
+    w_last = nodes[after]
     sizes = np.abs(w_first) + np.abs(w_last) + np.abs(g_bend)
-    low, high = (np.maximum(w - g - ROUNDING * sizes, 0.0) for w, g in ((w_first, g_first), (w_last, g_last)))
+    low = np.maximum(w_first - g_first - ROUNDING * sizes, 0.0)
+    high = np.maximum(w_last - g_last - ROUNDING * sizes, 0.0)
     # bend = 2 (v + y at the midpoint) - (w_first + w_last) / 2 - g_bend
     least = 0.25 * (w_first + w_last) + 0.5 * (g_bend - np.sqrt(low) * np.sqrt(high)) + ROUNDING * sizes
     middles[contact] = np.maximum(middles[contact], least)
@@ -165,7 +173,9 @@ def obstacle_bounds(problem: Problem, side: Index, start: Array, end: Array) -> 
     k = np.arange(ORDER + 1.0)
     # The derivatives of (2 t - 1)^k; a checker encloses them by intervals, and so less sharply
     M = INTERVALS * 8 * (k * (k - 1) * (k - 2) * 2 ** (k - 3)) @ np.abs(pieces.c)
-    first, last, middle = SIGNS @ pieces.c, pieces.c.sum(axis=0), pieces.c[0]
+    first = SIGNS @ pieces.c
+    last = pieces.c.sum(axis=0)
+    middle = pieces.c[0]
     margin = 2 * pieces.rad + ROUNDING * np.abs(pieces.c).sum(axis=0)
     return np.stack([first, 2 * middle - 0.5 * (first + last) + M / 24 + margin, last]) + margin
 

@@ -31,7 +31,8 @@ def state_problem(problem: Problem) -> dict[str, Any]:
     Raises InputError for what no checker reads: cases, values at nodes, pos, irrational k and c,
     and u that is not quadratic along its side.
     """
-    name, sides = problem.name, list[dict[str, Any]]()
+    name = problem.name
+    sides = list[dict[str, Any]]()
     if problem.exact:
         raise _unread_error(f"'{name}'", "is a case", "take a problem file")
     vertices = [(_simplest_fraction(x), _simplest_fraction(y)) for x, y in problem.polygon.vertices.tolist()]
@@ -100,7 +101,9 @@ def _degree(terms: Terms) -> int:
 
 def _is_quadratic(start: Point, end: Point, terms: Terms) -> bool:
     """Whether a polynomial is quadratic along a side, which means that its third differences are 0 there."""
-    (x, y), dx, dy = start, end[0] - start[0], end[1] - start[1]
+    (x, y) = start
+    dx = end[0] - start[0]
+    dy = end[1] - start[1]
     places = [(x + step * dx, y + step * dy) for step in range(_degree(terms) + 1)]
     values = [sum(c * x**i * y**j for i, j, c in terms) for x, y in places]
     thirds = zip(values, values[1:], values[2:], values[3:], strict=False)

@@ -96,7 +96,8 @@ def certify_on(
 
 def largest(certificate: Certificate) -> tuple[float, float]:
     """The largest values of lambda and of the gap; 0 for what is rounding."""
-    flux, gap = (x if x > ROUND_OFF else 0.0 for x in (certificate.lambda_max, certificate.gap_max))
+    flux = certificate.lambda_max if certificate.lambda_max > ROUND_OFF else 0.0
+    gap = certificate.gap_max if certificate.gap_max > ROUND_OFF else 0.0
     return flux, gap
 
 
@@ -185,7 +186,8 @@ def _on_polygon(solution: ExactSolution, certificate: Certificate) -> Iterator[s
         yield "  u is like r^({exponent}) at ({x:.6g}, {y:.6g})".format(**power)
     contact_set = polygon_record(solution, certificate)["contact"]
     for side, (gap, flux) in enumerate(zip(texts["gap"], texts["lambda"], strict=True)):
-        (a, b), (c, d) = polygon.point(side, 0), polygon.point(side, 1)
+        (a, b) = polygon.point(side, 0)
+        (c, d) = polygon.point(side, 1)
         intervals = [interval for interval in contact_set if interval["side"] == side]
         is_clamped = side in solution.clamped_sides
         if is_clamped:

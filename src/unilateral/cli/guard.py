@@ -22,7 +22,9 @@ import click
 from unilateral.errors import InputError, SolutionWarning, shown
 from unilateral.system.signals import INTERRUPTED, cleaning_up
 
-DOES_NOT_HOLD, NOT_CONVERGED, FAILED = 1, 3, 4
+DOES_NOT_HOLD = 1
+NOT_CONVERGED = 3
+FAILED = 4
 """Exit codes: what is judged fails; not converged or out of budget; the system or this program failed."""
 COMPLETE = "_UNILATERAL_COMPLETE"
 """The variable that a shell sets to ask for completions, as click names it."""
@@ -136,7 +138,8 @@ def as_options(message: str) -> str:
     """The library's arguments, such as max_unknowns=9, as what is typed here: --max-unknowns 9."""
 
     def option(argument: re.Match[str]) -> str:
-        name, value = argument[1].replace("_", "-"), argument[2]
+        name = argument[1].replace("_", "-")
+        value = argument[2]
         return f"--{name} {value}" if value else f"--{name}"
 
     return ARGUMENT.sub(option, message)

@@ -81,9 +81,11 @@ def record(mesh: Mesh, cells: Partition, form: Form = H1) -> dict[str, Any]:
     try:
         check_condensed(mesh, cells)
         operator = mixed_spaces(condense(mesh, form), cells).operator
-        constants, reason = infsup(operator, dual_norm(cells, form=form).gram().p0), ""
+        constants = infsup(operator, dual_norm(cells, form=form).gram().p0)
+        reason = ""
     except InputError as error:  # more memory is needed than is free, or gmsh is not installed
-        constants, reason = InfSup(math.nan, math.nan, math.nan), str(error)
+        constants = InfSup(math.nan, math.nan, math.nan)
+        reason = str(error)
     coarse = _coarse_cells(cells, of_cells(mesh, cells))
     flat = _flat_triangles(mesh, *boundary_angles(mesh))
     return {
@@ -152,10 +154,13 @@ def _theorem_5(stability: dict[str, Any]) -> str:
 
 def lines(stability: dict[str, Any]) -> Iterator[str]:
     """A record, in lines for readers."""
-    rule, clamped = stability["rule"], stability["clamped_sides"]
-    h, H = stability["h"], stability["H"]
+    rule = stability["rule"]
+    clamped = stability["clamped_sides"]
+    h = stability["h"]
+    H = stability["H"]
     sides = len(stability["vertices"])
-    cells, triangles = counted(len(rule["cells"]), "cell"), counted(len(rule["triangles"]), "triangle")
+    cells = counted(len(rule["cells"]), "cell")
+    triangles = counted(len(rule["triangles"]), "triangle")
     rows = {}
     if clamped:
         rows["clamped"] = f"side{'s' * (len(clamped) > 1)} {listed(clamped)}, without multipliers"

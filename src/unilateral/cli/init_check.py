@@ -27,9 +27,12 @@ if TYPE_CHECKING:
 
 PICTURES = {".svg": ["matplotlib"], ".png": ["matplotlib"], ".pdf": ["matplotlib"]}
 """The endings of pictures, and what draws these."""
-FREE, CONTACT, CLAMPED = "tab:gray", "tab:blue", "tab:brown"
+FREE = "tab:gray"
+CONTACT = "tab:blue"
+CLAMPED = "tab:brown"
 ROUND_OFF = 1e-12
-WIDE, ALONG = 5.0, 2.0
+WIDE = 5.0
+ALONG = 2.0
 """Inches: the width of the panel with the polygon, and the height of that along its boundary."""
 POINTS = 201
 """g is drawn at this many points of a side, and f at this many along x and along y."""
@@ -78,7 +81,8 @@ def describe(problem: Problem) -> Iterator[str]:
     values = f"between {outward(lower, largest, down)} and {outward(upper, largest, up)}, rounding included"
     yield f"  f           {_formula(as_formula(problem.f), values)}"
     for side in range(polygon.n_sides):
-        start, end = (_point(polygon.vertices[i % polygon.n_sides]) for i in (side, side + 1))
+        start = _point(polygon.vertices[side % polygon.n_sides])
+        end = _point(polygon.vertices[(side + 1) % polygon.n_sides])
         where = f"{start} to {end}, length {polygon.lengths[side]:.6g}"
         yield f"  {f'side {side}':11} {where}: {_condition(problem, side)}"
     if not problem.contact_sides:
@@ -101,7 +105,9 @@ def _condition(problem: Problem, side: int) -> str:
     formula = _side_formula(problem, side)
     values = _values_along(problem, formula, side)
     size = np.abs(values).max()
-    least, largest = (x if abs(x) > ROUND_OFF * size else 0.0 for x in (values.min(), values.max()))
+    shown = np.where(np.abs(values) > ROUND_OFF * size, values, 0.0)
+    least = shown.min()
+    largest = shown.max()
     text = _formula(formula, f"from {least:.4g} to {largest:.4g}")
     if side in problem.free_sides:
         return f"free, {'' if problem.k == ONE else 'k '}du/dn = {text}"
@@ -157,12 +163,14 @@ def draw_problem(problem: Problem) -> Figure:
 def _draw_polygon(axes: Axes, problem: Problem) -> None:
     from unilateral.solution.plot_domain import CLAMPED as HATCHED
 
-    polygon, v = problem.polygon, problem.polygon.vertices
+    polygon = problem.polygon
+    v = problem.polygon.vertices
     grid = np.meshgrid(*np.linspace(v.min(axis=0), v.max(axis=0), POINTS).T)
     inside = polygon.contains(np.stack(grid, axis=-1))
     with np.errstate(all="ignore"):  # f need not be defined outside
         f = np.where(inside, compile_numpy([as_formula(problem.f)], "xy")(*grid)[0], np.nan)
-    least, largest = float(np.nanmin(f)), float(np.nanmax(f))
+    least = float(np.nanmin(f))
+    largest = float(np.nanmax(f))
     # A constant has the colour in the middle and one tick; matplotlib would show a range of 8 % about it
     room = 0.0 if least < largest else abs(least) or 1.0
     look: Any = {"vmin": least - room, "vmax": largest + room, "shading": "nearest", "alpha": 0.6}
@@ -185,14 +193,16 @@ def _draw_polygon(axes: Axes, problem: Problem) -> None:
 
 
 def _look(problem: Problem, side: int) -> dict[str, Any]:
-    free, clamped = side in problem.free_sides, side in problem.clamped_sides
+    free = side in problem.free_sides
+    clamped = side in problem.clamped_sides
     look: dict[str, Any] = {"color": FREE if free else CONTACT, "linestyle": "--" if free else "-"}
     return look | ({"color": CLAMPED, "linewidth": 5} if clamped else {})
 
 
 def _draw_obstacle(axes: Axes, problem: Problem) -> None:
     """Draws g, u on clamped sides, and on free sides the flux."""
-    polygon, clamped = problem.polygon, "; thick: u" * bool(problem.clamped_sides)
+    polygon = problem.polygon
+    clamped = "; thick: u" * bool(problem.clamped_sides)
     for side in range(polygon.n_sides):
         s = polygon.starts[side] + np.linspace(0, polygon.lengths[side], POINTS)
         axes.plot(s, _values_along(problem, _side_formula(problem, side), side), **_look(problem, side))

@@ -28,7 +28,8 @@ DIGITS = ".4e"
 """The format of errors, bounds and forces."""
 NARROW = 1e-4
 """A force whose interval is narrower than this part of it is printed with the digits that are known."""
-SIDES, INTERVALS = 12, 4
+SIDES = 12
+INTERVALS = 4
 """Forces are computed, and the contact on sides is printed, for at most SIDES sides.
 
 At most INTERVALS intervals of a side are printed.
@@ -70,7 +71,8 @@ def table(
     lambda_H that may not be unique, else empty.
     """
     steps = "" if _unknown(found["iterations"]) else f", after {counted(found['iterations'], 'step')}"
-    outcome, unique = "converged" if found["converged"] else "NOT converged", found["unique"]
+    outcome = "converged" if found["converged"] else "NOT converged"
+    unique = found["unique"]
     algebraic = guaranteed(
         f"algebraic error {interval(-math.inf, found['algebraic_bound'], spec=DIGITS)}",
         -math.inf,
@@ -112,7 +114,8 @@ def _bounded(norm: str, bound: float, size: float, problem: Problem) -> str:
         return f"{error} is unknown"
     text = f"{error} <= {up(bound, DIGITS)}"
     if size > 0:
-        share, named = up(relative(bound, size), ".3g"), getattr(sizes(problem), norm)
+        share = up(relative(bound, size), ".3g")
+        named = getattr(sizes(problem), norm)
         text += f" <= {share} {named}, {named} >= {down(size, DIGITS)}"
     return text
 
@@ -156,15 +159,18 @@ def _errors(found: dict[str, Any], unique: bool, names: Named) -> dict[str, str]
 
 def level_head(problem: Problem, first: Level) -> str:
     """What is wanted, the columns' names and the first level."""
-    columns, goal = "".join(f"{column:>12}" for column in COLUMNS), first.goal
-    error, size = (getattr(of, goal.norm) for of in (errors_of(problem), sizes(problem)))
+    columns = "".join(f"{column:>12}" for column in COLUMNS)
+    goal = first.goal
+    error = getattr(errors_of(problem), goal.norm)
+    size = getattr(sizes(problem), goal.norm)
     wanted = f"{problem.name}: {error} <= {goal.accuracy:g}" + f" {size}" * (not goal.absolute)
     return "\n".join([wanted, columns, level_line(first)])
 
 
 def level_line(level: Level) -> str:
     """The row of a level."""
-    solved, mesh = level.solved, level.solved.mesh
+    solved = level.solved
+    mesh = level.solved.mesh
     sizes = mesh.h, float(np.diff(mesh.s).min()), level.partition.H
     shown = [f"{size:.4g}" for size in sizes]
     shown += [f"{level.unknowns}", f"{len(solved.cells)}", f"{solved.result.iterations:.4g}"]
@@ -180,7 +186,8 @@ def next_line(level: Level) -> str:
 
 def ending(search: Search, problem: Problem) -> str:
     """Whether the accuracy is certified, and if not what ended the search, by default the budget."""
-    best, norm = search.best, search.best.goal.norm
+    best = search.best
+    norm = search.best.goal.norm
     if not search.believed:
         return f"  NOT certified, {search.ended}: no bound is left"
     reached = _bounded(norm, best.total, best.size, problem)
@@ -203,7 +210,9 @@ def _reach(search: Search) -> str:
 
 def rounded(plan: Plan) -> Plan:
     """The plan, with the two digits that a prediction may have."""
-    unknowns, seconds, mb = (float(f"{x:.2g}") for x in (plan.unknowns, plan.seconds, plan.peak_mb))
+    unknowns = float(f"{plan.unknowns:.2g}")
+    seconds = float(f"{plan.seconds:.2g}")
+    mb = float(f"{plan.peak_mb:.2g}")
     return replace(plan, unknowns=round(unknowns), seconds=seconds, peak_mb=mb)
 
 
@@ -214,7 +223,8 @@ def amounts(plan: Plan) -> str:
 
 def planned(name: str, search: Search, as_json: bool) -> str:
     """What a dry run found, as text or as JSON, with null for what is unknown."""
-    plan, last = search.plan, search.levels[-1]
+    plan = search.plan
+    last = search.levels[-1]
     if as_json:
         found = asdict(rounded(plan)) if plan else {field.name: None for field in fields(Plan)}
         return json.dumps({"problem": name, **found, "ended": search.ended or None, "reach": search.reach})

@@ -186,7 +186,9 @@ def report(
     After an interrupt true errors and forces are left out. One while they are computed ends this only where
     no accuracy was asked for. Seconds count from `begin` on.
     """
-    search, solved, problem = solution.search, solution.solved, solution.problem
+    search = solution.search
+    solved = solution.solved
+    problem = solution.problem
     refusal = too_large(solution, sharp)
     bounds = None
     if refusal:
@@ -201,7 +203,8 @@ def report(
             tell(f"{counted(withdrawn, 'bound')} {WITHDRAWN}")
         if not json:
             say(ending(search, problem))
-    errors, forces = None, []
+    errors = None
+    forces = []
     if not interrupted:
         try:
             with_dual = solution.partition.n_cells <= FEW and not lacking("gmsh")

@@ -151,9 +151,11 @@ def _check_alternatives(ctx: click.Context, options: dict[str, Any], given: set[
         missing = [name for name in ("h", "H") if name not in given and not own_mesh]
         if missing:
             ctx.fail(f"solve needs --h and --H, or --accuracy; --{missing[0]} is missing")
-        wrong, why = given & OF_ACCURACY, "is only for --accuracy"
+        wrong = given & OF_ACCURACY
+        why = "is only for --accuracy"
     else:
-        wrong, why = {"h", "H", "tolerance"} & given, "is chosen by --accuracy; leave one of the two out"
+        wrong = {"h", "H", "tolerance"} & given
+        why = "is chosen by --accuracy; leave one of the two out"
     for name in sorted(wrong):
         ctx.fail(f"--{name.replace('_', '-')} {why}")
     if options["dry_run"] and {"output", "out", "certificate"} & given:

@@ -36,12 +36,15 @@ COARSE = 5000
 """The coarse mesh that an unstructured one is refined from has about this many unknowns."""
 MORE_CELLS = 1.5
 """A mesh made by halving has at most this many times the boundary cells of a uniform one that is not."""
-MULTIGRID, RECURSIVE, SPARSE = 400, 1000, 5000
+MULTIGRID = 400
+RECURSIVE = 1000
+SPARSE = 5000
 """Bytes per unknown, as measured with 1e6 unknowns: by multigrid, and condensed to the boundary.
 
 Condensing takes RECURSIVE where the mesh was refined often enough for macro-elements, else SPARSE.
 """
-LOCAL, SHARP = 300, 5000
+LOCAL = 300
+SHARP = 5000
 """Bytes per unknown for a guaranteed bound, measured likewise: the cheap one, and the sharp one."""
 DENSE = 64
 """Bytes per entry of A_3 or S: about eight matrices of that size are held."""
@@ -94,7 +97,8 @@ def check_condensed(mesh: Mesh, partition: Partition) -> None:
     """Raises InputError where condensing to the boundary takes more memory than is free."""
     bytes_per_unknown = SPARSE if mesh.halvings < REFINED else RECURSIVE
     dense = DENSE * (len(mesh.boundary) + partition.n_cells) ** 2
-    needed, free = (bytes_per_unknown * mesh.n_nodes + dense) / 2**20, available_mb()
+    needed = (bytes_per_unknown * mesh.n_nodes + dense) / 2**20
+    free = available_mb()
     if needed > free:
         raise InputError(
             f"{mesh.n_nodes} unknowns, {len(mesh.boundary)} of them on the boundary, take about "
@@ -112,7 +116,8 @@ def levels_for(polygon: Polygon, H: float, edges: int, stop: Stop) -> int:
     unknowns = polygon.area * (edges / H) ** 2
     if not wants_multigrid(stop, unknowns):
         return 0
-    most, cells = max(math.ceil(math.log(unknowns / COARSE, 4)), 1), polygon.counts(H).sum()
+    most = max(math.ceil(math.log(unknowns / COARSE, 4)), 1)
+    cells = polygon.counts(H).sum()
     if stop.algorithm == "multigrid":
         return most
     fit = (k for k in range(most, 0, -1) if 2**k * polygon.counts(2**k * H).sum() <= MORE_CELLS * cells)
@@ -133,7 +138,8 @@ def bound_mb(mesh: Mesh, sharp: bool) -> float:
 def check_size(polygon: Polygon, h: float) -> None:
     """Raises InputError if a mesh of size h is too large for the memory, whichever way it is solved."""
     unknowns = polygon.area / h**2
-    needed, free = MULTIGRID * unknowns / 2**20, available_mb()
+    needed = MULTIGRID * unknowns / 2**20
+    free = available_mb()
     if needed > free:
         raise InputError(
             f"h = {h:.4g} makes {unknowns:.2g} unknowns on '{polygon.name}', which take at least "

@@ -71,7 +71,8 @@ class CondensedProblem(DiscreteProblem):
     @cached_property
     def first(self) -> DualResult:
         """The result lambda = 0 with its bound."""
-        operator, zero = self.spaces.operator, np.zeros(len(self.offset))
+        operator = self.spaces.operator
+        zero = np.zeros(len(self.offset))
         rho = 1.9 / operator.lambda_max if len(zero) else math.nan
         bound = residual_bound(operator, self.offset, zero, rho) if len(zero) else 0.0
         result = DualResult(zero, 0, 0, bound, False, rho, "none")
@@ -80,7 +81,8 @@ class CondensedProblem(DiscreteProblem):
     @cached_property
     def least_bound(self) -> float:
         """The iteration's own bound at lambda = 0 times EPS: in double precision it falls no further."""
-        operator, zero = self.spaces.operator, np.zeros(len(self.offset))
+        operator = self.spaces.operator
+        zero = np.zeros(len(self.offset))
         if not len(zero) or operator.singular:
             return 0.0
         return EPS * residual_bound(operator, self.offset, zero, 1.9 / operator.lambda_max)
@@ -133,8 +135,12 @@ class CondensedProblem(DiscreteProblem):
 
     def _rounded_bound(self, result: DualResult, u_h: Array) -> float:
         """The bound for u_h (n,) as it was computed."""
-        spaces, on, boundary = self.spaces, self.spaces.condensed, self.mesh.boundary
-        (of_f, g_means), mu, v = self.of_rest, result.lambda_H, u_h - self.held
+        spaces = self.spaces
+        on = self.spaces.condensed
+        boundary = self.mesh.boundary
+        (of_f, g_means) = self.of_rest
+        mu = result.lambda_H
+        v = u_h - self.held
         load = Rounded(of_f.copy(), np.zeros(len(of_f)))
         load.values[boundary], load.doubt[boundary] = loaded(of_f[boundary], spaces.B, mu)
         left = residual(*on.for_products, v, load)

@@ -147,7 +147,9 @@ def on_levels(
     The iteration begins at the `guess` (n,). The data of a case are only enclosed where its f is, or where
     the iteration ends by a bound on the error, as it does on one level.
     """
-    mesh, partition, form = spaces.mesh, spaces.partition, spaces.levels.form
+    mesh = spaces.mesh
+    partition = spaces.partition
+    form = spaces.levels.form
     data: MeshData | None = None
     if problem.exact and source is None and len(spaces.nested) > 1:
         load = case_load(problem.exact, mesh)

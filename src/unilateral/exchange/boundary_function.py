@@ -67,7 +67,8 @@ class Trace:
     def is_constant_on(self, cells: Partition) -> bool:
         """Whether it has one value on each of those cells, up to rounding."""
         _, cell, own = overlay(cells.points, self.cells.points)
-        highest, lowest = np.full(cells.n_cells, -np.inf), np.full(cells.n_cells, np.inf)
+        highest = np.full(cells.n_cells, -np.inf)
+        lowest = np.full(cells.n_cells, np.inf)
         np.maximum.at(highest, cell, self.ends[own].max(axis=1))
         np.minimum.at(lowest, cell, self.ends[own].min(axis=1))
         return bool(np.all(highest - lowest <= ROUNDING * np.abs(self.ends).max()))
@@ -124,10 +125,13 @@ def has_obstacle(case: Problem, side: Index) -> Mask:
 
 def obstacle(case: Problem, mesh: Mesh) -> Array:
     """(nb,) g at the boundary nodes, NaN where both edges are free, and on clamped sides."""
-    nb, edges = len(mesh.boundary), has_obstacle(case, mesh.side)
-    of_end, g = np.roll(mesh.side, 1), np.full(len(edges), np.nan)
+    nb = len(mesh.boundary)
+    edges = has_obstacle(case, mesh.side)
+    of_end = np.roll(mesh.side, 1)
+    g = np.full(len(edges), np.nan)
     before = np.flatnonzero(~edges & np.roll(edges, 1))
-    side, s = np.where(edges, mesh.side, of_end), mesh.s[:-1].copy()
+    side = np.where(edges, mesh.side, of_end)
+    s = mesh.s[:-1].copy()
     s[before] = mesh.s[np.where(before == 0, nb, before)]
     clamped = Form(clamped=case.clamped_sides).fixed(mesh)[mesh.boundary]
     held = np.flatnonzero((edges | np.roll(edges, 1)) & ~clamped)

@@ -59,7 +59,8 @@ def formulas(case: ExactSolution, coordinates: tuple[str, str] = COORDINATES["py
     gap = []
     for i in sides:
         # t is the arc length from the side's start over the side's length
-        (a, b), (p, q) = _exact(case.polygon.vertices[i]), _exact(case.polygon.tangents[i])
+        (a, b) = _exact(case.polygon.vertices[i])
+        (p, q) = _exact(case.polygon.tangents[i])
         t = ((X - a) * p + (Y - b) * q) / Fraction(case.polygon.lengths[i])
         gap.append(_with_values(case.gaps[i], {"t": t}))
     return {
@@ -81,10 +82,8 @@ def module(case: ExactSolution, kind: str) -> str:
     if found["u"] is None:
         raise InputError(f"case '{case.name}': {NO_FORMULAS}; 'unilateral export' writes f and g at points")
     template = resources.files("unilateral.exchange") / f"{kind}.template.txt"
-    g, flux = (
-        "".join(f"    lambda {ARGUMENTS[kind]}: {each},\n" for each in found[name])
-        for name in ("g", "lambda")
-    )
+    g = "".join(f"    lambda {ARGUMENTS[kind]}: {each},\n" for each in found["g"])
+    flux = "".join(f"    lambda {ARGUMENTS[kind]}: {each},\n" for each in found["lambda"])
     return template.read_text(encoding="utf-8").format(
         name=case.name,
         title=case.title,
@@ -123,8 +122,11 @@ def _exact(values: Iterable[float]) -> list[Fraction]:
 def _in_xy(atom: Tensor | Polar, e: Expression) -> Expression:
     """A formula in the atom's own coordinates, in x and y."""
     a, b = _exact(atom.centre)
-    along, into = (((X - a) * p + (Y - b) * q) / Fraction(atom.length) for p, q in map(_exact, atom.frame))
-    radius, angle = (along**2 + into**2) ** HALF, expression(Atom("angle", (into, along)))
+    (p, q), (r, s) = map(_exact, atom.frame)
+    along = ((X - a) * p + (Y - b) * q) / Fraction(atom.length)
+    into = ((X - a) * r + (Y - b) * s) / Fraction(atom.length)
+    radius = (along**2 + into**2) ** HALF
+    angle = expression(Atom("angle", (into, along)))
     return _with_values(e, {"t": along, "d": into, "r": radius, "theta": angle})
 
 
@@ -154,11 +156,14 @@ def _slope(atom: Closed, direction: Array) -> Expression:
     if isinstance(atom, Smooth):
         return derivative(atom.u, "x") * n_x + derivative(atom.u, "y") * n_y
     if isinstance(atom, Tensor):
-        along, into = derivative(atom.v, "t"), derivative(atom.v, "d")
+        along = derivative(atom.v, "t")
+        into = derivative(atom.v, "d")
     else:
         _, radial, angular, _ = atom.derived
-        cos, sin = apply("cos", THETA), apply("sin", THETA)
-        along, into = radial * cos - angular * sin, radial * sin + angular * cos
+        cos = apply("cos", THETA)
+        sin = apply("sin", THETA)
+        along = radial * cos - angular * sin
+        into = radial * sin + angular * cos
     (along_x, along_y), (into_x, into_y) = map(_exact, atom.frame)
     slope = along * (along_x * n_x + along_y * n_y) + into * (into_x * n_x + into_y * n_y)
     return _in_xy(atom, slope)

@@ -51,10 +51,12 @@ def judged(case: Problem, given: Foreign, discrete: CondensedProblem, own: Error
     conditions, a right solution is left. Of several such bugs those are told that need the fewest further
     ones.
     """
-    allowed, mu = COUNTS * own.h1, given.multiplier
+    allowed = COUNTS * own.h1
+    mu = given.multiplier
     exported = Residual(discrete, given.u, discrete.load)
     of, how = with_load(case, exported, mu.load(discrete.mesh) if mu else None, allowed)
-    holds, remarks = of.inside <= allowed, [REMARK.format(how)] if how else []
+    holds = of.inside <= allowed
+    remarks = [REMARK.format(how)] if how else []
     found = list(_at_boundary(case, mu, of, own)) if holds else []
     if holds and all(each.explained for each in found):
         return Judged(found, remarks)
@@ -89,7 +91,8 @@ def _at_boundary(case: Problem, mu: Trace | None, of: Residual, own: Errors) -> 
     yield from not_given(of, COUNTS * own.h1)
     if mu is None:
         return
-    allowed, first = _allowed(of, own), MeantMultiplier("", mu.load(of.discrete.mesh), mu)
+    allowed = _allowed(of, own)
+    first = MeantMultiplier("", mu.load(of.discrete.mesh), mu)
     right = of.nearer_to(first.load)
     misfit = of.norm(first.load - right)
     if misfit <= allowed:
@@ -234,10 +237,8 @@ def ahead(case: Problem, mu: Trace, of: Residual, right: Array) -> Iterator[Mean
     free = ~of.discrete.spaces.condensed.fixed[boundary]
     for each in conditions(case, of.discrete, mu):
         gap = each.means(of.u[boundary])
-        mu_u, on = (
-            np.linalg.lstsq(each.B.T.toarray()[free], right[free])[0],
-            each.mu > ROUNDING * np.abs(each.mu).max(),
-        )
+        mu_u = np.linalg.lstsq(each.B.T.toarray()[free], right[free])[0]
+        on = each.mu > ROUNDING * np.abs(each.mu).max()
         if not gap[on].any():
             continue
         rho = -float(gap[on] @ (each.mu - mu_u)[on] / (gap[on] @ gap[on]))

@@ -102,10 +102,12 @@ def conditions(case: Problem, discrete: CondensedProblem, mu: Trace) -> Iterator
             yield _on_cells(case, mesh, discrete.partition, mu)
         yield _on_cells(case, mesh, mu.cells, mu)
         return
-    edges, g = has_obstacle(case, mesh.side), obstacle(case, mesh)
+    edges = has_obstacle(case, mesh.side)
+    g = obstacle(case, mesh)
     held = np.isfinite(g)
     mass = boundary_mass(mesh, edges)
-    weights, s = np.asarray(mass.sum(axis=1)), mesh.s[:-1]
+    weights = np.asarray(mass.sum(axis=1))
+    s = mesh.s[:-1]
     lumped = np.divide(mu.load(mesh), weights, where=held, out=np.zeros(len(g)))
     nodal = sp.diags_array(weights).tocsr()
     yield Conditions("at the nodes", nodal, weights, g, s, lumped).kept(held)
@@ -119,7 +121,8 @@ def conditions(case: Problem, discrete: CondensedProblem, mu: Trace) -> Iterator
 
 
 def _on_cells(case: Problem, mesh: Mesh, cells: Partition, mu: Trace) -> Conditions:
-    middle, values = 0.5 * (cells.points[1:] + cells.points[:-1]), mu.cells.means(mu.values, cells.points)
+    middle = 0.5 * (cells.points[1:] + cells.points[:-1])
+    values = mu.cells.means(mu.values, cells.points)
     means = cell_means(case.known_solution(), cells).g_means
     found = Conditions(
         "in the means over the cells", coupling(mesh, cells), cells.lengths, means, middle, values

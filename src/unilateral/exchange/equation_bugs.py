@@ -68,11 +68,13 @@ def with_load(case: Problem, exported: Residual, mu: Array | None, allowed: floa
     left = exported.whole(beside)
     if left <= NOTHING * allowed:
         return exported, ""
-    best, of_best = (exported, ""), EXPLAINS * left
+    best = (exported, "")
+    of_best = EXPLAINS * left
     for name, load in loads(case.known_solution(), exported.discrete):
         of = replace(exported, load=load)
         if np.isfinite(load).all() and of.inside <= allowed and (left := of.whole(beside)) < of_best:
-            best, of_best = (of, name), left
+            best = (of, name)
+            of_best = left
     return best
 
 
@@ -93,7 +95,9 @@ def explanations(case: Problem, plain: Residual, allowed: float) -> list[Undone]
 
 def _bugs(of: Residual) -> Iterator[Undone]:
     """Each bug of u's equation that is known, undone with the factor that fits best."""
-    K_u, M_u = (each @ of.u for each in stiffness_and_mass(of.discrete.mesh))
+    stiffness, mass = stiffness_and_mass(of.discrete.mesh)
+    K_u = stiffness @ of.u
+    M_u = mass @ of.u
     if of.discrete.form.c:
         for term, signature in (("mass term (u, v)", M_u), ("stiffness term (grad u, grad v)", K_u)):
             c = of.share(signature)
@@ -157,8 +161,10 @@ def not_given(of: Residual, allowed: float) -> Iterator[Fault]:
 
     The energy would be no measure: if c = 0, constants have none.
     """
-    discrete, condensed = of.discrete, of.discrete.spaces.condensed
-    mesh, form = discrete.mesh, discrete.form
+    discrete = of.discrete
+    condensed = of.discrete.spaces.condensed
+    mesh = discrete.mesh
+    form = discrete.form
     off = np.where(condensed.fixed, of.u - discrete.held, 0.0)
     least = off + condensed.solve(of_rest(mesh, form, np.zeros(len(off)), off))
     if energy_norm(mesh, least) <= allowed:
@@ -167,15 +173,18 @@ def not_given(of: Residual, allowed: float) -> Iterator[Fault]:
     ends = np.abs(off[mesh.boundary]) > EXACT * abs(off[worst])
     sides = np.unique(mesh.side[form.edges(mesh) & (ends | np.roll(ends, -1))])
     how = _how(of, np.isin(mesh.side, sides), allowed + ROUNDED * abs(off[worst]))
-    on, (x, y) = ", ".join(map(str, sides)), mesh.points[worst]
+    on = ", ".join(map(str, sides))
+    (x, y) = mesh.points[worst]
     what = f"u is {how} on the clamped side{'s' * (len(sides) > 1)} {on}"
     yield Fault(what, f"u - u_D is {off[worst]:.2g} at ({x:g}, {y:g})")
 
 
 def _how(of: Residual, edges: Mask, allowed: float) -> str:
     """What u is on those edges (nb,): left free if the equation holds at the nodes inside the sides, too."""
-    mesh, A = of.discrete.mesh, of.discrete.spaces.condensed.A
-    inner, every = (mesh.boundary[at] for at in (edges & np.roll(edges, 1), edges | np.roll(edges, 1)))
+    mesh = of.discrete.mesh
+    A = of.discrete.spaces.condensed.A
+    inner = mesh.boundary[(edges & np.roll(edges, 1))]
+    every = mesh.boundary[(edges | np.roll(edges, 1))]
     forces = of_rest(mesh, Form(c=of.discrete.form.c), of.load, of.u) / np.sqrt(A.diagonal())
     if inner.size and np.linalg.norm(forces[inner]) <= allowed:
         return "left free"
@@ -190,7 +199,8 @@ def renumbered(case: Problem, plain: Residual, u_h: Array) -> Fault | None:
     however numbered. Twice the distance is allowed, as another method may err twice as much.
     """
     exact = case.known_solution().value_and_gradient(plain.discrete.mesh.points)[0]
-    own, here = _rms(u_h - exact), _rms(plain.u - u_h)
+    own = _rms(u_h - exact)
+    here = _rms(plain.u - u_h)
     ordered = _rms(np.sort(plain.u) - np.sort(u_h))
     if ordered > 2 * own or here <= MIXED * max(own, ordered):
         return None

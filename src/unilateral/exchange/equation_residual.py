@@ -61,7 +61,8 @@ class Residual:
     @cached_property
     def trace(self) -> Array:
         """(nb,) what u is on the boundary without a multiplier: A^{-1} f, and u itself at fixed nodes."""
-        condensed, mesh = self.discrete.spaces.condensed, self.discrete.mesh
+        condensed = self.discrete.spaces.condensed
+        mesh = self.discrete.mesh
         held = np.where(condensed.fixed, self.u, 0.0)
         free = condensed.solve(of_rest(mesh, condensed.form, self.load, held))
         return np.asarray((held + free)[mesh.boundary])
@@ -104,7 +105,8 @@ class Residual:
 
     def _inner(self, loads: Array) -> Array:
         """(k, k) products of loads (n, k) in the norm of `size`, by A^{-1} in place of A_II^{-1}."""
-        condensed, boundary = self.discrete.spaces.condensed, self.discrete.mesh.boundary
+        condensed = self.discrete.spaces.condensed
+        boundary = self.discrete.mesh.boundary
         inner = loads.copy()
         inner[boundary] = 0.0
         x = condensed.solve(inner)
@@ -137,7 +139,8 @@ def loads(exact: ExactSolution, discrete: CondensedProblem) -> Iterator[tuple[st
     """Loads (n,) that a right solver may have: the exported one, and f by simple rules, with their names."""
     mesh = discrete.mesh
     yield "", discrete.load
-    mass, corners = stiffness_and_mass(mesh)[1], mesh.triangles
+    mass = stiffness_and_mass(mesh)[1]
+    corners = mesh.triangles
     f = exact.source(mesh.points)
     yield "interpolated at the nodes", mass @ f
     yield "at the nodes with the lumped mass matrix", mass.sum(axis=1) * f

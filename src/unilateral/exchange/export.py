@@ -137,9 +137,13 @@ def _write_level(case: Problem, mesh: Mesh, cells: Partition, folder: Path) -> N
 def _nodes(case: Problem, mesh: Mesh) -> pd.DataFrame:
     """A row per node. Inside s, g and u_D are empty; on the boundary a node has g, or u_D, or neither."""
     exact = case.known_solution()
-    s, g = (np.full(mesh.n_nodes, np.nan) for _ in range(2))
-    s[mesh.boundary], g[mesh.boundary] = mesh.s[:-1], obstacle(case, mesh)
-    (x, y), f, u = mesh.points.T, exact.source(mesh.points), exact.value_and_gradient(mesh.points)[0]
+    s = np.full(mesh.n_nodes, np.nan)
+    g = np.full(mesh.n_nodes, np.nan)
+    s[mesh.boundary] = mesh.s[:-1]
+    g[mesh.boundary] = obstacle(case, mesh)
+    (x, y) = mesh.points.T
+    f = exact.source(mesh.points)
+    u = exact.value_and_gradient(mesh.points)[0]
     u_D = np.where(Form(clamped=case.clamped_sides).fixed(mesh), u, np.nan)
     load = load_vector(mesh, case_moments(exact, mesh))
     return pd.DataFrame(
@@ -156,7 +160,7 @@ def _quadrature(case: Problem, mesh: Mesh) -> xr.Dataset:
         f = exact.source(rule.origin, rule.offset)
         hats = rule.barycentric.reshape(-1, 3)
         parts.append((np.repeat(rule.triangle, count), rule.points, rule.weight.ravel(), hats, f))
-    triangle, places, weight, hats, f = (np.concatenate(each) for each in zip(*parts, strict=True))
+    triangle, places, weight, hats, f = map(np.concatenate, zip(*parts, strict=True))
     on = boundary_rule(case.polygon, mesh.s, exact.singular())
     u, _, gap = exact.boundary(on.side, on.s, on.near)
     return xr.Dataset(

@@ -143,7 +143,9 @@ def _matched(levels: list[ExportedLevel], points: Array, file: str) -> tuple[Exp
         for level, (_, node), far in zip(levels, near, off, strict=True)
     ]
     best = int(np.argmin([far.sum() + len(lost) for far, lost in zip(off, absent, strict=True)]))
-    level, far, lost = levels[best], np.flatnonzero(off[best]), absent[best]
+    level = levels[best]
+    far = np.flatnonzero(off[best])
+    lost = absent[best]
     if far.size:
         rounded = near[best][0].max() <= math.sqrt(2) * unit
         digits = ", or write places with more digits" if rounded else ""
@@ -196,7 +198,8 @@ def _at_nodes(level: ExportedLevel, node: Index, found: Handed, name: str, file:
     needed = np.ones(len(node), bool) if name == "u" else np.isin(node, level.mesh.boundary)
     wrong = np.flatnonzero(~(np.abs(given) < LARGEST_VALUE) & needed)
     if wrong.size:
-        k, place = wrong[0], level.mesh.points[node[wrong[0]]]
+        k = wrong[0]
+        place = level.mesh.points[node[wrong[0]]]
         raise InputError(
             f"{file}: {name} is {given[k]} at point {k}, {tuple(place.tolist())}; "
             f"a number below {LARGEST_VALUE:g} is needed"
@@ -233,8 +236,10 @@ def _multiplier(
 
 
 def _of_cells(level: ExportedLevel, start: Array, end: Array, values: Array, file: str) -> Trace:
-    mesh, order = level.mesh, np.argsort(start)
-    start, end = start[order], end[order]
+    mesh = level.mesh
+    order = np.argsort(start)
+    start = start[order]
+    end = end[order]
     values = _where_wanted(level, mesh.polygon.sides_of(0.5 * (start + end)), values[order])
     same = _same(mesh, last_digit(np.append(start, end)))
     apart = np.flatnonzero(np.abs(start[1:] - end[:-1]) > same)
@@ -268,7 +273,8 @@ def _where_wanted(level: ExportedLevel, side: Index, values: Array) -> Array:
 def _on_edges(level: ExportedLevel, ends: Index, values: Array, file: str) -> Array:
     """(nb,) values of boundary edges, from line cells with those end nodes (k, 2) in any order."""
     mesh = level.mesh
-    nb, at = len(mesh.boundary), np.full(mesh.n_nodes, -1)
+    nb = len(mesh.boundary)
+    at = np.full(mesh.n_nodes, -1)
     at[mesh.boundary] = np.arange(nb)
     first, last = at[ends].T
     edge = np.where((first + 1) % nb == last, first, last)

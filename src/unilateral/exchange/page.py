@@ -22,7 +22,9 @@ TITLES = {"h1": "u in {}", "hm12": "λ in H<sup>−1/2</sup>", "l2": "λ in L²"
 DRAWN = {"h1": "$u$ in {}", "hm12": "$\\lambda$ in $H^{-1/2}$", "l2": "$\\lambda$ in $L^2$"}
 NORMS = {True: ("H¹", "$H^1$"), False: ("|·|₁", "$|\\cdot|_1$")}
 """The norm of u in a title of HTML and in one that is drawn, by whether there is a reaction term."""
-THEIRS, OWN, EXACT = "tab:red", "tab:blue", "0.3"
+THEIRS = "tab:red"
+OWN = "tab:blue"
+EXACT = "0.3"
 POINTS = 400
 """The exact values are drawn at this many points of each side."""
 
@@ -30,10 +32,9 @@ POINTS = 400
 def page(case: Problem, scored: Sequence[Scored], rates: dict[str, Rate]) -> str:
     """The page: errors beside this project's own, rates, faults, and the boundary on the finest level."""
     ladder = sorted(scored, key=lambda one: -one.given.level.mesh.h)
-    titles, drawn = (
-        of | {"h1": of["h1"].format(norm)}
-        for of, norm in zip((TITLES, DRAWN), NORMS[case.c != ZERO], strict=True)
-    )
+    title_norm, drawn_norm = NORMS[case.c != ZERO]
+    titles = TITLES | {"h1": TITLES["h1"].format(title_norm)}
+    drawn = DRAWN | {"h1": DRAWN["h1"].format(drawn_norm)}
     template = resources.files("unilateral.exchange") / "page.template.html"
     faults = [escape(sentence) for sentence in sentences(scored)]
     return Template(template.read_text(encoding="utf-8")).substitute(
@@ -105,7 +106,8 @@ def _errors_drawn(ladder: Sequence[Scored], rates: dict[str, Rate], titles: dict
         for found, (style, color, label) in zip(both[norm], lines, strict=True):
             if np.isfinite(found).any():
                 axes.plot(h, found, style, color=color, label=label)
-        above, proved = 1.5 * np.nanmax(both[norm][:, 0], initial=0), rates[norm].proved
+        above = 1.5 * np.nanmax(both[norm][:, 0], initial=0)
+        proved = rates[norm].proved
         if np.isfinite(proved) and above > 0:
             axes.plot(h, above * (h / h[0]) ** proved, ":", color=EXACT, label=f"proved: {proved:g}")
         axes.legend(fontsize="small")
@@ -114,7 +116,8 @@ def _errors_drawn(ladder: Sequence[Scored], rates: dict[str, Rate], titles: dict
 
 def _boundary_drawn(case: Problem, one: Scored) -> Figure:
     """The multiplier, if there is one, and u - g, over arc length beside the exact ones."""
-    mu, mesh = one.given.multiplier, one.given.level.mesh
+    mu = one.given.multiplier
+    mesh = one.given.level.mesh
     figure = Figure(figsize=(9, 5), layout="constrained")
     top, bottom = figure.subplots(2, 1, sharex=True)
     side = np.repeat(np.arange(case.polygon.n_sides), POINTS)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any, NamedTuple
@@ -127,7 +127,8 @@ def rates(case: Problem, scored: Sequence[Scored]) -> dict[str, Rate]:
         pairs = list(_pairs(scored, begin, factor))
         theirs = _observed([(a.errors, b.errors) for a, b in pairs], norm, factor)
         own = _observed([(a.own, b.own) for a, b in pairs], norm, factor)
-        least, own_least = (min(each, default=math.nan) for each in (theirs, own))
+        least = min(theirs, default=math.nan)
+        own_least = min(own, default=math.nan)
         by_norm[norm] = Rate(least, len(theirs), own_least, proved if holds else math.nan)
     return by_norm
 
@@ -150,7 +151,8 @@ def why_not_judged(case: Problem, scored: Sequence[Scored], norm: str) -> str:
     begin, factor = _asymptotic(case, norm)
     if any(_pairs(scored, begin, factor)):
         return "the errors are 0 or not known"
-    h, H = (Fraction(size).limit_denominator(10**6) for size in (begin, 2 * begin))
+    h = Fraction(begin).limit_denominator(10**6)
+    H = Fraction(2 * begin).limit_denominator(10**6)
     return f"needs two levels with h <= {h} and H <= {H}, whose h differ by a factor of {factor:g}"
 
 
@@ -175,12 +177,11 @@ def error_in(errors: Errors, norm: str) -> float:
 
 def texts(errors: Errors) -> tuple[str, str, str]:
     """The three errors as text, the second with its bounds; "-" where one is not known."""
-    towards: tuple[Callable[[float, str], str], ...] = (format, down, up, format)
-    h1, lower, upper, l2 = (
-        "-" if math.isnan(each) else write(each, ".4g") for write, each in zip(towards, errors, strict=True)
-    )
-    known = [each for each in (lower, upper) if each != "-"]
-    return h1, " to ".join(known) or "-", l2
+    dual = [] if math.isnan(errors.hm12_lower) else [down(errors.hm12_lower, ".4g")]
+    dual += [] if math.isnan(errors.hm12_upper) else [up(errors.hm12_upper, ".4g")]
+    h1 = "-" if math.isnan(errors.h1) else f"{errors.h1:.4g}"
+    l2 = "-" if math.isnan(errors.l2) else f"{errors.l2:.4g}"
+    return h1, " to ".join(dual) or "-", l2
 
 
 def sentences(scored: Sequence[Scored]) -> Iterator[str]:
@@ -261,7 +262,8 @@ def extremes(case: Problem, given: Foreign, discrete: CondensedProblem) -> Extre
 
     None if all sides are free or clamped. At a node lambda is its integral with the hat over that of the hat.
     """
-    mesh, mu = discrete.mesh, given.multiplier
+    mesh = discrete.mesh
+    mu = given.multiplier
     each = next(conditions(case, discrete, mu or continuous(mesh, np.zeros(len(mesh.boundary)))))
     if not len(each.s):
         return None
@@ -276,5 +278,6 @@ def extremes(case: Problem, given: Foreign, discrete: CondensedProblem) -> Extre
     least = at(gap, int(gap.argmin()))
     if mu is None:
         return Extremes(True, least, None, None)
-    product, at_nodes = np.abs(each.mu * gap), mu.nodal is not None
+    product = np.abs(each.mu * gap)
+    at_nodes = mu.nodal is not None
     return Extremes(at_nodes, least, at(each.mu, int(each.mu.argmin())), at(product, int(product.argmax())))

@@ -78,7 +78,8 @@ class Condensed:
     @cached_property
     def sigma_1(self) -> float:
         """The smallest sigma with (v, w) = sigma <v, w> for all w in V_h: above Steklov's by O(h^2)."""
-        mass, size = boundary_mass(self.mesh), len(self.mesh.boundary)
+        mass = boundary_mass(self.mesh)
+        size = len(self.mesh.boundary)
         mass = decoupled(mass, fixed := self.fixed[self.mesh.boundary])
         mass.setdiag(np.where(fixed, 0.0, mass.diagonal()))
 

@@ -24,10 +24,12 @@ ROWS = 1 << 17
 
 def elements(points: Array, nodes: Int32) -> tuple[Array, Array]:
     """The products (T, 3) that belong to the edges opposite to the `nodes` (T, 3), and the areas (T,)."""
-    stiffness, area = np.empty(nodes.shape), np.empty(len(nodes))
+    stiffness = np.empty(nodes.shape)
+    area = np.empty(len(nodes))
     for of in blocks(len(nodes)):
         (x, y) = points.T[:, nodes[of].T]
-        e, f = x[[2, 0, 1]] - x[[1, 2, 0]], y[[2, 0, 1]] - y[[1, 2, 0]]
+        e = x[[2, 0, 1]] - x[[1, 2, 0]]
+        f = y[[2, 0, 1]] - y[[1, 2, 0]]
         area[of] = 0.5 * (e[2] * f[0] - f[2] * e[0])
         product = e[[1, 2, 0]] * e[[2, 0, 1]] + f[[1, 2, 0]] * f[[2, 0, 1]]
         stiffness[of] = (0.25 * product / area[of]).T
@@ -47,7 +49,9 @@ def matrix(
     A (n, n) has rows that begin with the diagonal. With it come the sums (n,) of its rows, and the lumped
     mass (n,).
     """
-    n, mass, beside = tri.n, np.zeros(tri.n), np.zeros(len(tri.ends))
+    n = tri.n
+    mass = np.zeros(tri.n)
+    beside = np.zeros(len(tri.ends))
     for of in blocks(len(tri.nodes)):
         stiffness, area = elements(points, tri.nodes[of])
         np.add.at(mass, tri.nodes[of].ravel(), np.repeat(area / 3, 3))
@@ -60,8 +64,10 @@ def matrix(
         cut = fixed[tri.ends].any(axis=1)
         for end in tri.ends[cut].T:
             np.subtract.at(sums, end, beside[cut])
-        sums[fixed], beside[cut] = diagonal[fixed], 0.0
-    every, (a, b) = np.arange(n, dtype=np.int32), tri.ends.T
+        sums[fixed] = diagonal[fixed]
+        beside[cut] = 0.0
+    every = np.arange(n, dtype=np.int32)
+    (a, b) = tri.ends.T
     places = np.concatenate([every, a, b]), np.concatenate([every, b, a])
     return _once(np.concatenate([diagonal, beside, beside]), *places, (n, n)), sums, mass
 
@@ -80,11 +86,14 @@ def _rows(points: Array, nodes: Int32, chosen: Int32, n: int, form: Form, fixed:
     place = np.full(n, -1, dtype=np.int32)
     place[chosen] = np.arange(len(chosen), dtype=np.int32)
     some = np.flatnonzero((place[nodes] >= 0).any(axis=1))
-    (stiffness, area), corners = elements(points, nodes[some]), nodes[some].T
-    beside, row = _entries(form, stiffness, area).T, place[corners]
+    (stiffness, area) = elements(points, nodes[some])
+    corners = nodes[some].T
+    beside = _entries(form, stiffness, area).T
+    row = place[corners]
     at = [np.flatnonzero(each >= 0) for each in row]
     rows = np.concatenate([each[here] for each, here in zip(row, at, strict=True)])
-    diagonal, shape = np.zeros(len(chosen)), (len(chosen), n)
+    diagonal = np.zeros(len(chosen))
+    shape = (len(chosen), n)
     np.add.at(diagonal, rows, form.c * np.concatenate([area[here] for here in at]) / 3)
     off_diagonal = sp.csr_array(shape)
     for to, opposite in ((1, 2), (2, 1)):

@@ -59,7 +59,8 @@ class Form(NamedTuple):
 
     def fixed(self, mesh: Mesh) -> Mask:
         """(n,) which nodes lie on clamped sides."""
-        fixed, edges = np.zeros(mesh.n_nodes, dtype=bool), self.edges(mesh)
+        fixed = np.zeros(mesh.n_nodes, dtype=bool)
+        edges = self.edges(mesh)
         fixed[mesh.boundary[edges | np.roll(edges, 1)]] = True
         return fixed
 

@@ -68,7 +68,8 @@ def dual_norm(of: Hierarchy, R: Array, doubt: Array | float = 0.0) -> float:
     """A bound on ||R||, for R (n,) on the hats of the last level, which is known up to the `doubt` (n,)."""
     z = downwards(of, R)
     A_z = residual_rounding.product(of.A, of.sums, z)
-    norm_of_z, left = residual_rounding.root(z, A_z.values), R - A_z.values
+    norm_of_z = residual_rounding.root(z, A_z.values)
+    left = R - A_z.values
     doubt = doubt + 2 * A_z.doubt + _of_restriction(of, left)  # of R - A z, and of ||z||
     of_doubt = residual_rounding.dual_norm(doubt, of.mass)
     return residual_rounding.SLACK * norm_of_z + without_coarsest(of, left) + of_doubt
@@ -76,7 +77,8 @@ def dual_norm(of: Hierarchy, R: Array, doubt: Array | float = 0.0) -> float:
 
 def _of_restriction(of: Hierarchy, R: Array) -> Array:
     """(n,) what R has on V_0, and the rounding of its numbers on all levels, at the nodes of these."""
-    R, sizes = R.copy(), np.abs(R)
+    sizes = np.abs(R)
+    R = R.copy()
     found = EPS * sizes
     for level in reversed(of.levels):
         level.restrict(R)
@@ -89,7 +91,9 @@ def _of_restriction(of: Hierarchy, R: Array) -> Array:
 
 def downwards(of: Hierarchy, R: Array) -> Array:
     """z (n,) of the V-cycle, with one sweep of Gauss and Seidel on each level."""
-    g, z, n = R.copy(), np.zeros_like(R), of.A_0.shape[0]
+    g = R.copy()
+    z = np.zeros_like(R)
+    n = of.A_0.shape[0]
     swept: list[Array] = []
     if of.levels:
         _sweep(of, z, R)
@@ -111,7 +115,8 @@ def downwards(of: Hierarchy, R: Array) -> Array:
 
 def _sweep(of: Hierarchy, z: Array, R: Array) -> None:
     """One sweep of Gauss and Seidel for z, over the nodes whose hats the last level changed."""
-    A, smoothed = of.A, of.levels[-1].smoothed
+    A = of.A
+    smoothed = of.levels[-1].smoothed
     if smoothed is None:
         smoothed = np.arange(of.n, dtype=np.int32)
     gauss_seidel_indexed(A.indptr, A.indices, A.data, z, R, smoothed, 0, len(smoothed), 1)
@@ -119,7 +124,8 @@ def _sweep(of: Hierarchy, z: Array, R: Array) -> None:
 
 def without_coarsest(of: Hierarchy, R: Array) -> float:
     """The bound (3), for an R (n,) that vanishes on V_0."""
-    R, found = R.copy(), 0.0
+    R = R.copy()
+    found = 0.0
     for level, rho in zip(reversed(of.levels), weights(of), strict=True):
         found += float(dnrm2(R[level.before : level.n] / np.sqrt(rho)))
         level.restrict(R)
@@ -131,8 +137,10 @@ def weights(of: Hierarchy) -> Iterator[Array]:
     deepest = of.halved
     of_halvings = np.array([growth(k) for k in range(int(deepest.max()) + 1)])
     for level in reversed(of.levels):
-        step, deep = level.step, deepest[level.step.triangles]
-        below, deepest = np.zeros(step.before, dtype=np.int16), deepest[: step.before].copy()
+        step = level.step
+        deep = deepest[level.step.triangles]
+        below = np.zeros(step.before, dtype=np.int16)
+        deepest = deepest[: step.before].copy()
         np.maximum.at(below, step.parent, deep - level.halved)
         np.maximum.at(deepest, step.parent, deep)
         children = np.bincount(step.parent, minlength=step.before)

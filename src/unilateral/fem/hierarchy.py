@@ -67,12 +67,14 @@ class FinerSpace:
         S are the rows of a matrix at the `smoothed` nodes; S x is taken from r.
         """
         if self.smoothed is None:
-            x, of = np.zeros(self.n), r[: self.n]
+            x = np.zeros(self.n)
+            of = r[: self.n]
             gauss_seidel(S.indptr, S.indices, S.data, x, of, 0, self.n, 1)
             of -= S @ x
             return x, of.copy()
         assert self.columns is not None
-        x, k = np.zeros(S.shape[1]), S.shape[0]
+        x = np.zeros(S.shape[1])
+        k = S.shape[0]
         gauss_seidel(S.indptr, S.indices, S.data, x, r[self.smoothed], 0, k, 1)
         r[self.columns] -= S.T @ x[:k]
         return x[:k], r[self.smoothed]
@@ -80,13 +82,15 @@ class FinerSpace:
     def sweep_up(self, S: sp.csr_array, e: Array, x: Array, left: Array) -> None:
         """Add x and a backward sweep for what is left (s,) to e (n,), which comes from coarser levels."""
         if self.smoothed is None:
-            below, y = e[: self.n], np.zeros(self.n)
+            below = e[: self.n]
+            y = np.zeros(self.n)
             left -= S @ below
             gauss_seidel(S.indptr, S.indices, S.data, y, left, self.n - 1, -1, -1)
             below += x
             below += y
             return
-        y, k = np.zeros(S.shape[1]), S.shape[0]
+        y = np.zeros(S.shape[1])
+        k = S.shape[0]
         left -= S @ e[self.columns]
         gauss_seidel(S.indptr, S.indices, S.data, y, left, k - 1, -1, -1)
         e[self.smoothed] += x + y[:k]
@@ -165,9 +169,11 @@ class Hierarchy:
         if not self.levels or any(level.smoothed is not None for level in self.levels[-2:]):
             return None
         *levels, last = self.levels
-        n, A = last.before, levels[-1].rows if levels else self.A_0
+        n = last.before
+        A = levels[-1].rows if levels else self.A_0
         assert A is not None
-        kept, mass = np.flatnonzero(self.boundary < n), self.mass.copy()
+        kept = np.flatnonzero(self.boundary < n)
+        mass = self.mass.copy()
         last.restrict(mass)
         sums = np.asarray(A.sum(axis=1)) if self.form.clamped else mass[:n]
         s = np.append(self.s[kept], self.s[-1])
@@ -184,14 +190,20 @@ def hierarchy(mesh: Mesh, known: Hierarchy | None = None, form: Form = H1) -> Hi
     steps = mesh.steps[len(found.levels) :]
     if not steps:
         return found
-    levels, nodes, root, halved = [*found.levels], found.nodes, found.root, found.halved
-    form, fixed = found.form, found.form.fixed(mesh)
+    levels = [*found.levels]
+    nodes = found.nodes
+    root = found.root
+    halved = found.halved
+    form = found.form
+    fixed = found.form.fixed(mesh)
     if levels:
         smoothed = levels[-1].smoothed
         levels[-1] = levels[-1].with_rows(found.A if smoothed is None else found.A[smoothed])
     for step in steps:
         more = halved[step.parent] + step.halved
-        nodes, root, halved = step.put(nodes, step.nodes), step.inherited(root), step.put(halved, more)
+        nodes = step.put(nodes, step.nodes)
+        root = step.inherited(root)
+        halved = step.put(halved, more)
         level = _level(step, more, fixed)
         if step is not steps[-1]:
             level = level.with_rows(_rows(level, mesh.points, nodes, form, fixed))
@@ -218,15 +230,18 @@ def _rows(level: FinerSpace, points: Array, nodes: Int32, form: Form, fixed: Mas
 
 
 def _on_level_0(mesh: Mesh, form: Form) -> Hierarchy:
-    tri, known = mesh.triangulation, _of_mesh(mesh, form)
-    root, halved = np.arange(len(tri.nodes), dtype=np.int32), np.zeros(len(tri.nodes), dtype=np.int16)
+    tri = mesh.triangulation
+    known = _of_mesh(mesh, form)
+    root = np.arange(len(tri.nodes), dtype=np.int32)
+    halved = np.zeros(len(tri.nodes), dtype=np.int16)
     level_0 = mesh, known["A"], splu(known["A"].tocsc())
     return Hierarchy(*level_0, [], **known, nodes=tri.nodes, root=root, halved=halved, form=form)
 
 
 def _level(step: Step, halved: Int16, fixed: Mask) -> FinerSpace:
     """The level that a step makes, without its rows; some of the nodes (n,) are `fixed`."""
-    n, k = step.n, len(step.ends)
+    n = step.n
+    k = len(step.ends)
     changed = np.zeros(n, dtype=bool)
     changed[step.ends] = True
     ends = np.flatnonzero(changed).astype(np.int32)

@@ -72,7 +72,8 @@ def elimination_order(A: sp.csr_array, boundary: Index = NONE) -> Index:
     if not pymetis:
         first = splu(inner.tocsc(), permc_spec="MMD_AT_PLUS_A", options=SYMMETRIC)
         return np.concatenate([interior[np.argsort(first.perm_c)], boundary])
-    rows, neighbours = graph.row[off], graph.col[off]
+    rows = graph.row[off]
+    neighbours = graph.col[off]
     starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=len(interior)))])
     dissection, _ = pymetis.nested_dissection(pymetis.CSRAdjacency(starts, neighbours))
     return np.concatenate([interior[np.asarray(dissection)], boundary])
@@ -102,7 +103,8 @@ def half_solved(A: sp.csr_array, F: sp.csc_array, order: Index) -> sp.csr_array:
     lu = factorise(bordered, np.append(order, np.arange(n, n + k)))
     if not np.array_equal(lu.perm_r, lu.perm_c):
         raise RuntimeError("SuperLU exchanged rows of a symmetric matrix")
-    of_A, pivots = lu.perm_c[:n], lu.U.diagonal()
+    of_A = lu.perm_c[:n]
+    pivots = lu.U.diagonal()
     return sp.csr_array(lu.U[:, lu.perm_c[n:]].tocsr()[of_A] / np.sqrt(pivots[of_A])[:, None])
 
 
@@ -125,7 +127,9 @@ class Descent:
     """
 
     def __init__(self, A: sp.csr_array, b: Array, x: Array, precondition: Callable[[Array], Array]) -> None:
-        self.A, self.x, self.precondition = A, x, precondition
+        self.A = A
+        self.x = x
+        self.precondition = precondition
         self.r = b - A @ x
         self.p = precondition(self.r)
         self.rz = float(self.r @ self.p)
@@ -134,13 +138,15 @@ class Descent:
         """Makes a step. Returns the decrease of x . A x - 2 b . x, which has its minimum where A x = b."""
         if not self.rz > 0:
             return 0.0
-        A_p, old = self.A @ self.p, self.rz
+        A_p = self.A @ self.p
+        old = self.rz
         curvature = float(self.p @ A_p)
         if not curvature > 0:  # rounding hides it, as on domains far smaller than 1
             self.rz = 0.0
             return 0.0
         alpha = old / curvature
-        self.x, self.r = self.x + alpha * self.p, self.r - alpha * A_p
+        self.x = self.x + alpha * self.p
+        self.r = self.r - alpha * A_p
         z = self.precondition(self.r)
         self.rz = float(self.r @ z)
         self.p = z + self.rz / old * self.p
@@ -164,7 +170,8 @@ def solved(A: sp.csr_array, b: Array, x: Array, mass: Array, least: float) -> tu
     """
     if len(b) <= DIRECT:
         return dissected(A).solve(b), 1
-    run, steps = Descent(A, b, x, rough_inverse(A)), 0
+    run = Descent(A, b, x, rough_inverse(A))
+    steps = 0
     while run.r @ (run.r / mass) > least and steps < MOST_STEPS and run.rz > 0:
         run.step()
         steps += 1

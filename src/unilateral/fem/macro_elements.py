@@ -41,7 +41,8 @@ class Stage:
 
     def reduce(self, loads: Array) -> None:
         """Moves the loads (k, n) of the inner nodes to the outer ones, in place."""
-        k, (s, p, o) = len(loads), self.outer.shape
+        k = len(loads)
+        (s, p, o) = self.outer.shape
         inner = np.moveaxis(loads[:, self.inner], 1, 0).reshape(s, k * p, -1)
         moved = np.moveaxis((inner @ self.W).reshape(s, k, p, o), 1, 0)
         for load, part in zip(loads, moved, strict=True):
@@ -74,7 +75,8 @@ class Recursive:
     """
 
     def __init__(self, mesh: Mesh, form: Form = H1) -> None:
-        self.boundary, self.fixed = mesh.boundary, form.fixed(mesh)[mesh.boundary]
+        self.boundary = mesh.boundary
+        self.fixed = form.fixed(mesh)[mesh.boundary]
         self.stages: list[Stage] = []
         nodes, matrices = self._macro_elements(mesh, form)
         uses = np.bincount(nodes.ravel(), minlength=mesh.n_nodes)
@@ -142,7 +144,8 @@ class Recursive:
             met[np.searchsorted(nodes, part.nodes)] += part.met
         inside = met == uses[nodes]
         order = np.argsort(~inside, kind="stable")
-        rank, i = np.argsort(order), np.count_nonzero(inside)
+        rank = np.argsort(order)
+        i = np.count_nonzero(inside)
         K = np.zeros((1, len(nodes), len(nodes)))
         for part in pair:
             at = rank[np.searchsorted(nodes, part.nodes)]
@@ -157,7 +160,9 @@ class Recursive:
         i = inner.shape[-1]
         if i == 0:
             return K
-        factor, W, schur = cholesky(K[:, :i, :i], lower=True), K[:, :i, i:].copy(), K[:, i:, i:].copy()
+        factor = cholesky(K[:, :i, :i], lower=True)
+        W = K[:, :i, i:].copy()
+        schur = K[:, i:, i:].copy()
         for L, Y, S in zip(factor, W, schur, strict=True):
             Y[:] = solve_triangular(L, Y, lower=True, check_finite=False)
             S -= Y.T @ Y

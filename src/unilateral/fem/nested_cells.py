@@ -45,9 +45,11 @@ def nested_cells(of: Hierarchy, partition: Partition) -> list[Cells] | None:
     not uniform only the last level has cells. None where a point of the partition is no node, or a cell has
     one edge only.
     """
-    s, chosen = of.s, of.form.held(partition.side)
+    s = of.s
+    chosen = of.form.held(partition.side)
     place = np.searchsorted(0.5 * (s[1:] + s[:-1]), partition.points)
-    ends, side = np.column_stack([place[:-1], place[1:]])[chosen], partition.side[chosen]
+    ends = np.column_stack([place[:-1], place[1:]])[chosen]
+    side = partition.side[chosen]
     apart = float(np.max(np.abs(s[place] - partition.points)))
     if apart > VERTEX_TOLERANCE * partition.polygon.perimeter or np.any(np.diff(ends) < LEAST):
         return None
@@ -58,7 +60,9 @@ def nested_cells(of: Hierarchy, partition: Partition) -> list[Cells] | None:
         if first is None or of.coarser is None:
             return found
         last = np.append(first, len(ends))[1:] - 1
-        ends, side, of = np.column_stack([ends[first, 0], ends[last, 1]]) // 2, side[first], of.coarser
+        ends = np.column_stack([ends[first, 0], ends[last, 1]]) // 2
+        side = side[first]
+        of = of.coarser
 
 
 def _first_of_unions(ends: Index, side: Index) -> Index | None:

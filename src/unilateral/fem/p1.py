@@ -36,7 +36,8 @@ def gradients(mesh: Mesh) -> Array:
 
 def stiffness_and_mass(mesh: Mesh) -> tuple[sp.csr_array, sp.csr_array]:
     """Stiffness K and mass M (n, n); K + M is the matrix of the paper's (., .)_1."""
-    slopes, areas = gradients(mesh), mesh.areas
+    slopes = gradients(mesh)
+    areas = mesh.areas
     stiffness = areas[:, None, None] * (slopes @ slopes.transpose(0, 2, 1))
     mass = areas[:, None, None] * ((np.ones((3, 3)) + np.eye(3)) / 12)
     n = mesh.n_nodes
@@ -46,7 +47,8 @@ def stiffness_and_mass(mesh: Mesh) -> tuple[sp.csr_array, sp.csr_array]:
 def from_elements(unknowns: Index, entries: Array, n: int) -> sp.csr_array:
     """(n, n) the sum of matrices `entries` (m, k, k), which belong to the `unknowns` (m, k)."""
     k = unknowns.shape[1]
-    rows, columns = np.repeat(unknowns, k, axis=1).ravel(), np.tile(unknowns, (1, k)).ravel()
+    rows = np.repeat(unknowns, k, axis=1).ravel()
+    columns = np.tile(unknowns, (1, k)).ravel()
     return sp.coo_array((entries.ravel(), (rows, columns)), shape=(n, n)).tocsr()
 
 
@@ -102,9 +104,8 @@ def linear_parts(mesh: Mesh, edge: Index, x: Array, weight: Array, values: Array
     It is that of a function with the `values` (K, Q) at the points x in [0, 1] of K rules, which lie on the
     edges `edge` (K,) and have the weights `weight` (K, Q).
     """
-    first, second = (
-        np.bincount(edge, np.sum(weight * values * hat, axis=1), len(mesh.boundary)) for hat in (1 - x, x)
-    )
+    first = np.bincount(edge, np.sum(weight * values * (1 - x), axis=1), len(mesh.boundary))
+    second = np.bincount(edge, np.sum(weight * values * x, axis=1), len(mesh.boundary))
     ends = np.column_stack([2 * first - second, 2 * second - first])
     return np.asarray(2 * ends / np.diff(mesh.s)[:, None])
 
@@ -123,7 +124,8 @@ def coupling(mesh: Mesh, partition: Partition) -> sp.csr_array:
     if not np.array_equal(mesh.polygon.vertices, partition.polygon.vertices):
         raise InputError("the partition lies on another polygon than the mesh; give both the same polygon")
     points, cell, edge = overlay(partition.points, mesh.s)
-    nb, length = len(mesh.boundary), np.diff(points)
+    nb = len(mesh.boundary)
+    length = np.diff(points)
     position = (0.5 * (points[1:] + points[:-1]) - mesh.s[edge]) / np.diff(mesh.s)[edge]
     values = np.concatenate([length * (1 - position), length * position])
     columns = np.concatenate([edge, (edge + 1) % nb])
@@ -137,7 +139,8 @@ def of_rest(mesh: Mesh, form: Form, load: Array, held: Array) -> Array:
     """
 
     def moments(part: Mesh) -> Array:
-        slopes, values = gradients(part), held[part.triangles]
+        slopes = gradients(part)
+        values = held[part.triangles]
         along = np.einsum("tid,tjd,tj->ti", slopes, slopes, values)
         return form.k * part.areas[:, None] * along + form.c * linear_moments(part.areas, values)
 
@@ -165,7 +168,8 @@ def energy_norm(mesh: Mesh, v: Array, form: Form = H1) -> float:
         return unit
     square = 0.0
     for of in blocks(len(mesh.triangles)):
-        nodal, (x, y) = v.take(mesh.triangles[of].T) / unit, mesh.points.T[:, mesh.triangles[of].T]
+        nodal = v.take(mesh.triangles[of].T) / unit
+        (x, y) = mesh.points.T[:, mesh.triangles[of].T]
         along = [np.sum(nodal * (z[[2, 0, 1]] - z[[1, 2, 0]]), axis=0) for z in (x, y)]
         of_value = (nodal.sum(axis=0) ** 2 + (nodal**2).sum(axis=0)) / 12
         square += form.k * float(np.sum(0.25 * (along[0] ** 2 + along[1] ** 2) / mesh.areas[of]))

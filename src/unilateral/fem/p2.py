@@ -28,20 +28,25 @@ MASS = np.block([[HATS, MIXED.T], [MIXED, BUBBLES]])
 AT_NODES = np.zeros((3, 3, 6))
 """AT_NODES[e, a, c] is the coefficient of grad psi_a at node e in the gradient of the basis function c."""
 for _i, _j in ((0, 1), (1, 2), (2, 0)):
-    AT_NODES[:, _i, _i], AT_NODES[_i, _j, 3 + _i], AT_NODES[_j, _i, 3 + _i] = 1, 4, 4
+    AT_NODES[:, _i, _i] = 1
+    AT_NODES[_i, _j, 3 + _i] = 4
+    AT_NODES[_j, _i, 3 + _i] = 4
 STIFFNESS = np.einsum("ef,eac,fbd->abcd", HATS, AT_NODES, AT_NODES)
 """STIFFNESS[a, b, c, d] is that of grad psi_a . grad psi_b in (grad ., grad .)_0 of c and d, at area 1."""
 
 
 def linear_squares(areas: Array, values: Array) -> Array:
     """(k,) squared L2 norms of functions linear on triangles, from the values (k, 3, ...) at the nodes."""
-    own, of_sums = ((a**2).sum(axis=tuple(range(1, a.ndim))) for a in (values, values.sum(axis=1)))
+    values = values.reshape(len(values), 3, -1)
+    own = (values**2).sum(axis=(1, 2))
+    of_sums = (values.sum(axis=1) ** 2).sum(axis=1)
     return np.asarray(areas / 12 * (own + of_sums))
 
 
 def squares(areas: Array, hats: Array, bubbles: Array) -> Array:
     """(k,) squared L2 norms, from the coefficients (k, 3, ...) on triangles."""
-    a, b = (values.reshape(len(values), 3, -1) for values in (hats, bubbles))
+    a = hats.reshape(len(hats), 3, -1)
+    b = bubbles.reshape(len(bubbles), 3, -1)
     return np.asarray(areas * np.sum(HATS @ a * a + BUBBLES @ b * b + 2 * (MIXED @ a) * b, axis=(1, 2)))
 
 
@@ -51,7 +56,8 @@ def slopes_at_nodes(slopes: Array, hats: Array, bubbles: Array) -> Array:
     grad 4 psi_i psi_j is 4 grad psi_j at i, and 4 grad psi_i at j.
     """
     linear = np.einsum("tid,ti->td", slopes, hats)[:, None]
-    after, before = np.roll(slopes, -1, axis=1), np.roll(slopes, 1, axis=1)
+    after = np.roll(slopes, -1, axis=1)
+    before = np.roll(slopes, 1, axis=1)
     of_before = np.roll(bubbles, 1, axis=1)[..., None] * before
     return np.asarray(linear + 4 * (bubbles[..., None] * after + of_before))
 
@@ -120,21 +126,27 @@ class Quadratic:
         fixed[self.of_boundary[contact]] = True
         fixed[others] = True
         here = np.flatnonzero(contact[len(nodes) :])
-        rows, ends = np.tile(middles[here], 2), np.append(nodes[here], np.roll(nodes, -1)[here])
+        rows = np.tile(middles[here], 2)
+        ends = np.append(nodes[here], np.roll(nodes, -1)[here])
         back = sp.coo_array((np.full(len(rows), -0.5), (rows, ends)), shape=(self.size, self.size))
         return (sp.eye_array(self.size, format="csr") + back.tocsr())[:, ~fixed]
 
     def descent(self, A: sp.csr_array, load: Array, start: Array, free: sp.csr_array) -> Descent:
         """The descent to the x (k,) for which v = start + `free` x has the least v . A v - 2 load . v."""
-        own, n = (free.T @ A @ free).tocsr(), free[: self.mesh.n_nodes].nnz
-        of_hats, diagonal = rough_inverse(own[:n, :n].tocsr()), own.diagonal()[n:]
-        zero, rhs = np.zeros(free.shape[1]), free.T @ (load - A @ start)
+        own = (free.T @ A @ free).tocsr()
+        n = free[: self.mesh.n_nodes].nnz
+        of_hats = rough_inverse(own[:n, :n].tocsr())
+        diagonal = own.diagonal()[n:]
+        zero = np.zeros(free.shape[1])
+        rhs = free.T @ (load - A @ start)
         return Descent(own, rhs, zero, lambda r: np.append(of_hats(r[:n]), r[n:] / diagonal))
 
 
 def quadratic(mesh: Mesh) -> Quadratic:
     """P2 on a mesh."""
-    n, edges, of = mesh.n_nodes, mesh.opposite_edges[:, [2, 0, 1]], mesh.triangulation
+    n = mesh.n_nodes
+    edges = mesh.opposite_edges[:, [2, 0, 1]]
+    of = mesh.triangulation
     return Quadratic(
         mesh,
         unknowns=np.concatenate([mesh.triangles, n + edges], axis=1).astype(np.int32),
@@ -159,7 +171,8 @@ class Layer(NamedTuple):
 
     def function(self, nodal: Array, bubble: Array) -> tuple[Array, Array]:
         """The coefficients (k, 3) of hats and of bubbles, from those at boundary nodes and edges (nb,)."""
-        values, of_edges = np.zeros(self.mesh.n_nodes), np.zeros((len(self.triangles), 3))
+        values = np.zeros(self.mesh.n_nodes)
+        of_edges = np.zeros((len(self.triangles), 3))
         values[self.mesh.boundary] = nodal
         of_edges[self.at[:, 0], self.at[:, 1]] = bubble
         return values[self.mesh.triangles[self.triangles]], of_edges

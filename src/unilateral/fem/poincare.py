@@ -156,7 +156,8 @@ def crouzeix_raviart(mesh: Mesh) -> tuple[sp.csr_array, Array]:
     Returns (n, n) B = M^{-1/2} K M^{-1/2} on the n edges and (n,) the diagonal of M^{1/2}: K is the stiffness
     matrix, and M the mass matrix, which is diagonal.
     """
-    edges, n = mesh.opposite_edges, len(mesh.triangulation.ends)
+    edges = mesh.opposite_edges
+    n = len(mesh.triangulation.ends)
     slopes = -2 * gradients(mesh)
     stiffness = mesh.areas[:, None, None] * (slopes @ slopes.transpose(0, 2, 1))
     mass = np.bincount(edges.ravel(), np.repeat(mesh.areas / 3, 3), n)

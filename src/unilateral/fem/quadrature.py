@@ -34,7 +34,8 @@ FINE = 1 / 64
 
 h^(FINE_DEGREE + 1), in these units, is then below 2e-11.
 """
-STRONG, TOWARDS = 2, 6
+STRONG = 2
+TOWARDS = 6
 """Towards a point whose grading is above STRONG the rule is cut, TOWARDS times on either side."""
 
 
@@ -66,14 +67,17 @@ def boundary_rule(polygon: Polygon, cuts: Array, singular: Iterable[Singular] = 
     between = 0.5 * (anchors[1:] + anchors[:-1])
     edges = np.union1d(cuts, np.concatenate([anchors, between, *_towards(anchors, between, grading)]))
     edges = edges[(edges >= cuts[0]) & (edges <= cuts[-1])]
-    a, b = edges[:-1], edges[1:]
+    a = edges[:-1]
+    b = edges[1:]
     middle = 0.5 * (a + b)
     nearest = np.searchsorted(between, middle)
-    p, k = anchors[nearest], grading[nearest][:, None]
+    p = anchors[nearest]
+    k = grading[nearest][:, None]
     sign = np.where(middle >= p, 1.0, -1.0)[:, None]
     ends = np.abs(np.stack([a, b]) - p) ** (1 / k[:, 0])
     x, w = _gauss(GAUSS)
-    low, high = ends.min(axis=0)[:, None], ends.max(axis=0)[:, None]
+    low = ends.min(axis=0)[:, None]
+    high = ends.max(axis=0)[:, None]
     tau = low + 0.5 * (high - low) * (x + 1)
     offset = sign * tau**k
     s = p[:, None] + offset
@@ -108,7 +112,8 @@ def _towards(anchors: Array, between: Array, grading: Array) -> list[Array]:
     """
     shares = 0.5 ** np.arange(1, TOWARDS + 1)
     strong = grading > STRONG
-    after, before = strong[:-1], strong[1:]
+    after = strong[:-1]
+    before = strong[1:]
     return [
         (a[:, None] + (m - a)[:, None] * shares).ravel()
         for a, m in ((anchors[:-1][after], between[after]), (anchors[1:][before], between[before]))
@@ -148,7 +153,8 @@ def triangle_rules(mesh: Mesh, case: ExactSolution, degree: int | None = None) -
     regular = np.flatnonzero(~special)
     radii = [4 * kink.radius for kink in case.kinks() if kink.radius]
     fine = mesh.h <= FINE * min([mesh.polygon.lengths.min(), *radii])
-    of_whole, of_pieces = degree or (FINE_DEGREE if fine else DEGREE), degree or DEGREE
+    of_whole = degree or (FINE_DEGREE if fine else DEGREE)
+    of_pieces = degree or DEGREE
     for block in blocks(len(regular)):
         index = regular[block]
         whole = np.broadcast_to(np.eye(3), (len(index), 3, 3))
@@ -187,7 +193,8 @@ def collapsed(n: int, grading: int = 1) -> tuple[Array, Array]:
     """
     x, w = _gauss(n * min(grading, 4))
     y, v = _gauss(n)
-    tau, across = 0.5 * (x[:, None] + 1), 0.5 * (y + 1)
+    tau = 0.5 * (x[:, None] + 1)
+    across = 0.5 * (y + 1)
     rho = tau**grading
     weight = 0.5 * rho * grading * tau ** (grading - 1) * w[:, None] * v
     points = np.stack(np.broadcast_arrays(1 - rho, rho * (1 - across), rho * across), axis=-1)

@@ -50,7 +50,8 @@ def terms(matrix: sp.csr_array) -> int:
 
 def product(A: sp.csr_array, sums: Array, u: Array) -> Rounded:
     """A u (n,), for A (n, n) whose rows have those `sums` (n,) and an entry each."""
-    values, sizes = sums * u, np.abs(sums * u)
+    values = sums * u
+    sizes = np.abs(sums * u)
     for rows in blocks(len(u), ROWS):
         start = A.indptr[rows.start : rows.stop + 1]
         of = slice(start[0], start[-1])
@@ -62,13 +63,15 @@ def product(A: sp.csr_array, sums: Array, u: Array) -> Rounded:
 
 def constrained(B: sp.csr_array, u: Array, d: Array, lengths: Array | float = 1.0) -> Rounded:
     """B u / lengths - d (m,), for B (m, n) without negative entries: integrals over cells, or means."""
-    values, sizes = B @ u / lengths - d, B @ np.abs(u) / lengths + np.abs(d)
+    values = B @ u / lengths - d
+    sizes = B @ np.abs(u) / lengths + np.abs(d)
     return Rounded(values, UNIT * (terms(B) + 4) * sizes)
 
 
 def loaded(load: Array, B: sp.csr_array, pressure: Array) -> Rounded:
     """load + B^T pressure (n,), for B (m, n) without negative entries and pressure (m,) >= 0."""
-    pull, most = B.T @ pressure, int(np.bincount(B.indices).max(initial=0))
+    pull = B.T @ pressure
+    most = int(np.bincount(B.indices).max(initial=0))
     return Rounded(load + pull, UNIT * (most + 4) * (np.abs(load) + pull))
 
 

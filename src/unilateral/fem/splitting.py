@@ -52,7 +52,8 @@ def split_triangles(mesh: Mesh, case: ExactSolution) -> tuple[Array, Index, list
     They are given by their corners (k, 3, 3) in the triangles (k,); those at singular points stand apart, for
     each grading. Every triangle that occurs is covered once; those that do not occur need no splitting.
     """
-    points, kinks = _singular_points(case), case.kinks()
+    points = _singular_points(case)
+    kinks = case.kinks()
     parent = _concerned(mesh, [point for point, _ in points], kinks)
     corners = np.broadcast_to(np.eye(3), (len(parent), 3, 3))
     lengths = case.polygon.lengths
@@ -63,7 +64,8 @@ def split_triangles(mesh: Mesh, case: ExactSolution) -> tuple[Array, Index, list
         holds = _contains(mesh, corners, parent, point)
         pieces, of = _at_corner(mesh, corners[holds], parent[holds], point)
         apart.setdefault(grading, []).append((pieces, of, np.tile(point, (len(of), 1))))
-        corners, parent = corners[~holds], parent[~holds]
+        corners = corners[~holds]
+        parent = parent[~holds]
     done: list[tuple[Array, Index]] = []
     for level in range(NEAR_LEVELS):
         centre, radius = _circle(mesh, corners, parent)
@@ -76,13 +78,15 @@ def split_triangles(mesh: Mesh, case: ExactSolution) -> tuple[Array, Index, list
             marked |= coarse & (np.abs(kink.level(centre)) < radius)
         if level > 0:
             done.append((corners[~marked], parent[~marked]))
-        corners, parent = quarter(corners[marked]), np.repeat(parent[marked], 4)
+        corners = quarter(corners[marked])
+        parent = np.repeat(parent[marked], 4)
     done.append((corners, parent))
-    corners, parent = (np.concatenate(each) for each in zip(*done, strict=True))
+    corners = np.concatenate([pieces for pieces, _ in done])
+    parent = np.concatenate([triangles for _, triangles in done])
     singular = []
     for grading, parts in apart.items():
-        pieces, of, first = (np.concatenate(each) for each in zip(*parts, strict=True))
-        singular.append(Apart(pieces, of, first, grading))
+        pieces, triangles, first = map(np.concatenate, zip(*parts, strict=True))
+        singular.append(Apart(pieces, triangles, first, grading))
     return corners, parent, singular
 
 
@@ -101,7 +105,8 @@ def _one_point_each(mesh: Mesh, corners: Array, parent: Index, points: list[Arra
     """Pieces quartered until those that contain a point have no other one near."""
     for _ in range(NEAR_LEVELS):
         centre, radius = _circle(mesh, corners, parent)
-        holds, near = (np.zeros(len(parent), dtype=np.intp) for _ in range(2))
+        holds = np.zeros(len(parent), dtype=np.intp)
+        near = np.zeros(len(parent), dtype=np.intp)
         for point in points:
             close = np.flatnonzero(np.hypot(*(centre - point).T) < NEAR * radius)
             near[close] += 1
@@ -153,6 +158,8 @@ def _at_corner(mesh: Mesh, corners: Array, parent: Index, point: Array) -> tuple
 def quarter(corners: Array) -> Array:
     """(4k, 3, 3) the four congruent parts of each piece."""
     a, b, c = np.moveaxis(corners, 1, 0)
-    ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
+    ab = 0.5 * (a + b)
+    bc = 0.5 * (b + c)
+    ca = 0.5 * (c + a)
     parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
     return np.stack([np.stack(part, axis=1) for part in parts], axis=1).reshape(-1, 3, 3)

@@ -57,7 +57,9 @@ def interval(lower: float, upper: float, value: float = math.nan, spec: str = ""
     >>> interval(0, math.inf, 1.5), interval(-math.inf, math.inf, 1.5), interval(math.nan, math.nan)
     ('1.5, no upper bound', '1.5, no bound', 'unknown')
     """
-    has_lower, has_upper, has_value = (math.isfinite(x) for x in (lower, upper, value))
+    has_lower = math.isfinite(lower)
+    has_upper = math.isfinite(upper)
+    has_value = math.isfinite(value)
     if has_lower and has_upper and has_value and not spec:
         return _plus_minus(value, lower, upper)
     spec = spec or ".4g"
@@ -101,7 +103,9 @@ def _plus_minus(value: float, lower: float, upper: float) -> str:
     '(6.00 ± 0.10)e+09'
     """
     with localcontext(prec=EXACT):
-        of, low, high = Decimal(value), Decimal(lower), Decimal(upper)
+        of = Decimal(value)
+        low = Decimal(lower)
+        high = Decimal(upper)
         apart = max(high - of, of - low)
         if not (of or apart):
             return "0 ± 0"

@@ -90,7 +90,8 @@ class _Intervals(Evaluation[Any]):
             return self._log(a)
         if of.name in ("sin", "cos", "exp"):
             return getattr(iv, of.name)(a)
-        up, down = iv.exp(a), iv.exp(-a)
+        up = iv.exp(a)
+        down = iv.exp(-a)
         total = up + down
         return {"sinh": (up - down) / 2, "cosh": total / 2, "tanh": 1 - 2 * down / total}[of.name]
 
@@ -107,7 +108,7 @@ def apply(name: str, *args: Expression) -> Expression:
     """
     a = args[0]
     if name == "pos" and not a.variables:
-        (k,) = (each.rational for each in args[1:])
+        k = args[1].rational
         return a**k if k is not None and sign(a) > 0 else ZERO
     if a.rational == 0 and name in AT_ZERO:
         return number(AT_ZERO[name])

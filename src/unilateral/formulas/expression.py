@@ -100,7 +100,8 @@ class Expression(Node):
     @cached_property
     def split(self) -> tuple[Expression, list[tuple[Expression, Product]]]:
         """The terms without variables; for every other term its factors without and with variables."""
-        fixed, varying = [], []
+        fixed = []
+        varying = []
         for of, c in self.terms:
             known = tuple(power for power in of if not power[0].variables)
             rest = tuple(power for power in of if power[0].variables)
@@ -124,7 +125,8 @@ class Expression(Node):
         return -self + other
 
     def __mul__(self, other: Expression | Number) -> Expression:
-        (a, of_a), (b, of_b) = self.factors, as_expression(other).factors
+        (a, of_a) = self.factors
+        (b, of_b) = as_expression(other).factors
         return product(a * b, [*of_a, *of_b])
 
     def __truediv__(self, other: Expression | Number) -> Expression:
@@ -133,7 +135,8 @@ class Expression(Node):
     def __rtruediv__(self, other: Number) -> Expression:
         return self**-1 * other
 
-    __radd__, __rmul__ = __add__, __mul__
+    __radd__ = __add__
+    __rmul__ = __mul__
 
     def __pow__(self, k: Number) -> Expression:
         """Raises ArithmeticError for a negative power of 0, and for a root of a negative rational number."""
@@ -207,14 +210,16 @@ def _power(base: Atom | Expression, k: Fraction) -> str:
 def product(c: Number, powers: Iterable[Power]) -> Expression:
     """A number times powers; whole powers of roots and of single terms are carried out."""
     collected: dict[Atom | Expression, Fraction] = {}
-    c, waiting = Fraction(c), list(powers)
+    c = Fraction(c)
+    waiting = list(powers)
     while waiting:
         base, k = waiting.pop()
         k += collected.pop(base, 0)
         if isinstance(base, Expression) and len(base.terms) == 1:
             times, of = base.factors
             if not of:
-                c, k = c * times ** (k // 1), k % 1
+                c = c * times ** (k // 1)
+                k = k % 1
             elif k.denominator == 1:
                 c *= times ** int(k)
                 waiting += [(each, e * k) for each, e in of]
@@ -228,7 +233,9 @@ def product(c: Number, powers: Iterable[Power]) -> Expression:
     return total([(tuple(sorted(collected.items(), key=lambda power: power[0].key)), c)])
 
 
-ZERO, ONE, PI = number(0), number(1), variable("pi")
+ZERO = number(0)
+ONE = number(1)
+PI = variable("pi")
 
 
 @lru_cache(maxsize=1024)
@@ -292,7 +299,8 @@ def _prime_factors(n: int) -> Iterator[tuple[int, int]]:
             break
         times = 0
         while n % p == 0:
-            n, times = n // p, times + 1
+            n = n // p
+            times = times + 1
         if times:
             yield p, times
     if n > 1:

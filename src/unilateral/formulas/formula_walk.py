@@ -22,7 +22,8 @@ class Evaluation(ABC, Generic[V]):
     """
 
     def __init__(self, formulas: tuple[Expression, ...], known: Mapping[Atom, V]) -> None:
-        self.known, self.count = known, parts_in(formulas)
+        self.known = known
+        self.count = parts_in(formulas)
         self.kept: dict[Part, V] = {}
 
     @abstractmethod

@@ -35,7 +35,9 @@ FUNCTIONS = {"pos": 2} | dict.fromkeys(("sin", "cos", "exp", "log", "sqrt", "sin
 """The functions of formulas, each with the number of its arguments."""
 OFFERED = ", ".join(name for name in FUNCTIONS if name not in ("log", "sqrt"))
 """The functions that messages offer: formulas may have those two of numbers, not of x, y or t."""
-NO_POWER, KINK, JUMP = -1, 1, 0
+NO_POWER = -1
+KINK = 1
+JUMP = 0
 """The least power of pos that a hint needs: none, that of a kink, that of a jump."""
 INSTEAD = {
     "abs": (KINK, "pos(a, 1) + pos(-a, 1) for abs(a)"),
@@ -125,7 +127,9 @@ class Reader(ast.NodeVisitor):
         self, source: str, variables: Iterable[str], where: str, least_power: int | None = JUMP
     ) -> None:
         """`least_power` is the least power of pos that the place allows, None for a place without pos."""
-        self.source, self.where, self.least_power = source, where, least_power
+        self.source = source
+        self.where = where
+        self.least_power = least_power
         self.names = {name: FormulaPart(variable(name), 1.0) for name in variables}
         self.names["pi"] = FormulaPart(variable("pi"))
 
@@ -221,13 +225,15 @@ class Reader(ast.NodeVisitor):
             text = self.text(node)
             power = write(text.replace("^", "**"), text) if "^" in text else ""
             raise self.refuse(node, f"uses an operator other than + - * / **{power}")
-        degree, functions = max(left.degree, right.degree), max(left.functions, right.functions)
+        degree = max(left.degree, right.degree)
+        functions = max(left.functions, right.functions)
         if isinstance(node.op, ast.Pow):
             k = right.value.rational
             if k is None or abs(k) > MAX_DEGREE:
                 raise self.refuse(node, f"needs a rational exponent between -{MAX_DEGREE} and {MAX_DEGREE}")
             self.check_kink(node, left.value, k)
-            degree, functions = left.degree * abs(float(k)), functions + (k.denominator > 1)
+            degree = left.degree * abs(float(k))
+            functions = functions + (k.denominator > 1)
         elif isinstance(node.op, ast.Mult | ast.Div):
             degree = left.degree + right.degree
         self.check_limits(node, degree, functions)
@@ -237,12 +243,14 @@ class Reader(ast.NodeVisitor):
     def visit_Call(self, node: ast.Call) -> FormulaPart:
         if not isinstance(node.func, ast.Name) or node.func.id not in FUNCTIONS or node.keywords:
             raise self.not_called(node, self.text(node.func))
-        function, arity = node.func.id, FUNCTIONS[node.func.id]
+        function = node.func.id
+        arity = FUNCTIONS[node.func.id]
         if len(node.args) != arity:
             mended = comma(self.text(node)) if len(node.args) > arity else ""
             raise self.refuse(node, f"takes {arity} argument{'s' if arity > 1 else ''}{mended}")
         arguments = [self.visit(argument) for argument in node.args]
-        values, degree = [part.value for part in arguments], arguments[0].degree
+        values = [part.value for part in arguments]
+        degree = arguments[0].degree
         if function == "pos":
             degree *= self.checked_power(node, *arguments)
         functions = 1 + arguments[0].functions
@@ -361,7 +369,8 @@ def hint(source: str, names: Sequence[str], least_power: int | None) -> str:
 def comma(source: str) -> str:
     """What to write in place of a comma in a number, if there may be one: of decimals or of thousands."""
     if thousands := THOUSANDS.search(source):
-        whole, decimals = thousands[0].replace(",", ""), thousands[0].replace(",", ".")
+        whole = thousands[0].replace(",", "")
+        decimals = thousands[0].replace(",", ".")
         clear = thousands[1] or thousands[0].count(",") > 1
         return write(whole if clear else f"{whole} or {decimals}", thousands[0])
     pair = COMMA.search(source)

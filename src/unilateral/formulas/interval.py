@@ -32,8 +32,10 @@ QUIET = np.errstate(all="ignore")
 @QUIET
 def outward(lower: Array, upper: Array) -> Interval:
     """The interval widened by the rounding; a number that overflows is at least LARGE in size."""
-    lower, upper = np.minimum(lower, LARGE), np.maximum(upper, -LARGE)
-    lower, upper = lower - ULPS * np.spacing(np.abs(lower)), upper + ULPS * np.spacing(np.abs(upper))
+    lower = np.minimum(lower, LARGE)
+    upper = np.maximum(upper, -LARGE)
+    lower = lower - ULPS * np.spacing(np.abs(lower))
+    upper = upper + ULPS * np.spacing(np.abs(upper))
     return np.fmax(lower, -np.inf), np.fmin(upper, np.inf)  # NaN, which is inf - inf, becomes infinite
 
 
@@ -54,17 +56,16 @@ def power(base: Interval, n: int) -> Interval:
     lower, upper = base
     inside = (lower <= 0) & (upper >= 0)
     ends = lower ** abs(n), upper ** abs(n)
-    low, high = np.minimum(*ends), np.maximum(*ends)
+    low = np.minimum(*ends)
+    high = np.maximum(*ends)
     if n % 2 == 0:
         low = np.where(inside, 0.0, low)
     low, high = outward(low, high)
     if n > 0:
         return low, high
     positive = (lower > 0) | (n % 2 == 0)  # powers that underflow keep their sign
-    low, high = (
-        np.where(positive, np.maximum(low, 0.0), low),
-        np.where(positive, high, np.minimum(high, -0.0)),
-    )
+    low = np.where(positive, np.maximum(low, 0.0), low)
+    high = np.where(positive, high, np.minimum(high, -0.0))
     low, high = outward(1 / high, 1 / low)
     return np.where(inside, -np.inf, low), np.where(inside, np.inf, high)
 
@@ -82,7 +83,8 @@ def of_positive_part(base: Interval, k: float) -> Interval:
             x + EXPONENT * k * np.abs(np.log(np.where(end > 0, end, 1.0)))
             for x, end in zip(spare, base, strict=True)
         ]
-    low, high = low * (1 - spare[0]), high * (1 + spare[1])
+    low = low * (1 - spare[0])
+    high = high * (1 + spare[1])
     return np.maximum(low, 0.0), np.where(base[1] > 0, high, 0.0)
 
 
@@ -120,14 +122,16 @@ def _wave(function: np.ufunc, a: Interval, crest: float) -> Interval:
         first = np.ceil((lower - near - phase) / (2 * np.pi))
         return ~(first * 2 * np.pi + phase > upper + near)
 
-    low, high = np.maximum(low, -1.0), np.minimum(high, 1.0)
+    low = np.maximum(low, -1.0)
+    high = np.minimum(high, 1.0)
     return np.where(holds(crest + np.pi), -1.0, low), np.where(holds(crest), 1.0, high)
 
 
 @QUIET
 def cosh(a: Interval) -> Interval:
     inside = (a[0] <= 0) & (a[1] >= 0)
-    low, high = np.minimum(*np.cosh(a)), np.maximum(*np.cosh(a))
+    low = np.minimum(*np.cosh(a))
+    high = np.maximum(*np.cosh(a))
     return outward(np.where(inside, 1.0, low), high)
 
 

@@ -18,9 +18,11 @@ def real_roots(coefficients: Sequence[Fraction]) -> list[float]:
 
     The highest power's coefficient comes first, and is not 0.
     """
-    roots, polynomial = [], [*coefficients]
+    roots = []
+    polynomial = [*coefficients]
     while polynomial[-1] == 0:
-        roots, polynomial = [0.0], polynomial[:-1]
+        roots = [0.0]
+        polynomial = polynomial[:-1]
     degree = len(polynomial) - 1
     # Fujiwara: no root is larger than 2 max |c_i / c_0|^(1 / i); so those of p(scale x) are in (-1, 1]
     bits = [_bits_of(c / polynomial[0]) / i for i, c in enumerate(polynomial) if i and c]
@@ -63,7 +65,8 @@ def _sturm_chain(polynomial: Polynomial) -> list[list[int]]:
 
 def _divide(dividend: Polynomial, divisor: Polynomial) -> tuple[Polynomial, Polynomial]:
     """The quotient and the remainder."""
-    quotient, rest = [], [*dividend]
+    quotient = []
+    rest = [*dividend]
     while len(rest) >= len(divisor):
         factor = rest[0] / divisor[0]
         quotient.append(factor)

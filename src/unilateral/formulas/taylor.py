@@ -55,7 +55,8 @@ def basis(d: int, n: int) -> Basis:
     """The basis for d variables up to degree n."""
     alphas = sorted((a for a in cartesian(range(n + 1), repeat=d) if sum(a) <= n), key=lambda a: (sum(a), a))
     exponents = np.array(alphas, dtype=np.intp)
-    degree, place = exponents.sum(axis=1), {a: i for i, a in enumerate(alphas)}
+    degree = exponents.sum(axis=1)
+    place = {a: i for i, a in enumerate(alphas)}
     first = np.searchsorted(degree, np.arange(n + 2))
     times = []
     for a in alphas:
@@ -95,7 +96,8 @@ class Model:
     @QUIET
     def scaled(self, number: float) -> Model:
         """The model times a number that is rounded, and may be subnormal or infinite then."""
-        sizes, doubt = np.abs(self.c).sum(axis=0), 4 * EPS * abs(number) + TINY
+        sizes = np.abs(self.c).sum(axis=0)
+        doubt = 4 * EPS * abs(number) + TINY
         rad = (1 + EPS) * abs(number) * self.rad + doubt * (sizes + self.rad)
         values = interval.product(self.range, interval.outward(np.array([number]), np.array([number])))
         return settled(self.basis, number * self.c, rad, values)
@@ -137,14 +139,17 @@ def joined(parts: Sequence[tuple[Model, Index]]) -> Model:
     """One model of all boxes from those on parts of them, each with its index."""
     models, places = zip(*parts, strict=True)
     order = np.argsort(np.concatenate(places))
-    arrays = zip(*((m.c, m.rad, *m.range) for m in models), strict=True)
-    c, rad, lower, upper = (np.concatenate(each, axis=-1)[..., order] for each in arrays)
+    c = np.concatenate([m.c for m in models], axis=1)[:, order]
+    rad = np.concatenate([m.rad for m in models])[order]
+    lower = np.concatenate([m.range[0] for m in models])[order]
+    upper = np.concatenate([m.range[1] for m in models])[order]
     return Model(models[0].basis, c, rad, (lower, upper))
 
 
 def by_part(parts: Sequence[tuple[Callable[..., Model], Mask]], *arguments: Model) -> Model:
     """Functions of models, each on its part of the boxes, and 0 on the rest."""
-    done, rest = [], np.ones(len(arguments[0].rad), dtype=bool)
+    done = []
+    rest = np.ones(len(arguments[0].rad), dtype=bool)
     for of, where in parts:
         rest &= ~where
         if where.all():
@@ -168,12 +173,16 @@ def settled(of: Basis, c: Array, rad: Array, range_: Interval) -> Model:
     lower, upper = interval.outward(*ends)
     finite = np.isfinite(ends[0]) & np.isfinite(ends[1])
     if not finite.all():
-        lower, upper = np.where(finite, lower, -np.inf), np.where(finite, upper, np.inf)
-    lower, upper = np.fmax(lower, range_[0]), np.fmin(upper, range_[1])
+        lower = np.where(finite, lower, -np.inf)
+        upper = np.where(finite, upper, np.inf)
+    lower = np.fmax(lower, range_[0])
+    upper = np.fmin(upper, range_[1])
     flat = ~(finite & (rad <= 0.5 * upper - 0.5 * lower))
     if flat.any():
-        c, (middle, half) = np.where(flat, 0.0, c), _middle((lower, upper))
-        c[0], rad = np.where(flat, middle, c[0]), np.where(flat, half, rad)
+        c = np.where(flat, 0.0, c)
+        (middle, half) = _middle((lower, upper))
+        c[0] = np.where(flat, middle, c[0])
+        rad = np.where(flat, half, rad)
     return Model(of, c, rad, (lower, upper))
 
 
@@ -186,7 +195,8 @@ def upward(of: Basis, size: Array) -> Array:
 def _middle(values: Interval) -> tuple[Array, Array]:
     """The midpoints (k,) of intervals and how far they reach from there; 0 and inf where there is none."""
     lower, upper = values
-    middle, half = 0.5 * upper + 0.5 * lower, 0.5 * upper - 0.5 * lower
+    middle = 0.5 * upper + 0.5 * lower
+    half = 0.5 * upper - 0.5 * lower
     known = np.isfinite(middle)
     reach = (1 + 4 * EPS) * (half + EPS * np.abs(middle)) + TINY
     return np.where(known, middle, 0.0), np.where(known, reach, np.inf)
@@ -207,7 +217,8 @@ def _by_degree(of: Basis, c: Array) -> Array:
 @QUIET
 def _product(of: Basis, a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]:
     """The coefficients and the remainder of a product."""
-    (x, r), (y, s) = a, b
+    (x, r) = a
+    (y, s) = b
     c = np.zeros(x.shape, dtype=np.result_type(x, y))
     for i in np.flatnonzero(x.any(axis=1)):
         for others, into in of.times[i]:
@@ -216,7 +227,8 @@ def _product(of: Basis, a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple
     # from_y[i] is the sum over the degrees of y from n - i on, whose products with degree i + 1 are left out
     from_y = np.add.accumulate(_by_degree(of, y)[::-1])
     above = np.add.reduce(of_x[1:] * from_y[:-1])
-    all_x, all_y = np.add.reduce(of_x), from_y[-1]
+    all_x = np.add.reduce(of_x)
+    all_y = from_y[-1]
     rounding = (len(of.degree) + 2) * EPS * (all_x * all_y)  # EPS times one of them may underflow
     return c, upward(of, above + (all_x + r) * s + all_y * r + rounding)
 
@@ -243,8 +255,10 @@ def series(
     size = upward(of, np.abs(inner).sum(axis=0) + a[1])
     sizes = np.abs(coefficients)
     errors = EPS * sizes + (OF_FUNCTIONS * sizes if error is None else error) + TINY
-    c, rad = np.zeros_like(inner, dtype=np.result_type(inner, coefficients)), np.zeros(len(size))
-    c[0], beyond = coefficients[-1], (last + TINY) * size + errors[-1]
+    c = np.zeros_like(inner, dtype=np.result_type(inner, coefficients))
+    rad = np.zeros(len(size))
+    c[0] = coefficients[-1]
+    beyond = (last + TINY) * size + errors[-1]
     for g, e in zip(coefficients[-2::-1], errors[-2::-1], strict=True):
         c, rad = _product(of, (c, rad), (inner, a[1]))
         c[0] += g

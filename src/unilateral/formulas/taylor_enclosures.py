@@ -58,7 +58,8 @@ def _entire(cycle: Callable[[Array], list[Array]], bound: Range | None, range_of
     @QUIET
     def function(a: Model) -> Model:
         at, values, n = _around(a)
-        fact, derivatives = _factorials(n), cycle(at)
+        fact = _factorials(n)
+        derivatives = cycle(at)
         coefficients = np.stack([derivatives[k % len(derivatives)] for k in range(n + 1)]) / fact[:-1]
         if bound is None:  # sin and cos are accurate to a unit of 1, not relatively
             return composed(a, coefficients, 1 / fact[-1], range_of(a.range), error=4 * EPS)
@@ -136,7 +137,8 @@ def positive_power(a: Model, k: float) -> Model:
         values = interval.of_positive_part(a.range, k)
         if not whole:
             return _power_series(a, k, values)
-        whole_power, beyond = power(a, int(k)), interval.of_positive_part((-a.range[1], -a.range[0]), k)[1]
+        whole_power = power(a, int(k))
+        beyond = interval.of_positive_part((-a.range[1], -a.range[0]), k)[1]
         return settled(a.basis, whole_power.c, whole_power.rad + beyond, values)
 
     def of_both(a: Model) -> Model:
@@ -153,11 +155,15 @@ def real_power(x: Model, y: Model, beta: float, phase: float, omega: float) -> M
     By the series of z^beta, z = x + i y, about the box's centre, which converges where |z| at the centre is
     larger than the box. From its term n + 1 on, each next term is at most `ratio` times as large.
     """
-    n, turn = x.basis.order, np.exp(-0.5j * omega)  # the branch's cut is then outside of Omega
-    z, sizes = (x.c + 1j * y.c) * turn, np.abs(x.c) + np.abs(y.c)
+    n = x.basis.order
+    turn = np.exp(-0.5j * omega)  # the branch's cut is then outside of Omega
+    z = (x.c + 1j * y.c) * turn
+    sizes = np.abs(x.c) + np.abs(y.c)
     rad = x.rad + y.rad + 4 * EPS * sizes.sum(axis=0)
-    at, reach = np.abs(z[0]), np.abs(z[1:]).sum(axis=0) + rad
-    binomials, exponents = _binomials(beta, n), beta - np.arange(n + 1)[:, None]
+    at = np.abs(z[0])
+    reach = np.abs(z[1:]).sum(axis=0) + rad
+    binomials = _binomials(beta, n)
+    exponents = beta - np.arange(n + 1)[:, None]
     coefficients = binomials[:-1] * z[0] ** exponents * np.exp(1j * beta * (0.5 * omega - phase))
     error = 8 * EPS * np.abs(coefficients) * (1 + np.abs(exponents) * (4 + np.abs(np.log(at))))
     ratio = (1 + OF_EXPONENT) * max(1.0, (beta - n - 1) / (n + 2)) * reach / at

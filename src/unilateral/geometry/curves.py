@@ -57,12 +57,16 @@ class Kink:
 
 def area_in_disc(vertices: Array, radius: float) -> Array:
     """(k,) the areas of triangles (k, 3, 2) in the disc about 0, from sectors and a triangle at each edge."""
-    start, end = vertices, np.roll(vertices, -1, axis=1)
+    start = vertices
+    end = np.roll(vertices, -1, axis=1)
     d = end - start
-    a, b, c = _dot(d, d), _dot(start, d), _dot(start, start) - radius**2
-    root, a = np.sqrt(np.maximum(b**2 - a * c, 0.0)), np.where(a > 0, a, 1.0)
-    t = (np.clip((-b + sign * root) / a, 0.0, 1.0)[..., None] for sign in (-1, 1))
-    enter, leave = (start + fraction * d for fraction in t)
+    a = _dot(d, d)
+    b = _dot(start, d)
+    c = _dot(start, start) - radius**2
+    root = np.sqrt(np.maximum(b**2 - a * c, 0.0))
+    a = np.where(a > 0, a, 1.0)
+    enter = start + np.clip((-b - root) / a, 0.0, 1.0)[..., None] * d
+    leave = start + np.clip((-b + root) / a, 0.0, 1.0)[..., None] * d
     sectors = _angle(start, enter) + _angle(leave, end)
     return np.abs(0.5 * (radius**2 * sectors + cross(enter, leave)).sum(axis=1))
 

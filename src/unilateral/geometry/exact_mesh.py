@@ -43,7 +43,8 @@ def distortion(shift: Array, triangles: Index, longest: Array, areas: Array) -> 
 
 def check(polygon: Polygon, points: Array, triangles: Index, distorted: Array) -> None:
     """Raises InputError where one of the triangles (m, 3) is `distorted` (m,) too much for a bound."""
-    worst, short = int(distorted.argmax()), int(polygon.stretch.argmax())
+    worst = int(distorted.argmax())
+    short = int(polygon.stretch.argmax())
     if not distorted[worst] <= MOST:
         x, y = points[triangles[worst]].mean(axis=0)
         raise InputError(

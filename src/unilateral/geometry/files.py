@@ -25,7 +25,8 @@ from unilateral.system.optional import require
 
 SAME = 1e-9
 """Arc lengths that differ by at most this part of the polygon's perimeter are the same."""
-SECONDS, SECONDS_PER_MB = 10.0, 5.0
+SECONDS = 10.0
+SECONDS_PER_MB = 5.0
 """Readers have as long as this; the slowest one takes half a second for a megabyte. Some readers of meshio go
 on for ever where a file's end is missing."""
 CURE = "save the mesh as .msh of Gmsh or as .vtu"
@@ -59,7 +60,8 @@ def write_mesh(
     require("files of meshes need", "meshio")
     import meshio
 
-    n, lines = len(mesh.triangles), np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)])
+    n = len(mesh.triangles)
+    lines = np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)])
     for_gmsh = Path(path).suffix == ".msh"
     if for_gmsh:
         # The sides, and all triangles, as physical groups with names, which some readers ask for
@@ -125,7 +127,8 @@ def read_content(path: str | os.PathLike[str]) -> Any:
     require("files of meshes need", "meshio")
     import meshio
 
-    suffix, printed = Path(path).suffix.lower(), StringIO()
+    suffix = Path(path).suffix.lower()
+    printed = StringIO()
     cause: BaseException
     try:
         size = os.stat(path).st_size
@@ -144,9 +147,11 @@ def read_content(path: str | os.PathLike[str]) -> Any:
             f"{path}: files that end in {suffix} need {error.name}; type: pip install {error.name}"
         ) from error
     except OutOfTime as error:
-        cause, why = error, "its reader does not end, as where the end of the file is missing"
+        cause = error
+        why = "its reader does not end, as where the end of the file is missing"
     except (Exception, SystemExit) as error:  # of several readers, for files of any content
-        cause, why = error, _usual_fault(path, suffix) or _stop(error, printed.getvalue())
+        cause = error
+        why = _usual_fault(path, suffix) or _stop(error, printed.getvalue())
     raise InputError(f"{path}: no mesh can be read from this file, because {why}; {CURE}") from cause
 
 
@@ -185,13 +190,15 @@ def read_partition(path: str | os.PathLike[str], polygon: Polygon) -> Partition:
 
     try:
         table = pd.read_csv(path, skipinitialspace=True)
-        start, end = (table[name].to_numpy(dtype=float) for name in ("start", "end"))
+        start = table["start"].to_numpy(dtype=float)
+        end = table["end"].to_numpy(dtype=float)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}") from None
     except (ValueError, KeyError) as error:
         raise InputError(f"{path}: the columns start and end are needed, a row per cell ({error})") from None
     order = np.argsort(start)
-    start, end = start[order], end[order]
+    start = start[order]
+    end = end[order]
     apart = np.flatnonzero(~(np.abs(start[1:] - end[:-1]) <= SAME * polygon.perimeter))
     if apart.size:
         first = apart[0]

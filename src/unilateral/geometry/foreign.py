@@ -34,7 +34,8 @@ def mesh_from(
     if isinstance(given, Mesh) and triangles is None and polygon is None:
         return given
     points, cells = _arrays(given, triangles, where)
-    points, cells = _in_plane(points, where), _whole(cells, where)
+    points = _in_plane(points, where)
+    cells = _whole(cells, where)
     if polygon is not None:
         return from_arrays(polygon, points, cells, where, rounded=True)
     boundary = outline(points, cells, where)
@@ -47,9 +48,11 @@ def mesh_from(
 def _tell_moved(boundary: Outline, points: Array, mesh: Mesh, where: str) -> None:
     """Warns where turns of the boundary were taken for rounding, and nodes moved for that."""
     away = np.hypot(*(mesh.points - points).T)
-    moved, farthest = int(np.count_nonzero(away)), int(away.argmax())
+    moved = int(np.count_nonzero(away))
+    farthest = int(away.argmax())
     if moved and len(boundary.rounded):
-        turns, nodes = counted(len(boundary.rounded), "node"), counted(moved, "node was", "nodes were")
+        turns = counted(len(boundary.rounded), "node")
+        nodes = counted(moved, "node was", "nodes were")
         warnings.warn(
             f"{where}: the polygon has {mesh.polygon.n_sides} sides; the turns of its boundary at {turns}, "
             f"of up to {np.degrees(boundary.turn):.2g} degrees, are taken for rounding of coordinates, and "
@@ -83,7 +86,8 @@ def halved(mesh: Mesh, times: int) -> Mesh:
         raise InputError(
             f"halvings is {shown(repr(times))}; it has to be a whole number from 0 to {MOST_HALVINGS}"
         )
-    needed, free = 4.0**times * mesh.n_nodes * BYTES / 2**20, available_mb()
+    needed = 4.0**times * mesh.n_nodes * BYTES / 2**20
+    free = available_mb()
     if needed > free:
         raise InputError(
             f"halvings = {times} makes a mesh of about {4.0**times * mesh.n_nodes:.2g} nodes, which takes "
@@ -109,7 +113,8 @@ def _arrays(given: Any, triangles: ArrayLike | None, where: str) -> tuple[Any, A
         return np.transpose(given.p), np.transpose(given.t)
     if hasattr(given, "x") and hasattr(given, "y") and hasattr(given, "triangles"):  # matplotlib
         mask = getattr(given, "mask", None)
-        x, y = (floats(of, f"{where}, {name}") for name, of in (("x", given.x), ("y", given.y)))
+        x = floats(given.x, f"{where}, x")
+        y = floats(given.y, f"{where}, y")
         return np.column_stack([x, y]), given.triangles[... if mask is None else ~np.asarray(mask, bool)]
     raise InputError(
         f"{where}: {shown(' '.join(repr(given).split()))} is no mesh; give a file, points and triangles, or "

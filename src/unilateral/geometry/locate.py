@@ -21,7 +21,8 @@ def containing(mesh: Mesh, points: Array) -> tuple[Index, Index, Array]:
 
     A point on an edge, up to rounding, has a pair with each triangle there; one outside has none.
     """
-    corners, reach = mesh.points[mesh.triangles], ROUNDING * float(np.abs(mesh.points).max())
+    corners = mesh.points[mesh.triangles]
+    reach = ROUNDING * float(np.abs(mesh.points).max())
     order = _along_plane(corners.mean(axis=1))
     boxes = [(corners.min(axis=1)[order] - reach, corners.max(axis=1)[order] + reach)]
     while len(boxes[-1][0]) > 1:
@@ -39,13 +40,17 @@ def containing(mesh: Mesh, points: Array) -> tuple[Index, Index, Array]:
 
 def _in_boxes(boxes: list[tuple[Array, Array]], points: Array) -> tuple[Index, Index]:
     """The pairs of a point and a box of boxes[0] that contains it, as do all boxes about that one."""
-    at, box = np.arange(len(points)), np.zeros(len(points), dtype=np.intp)
+    at = np.arange(len(points))
+    box = np.zeros(len(points), dtype=np.intp)
     for low, high in boxes[::-1]:
-        at, box = at[box < len(low)], box[box < len(low)]
+        at = at[box < len(low)]
+        box = box[box < len(low)]
         within = ((points[at] >= low[box]) & (points[at] <= high[box])).all(axis=1)
-        at, box = at[within], box[within]
+        at = at[within]
+        box = box[within]
         if low is not boxes[0][0]:
-            at, box = np.tile(at, 2), np.concatenate([2 * box, 2 * box + 1])
+            at = np.tile(at, 2)
+            box = np.concatenate([2 * box, 2 * box + 1])
     return at, box
 
 
@@ -59,7 +64,8 @@ def _barycentric(corners: Array, points: Array) -> tuple[Array, Array]:
 
 def _along_plane(points: Array) -> Index:
     """(m,) the order of points along a Z curve, by the bits of both coordinates in turn."""
-    low, size = points.min(axis=0), np.ptp(points, axis=0).max() or 1.0
+    low = points.min(axis=0)
+    size = np.ptp(points, axis=0).max() or 1.0
     cells = ((points - low) / size * (2**BITS - 1)).astype(np.int64)
     code = np.zeros(len(points), dtype=np.int64)
     for bit in range(BITS):

@@ -49,7 +49,8 @@ class Mesh:
             array.setflags(write=False)
 
     def __repr__(self) -> str:
-        n, m = self.n_nodes, len(self.triangles)
+        n = self.n_nodes
+        m = len(self.triangles)
         sides = self.polygon.n_sides
         return f"Mesh of '{self.polygon.name}': {sides} sides, {n} nodes, {m} triangles, h = {self.h:.4g}"
 
@@ -120,7 +121,8 @@ class Mesh:
     @cached_property
     def shift(self) -> Array:
         """(n,) how far the nodes may be from those of the `exact` mesh."""
-        shift, places = np.zeros(self.n_nodes), self.points[self.boundary]
+        shift = np.zeros(self.n_nodes)
+        places = self.points[self.boundary]
         shift[self.boundary] = exact_mesh.shifts(self.polygon, places, self.side, self.s[:-1])
         return shift
 
@@ -145,7 +147,8 @@ def from_arrays(
     `where`, unless this is then a triangulation of the polygon: conforming, without degenerate
     triangles, repeated or unused nodes, its boundary the polygon's.
     """
-    nodes, cells = floats(points, f"{where}, points"), indices(triangles, f"{where}, triangles")
+    nodes = floats(points, f"{where}, points")
+    cells = indices(triangles, f"{where}, triangles")
     triangulation_checks.check_arrays(nodes, cells, where)
     cells = triangulation_checks.anticlockwise(nodes, cells)
     triangulation_checks.check_areas(nodes, cells, where)
@@ -183,7 +186,9 @@ def conforming(
         (points[edges[:, 0]] - polygon.vertices[side]) * polygon.tangents[side], axis=1
     )
     order = np.lexsort([s, side])
-    edges, side, s = edges[order], side[order], s[order]
+    edges = edges[order]
+    side = side[order]
+    s = s[order]
     gap = np.flatnonzero(edges[:, 1] != np.roll(edges[:, 0], -1))
     if gap.size:
         raise InputError(
@@ -255,7 +260,8 @@ def refine_some(mesh: Mesh, chosen: Index | None = None) -> Mesh:
     where edges become as short as rounding.
     """
     of, step = refinement.refined(mesh.triangulation, chosen)
-    start, end = (mesh.points[nodes] for nodes in step.ends.T)
+    start = mesh.points[step.ends[:, 0]]
+    end = mesh.points[step.ends[:, 1]]
     shortest = 0.5 * float(np.hypot(*(end - start).T).min())
     rounding = float(np.spacing(mesh.polygon.largest))
     if rounding > SHORTEST * shortest:

@@ -54,7 +54,8 @@ def outline(points: Array, triangles: Index, where: str) -> Outline:
     """
     line = closed_line(points, triangles, where)
     places = points[line]
-    before, after = places - np.roll(places, 1, axis=0), np.roll(places, -1, axis=0) - places
+    before = places - np.roll(places, 1, axis=0)
+    after = np.roll(places, -1, axis=0) - places
     turns = np.arctan2(cross(before, after), np.sum(before * after, axis=1))
     by_arithmetic = np.full(len(line), rounding.arithmetic(places))
     by_digits = by_arithmetic + rounding.radii(places)
@@ -108,7 +109,8 @@ def _restless(turns: Array, smallest: Mask) -> Mask:
     Those are the second of four in a row that alternate in sign, and one of the `smallest` without a
     neighbour that turns the same way, as each node of an arc has.
     """
-    after, before = turns * np.roll(turns, -1), turns * np.roll(turns, 1)
+    after = turns * np.roll(turns, -1)
+    before = turns * np.roll(turns, 1)
     alternating = (before < 0) & (after < 0) & (np.roll(after, -1) < 0)
     lone = smallest & (turns != 0) & (before <= 0) & (after <= 0)
     return alternating | lone
@@ -127,8 +129,10 @@ def _check_runs(points: Array, line: Index, corners: Mask, radii: Array, where: 
             f"polygon has three; {GIVE_IT}"
         )
     run = np.searchsorted(ends, np.arange(len(line)), side="right") - 1
-    a, b = ends[run], ends[(run + 1) % len(ends)]
-    chord, places = points[line[b]] - points[line[a]], points[line]
+    a = ends[run]
+    b = ends[(run + 1) % len(ends)]
+    chord = points[line[b]] - points[line[a]]
+    places = points[line]
     away = np.abs(cross(chord, places - points[line[a]])) / np.hypot(*chord.T)
     bent = ~corners & (away > radii + np.maximum(radii[a], radii[b]))
     if bent.any():

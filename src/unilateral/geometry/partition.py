@@ -60,7 +60,8 @@ class Partition:
     def ends(self) -> tuple[Array, Array]:
         """(m, 2), (m, 2) the places where the cells start and end."""
         starts = self.polygon.starts[self.side]
-        first, last = (self.polygon.at(self.side, s - starts) for s in (self.points[:-1], self.points[1:]))
+        first = self.polygon.at(self.side, self.points[:-1] - starts)
+        last = self.polygon.at(self.side, self.points[1:] - starts)
         return first, last
 
     def means(self, values: Array, points: Array) -> Array:
@@ -110,7 +111,8 @@ class Partition:
 def overlay(one: Array, other: Array) -> tuple[Array, Index, Index]:
     """The arc lengths (k + 1,) of two divisions together, and the part (k,) of each for every interval."""
     points = np.union1d(one, other)
-    of_one, of_other = (np.searchsorted(s, points[:-1], side="right") - 1 for s in (one, other))
+    of_one = np.searchsorted(one, points[:-1], side="right") - 1
+    of_other = np.searchsorted(other, points[:-1], side="right") - 1
     return points, of_one, of_other
 
 
@@ -163,7 +165,8 @@ def refine(partition: Partition, parts: int = 2) -> Partition:
 def balanced(partition: Partition) -> Partition:
     """The partition with cells halved until none is over twice as long as a neighbour, but for round-off."""
     while True:
-        s, lengths = partition.points, partition.lengths
+        s = partition.points
+        lengths = partition.lengths
         beside = np.minimum(np.roll(lengths, 1), np.roll(lengths, -1))
         long = lengths > (2 + VERTEX_TOLERANCE) * beside
         if not long.any():

@@ -57,17 +57,24 @@ def first_crossing(v: Array) -> tuple[int, int] | None:
 
 def _meets_later(v: Array, after: Array, i: int) -> Mask:
     """(n - i - 1,) whether side i meets the sides after it elsewhere than in a vertex they share."""
-    n, j = len(v), np.arange(i + 1, len(v))
-    a, b, c, d = v[i], after[i], v[j], after[j]
-    abc, abd = cross(b - a, c - a), cross(b - a, d - a)
-    cda, cdb = cross(d - c, a - c), cross(d - c, b - c)
+    n = len(v)
+    j = np.arange(i + 1, len(v))
+    a = v[i]
+    b = after[i]
+    c = v[j]
+    d = after[j]
+    abc = cross(b - a, c - a)
+    abd = cross(b - a, d - a)
+    cda = cross(d - c, a - c)
+    cdb = cross(d - c, b - c)
     proper = (np.sign(abc) != np.sign(abd)) & (np.sign(cda) != np.sign(cdb))
     touching = np.zeros(len(j), dtype=bool)
     for p, q, r, area in ((a, b, c, abc), (a, b, d, abd), (c, d, a, cda), (c, d, b, cdb)):
         touching |= (area == 0) & (np.sum((r - p) * (r - q), axis=1) <= 0)
     follows = j == i + 1
     shared = np.where(follows[:, None], b, a)
-    other_i, other_j = np.where(follows[:, None], a, b), np.where(follows[:, None], d, c)
+    other_i = np.where(follows[:, None], a, b)
+    other_j = np.where(follows[:, None], d, c)
     folded = (cross(other_i - shared, other_j - shared) == 0) & (
         np.sum((other_i - shared) * (other_j - shared), axis=1) > 0
     )

@@ -18,7 +18,8 @@ MAX_VERTICES = 1000
 """Polygons with more vertices are taken for a mistake, such as curves that are drawn by points."""
 TOO_MANY = f"it has {{}} vertices; at most {MAX_VERTICES} are read"
 
-SMALLEST, LARGEST = 1e-75, 1e75
+SMALLEST = 1e-75
+LARGEST = 1e75
 """The limits of lengths and coordinates, so that squares of areas are normal numbers."""
 MOST = 10_000_000
 """The boundary may be divided into this many pieces; their numbers alone take 80 MB."""
@@ -130,8 +131,10 @@ class Polygon:
 
     def contains(self, points: Array) -> Mask:
         """(...) whether the points (..., 2) lie inside: a ray to the right crosses an odd number of sides."""
-        (x0, y0), (x1, y1) = self.vertices.T, np.roll(self.vertices, -1, axis=0).T
-        x, y = points[..., :1], points[..., 1:]
+        (x0, y0) = self.vertices.T
+        (x1, y1) = np.roll(self.vertices, -1, axis=0).T
+        x = points[..., :1]
+        y = points[..., 1:]
         with np.errstate(all="ignore"):
             crossed = ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
         return np.asarray(crossed.sum(axis=-1) % 2 == 1)
@@ -216,7 +219,8 @@ def _check(v: Array, name: str) -> None:
             f"precision; make it at least {SMALLEST:g} wide or high, with coordinates of at most {LARGEST:g}"
         )
     lengths = np.hypot(*(np.roll(v, -1, axis=0) - v).T)
-    short, perimeter = int(lengths.argmin()), float(lengths.sum())
+    short = int(lengths.argmin())
+    perimeter = float(lengths.sum())
     if lengths[short] <= np.spacing(perimeter):
         raise InputError(
             f"polygon '{name}': its side {short} is {lengths[short]:.2g} long, which is lost in "

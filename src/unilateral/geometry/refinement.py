@@ -107,7 +107,9 @@ def refined(of: Triangulation, chosen: Index | None = None) -> tuple[Triangulati
     E = len(of.ends)
     # the edges (k,) that are halved: with any edge of a triangle its reference edge
     cut = np.arange(E, dtype=np.int32) if chosen is None else _closure(of, chosen)
-    n, k, uniform = of.n, len(cut), len(cut) == E
+    n = of.n
+    k = len(cut)
+    uniform = len(cut) == E
     ends, at = (of.ends, of.sides) if uniform else (of.ends[cut], of.sides[cut])
     middle = np.full(E, -1, dtype=np.int32)
     middle[cut] = n + np.arange(k, dtype=np.int32)
@@ -166,7 +168,9 @@ and a, and of edge 2 at a and b. The others lie inside.
 """
 HALVED = ((1, 1), (2, 2, 1), (1, 2, 2), (2, 2, 2, 2))
 """How often the parent's area was halved for each child, in the same four triangles."""
-GREEN, BLUE, RED = 2, 3, 4
+GREEN = 2
+BLUE = 3
+RED = 4
 """How many children a green, a blue and a red triangle have."""
 
 
@@ -187,13 +191,17 @@ class _Children:
         count = np.array([len(each) for each in WITHIN], dtype=np.int32)[kind]
         after = np.cumsum(count, dtype=np.int32) - count
         self.within = np.empty((int(count.sum()), 2), dtype=np.int32)
-        self.triangles, self.parent = (np.empty(len(parents) + len(self.within), np.int32) for _ in range(2))
-        self.nodes, self.edges = (np.empty((len(self.triangles), 3), np.int32) for _ in range(2))
+        self.triangles = np.empty(len(parents) + len(self.within), np.int32)
+        self.parent = np.empty(len(parents) + len(self.within), np.int32)
+        self.nodes = np.empty((len(self.triangles), 3), np.int32)
+        self.edges = np.empty((len(self.triangles), 3), np.int32)
         self.halved = np.empty(len(self.triangles), np.int16)
-        begin, free = 0, len(of.nodes)
+        begin = 0
+        free = len(of.nodes)
         for which, (within, children) in enumerate(zip(WITHIN, CHILDREN, strict=True)):
             here = np.flatnonzero(kind == which)
-            some, first = parents[here], after[here]
+            some = parents[here]
+            first = after[here]
             nodes, halves = _local(of, some, middle, second)
             inside = first[:, None] + np.arange(len(within), dtype=np.int32)
             self.within[inside] = nodes[:, np.array(within)]
@@ -202,17 +210,21 @@ class _Children:
                 rows = slice(begin, begin + len(some))
                 self.triangles[rows] = np.arange(free, free + len(some)) if number else some
                 free += len(some) if number else 0
-                self.nodes[rows], self.edges[rows] = nodes[:, of_nodes], known[:, of_edges]
-                self.parent[rows], self.halved[rows] = some, HALVED[which][number]
+                self.nodes[rows] = nodes[:, of_nodes]
+                self.edges[rows] = known[:, of_edges]
+                self.parent[rows] = some
+                self.halved[rows] = HALVED[which][number]
                 begin += len(some)
 
 
 def _local(of: Triangulation, some: Int32, middle: Int32, second: Int32) -> tuple[Int32, Int32]:
     """(p, 6) a, b, c and the midpoints of some triangles, (p, 9) their edges and halves as in CHILDREN."""
-    nodes, edges = of.nodes[some], of.edges[some]
+    nodes = of.nodes[some]
+    edges = of.edges[some]
     ahead = of.ends[edges, 0] == nodes[:, [1, 2, 0]]
     other = second[edges]
-    at_next, at_last = np.where(ahead, edges, other), np.where(ahead, other, edges)
+    at_next = np.where(ahead, edges, other)
+    at_last = np.where(ahead, other, edges)
     halves = np.stack([at_next, at_last], axis=2).reshape(-1, 6)
     return np.concatenate([nodes, middle[edges]], axis=1), np.concatenate([edges, halves], axis=1)
 
@@ -220,7 +232,8 @@ def _local(of: Triangulation, some: Int32, middle: Int32, second: Int32) -> tupl
 def triangulation(points: Array, triangles: Index, boundary: Index) -> Triangulation:
     """The triangulation of triangles (T, 3) `in_order`, with boundary nodes (nb,), by sorting the edges."""
     nodes, alike = turned(points, triangles)
-    start, end = (nodes[:, turn].ravel().astype(np.int64) for turn in ([1, 2, 0], [2, 0, 1]))
+    start = nodes[:, [1, 2, 0]].ravel().astype(np.int64)
+    end = nodes[:, [2, 0, 1]].ravel().astype(np.int64)
     key = np.minimum(start, end) * len(points) + np.maximum(start, end)
     keys, where, edge = np.unique(key, return_index=True, return_inverse=True)
     ends = np.column_stack([start[where], end[where]]).astype(np.int32)
@@ -261,10 +274,12 @@ def turned(points: Array, triangles: Index) -> tuple[Index, bool]:
     pattern = longest_first(points, triangles[:1])[0]
     model = np.roll(points[pattern], -1, axis=0) - points[pattern]
     sides = np.roll(points[triangles], -1, axis=1) - points[triangles]
-    alike, found = np.zeros(len(triangles), dtype=bool), triangles.copy()
+    alike = np.zeros(len(triangles), dtype=bool)
+    found = triangles.copy()
     for turn in range(3):
         moved = np.roll(sides, -turn, axis=1)
         apart = [np.abs(moved - sign * model).max(axis=(1, 2)) for sign in (1, -1)]
         new: Mask = ~alike & (np.minimum(*apart) <= CONGRUENT * np.abs(sides).max())
-        found[new], alike = np.roll(triangles, -turn, axis=1)[new], alike | new
+        found[new] = np.roll(triangles, -turn, axis=1)[new]
+        alike = alike | new
     return (found, True) if alike.all() else (triangles, False)

@@ -72,7 +72,8 @@ def _ticks(polygon: Polygon) -> tuple[Array, Array] | None:
     """
     if not np.all(np.any(polygon.edges == 0, axis=1)):
         return None
-    x, y = (np.unique(each) for each in polygon.vertices.T)
+    x = np.unique(polygon.vertices[:, 0])
+    y = np.unique(polygon.vertices[:, 1])
     if _consists_of_squares(polygon):
         return np.arange(x[0], x[-1] + 1), np.arange(y[0], y[-1] + 1)
     least = min(np.diff(x).min(), np.diff(y).min())
@@ -83,12 +84,14 @@ def _halved_from(polygon: Polygon, grid: TensorGrid) -> Mesh:
     """The mesh of the grid, refined from that of a coarser one."""
     halvings = 0
     while (parts := np.append(grid.across, grid.up)).max() > FEWEST and not np.any(parts % 2):
-        grid, halvings = grid._replace(across=grid.across // 2, up=grid.up // 2), halvings + 1
+        grid = grid._replace(across=grid.across // 2, up=grid.up // 2)
+        halvings = halvings + 1
     return refine(_rectangles(polygon, grid), halvings)
 
 
 def _rectangles(polygon: Polygon, grid: TensorGrid) -> Mesh:
-    x, y = grid.x, grid.y
+    x = grid.x
+    y = grid.y
     middles = np.stack(np.meshgrid(0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1])), axis=-1)
     kept = polygon.contains(middles).repeat(grid.up, axis=0).repeat(grid.across, axis=1)
     return conforming(polygon, *_grid(_cut(x, grid.across), _cut(y, grid.up), kept))

@@ -33,7 +33,8 @@ def triangulate(edges: Partition, growth: float | None = None) -> tuple[Array, I
     The triangles' size follows the boundary edges' or, with `growth`, is the smallest over the boundary of
     the edges' length plus `growth` times the distance.
     """
-    polygon, exact = edges.polygon, edges.ends[0]
+    polygon = edges.polygon
+    exact = edges.ends[0]
     scale = polygon.diameter
     with keeping_handlers():
         gmsh.initialize(readConfigFiles=False, interruptible=False)

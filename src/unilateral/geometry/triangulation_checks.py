@@ -93,7 +93,8 @@ def boundary_edges(points: Array, triangles: Index, where: str) -> Index:
     Raises InputError if two triangles lie on the same side of an edge, as of any three at least two do.
     """
     n = len(points)
-    a, b = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    a = triangles.ravel()
+    b = np.roll(triangles, -1, axis=1).ravel()
     keys = np.sort(2 * (np.minimum(a, b) * n + np.maximum(a, b)) + (a > b))
     edges = keys >> 1
     crowded = np.flatnonzero(keys[1:] == keys[:-1])
@@ -148,7 +149,8 @@ def sides(polygon: Polygon, points: Array, edges: Index, reach: Array, heights: 
     if stray.size:
         a, b = edges[stray].T
         worst = stray[np.hypot(*(points[b] - points[a]).T).argmax()]
-        (a, b), end = edges[worst], int(least[:, worst].argmax())
+        (a, b) = edges[worst]
+        end = int(least[:, worst].argmax())
         beside = edges[worst, end]
         if least[end, worst] * reach[beside] < BESIDE * (heights[beside] + round_off(polygon) / NEAR):
             raise _beside(polygon, points, beside, side[worst], reach, where)
@@ -166,10 +168,12 @@ def snapped(polygon: Polygon, points: Array, nodes: Index, side: Index, reach: A
     A node goes to the nearest point of its side, and the first node of a side to the vertex. Nodes that are
     there up to round-off stay. Raises InputError for nodes farther away than their `reach` (n,).
     """
-    from_vertex, normals = points[nodes] - polygon.vertices[side], polygon.normals[side]
+    from_vertex = points[nodes] - polygon.vertices[side]
+    normals = polygon.normals[side]
     by = -np.sum(from_vertex * normals, axis=1)[:, None] * normals
     by = np.where((side != np.roll(side, 1))[:, None], -from_vertex, by)
-    away, found = np.hypot(*by.T), points.copy()
+    away = np.hypot(*by.T)
+    found = points.copy()
     far = np.flatnonzero(away > reach[nodes])
     if far.size:
         raise _beside(polygon, points, nodes[far[0]], side[far[0]], reach, where)
@@ -179,7 +183,8 @@ def snapped(polygon: Polygon, points: Array, nodes: Index, side: Index, reach: A
 
 
 def _beside(polygon: Polygon, points: Array, number: int, side: int, reach: Array, where: str) -> InputError:
-    start, end = polygon.vertices[side], polygon.vertices[(side + 1) % polygon.n_sides]
+    start = polygon.vertices[side]
+    end = polygon.vertices[(side + 1) % polygon.n_sides]
     away = float(segment_distances(points[[number]], start[None], end[None])[0, 0])
     return InputError(
         f"{where}: the boundary node {node(points, number)} lies {away:.2g} off side {side} of polygon "

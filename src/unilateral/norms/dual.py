@@ -91,7 +91,8 @@ class Gram:
         P0 of the coarser one is a subspace, so nothing is lost. Raises InputError if it is none.
         """
         cell = partition.cells_of(self.points)
-        m, c = partition.n_cells, len(self.means)
+        m = partition.n_cells
+        c = len(self.means)
         shares = np.diff(self.points) / partition.lengths[cell]
         to_means = sp.csr_array((shares, (cell, np.arange(len(cell)))), shape=(m, len(cell)))
         prolong = sp.csr_array((np.ones(len(cell)), (np.arange(len(cell)), cell)), shape=(len(cell), m))
@@ -99,7 +100,8 @@ class Gram:
         to_finer = sp.block_array(
             [[prolong, sp.csr_array(self.means - means[:, cell]).T], [None, sp.eye_array(c)]], format="csr"
         )
-        lower, upper = (to_finer.T @ (form @ to_finer) for form in (self.lower, self.upper))
+        lower = to_finer.T @ (self.lower @ to_finer)
+        upper = to_finer.T @ (self.upper @ to_finer)
         return Gram(partition.points, means, lower, upper, self.oscillation)
 
     @property
@@ -118,14 +120,16 @@ class Gram:
         x = np.zeros((len(difference), len(self.lower)))
         x[:, : self.n_cells] = difference
         x[:, self.n_cells + c] = 1.0
-        lower, upper = (np.sum((x @ form) * x, axis=1) for form in (self.lower, self.upper))
+        lower = np.sum((x @ self.lower) * x, axis=1)
+        upper = np.sum((x @ self.upper) * x, axis=1)
         return Bracket(_root(lower), _root(upper) + self.oscillation[c])
 
     @cached_property
     def best_approximations(self) -> Array:
         """(c,) lower bounds on the distance of each case's lambda from P0(T_H) in ||.||_{-1/2}."""
         m = self.n_cells
-        mixed, own = self.lower[self.cells, m:], np.diag(self.lower)[m:]
+        mixed = self.lower[self.cells, m:]
+        own = np.diag(self.lower)[m:]
         return _root(own - np.sum(mixed * np.linalg.solve(self.p0.lower, mixed), axis=0))
 
 
@@ -230,7 +234,9 @@ def errors(
 
     That in H^{-1/2} is judged only if `dual`, and those of lambda only if lambda_H is `unique`.
     """
-    h1, l2, bounds = h1_distance(case, mesh, u_h), math.nan, (math.nan, math.nan)
+    h1 = h1_distance(case, mesh, u_h)
+    l2 = math.nan
+    bounds = (math.nan, math.nan)
     if unique:
         l2 = cell_means(case, cells).l2_error(lambda_H)
     if unique and dual:

@@ -84,17 +84,21 @@ def cell_means_of_gaps(cases: Sequence[ExactSolution], partition: Partition) -> 
     They are exact to round-off, by quadrature that is split at the singular points of all cases.
     """
     singular = [point for case in cases for point in case.singular()]
-    rule, m = boundary_rule(partition.polygon, partition.points, singular), partition.n_cells
+    rule = boundary_rule(partition.polygon, partition.points, singular)
+    m = partition.n_cells
     u, flux, first = cases[0].boundary(rule.side, rule.s, rule.near)
     lambda_means = rule.integrate(flux, m) / partition.lengths
     deviation = flux - lambda_means[rule.interval]
     in_L2 = 1.0 if cases[0].flux_in_L2 else math.nan
-    lambda_norm, projection_error = (in_L2 * math.sqrt(rule.weight @ of**2) for of in (flux, deviation))
+    lambda_norm = in_L2 * math.sqrt(rule.weight @ flux**2)
+    projection_error = in_L2 * math.sqrt(rule.weight @ deviation**2)
     of_cases = []
     gaps = [first, *(case.gap(rule.side, rule.s) for case in cases[1:])]
     for case, gap in zip(cases, gaps, strict=True):
-        gap_means, g_means = (rule.integrate(of, m) / partition.lengths for of in (gap, u - gap))
-        crossed, size = partition.has_inside(case.transitions()), float(np.max(np.abs(u) + np.abs(gap)))
+        gap_means = rule.integrate(gap, m) / partition.lengths
+        g_means = rule.integrate(u - gap, m) / partition.lengths
+        crossed = partition.has_inside(case.transitions())
+        size = float(np.max(np.abs(u) + np.abs(gap)))
         norms = lambda_norm, projection_error, size
         of_cases.append(CellMeans(partition, lambda_means, gap_means, g_means, crossed, *norms))
     return of_cases
@@ -136,7 +140,8 @@ class Exact:
     def ritz_means(self, spaces: MixedSpaces) -> float:
         """||Pi_H(u - z_h)||_0 on the cells with a multiplier."""
         u_means = (self.means.gap_means + self.means.g_means)[spaces.cells]
-        lengths, B = spaces.operator.H_i, coupling(spaces.mesh, spaces.partition)[spaces.cells]
+        lengths = spaces.operator.H_i
+        B = coupling(spaces.mesh, spaces.partition)[spaces.cells]
         of_z = B @ self.ritz.values / lengths
         return math.sqrt(lengths @ (u_means - of_z) ** 2)
 

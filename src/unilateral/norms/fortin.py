@@ -38,7 +38,9 @@ STEPS = 8
 """So often x is replaced by M M^T x. More steps change rho by about a per cent; for n one is enough."""
 LEAST = 1e-2
 """Each step adds this part of x, so that x stays positive."""
-LEAST_DELTA, MOST_ASPECT, SLACK = 1e-4, 1e5, 1 + 1e-7
+LEAST_DELTA = 1e-4
+MOST_ASPECT = 1e5
+SLACK = 1 + 1e-7
 """SLACK covers rounding where delta is not smaller, and no d_T^2/|T| larger, than these.
 
 With eps the unit round-off, that of `pairing` is about eps/delta, and that of `gradients` at most 1000 eps
@@ -55,7 +57,8 @@ def beta_below(mesh: Mesh, partition: Partition, form: Form = H1) -> float:
     cells = np.flatnonzero(form.held(partition.side))
     if not len(cells):
         return 1.0
-    delta, aspect = inner_nodes(mesh.s, partition)[1][cells].min(), mesh.longest_edges**2 / mesh.areas
+    delta = inner_nodes(mesh.s, partition)[1][cells].min()
+    aspect = mesh.longest_edges**2 / mesh.areas
     if delta < LEAST_DELTA or aspect.max() > MOST_ASPECT:
         return 0.0
     of = majorant(mesh, partition, cells, form)
@@ -99,11 +102,15 @@ def majorant(mesh: Mesh, partition: Partition, cells: Index, form: Form = H1) ->
     chosen, deltas = inner_nodes(mesh.s, partition)
     knots = np.unique(np.concatenate([chosen[deltas > 0], _ends_at_nodes(mesh, partition)]))
     W = extended(mesh, knots)[:, np.searchsorted(knots, chosen[cells])]
-    jumped, slopes, (whole, cut) = deviations(mesh, form), _slopes(mesh), _means(mesh, partition)
-    scale, at_corners = np.repeat(np.sqrt(mesh.areas / 3), 3), W[mesh.triangles.ravel()]
+    jumped = deviations(mesh, form)
+    slopes = _slopes(mesh)
+    (whole, cut) = _means(mesh, partition)
+    scale = np.repeat(np.sqrt(mesh.areas / 3), 3)
+    at_corners = W[mesh.triangles.ravel()]
     pairing = (coupling(mesh, partition)[cells] @ W[mesh.boundary]).tocsc()
     pairing = 2 * sp.diags_array(pairing.diagonal()) - pairing
-    averaged, means = slopes @ jumped, whole[cells] @ jumped
+    averaged = slopes @ jumped
+    means = whole[cells] @ jumped
     averaged.setdiag(averaged.diagonal() + 1)
     return Majorant(
         without_signs(averaged),
@@ -126,7 +133,8 @@ def without_signs(matrix: sp.csr_array, scale: Array | None = None) -> sp.csr_ar
 
 def _ends_at_nodes(mesh: Mesh, partition: Partition) -> Array:
     """(k,) the arc lengths of the nodes that are ends of cells."""
-    nodes, ends = mesh.s[:-1], partition.points
+    nodes = mesh.s[:-1]
+    ends = partition.points
     nearest = ends[np.searchsorted(0.5 * (ends[1:] + ends[:-1]), nodes)]
     return nodes[np.abs(nodes - nearest) <= ROUND_OFF * partition.lengths.min()]
 
@@ -147,7 +155,8 @@ def _means(mesh: Mesh, partition: Partition) -> tuple[sp.csr_array, sp.csr_array
     |e|/|T| (KAPPA^2 d^2 + a KAPPA d) |w|_{1,T}^2, see `oscillation`.
     """
     points, cell, edge = overlay(partition.points, mesh.s)
-    lengths, shares = np.diff(mesh.s)[edge], np.diff(points) / np.diff(mesh.s)[edge]
+    lengths = np.diff(mesh.s)[edge]
+    shares = np.diff(points) / np.diff(mesh.s)[edge]
     middle = (0.5 * (points[1:] + points[:-1]) - mesh.s[edge]) / lengths
     triangle = mesh.boundary_triangles[edge]
     first = np.argmax(mesh.triangles[triangle] == mesh.boundary[edge][:, None], axis=1)
@@ -186,9 +195,12 @@ def extended(mesh: Mesh, nodes: Array) -> sp.csr_array:
     widths = np.diff(nodes, append=nodes[0] + mesh.polygon.perimeter)
     before = (np.searchsorted(nodes, mesh.s[:-1], side="right") - 1) % len(nodes)
     t = (mesh.s[:-1] - nodes[before]) % mesh.polygon.perimeter / widths[before]
-    at, hats = np.tile(mesh.boundary, 2), np.concatenate([before, (before + 1) % len(nodes)])
-    values, shape = np.concatenate([1 - t, t]), (mesh.n_nodes, len(nodes))
-    W, reach = sp.coo_array((values, (at, hats)), shape=shape).tocsr(), np.minimum(widths, np.roll(widths, 1))
+    at = np.tile(mesh.boundary, 2)
+    hats = np.concatenate([before, (before + 1) % len(nodes)])
+    values = np.concatenate([1 - t, t])
+    shape = (mesh.n_nodes, len(nodes))
+    W = sp.coo_array((values, (at, hats)), shape=shape).tocsr()
+    reach = np.minimum(widths, np.roll(widths, 1))
     ends = mesh.triangulation.ends
     start, end = np.concatenate([ends, ends[:, ::-1]]).astype(np.intp).T
     known = np.isin(np.arange(mesh.n_nodes), mesh.boundary)

@@ -60,7 +60,8 @@ def values_on(partition: Partition, rule: BoundaryRule, cell: Index, mu: Array) 
 
 def of_indicators(spaces: ReferenceSpaces, partition: Partition) -> Functionals:
     """The `Functionals` of the indicators of T_H's cells, each a union of edges of the reference mesh."""
-    s, m = spaces.mesh.s, partition.n_cells
+    s = spaces.mesh.s
+    m = partition.n_cells
     cell = np.searchsorted(partition.points, 0.5 * (s[1:] + s[:-1])) - 1
     shares = (np.diff(s)[:, None] * np.array([1.0, 1.0, 4.0]) / 6).ravel()
     where = (spaces.nodes.ravel(), np.repeat(cell, 3))
@@ -81,7 +82,8 @@ def _rule(
 
 def _of_values(spaces: ReferenceSpaces, rule: BoundaryRule, values: Array) -> Functionals:
     """The `Functionals` of functions with the values (Q, k) at the points of the rule."""
-    mesh, edge = spaces.mesh, rule.interval
+    mesh = spaces.mesh
+    edge = rule.interval
     lengths = np.diff(mesh.s)
     x = (rule.s - (mesh.s[edge] - mesh.polygon.starts[rule.side])) / lengths[edge]
     weighted = rule.weight[:, None] * values
@@ -89,11 +91,14 @@ def _of_values(spaces: ReferenceSpaces, rule: BoundaryRule, values: Array) -> Fu
     def summed(weighted: Array) -> Array:
         return np.stack([np.bincount(edge, of, len(lengths)) for of in weighted.T], axis=1)
 
-    start, end, bubble = (summed(shape[:, None] * weighted) for shape in (1 - x, x, 4 * x * (1 - x)))
+    start = summed((1 - x)[:, None] * weighted)
+    end = summed(x[:, None] * weighted)
+    bubble = summed((4 * x * (1 - x))[:, None] * weighted)
     loads = np.zeros((spaces.n_p2, values.shape[1]))
     shapes = np.stack([start - bubble / 2, end - bubble / 2, bubble], axis=1)
     np.add.at(loads, spaces.nodes.ravel(), shapes.reshape(-1, values.shape[1]))
-    at_start, at_end = ((4 * a - 2 * b) / lengths[:, None] for a, b in ((start, end), (end, start)))
+    at_start = (4 * start - 2 * end) / lengths[:, None]
+    at_end = (4 * end - 2 * start) / lengths[:, None]
     rest = values - (1 - x)[:, None] * at_start[edge] - x[:, None] * at_end[edge]
     squares = summed(rule.weight[:, None] * rest**2)
     fluxes = np.stack([at_start, at_end], axis=1).reshape(-1, values.shape[1])

@@ -92,7 +92,8 @@ def _near_shorter_edges(polygon: Polygon, s: Array) -> Array:
     """The nodes s and more (nb,): no edge is longer than twice one on another side plus the distance."""
     while True:
         ends = np.append(s, polygon.perimeter)
-        lengths, middle = np.diff(ends), 0.5 * (ends[1:] + ends[:-1])
+        lengths = np.diff(ends)
+        middle = 0.5 * (ends[1:] + ends[:-1])
         side = polygon.sides_of(middle)
         points = polygon.at(side, middle - polygon.starts[side])
         candidates = np.flatnonzero(distance_to_other_sides(polygon, points, side) < lengths)
@@ -106,7 +107,8 @@ def _near_shorter_edges(polygon: Polygon, s: Array) -> Array:
 
 def _graded_to_shorter_neighbours(cuts: Array, ends: Array) -> list[Array]:
     """Nodes beside the cuts, where the last edge of one cell is more than twice as long as its neighbour."""
-    before, after = np.roll(ends, 1), ends
+    before = np.roll(ends, 1)
+    after = ends
     halvings = np.floor(np.abs(np.log2(after / before)) + 1e-9).astype(int)
     return [
         cuts[i] + (after[i] if after[i] > before[i] else -before[i]) * 0.5 ** np.arange(1, halvings[i] + 1)

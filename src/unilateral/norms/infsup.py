@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from scipy.linalg import eigh
 
+from unilateral.arrays import Array
 from unilateral.fem.spaces import DualOperator
 from unilateral.norms.dual import Bracket
 
@@ -33,8 +34,13 @@ def infsup(operator: DualOperator, gram: Bracket) -> InfSup:
 
     beta is at most 1, for V_h is conforming.
     """
-    forms = (gram.upper, gram.lower)
-    squares = [float(eigh(operator.D, G, eigvals_only=True, subset_by_index=[0, 0])[0]) for G in forms]
-    lower, upper = (math.sqrt(square) if square > ZERO else 0.0 for square in squares)
+    lower = _least_root(operator.D, gram.upper)
+    upper = _least_root(operator.D, gram.lower)
     beta_0 = math.sqrt(max(operator.lambda_min, 0.0) / float(operator.H_i.max()))
     return InfSup(lower, min(upper, 1.0), beta_0)
+
+
+def _least_root(D: Array, G: Array) -> float:
+    """The root of the least eigenvalue of D x = mu G x; 0 if that is rounding."""
+    square = float(eigh(D, G, eigvals_only=True, subset_by_index=[0, 0])[0])
+    return math.sqrt(square) if square > ZERO else 0.0

@@ -51,7 +51,8 @@ def with_divergence(
     bdm1 = skfem.Basis(p2.mesh, skfem.ElementTriBDM1())
     of_bdm1 = np.empty(bdm1.N)
     of_bdm1[bdm1.facet_dofs] = rank[p2.facet_dofs]
-    normal, matrix = normal_fluxes(bdm1, mesh, facet), sp.csr_array(hdiv.assemble(bdm1, k=form.k, c=form.c))
+    normal = normal_fluxes(bdm1, mesh, facet)
+    matrix = sp.csr_array(hdiv.assemble(bdm1, k=form.k, c=form.c))
     energy = Energy.of(matrix, bdm1.facet_dofs[:, facet[given]], of_bdm1)
     return lambda fluxes: energy.least((normal @ fluxes).tocsc())
 
@@ -100,7 +101,8 @@ def _differences(psi: Array, last: np.intp) -> tuple[Array, Array]:
     psi is constant beyond a cell on which q.n is 1, up to the `last` place. Differences of two such columns
     over these constants are 0 beyond both cells, which saves most of the work.
     """
-    beyond, sums = psi[last].copy(), np.eye(psi.shape[1])
+    beyond = psi[last].copy()
+    sums = np.eye(psi.shape[1])
     steps = np.flatnonzero(2 * np.abs(beyond) > np.abs(psi).max(axis=0))
     psi[:, steps] /= beyond[steps]
     psi[:, steps[:-1]] -= psi[:, steps[1:]]

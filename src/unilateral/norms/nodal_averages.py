@@ -30,7 +30,8 @@ def rings(mesh: Mesh) -> tuple[Index, Index]:
     has those from `start[a]` to `start[a + 1]`. At a boundary node they begin with the one at the boundary
     edge that starts there. Found by the directions in which edges leave the nodes.
     """
-    node, following = mesh.triangles.ravel(), np.roll(mesh.triangles, -1, axis=1).ravel()
+    node = mesh.triangles.ravel()
+    following = np.roll(mesh.triangles, -1, axis=1).ravel()
     first = np.full(mesh.n_nodes, -1)
     first[mesh.boundary] = np.roll(mesh.boundary, -1)
     angle = _angles(mesh, node, following) - _angles(mesh, np.arange(mesh.n_nodes), first)[node]
@@ -48,9 +49,11 @@ def _angles(mesh: Mesh, start: Index, end: Index) -> Array:
 
 def jumps(mesh: Mesh) -> sp.csr_array:
     """(edges, 2m) all J_e from |T|^{1/2} grad w_T, the components of a triangle one after the other."""
-    start, end = (mesh.points[np.roll(mesh.triangles, -k, 1)] for k in (1, 2))
+    start = mesh.points[np.roll(mesh.triangles, -1, 1)]
+    end = mesh.points[np.roll(mesh.triangles, -2, 1)]
     entries = (start - end) / (2 * np.sqrt(mesh.areas))[:, None, None]
-    edges, components = mesh.opposite_edges, 2 * np.arange(len(mesh.triangles))[:, None]
+    edges = mesh.opposite_edges
+    components = 2 * np.arange(len(mesh.triangles))[:, None]
     rows = np.concatenate([edges, edges]).ravel()
     columns = np.concatenate([components + 0 * edges, components + 1 + 0 * edges]).ravel()
     values = np.concatenate([entries[..., 0], entries[..., 1]]).ravel()
@@ -64,7 +67,8 @@ def deviations(mesh: Mesh, form: Form = H1) -> sp.csr_array:
 
 def _first_shares(mesh: Mesh, form: Form) -> Array:
     """(n,) the share of the edge that begins at a boundary node in Aw there."""
-    shares, clamped = np.full(mesh.n_nodes, 0.5), form.edges(mesh).astype(float)
+    shares = np.full(mesh.n_nodes, 0.5)
+    clamped = form.edges(mesh).astype(float)
     shares[mesh.boundary] += 0.5 * (clamped - np.roll(clamped, 1))
     return shares
 
@@ -78,14 +82,18 @@ def _of_jumps(mesh: Mesh, corner: Index, start: Index, shares: Array) -> sp.csr_
     s times the sum of those before it.
     """
     node = mesh.triangles.ravel()[corner]
-    size, place = np.diff(start)[node], np.arange(len(node)) - start[node]
+    size = np.diff(start)[node]
+    place = np.arange(len(node)) - start[node]
     outer = np.zeros(mesh.n_nodes, dtype=bool)
     outer[mesh.boundary] = True
     outer = outer[node]
     counts = size + outer
     ends = np.concatenate([[0], np.cumsum(counts)])
     l = np.arange(ends[-1]) - np.repeat(ends[:-1], counts)  # noqa: E741
-    size, place, outer, node = (np.repeat(each, counts) for each in (size, place, outer, node))
+    size = np.repeat(size, counts)
+    place = np.repeat(place, counts)
+    outer = np.repeat(outer, counts)
+    node = np.repeat(node, counts)
     entry = start[node] + np.where(outer, np.maximum(l - 1, 0), (place + l) % size)
     values = np.where(outer, np.where(l <= place, 0.0, 1.0) - shares[node], (size - 1 - 2 * l) / (2 * size))
     edges = _edges(mesh, corner[entry], outer & (l == 0))

@@ -102,10 +102,12 @@ def value_constants(mesh: Mesh, form: Form) -> Array:
 
 def _measured(mesh: Mesh) -> tuple[Array, Array, Array, Index]:
     """(nb,) the edges' lengths, the distances a, the triangles' areas, and how many edges share each."""
-    start, end, triangle = mesh.boundary, np.roll(mesh.boundary, -1), mesh.boundary_triangles
+    start = mesh.boundary
+    end = np.roll(mesh.boundary, -1)
+    triangle = mesh.boundary_triangles
     off = mesh.triangles[triangle].sum(axis=1) - start - end
-    e, a, b = (
-        np.hypot(*(mesh.points[p] - mesh.points[q]).T) for p, q in ((start, end), (start, off), (end, off))
-    )
+    e = np.hypot(*(mesh.points[start] - mesh.points[end]).T)
+    a = np.hypot(*(mesh.points[start] - mesh.points[off]).T)
+    b = np.hypot(*(mesh.points[end] - mesh.points[off]).T)
     shared = np.bincount(triangle, minlength=len(mesh.triangles))[triangle]
     return e, np.maximum(a, b), mesh.areas[triangle], shared

@@ -63,9 +63,12 @@ def reference_spaces(
     facet = boundary_facets(of_skfem, mesh)
     p2 = skfem.Basis(of_skfem, skfem.ElementTriP2())
     given = ~form.edges(mesh)
-    M, start, end = mass.assemble(p2), mesh.boundary, np.roll(mesh.boundary, -1)
+    M = mass.assemble(p2)
+    start = mesh.boundary
+    end = np.roll(mesh.boundary, -1)
     nodes = np.stack([p2.nodal_dofs[0][start], p2.nodal_dofs[0][end], p2.facet_dofs[0][facet]], axis=1)
-    fixed, K = np.isin(np.arange(p2.N), nodes[~given]), sp.csr_array(laplace.assemble(p2))
+    fixed = np.isin(np.arange(p2.N), nodes[~given])
+    K = sp.csr_array(laplace.assemble(p2))
     matrix = decoupled(sp.csr_array(form.k * K + form.c * M), fixed)
     rank = ranks(p2, matrix)
     factor = Factor(matrix, np.argsort(rank, kind="stable"))
@@ -86,7 +89,8 @@ def ranks(p2: skfem.Basis, A: sp.csr_array) -> Array:
     The order comes from a dissection of the nodes alone. An edge goes with the earlier of its ends, so that
     what separates nodes separates edges, too, and in spaces of fluxes the unknowns of edges.
     """
-    nodes, rank = p2.nodal_dofs[0], np.empty(p2.N)
+    nodes = p2.nodal_dofs[0]
+    rank = np.empty(p2.N)
     order = elimination_order(A[nodes][:, nodes])
     rank[nodes[order]] = np.arange(len(nodes))
     rank[p2.facet_dofs[0]] = rank[nodes[p2.mesh.facets]].min(axis=0) - 0.5

@@ -61,9 +61,15 @@ class OfCells(NamedTuple):
 
 def resolution(mesh: Mesh, partition: Partition) -> Resolution:
     """The measures of h/H that the cells of T_H see, the smallest of each."""
-    edges, over_longest, nodes, delta = (float(each.min()) for each in of_cells(mesh, partition))
-    angle = float(boundary_angles(mesh)[1].min())
-    return Resolution(edges, over_longest, int(nodes), angle, delta, partition.alpha_1)
+    cells = of_cells(mesh, partition)
+    return Resolution(
+        float(cells.edges.min()),
+        float(cells.over_longest.min()),
+        int(cells.nodes.min()),
+        float(boundary_angles(mesh)[1].min()),
+        float(cells.deltas.min()),
+        partition.alpha_1,
+    )
 
 
 def of_cells(mesh: Mesh, partition: Partition) -> OfCells:
@@ -84,13 +90,16 @@ def inner_nodes(s: Array, partition: Partition) -> tuple[Array, Array]:
     `s` (nb + 1,) are the nodes' arc lengths, the perimeter last. For a cell without a node inside, up to
     round-off, they are its start and 0.
     """
-    nodes, ends = s[:-1], partition.points
+    nodes = s[:-1]
+    ends = partition.points
     cell = np.searchsorted(ends, nodes, side="right") - 1
     share = np.minimum(nodes - ends[cell], ends[cell + 1] - nodes) / partition.lengths[cell]
     order = np.argsort(share, kind="stable")
     order = order[share[order] > ROUND_OFF]
-    chosen, deltas = ends[:-1].copy(), np.zeros(partition.n_cells)
-    chosen[cell[order]], deltas[cell[order]] = nodes[order], share[order]
+    chosen = ends[:-1].copy()
+    deltas = np.zeros(partition.n_cells)
+    chosen[cell[order]] = nodes[order]
+    deltas[cell[order]] = share[order]
     return chosen, deltas
 
 

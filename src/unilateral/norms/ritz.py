@@ -24,7 +24,8 @@ from unilateral.geometry.mesh import Mesh
 if TYPE_CHECKING:
     from unilateral.problems.case import ExactSolution
 
-SMALLEST, LARGEST = 1e-152, 1e152
+SMALLEST = 1e-152
+LARGEST = 1e152
 """The largest |u| has to lie between these.
 
 Squares of errors down to 1e-3 of it are then normal numbers, and none overflows.
@@ -85,24 +86,29 @@ def ritz_projections(
     All cases are solved for at once. Raises InputError for a u so large or small that squares of errors leave
     the range of floating point.
     """
-    mesh, boundary = condensed.mesh, condensed.mesh.boundary
+    mesh = condensed.mesh
+    boundary = condensed.mesh.boundary
     at_nodes = [case.value_and_gradient(mesh.points)[0] for case in cases]
     for case, values in zip(cases, at_nodes, strict=True):
         _check_size(case, float(np.abs(values).max()))
-    form, fixed = condensed.form, condensed.fixed
+    form = condensed.form
+    fixed = condensed.fixed
     seen = [moments(case, mesh, v, degree, form) for case, v in zip(cases, at_nodes, strict=True)]
-    f, residual = (np.array(each) for each in list(zip(*seen, strict=True))[:2])
+    f = np.array([each[0] for each in seen])
+    residual = np.array([each[1] for each in seen])
     traces = [_trace(case, mesh) for case in cases]
     flux = np.array([hat_load(mesh, rule, of_lambda) for rule, _, of_lambda in traces])
     total = f.copy()
     total[:, boundary] += flux
     held = np.where(fixed, at_nodes, 0.0)
     total = np.array([of_rest(mesh, form, *each) for each in zip(total, held, strict=True)])
-    residual, flux = np.where(fixed, 0.0, residual), np.where(fixed[boundary], 0.0, flux)
+    residual = np.where(fixed, 0.0, residual)
+    flux = np.where(fixed[boundary], 0.0, flux)
     z_h = condensed.solve(total.T).T
     on_boundary = z_h[:, boundary]
     z_h += held
-    values, difference = z_h[:, boundary], z_h - at_nodes
+    values = z_h[:, boundary]
+    difference = z_h - at_nodes
     A_difference = (condensed.for_products[0] @ difference.T).T
     defect = condensed.solve((residual - A_difference).T)[boundary].T
     trace = on_boundary - condensed.solve_boundary(flux.T).T
@@ -176,13 +182,17 @@ def moments(
 ) -> tuple[Array, Array, float, float]:
     """(f, phi_i), (u - v_h, phi_i), ||u - v_h||^2, ||u||^2 of a form, in one pass where u or v_h is not 0."""
     mesh = _where_not_0(case, mesh, v_h)
-    nodal, slopes = v_h[mesh.triangles], gradients(mesh)
+    nodal = v_h[mesh.triangles]
+    slopes = gradients(mesh)
     slope_of_v = np.einsum("ti,tid->td", nodal, slopes)
     m = len(mesh.triangles)
-    of_f, of_difference, gradient = np.zeros((m, 3)), np.zeros((m, 3)), np.zeros((m, 2))
+    of_f = np.zeros((m, 3))
+    of_difference = np.zeros((m, 3))
+    gradient = np.zeros((m, 2))
     square = u_square = 0.0
     for rule in triangle_rules(mesh, case, degree):
-        w, phi = rule.weight, rule.barycentric
+        w = rule.weight
+        phi = rule.barycentric
         u, grad_u, f = _seen(case.whole, rule)
         value, slope = _difference(rule, u, grad_u, nodal, slope_of_v)
         u_square += _square(w, u, grad_u, form)
@@ -208,7 +218,8 @@ def _trace(case: ExactSolution, mesh: Mesh) -> tuple[BoundaryRule, Array, Array]
 
 def _boundary_distance(mesh: Mesh, v: Array, rule: BoundaryRule, u: Array) -> float:
     """||u - v||_0 on the boundary, for v linear on the edges with the values (nb,) at their ends."""
-    edge, position = rule.interval, _position(mesh, rule)
+    edge = rule.interval
+    position = _position(mesh, rule)
     difference = u - v[edge] * (1 - position) - np.roll(v, -1)[edge] * position
     return math.sqrt(rule.weight @ difference**2)
 
@@ -221,7 +232,8 @@ def _position(mesh: Mesh, rule: BoundaryRule) -> Array:
 
 def hat_load(mesh: Mesh, rule: BoundaryRule, values: Array) -> Array:
     """<mu, phi_j> (nb,) for the values (Q,) of mu at the points of a rule whose intervals are the edges."""
-    edge, nb = rule.interval, len(mesh.boundary)
+    edge = rule.interval
+    nb = len(mesh.boundary)
     position = _position(mesh, rule)
     weighted = rule.weight * values
     start = np.bincount(edge, weighted * (1 - position), nb)

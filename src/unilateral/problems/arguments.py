@@ -71,7 +71,8 @@ def sides(given: object, n: int, where: str) -> list[int]:
 
 def side(given: Any, n: int, where: str) -> int:
     """The number of one of n sides."""
-    found, kind = -1, "; a side is a whole number"
+    found = -1
+    kind = "; a side is a whole number"
     with suppress(TypeError):
         found, kind = (found, kind) if isinstance(given, bool) else (operator.index(given), "")
     if not 0 <= found < n:

@@ -28,7 +28,10 @@ from unilateral.geometry.polygon import Polygon
 
 ON_SIDE = 1e-12
 """A point counts as on a side up to this distance from it, in side lengths."""
-T, D, X, Y = variable("t"), variable("d"), variable("x"), variable("y")
+T = variable("t")
+D = variable("d")
+X = variable("x")
+Y = variable("y")
 
 
 class Along(NamedTuple):
@@ -160,9 +163,10 @@ class Local:
 
     def local_models(self, x: Model, y: Model) -> tuple[Model, Model]:
         """The coordinates of `local` on the boxes of x and y."""
-        x, y = x + number(x, -self.centre[0]), y + number(y, -self.centre[1])
-        along, into = (x.scaled(a / self.length) + y.scaled(b / self.length) for a, b in self.frame)
-        return along, into
+        x = x + number(x, -self.centre[0])
+        y = y + number(y, -self.centre[1])
+        (a, b), (c, d) = self.frame / self.length
+        return x.scaled(a) + y.scaled(b), x.scaled(c) + y.scaled(d)
 
     def local_inside(self, points: Array, offset: Array | float) -> tuple[Array, Array]:
         """As `local`, but points that rounding puts outside the side count as inside.
@@ -178,7 +182,8 @@ class Local:
 
     def polar_to_xy(self, theta: Array, radial: Array, angular: Array) -> Array:
         """(k, 2) vectors from their components away from the centre and across, towards larger theta."""
-        cos, sin = np.cos(theta), np.sin(theta)
+        cos = np.cos(theta)
+        sin = np.sin(theta)
         return self.to_xy(radial * cos - angular * sin, radial * sin + angular * cos)
 
 
@@ -239,7 +244,8 @@ class Tensor(Local, OfFormulas):
         return kinks(self.profile, "t")
 
     def kinks(self) -> list[Kink]:
-        along, into = self.frame[0], self.frame[1]
+        along = self.frame[0]
+        into = self.frame[1]
         middle = self.centre + 0.5 * self.length * along
         lines = [Kink(tuple(middle + rounded(self.cutoff) * self.length * into), 0.0, tuple(along))]
         for t, _ in self._profile_kinks:

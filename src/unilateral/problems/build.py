@@ -222,15 +222,18 @@ def _join_at_vertex(problem: Problem, g: Sequence[SideData | Function], vertex: 
     g is what is given on the sides, with the values of functions, which are changed. Larger differences stay,
     for `check` to refuse.
     """
-    before, after = (vertex - 1) % problem.polygon.n_sides, vertex
+    before = (vertex - 1) % problem.polygon.n_sides
+    after = vertex
     if not (callable(problem.g[before]) or callable(problem.g[after])):
         return
     x, y = problem.polygon.vertices[vertex]
-    values, sizes = [], []
+    values = []
+    sizes = []
     for side, index in ((before, -1), (after, 0)):
         data = g[side]
         if isinstance(data, NodalTrace):
-            at_vertex, size = data.values[index], np.abs(data.values).max()
+            at_vertex = data.values[index]
+            size = np.abs(data.values).max()
         else:
             at_vertex = compile_numpy([as_formula(data)], "xy")(x, y)[0].item()
             size = abs(at_vertex)
@@ -239,7 +242,8 @@ def _join_at_vertex(problem: Problem, g: Sequence[SideData | Function], vertex: 
     allowed = FUNCTION_ACCURACY * max(map(abs, values)) + FUNCTION_ROUNDING * max(sizes)
     if abs(values[1] - values[0]) > allowed:
         return
-    start, end = g[after], g[before]
+    start = g[after]
+    end = g[before]
     if callable(problem.g[after]) and isinstance(start, NodalTrace):
         start.values[0] = values[0]
     elif callable(problem.g[before]) and isinstance(end, NodalTrace):

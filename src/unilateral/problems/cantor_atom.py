@@ -97,7 +97,8 @@ class Cantor(Local):
 
     @property
     def regularity(self) -> Regularity:
-        bounded, order = self.alpha >= 0, self.flux_order
+        bounded = self.alpha >= 0
+        order = self.flux_order
         return Regularity(order > 1 / 2, bounded, order > 0, bounded, finite=False)
 
     @cached_property
@@ -113,16 +114,20 @@ class Cantor(Local):
 
     def _parts(self, along: Array, into: Array) -> Parts:
         """The points (m,), one support after another, and there l and theta (m,) and the unit atom at r/l."""
-        starts, lengths = self._contact[:, 0], np.diff(self._contact)[:, 0]
+        starts = self._contact[:, 0]
+        lengths = np.diff(self._contact)[:, 0]
         near = np.flatnonzero(into < lengths.max())
         near = near[np.argsort(along[near], kind="stable")]
         ends = np.searchsorted(along[near], [starts - lengths, starts + lengths])
         points = np.concatenate([near[first:last] for first, last in ends.T])
         interval = np.repeat(np.arange(len(starts)), np.diff(ends, axis=0)[0])
-        x, y, length = along[points] - starts[interval], into[points], lengths[interval]
+        x = along[points] - starts[interval]
+        y = into[points]
+        length = lengths[interval]
         r = np.hypot(x, y)
         inside = (r > 0) & (r < length)
-        theta, length = np.arctan2(y[inside], x[inside]), length[inside]
+        theta = np.arctan2(y[inside], x[inside])
+        length = length[inside]
         return points[inside], length, theta, self._unit(r[inside] / length, theta)
 
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
@@ -131,10 +136,13 @@ class Cantor(Local):
     def whole(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array, Array]:
         along, into = self.local_inside(points, offset)
         index, length, theta, (v, v_r, v_theta, laplacian) = self._parts(along, into)
-        scale, size = length ** float(self.alpha), self.length * length
+        scale = length ** float(self.alpha)
+        size = self.length * length
         slopes = self.polar_to_xy(theta, scale * v_r, scale * v_theta).T
-        of_parts = (size * scale * v, *slopes, scale * (size * v - laplacian / size))
-        value, dx, dy, f = (_summed(index, each, along) for each in of_parts)
+        value = _summed(index, size * scale * v, along)
+        dx = _summed(index, slopes[0], along)
+        dy = _summed(index, slopes[1], along)
+        f = _summed(index, scale * (size * v - laplacian / size), along)
         return value, np.column_stack([dx, dy]), f
 
     def vanishes(self, centre: Array, radius: Array) -> Mask:
@@ -148,8 +156,13 @@ class Cantor(Local):
 
     def _sum(self, of: Callable[[Polar, Model, Model], Model], x: Model, y: Model) -> Model:
         """The sum over the atoms, each on the boxes that may meet its support."""
-        (first, last), (low, _) = (z.range for z in self.local_models(x, y))
-        c, rad, lower, upper = np.zeros_like(x.c), *np.zeros((3, len(x.rad)))
+        t, d = self.local_models(x, y)
+        first, last = t.range
+        low, _ = d.range
+        c = np.zeros_like(x.c)
+        rad = np.zeros_like(x.rad)
+        lower = np.zeros_like(x.rad)
+        upper = np.zeros_like(x.rad)
         for (start, end), atom in zip(self._contact, self._atoms, strict=True):
             at = np.flatnonzero((last >= 2 * start - end) & (first <= end) & (low <= end - start))
             if at.size:

@@ -130,7 +130,8 @@ class ExactSolution:
         """
         lengths = self.polygon.lengths[side]
         anchor, offset = near or (s / lengths, np.zeros(len(s)))
-        u, flux = np.zeros(len(s)), np.zeros(len(s))
+        u = np.zeros(len(s))
+        flux = np.zeros(len(s))
         for i in np.unique(side):
             here = np.flatnonzero(side == i)
             along = Along((s / lengths)[here], anchor[here], (offset / lengths)[here])
@@ -139,7 +140,8 @@ class ExactSolution:
 
     def gap(self, side: Index, s: Array) -> Array:
         """The gap u - g (k,) at the arc lengths s of the sides."""
-        t, gap = s / self.polygon.lengths[side], np.zeros(len(s))
+        t = s / self.polygon.lengths[side]
+        gap = np.zeros(len(s))
         for i in np.unique(side):
             here = side == i
             gap[here] = self._gap_functions[i](t[here])[0]
@@ -148,14 +150,16 @@ class ExactSolution:
     def on_side(self, side: int, s: Array, along: Along) -> tuple[Array, Array]:
         """u and du/dn (k,) at arc lengths s (k,) of a side."""
         points = self.polygon.at(np.full(len(s), side), s)
-        u, flux = np.zeros(len(s)), np.zeros(len(s))
+        u = np.zeros(len(s))
+        flux = np.zeros(len(s))
         for atom in self.atoms:
             if isinstance(atom, Smooth) or not atom.touches(side):
                 value, gradient = atom.value_and_gradient(points)
                 normal = gradient @ self.polygon.normals[side]
             else:
                 value, normal = atom.trace_and_flux(side, along)
-            u, flux = u + value, flux + normal
+            u = u + value
+            flux = flux + normal
         return u, flux
 
     @cached_property
@@ -183,7 +187,8 @@ class ExactSolution:
         These are the kinks of the gap: where u > g turns into u = g the gap is declared by a positive part.
         """
         places = [(side, t) for side, points in enumerate(self.gap_kinks) for t, _ in points if 0 < t < 1]
-        side, t = np.array([side for side, _ in places], dtype=np.intp), np.array([t for _, t in places])
+        side = np.array([side for side, _ in places], dtype=np.intp)
+        t = np.array([t for _, t in places])
         return self.polygon.starts[side] + t * self.polygon.lengths[side]
 
     def kinks(self) -> list[Kink]:

@@ -165,11 +165,13 @@ def _contact(case: ExactSolution, side: int) -> list[tuple[float, float]]:
 
 def _continuous_at_vertices(case: ExactSolution, samples: list[_Sample]) -> None:
     """Raises InputError where g, or u on clamped sides, jumps; of other sides' numbers nothing depends on."""
-    n, lengths = case.polygon.n_sides, case.polygon.lengths
+    n = case.polygon.n_sides
+    lengths = case.polygon.lengths
     sides = np.arange(n)
     u_start, _, start = case.boundary(sides, np.zeros(n))
     u_end, _, end = case.boundary(sides, lengths)
-    jump, clamped = (u_start - start) - np.roll(u_end - end, 1), np.isin(sides, case.clamped_sides)
+    jump = (u_start - start) - np.roll(u_end - end, 1)
+    clamped = np.isin(sides, case.clamped_sides)
     jump[clamped != np.roll(clamped, 1)] = 0.0  # there u >= g is enough
     there = np.maximum(np.abs([u_start, start]), np.abs(np.roll([u_end, end], 1, axis=1))).max(axis=0)
     on_sides = [np.nan_to_num([np.abs(s.u).max(), np.abs(s.gap).max()]).max() for s in samples]

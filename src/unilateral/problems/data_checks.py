@@ -19,7 +19,8 @@ from unilateral.problems.nodal import NodalTrace
 from unilateral.problems.problem import Problem, as_formula
 from unilateral.problems.reading import plain, read_source
 
-SMALLEST, LARGEST = 1e-140, 1e140
+SMALLEST = 1e-140
+LARGEST = 1e140
 """The limits of |f|, |g| and |q|, so that squares of data are normal numbers.
 
 They hold for the product of g with k^{1/2}, too, and for those of f and q with k^{-1/2}. For the squares of
@@ -45,7 +46,8 @@ def check(problem: Problem, name: str) -> None:
     sizes = {side: max(map(abs, obstacle.range(side))) for side in held}
     largest = max(sizes.values(), default=0.0)
     for side, size in sizes.items():
-        where, place = _field(problem, name, side), f"on side {side}"
+        where = _field(problem, name, side)
+        place = f"on side {side}"
         is_0 = partial(_may_be_0_on, problem, side, problem.g[side])
         _check_size(size, of_values, problem, where, place, is_0 if size == largest else _always)
     for side in problem.flux_sides:
@@ -87,7 +89,8 @@ def _needs(root: Expression, place: str, read: Callable[..., object] | None) -> 
     """What a root needs, and the positive part that can be written in its place if it can be `read`."""
     ((base, k),) = root.factors[1]
     radicand = product(1, [(base, Fraction(1))])
-    needs, instead = f"{shown(root)} needs {shown(radicand)} > 0 {place}", f"pos({radicand}, {k})"
+    needs = f"{shown(root)} needs {shown(radicand)} > 0 {place}"
+    instead = f"pos({radicand}, {k})"
     with suppress(InputError):
         if read:
             read(instead, where="")
@@ -97,7 +100,8 @@ def _needs(root: Expression, place: str, read: Callable[..., object] | None) -> 
 
 def vertices_between(problem: Problem) -> list[int]:
     """The vertices between two sides that are not free."""
-    n, free = problem.polygon.n_sides, {*problem.free_sides}
+    n = problem.polygon.n_sides
+    free = {*problem.free_sides}
     return [vertex for vertex in range(n) if not {vertex, (vertex - 1) % n} & free]
 
 
@@ -112,7 +116,8 @@ def _check_vertex(of: Problem, name: str, vertex: int, end: float, start: float,
     It is `end` on the side before the vertex and `start` on the next one. Both are g or both u, and alike; or
     u is at least g. They may be off by what is `allowed`.
     """
-    before, clamped = (vertex - 1) % of.polygon.n_sides, of.clamped_sides
+    before = (vertex - 1) % of.polygon.n_sides
+    clamped = of.clamped_sides
     if (before in clamped) == (vertex in clamped):
         if abs(start - end) > allowed:
             one, other = _apart(end, start)
@@ -120,7 +125,8 @@ def _check_vertex(of: Problem, name: str, vertex: int, end: float, start: float,
             where = _field(of, name, vertex)
             raise InputError(f"{where}: it jumps at vertex {vertex}, {jump}; it has to be continuous")
         return
-    last, first = (before, end), (vertex, start)
+    last = (before, end)
+    first = (vertex, start)
     (of_u, u), (of_g, g) = (last, first) if before in clamped else (first, last)
     if u < g - allowed:
         x, y = of.polygon.vertices[vertex]

@@ -24,13 +24,15 @@ def fields_of(of: Problem) -> dict[str, str]:
     """The fields by their names; k, c, free sides and q only if they are given."""
     if of.exact:
         return {"polygon": repr(of.polygon), "free sides": listed(of.free_sides)}
-    clamped, n = of.clamped_sides, of.polygon.n_sides
+    clamped = of.clamped_sides
+    n = of.polygon.n_sides
     held = [side for side in range(n) if side not in of.free_sides and side not in clamped]
     found = {"polygon": f"{of.polygon.n_sides} sides, area {of.polygon.area:.4g}"}
     found["f"] = _written(of.f)
     found |= {"g": _on_sides(of.g, held)} if held else {}
     if clamped:
-        found["clamped sides"], found["u there"] = listed(clamped), _on_sides(of.g, clamped)
+        found["clamped sides"] = listed(clamped)
+        found["u there"] = _on_sides(of.g, clamped)
     found |= {name: str(each) for name, each in (("k", of.k), ("c", of.c)) if each != ONE}
     if of.free_sides:
         found["free sides"] = listed(of.free_sides)

@@ -40,7 +40,8 @@ def range_in(polygon: Polygon, formula: Expression) -> tuple[float, float]:
     v = polygon.vertices
     boxes = np.stack([v.min(axis=0), v.max(axis=0)], axis=1)[None]
     value = compile_numpy([formula], "xy")
-    bounds, met = (np.inf, -np.inf), (np.inf, -np.inf)
+    bounds = (np.inf, -np.inf)
+    met = (np.inf, -np.inf)
     for _ in range(MOST_LEVELS):
         meets, inside = _part(polygon, boxes)
         with np.errstate(all="ignore"):
@@ -94,10 +95,12 @@ def range_on_side(polygon: Polygon, formula: Expression, side: int) -> tuple[flo
 
 def _bounds(formula: Expression, boxes: Array) -> Interval:
     """(k,), (k,) lower and upper bounds on the formula on the boxes (k, 2, 2)."""
-    ranges = [(np.zeros(0), np.zeros(0))]
-    for block in (boxes[of] for of in blocks(len(boxes), FEW)):
-        ranges.append(evaluate(formula, {z: _variable(block, i) for i, z in enumerate("xy")}).range)
-    lower, upper = (np.concatenate(ends) for ends in zip(*ranges, strict=True))
+    lower = np.empty(len(boxes))
+    upper = np.empty(len(boxes))
+    for block in blocks(len(boxes), FEW):
+        x = _variable(boxes[block], 0)
+        y = _variable(boxes[block], 1)
+        lower[block], upper[block] = evaluate(formula, {"x": x, "y": y}).range
     return lower, upper
 
 
@@ -110,7 +113,8 @@ def _variable(boxes: Array, axis: int) -> Model:
 
 def _part(polygon: Polygon, boxes: Array) -> tuple[Mask, Mask]:
     """Which of the boxes (k, 2, 2) may meet the polygon, and which have their centre in it."""
-    centres, half = boxes.mean(axis=2), 0.5 * np.hypot(*(boxes[..., 1] - boxes[..., 0]).T)
+    centres = boxes.mean(axis=2)
+    half = 0.5 * np.hypot(*(boxes[..., 1] - boxes[..., 0]).T)
     v = polygon.vertices
     parts = np.array_split(centres, 1 + len(boxes) * polygon.n_sides // MOST_DISTANCES)
     away = [segment_distances(part, v, np.roll(v, -1, axis=0)).min(axis=1) for part in parts]
@@ -124,7 +128,9 @@ def _quarters(boxes: Array) -> Array:
     """The four equal parts of each box."""
     for axis in range(2):
         middle = boxes[:, axis].mean(axis=1)
-        left, right = boxes.copy(), boxes.copy()
-        left[:, axis, 1], right[:, axis, 0] = middle, middle
+        left = boxes.copy()
+        right = boxes.copy()
+        left[:, axis, 1] = middle
+        right[:, axis, 0] = middle
         boxes = np.concatenate([left, right])
     return boxes

@@ -32,7 +32,8 @@ def check_arguments(function: Function, where: str) -> None:
 
 def evaluate_function(function: Function, points: Array, where: str) -> Array:
     """(n,) values at points (n, 2); raises InputError where the function fails or is no finite number."""
-    x, y = np.array(points[..., 0]), np.array(points[..., 1])  # which a function may overwrite
+    x = np.array(points[..., 0])
+    y = np.array(points[..., 1])  # which a function may overwrite
     try:
         with np.errstate(all="ignore"):
             given = function(x, y)

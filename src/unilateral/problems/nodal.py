@@ -28,7 +28,8 @@ class NodalTrace:
     def model(self, t: Model) -> Model:
         """The function on intervals of the side, each of which lies on one edge but for rounding."""
         edge = self._edges(t)
-        start, end = self.values[edge], self.values[edge + 1]
+        start = self.values[edge]
+        end = self.values[edge + 1]
         slope = (end - start) / (self.t[edge + 1] - self.t[edge])
         doubt = SLOPE * (np.abs(start) + np.abs(end))
         linear = number(t, start) + number(t, slope) * (t + number(t, -self.t[edge]))
@@ -37,7 +38,8 @@ class NodalTrace:
     def slope_model(self, t: Model) -> Model:
         """The derivative by t on intervals as those of `model`."""
         edge = self._edges(t)
-        rise, run = np.diff(self.values)[edge], np.diff(self.t)[edge]
+        rise = np.diff(self.values)[edge]
+        run = np.diff(self.t)[edge]
         doubt = SLOPE * (np.abs(self.values[edge]) + np.abs(self.values[edge + 1])) / run
         return number(t, rise / run) + constant(t.basis, (-doubt, doubt))
 

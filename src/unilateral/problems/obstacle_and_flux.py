@@ -206,7 +206,8 @@ def _at_vertices(
         exact = on_intervals(model, with_g, place, place)
         piece = np.searchsorted(side, with_g, side="right") - 1 if t else np.searchsorted(side, with_g)
         value = c[:, piece].sum(axis=0) if t else SIGNS @ c[:, piece]
-        known, vertex = np.isfinite(exact.rad), (with_g + int(t)) % n
+        known = np.isfinite(exact.rad)
+        vertex = (with_g + int(t)) % n
         ends[row, vertex] = np.where(known, exact.c[0], value)
         doubts[row, vertex] = np.where(known, exact.rad, doubt[piece])
     return ends, doubts
@@ -219,11 +220,14 @@ def _steep(
 
     The second row is for places near the ends of a piece, see `Obstacle.kinks`.
     """
-    found, at = np.zeros((2, len(of.side))), np.flatnonzero(np.isin(of.side, clamped))
+    found = np.zeros((2, len(of.side)))
+    at = np.flatnonzero(np.isin(of.side, clamped))
     if not at.size or slope is None:
         return found
     exact = on_intervals(slope, of.side[at], of.start[at], of.end[at])
-    k, half, length = np.arange(ORDER + 1.0), 0.5 * np.diff(points)[at], polygon.lengths[of.side[at]]
+    k = np.arange(ORDER + 1.0)
+    half = 0.5 * np.diff(points)[at]
+    length = polygon.lengths[of.side[at]]
     rises = np.roll(k[:, None] * of.c[:, at], -1, axis=0) / half
     moved = 2 * PLACES * np.spacing(points[-1]) / half
     rounding = np.abs(rises).sum(axis=0) * 16 * EPS + k @ np.abs(rises) * moved
@@ -236,7 +240,8 @@ def _steep(
 
 def _of_neighbours(values: Array, side: Index) -> Array:
     """(k,) the largest value on a piece and those beside it on its side, where a rounded place may lie."""
-    largest, same = values.copy(), side[1:] == side[:-1]
+    largest = values.copy()
+    same = side[1:] == side[:-1]
     for one, other in ((slice(1, None), slice(None, -1)), (slice(None, -1), slice(1, None))):
         largest[one] = np.where(same, np.maximum(largest[one], values[other]), largest[one])
     return largest
@@ -274,5 +279,6 @@ def enclose_flux(
     side, _, _, c, _, lower, upper = pieces
     ends = np.abs((SIGNS @ c)[1:] - c.sum(axis=0)[:-1]) + doubt[1:] + doubt[:-1]
     inner = np.where(side[1:] == side[:-1], ends, 0.0)  # the place of a vertex is exact
-    given, jumps = np.isin(side, on), np.concatenate([[0.0], inner, [0.0]])
+    given = np.isin(side, on)
+    jumps = np.concatenate([[0.0], inner, [0.0]])
     return Flux(polygon, points, side, c, doubt, lower, upper, given, jumps, PLACES * unit)

@@ -63,7 +63,8 @@ class IntervalPieces(NamedTuple):
 
     def rounding(self, points: Array) -> Array:
         """(k,) the rounding error of the polynomials at places that are rounded."""
-        sizes, moved = np.abs(self.c), PLACES * np.spacing(points[-1]) / np.diff(points)
+        sizes = np.abs(self.c)
+        moved = PLACES * np.spacing(points[-1]) / np.diff(points)
         return np.asarray(16 * EPS * sizes.sum(axis=0) + np.arange(ORDER + 1) @ sizes * moved)
 
 
@@ -103,7 +104,8 @@ class Piecewise:
         """The polynomials and their derivatives (...) on pieces (...) at arc lengths s (...)."""
         half = 0.5 * (self.points[1:] - self.points[:-1])[piece]
         sigma = np.clip((s - self.points[piece]) / half - 1, -1.0, 1.0)
-        value, slope = np.zeros_like(sigma), np.zeros_like(sigma)
+        value = np.zeros_like(sigma)
+        slope = np.zeros_like(sigma)
         for k in range(ORDER, -1, -1):
             slope = slope * sigma + value
             value = value * sigma + self.c[k][piece]
@@ -144,10 +146,12 @@ def in_pieces(
     No piece that is as short as `shortest`, one number or one per side (n,), is cut.
     """
     side, start, end = _first_intervals(polygon, without, cuts)
-    done, left = [_empty(np.array(without, dtype=np.intp))], MOST_PIECES
+    done = [_empty(np.array(without, dtype=np.intp))]
+    left = MOST_PIECES
     limit = np.broadcast_to(shortest, polygon.n_sides)
     while len(side):
-        now, left = on_intervals(model, side, start, end), left - len(side)
+        now = on_intervals(model, side, start, end)
+        left = left - len(side)
         wide = _too_wide(_together([now, *done]), least)[: len(side)] & (end - start > limit[side])
         if wide.any():
             wide[wide] = ~_only_rounded(model, now.of(wide))
@@ -155,10 +159,9 @@ def in_pieces(
             wide[:] = False
         done.append(now.of(~wide))
         middle = 0.5 * (start + end)
-        side, start, end = (
-            np.concatenate([first[wide], second[wide]])
-            for first, second in ((side, side), (start, middle), (middle, end))
-        )
+        side = np.concatenate([side[wide], side[wide]])
+        start = np.concatenate([start[wide], middle[wide]])
+        end = np.concatenate([middle[wide], end[wide]])
     pieces = _together(done)
     return pieces.of(np.lexsort([pieces.start, pieces.side]))
 
@@ -172,7 +175,8 @@ def _first_intervals(
     ends = sorted(
         {(side, t) for side in held for t in (0.0, 1.0)} | {each for each in inner if each[0] in held}
     )
-    side, t = np.array([i for i, _ in ends], dtype=np.intp), np.array([t for _, t in ends])
+    side = np.array([i for i, _ in ends], dtype=np.intp)
+    t = np.array([t for _, t in ends])
     within = side[1:] == side[:-1]
     return side[:-1][within], t[:-1][within], t[1:][within]
 
@@ -188,7 +192,8 @@ def on_intervals(model: SideModel, side: Index, start: Array, end: Array) -> Int
     """A function on intervals (k,) of sides (k,), which begin and end at these places in side lengths."""
     parts = []
     for at in blocks(len(side), FEW):
-        a, b = start[at], end[at]
+        a = start[at]
+        b = end[at]
         values = model(side[at], affine(basis(1, ORDER), 0.5 * (a + b), 0.5 * (b - a)[None], (a, b)))
         parts.append(IntervalPieces(side[at], a, b, values.c, values.rad, *values.range))
     return _together(parts)
@@ -206,8 +211,10 @@ def _too_wide(pieces: IntervalPieces, least: float) -> Mask:
     """
     n = int(pieces.side.max(initial=-1)) + 1
     known = np.isfinite(pieces.lower)
-    at_centre, size = pieces.c[0], np.abs(pieces.c).sum(axis=0)
-    lowest, highest = np.full(n, np.inf), np.full(n, -np.inf)
+    at_centre = pieces.c[0]
+    size = np.abs(pieces.c).sum(axis=0)
+    lowest = np.full(n, np.inf)
+    highest = np.full(n, -np.inf)
     np.minimum.at(lowest, pieces.side[known], at_centre[known])
     np.maximum.at(highest, pieces.side[known], at_centre[known])
     floor = np.maximum(least, lowest)[pieces.side]

@@ -28,7 +28,9 @@ from unilateral.geometry.curves import Kink, Singular
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import ON_SIDE, Along, Local, OfFormulas, Regularity
 
-R, THETA, Q = variable("r"), variable("theta"), variable("q")
+R = variable("r")
+THETA = variable("theta")
+Q = variable("q")
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +81,8 @@ class Polar(Local, OfFormulas):
         With q = (rho / cutoff)^2, eta = (1 - q)_+^4 and phi_r = beta phi / rho,
         Delta v / phi = (48 q (1 - q)_+^2 - 16 (1 + beta) (1 - q)_+^3) / cutoff^2.
         """
-        theta_0, omega = rounded(PI * self.theta_0), rounded(PI * self.omega)
+        theta_0 = rounded(PI * self.theta_0)
+        omega = rounded(PI * self.omega)
         phi = real_power(along, into, float(self.beta), theta_0, omega).scaled(rounded(self.factor))
         if self.cutoff is None:
             return phi, number(along, 1.0), number(along, 0.0)
@@ -126,7 +129,8 @@ class Polar(Local, OfFormulas):
             distance = along.minus(self.t)
         else:
             distance = along.minus(1.0) * (self.polygon.lengths[side] / self.length)
-        r, first = np.abs(distance), distance >= 0
+        r = np.abs(distance)
+        first = distance >= 0
         inside = self._in_disc(r)
         v, _, v_theta = self._values[0](r[inside], np.where(first, 0.0, rounded(PI * self.omega))[inside])
         flux = np.where(first[inside], -v_theta, v_theta)
@@ -179,11 +183,13 @@ def _derive(
 ) -> tuple[Expression, Expression, Expression, Expression]:
     """v, dv/dr, (dv/dtheta)/r and Delta v; the harmonic factor adds nothing to the last."""
     # cos(beta (theta - theta_0)) by the addition theorem, so that whole quarters of a turn are exact
-    shift, turned = beta * theta_0 * PI, beta * THETA
+    shift = beta * theta_0 * PI
+    turned = beta * THETA
     cosine = apply("cos", shift) * apply("cos", turned) + apply("sin", shift) * apply("sin", turned)
     phi = factor * R**beta * cosine
     eta = ONE if cutoff is None else pos(1 - (R / cutoff) ** 2, 4)
-    phi_r, eta_r = derivative(phi, "r"), derivative(eta, "r")
+    phi_r = derivative(phi, "r")
+    eta_r = derivative(eta, "r")
     laplacian = 2 * phi_r * eta_r + phi * (derivative(eta_r, "r") + eta_r / R)
     return phi * eta, phi_r * eta + phi * eta_r, derivative(phi, "theta") / R * eta, laplacian
 
@@ -244,14 +250,19 @@ def corner(
         factor = ONE if alpha is None else 1 / (beta * apply("cos", beta * omega * PI))
         return Polar(polygon, side, 0.0, beta, theta_0, times * factor, cutoff, omega, clamped=True)
     if kind == "free":
-        beta, theta_0, factor = 1 / omega, Fraction(0), ONE
+        beta = 1 / omega
+        theta_0 = Fraction(0)
+        factor = ONE
     elif kind == "held":
-        beta, theta_0, factor = 1 / omega, omega / 2, -ONE
+        beta = 1 / omega
+        theta_0 = omega / 2
+        factor = -ONE
     elif alpha is None or ((1 + alpha) * omega).denominator == 1 or alpha <= -1:
         raise InputError(
             f"a transition at a vertex needs alpha > -1, (1 + alpha) omega/pi no integer, not {alpha}"
         )
     else:
-        beta, theta_0 = 1 + alpha, omega
+        beta = 1 + alpha
+        theta_0 = omega
         factor = -1 / (beta * apply("sin", beta * omega * PI))
     return Polar(polygon, side, 0.0, beta, theta_0, times * factor, cutoff, omega)

@@ -122,7 +122,8 @@ class Problem:
         if self.exact is None:
             return self._on_sides(self.g, side, t)
         clamped = np.isin(side, self.clamped_sides)
-        contact, held = np.flatnonzero(~clamped), np.flatnonzero(clamped)
+        contact = np.flatnonzero(~clamped)
+        held = np.flatnonzero(clamped)
         parts = []
         if contact.size:
             parts.append((self.exact.obstacle_model(side[contact], t.on(contact)), contact))
@@ -270,7 +271,8 @@ def _line(slope: list[Expression], c: Expression) -> list[Kink]:
     if size <= FAR * abs(rounded(c)):
         return []
     square = slope[0] ** 2 + slope[1] ** 2
-    x, y = (rounded(-c * each / square) for each in slope)
+    x = rounded(-c * slope[0] / square)
+    y = rounded(-c * slope[1] / square)
     return [Kink((x, y), 0.0, (-along[1] / size, along[0] / size))]
 
 

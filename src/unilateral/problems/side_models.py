@@ -22,8 +22,10 @@ SideData = Expression | NodalTrace
 
 def places(polygon: Polygon, side: Index, t: Model) -> tuple[Model, Model]:
     """x and y on intervals of the sides (k,), t the arc length in side lengths."""
-    start, edge = polygon.vertices[side].T, polygon.edges[side].T
-    x, y = (number(t, a) + number(t, along) * t for a, along in zip(start, edge, strict=True))
+    start_x, start_y = polygon.vertices[side].T
+    along_x, along_y = polygon.edges[side].T
+    x = number(t, start_x) + number(t, along_x) * t
+    y = number(t, start_y) + number(t, along_y) * t
     return x, y
 
 
@@ -50,7 +52,8 @@ def slopes_on_sides(data: Sequence[SideData], polygon: Polygon, side: Index, t: 
     """The derivatives by t of the data, formulas in x and y, on intervals of the sides (k,)."""
     parts = []
     for i in np.unique(side).tolist():
-        function, here = data[i], np.flatnonzero(side == i)
+        function = data[i]
+        here = np.flatnonzero(side == i)
         if isinstance(function, NodalTrace):
             parts.append((function.slope_model(t.on(here)), here))
             continue

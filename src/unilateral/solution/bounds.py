@@ -131,7 +131,8 @@ def too_large(solution: Solution, sharp: bool) -> str:
     """Says that bounds that are not yet computed take more memory than is free; else empty."""
     if are_computed(solution, sharp):
         return ""
-    needed, free = bound_mb(solution.mesh, sharp), available_mb()
+    needed = bound_mb(solution.mesh, sharp)
+    free = available_mb()
     if needed <= free:
         return ""
     return f"no guaranteed bound: it takes about {needed:.0f} MB, and {free:.0f} MB are free"

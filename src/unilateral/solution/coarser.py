@@ -24,7 +24,8 @@ def clustered(mesh: Mesh, most: int) -> tuple[Index, Index]:
     rank[mesh.boundary[np.isin(mesh.s[:-1], mesh.polygon.starts)]] = 0
     order = np.lexsort([rank, row, column])
     new = (np.diff(column[order], prepend=-1) != 0) | (np.diff(row[order], prepend=-1) != 0)
-    kept, cluster = order[new], np.empty(mesh.n_nodes, dtype=np.intp)
+    kept = order[new]
+    cluster = np.empty(mesh.n_nodes, dtype=np.intp)
     cluster[order] = np.cumsum(new) - 1
     corners = cluster[mesh.triangles]
     proper = (corners != np.roll(corners, 1, axis=1)).all(axis=1)

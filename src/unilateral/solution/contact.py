@@ -33,18 +33,22 @@ class Contact:
     lambda_H: Array
 
     def __repr__(self) -> str:
-        around, n = self.partition.polygon.perimeter, len(self.intervals)
+        around = self.partition.polygon.perimeter
+        n = len(self.intervals)
         return f"Contact: length {self.length:.4g} of {around:.4g}, {n} interval{'s' * (n != 1)}"
 
     @cached_property
     def intervals(self) -> list[Interval]:
         """The longest runs of cells with lambda_H > 0 on one side, in the order of the boundary."""
-        cells, (places, ends) = self.partition, self.partition.ends
+        cells = self.partition
+        (places, ends) = self.partition.ends
         of = np.where(self.lambda_H > 0, cells.side, -1)
         begins = np.flatnonzero((of >= 0) & (np.append(-1, of[:-1]) != of))
         lasts = np.flatnonzero((of >= 0) & (np.append(of[1:], -1) != of))
-        zero, sides = cells.polygon.starts[cells.side], cells.side.tolist()
-        start, end = cells.points[:-1] - zero, cells.points[1:] - zero
+        zero = cells.polygon.starts[cells.side]
+        sides = cells.side.tolist()
+        start = cells.points[:-1] - zero
+        end = cells.points[1:] - zero
         return [
             Interval(sides[i], float(start[i]), float(end[k]), _pair(places[i]), _pair(ends[k]))
             for i, k in zip(begins, lasts, strict=True)

@@ -58,7 +58,8 @@ def on_side(cells: Partition, values: Array, side: int, t: ArrayLike) -> Array:
 
     Raises InputError for a side that is not there.
     """
-    polygon, s = cells.polygon, floats(t, "t")
+    polygon = cells.polygon
+    s = floats(t, "t")
     side = arguments.side(side, polygon.n_sides, "side")
     own = np.flatnonzero(cells.side == side)
     starts = cells.points[own] - polygon.starts[side]
@@ -72,17 +73,20 @@ def located(mesh: Mesh, points: Array) -> Located:
 
     On an edge or at a node that is the triangle with the least number.
     """
-    triangle, weights = np.full(len(points), -1), np.full((len(points), 3), np.nan)
+    triangle = np.full(len(points), -1)
+    weights = np.full((len(points), 3), np.nan)
     at, found, of_found = containing(mesh, points)
     least = np.lexsort([found, at])
     least = least[np.unique(at[least], return_index=True)[1]]
-    triangle[at[least]], weights[at[least]] = found[least], of_found[least]
+    triangle[at[least]] = found[least]
+    weights[at[least]] = of_found[least]
     off = np.flatnonzero(triangle < 0)
     s, distance = _nearest(mesh.polygon, points[off])
     near = distance <= OUTSIDE * mesh.polygon.diameter + round_off(mesh.polygon)
     edge, share = _on_edges(mesh, s[near])
     triangle[off[near]] = mesh.boundary_triangles[edge]
-    nodes, start = mesh.triangles[mesh.boundary_triangles[edge]], mesh.boundary[edge, None]
+    nodes = mesh.triangles[mesh.boundary_triangles[edge]]
+    start = mesh.boundary[edge, None]
     after = np.roll(mesh.boundary, -1)[edge, None]
     weights[off[near]] = (nodes == start) * (1 - share[:, None]) + (nodes == after) * share[:, None]
     return Located(triangle, weights)
@@ -112,7 +116,8 @@ def flux(mesh: Mesh, u_h: Array, q: Array, triangles: Index, weights: Array) -> 
 
 def _nearest(polygon: Polygon, points: Array) -> tuple[Array, Array]:
     """The arc lengths (k,) of the places on the boundary that are nearest to points (k, 2), and how far."""
-    s, distance = np.zeros(len(points)), np.full(len(points), np.inf)
+    s = np.zeros(len(points))
+    distance = np.full(len(points), np.inf)
     for side, (vertex, tangent) in enumerate(zip(polygon.vertices, polygon.tangents, strict=True)):
         t = np.clip((points - vertex) @ tangent, 0, polygon.lengths[side])
         away = np.hypot(*(points - vertex - t[:, None] * tangent).T)

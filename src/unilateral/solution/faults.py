@@ -31,7 +31,8 @@ ENDED_BY_ROUNDING = ("active_set", "multigrid")
 def not_unique(mesh: Mesh, own: bool) -> str:
     """Says that lambda_H may not be unique, and how to mend that; a mesh of the user's `own` has no h."""
     shortest = float(mesh.polygon.lengths.min())
-    advice, alone = "take h < H, such as H = 2h", np.bincount(mesh.side) == 1
+    advice = "take h < H, such as H = 2h"
+    alone = np.bincount(mesh.side) == 1
     if own and alone.any():
         advice = (
             f"a side of the polygon needs two edges of the mesh or more, and side {alone.argmax()} is one; "
@@ -46,7 +47,8 @@ def not_unique(mesh: Mesh, own: bool) -> str:
 
 def flat_triangles(solved: DiscreteSolution) -> str:
     """Says that flat triangles make up most of the cheap bound; else empty."""
-    bound, mesh = solved.local_bound, solved.mesh
+    bound = solved.local_bound
+    mesh = solved.mesh
     if bound is None:
         return ""
     flatness = mesh.longest_edges**2 / (2 * mesh.areas)  # the longest edge over the height on it

@@ -75,7 +75,8 @@ def clamped_rows(n: int, clamped: Sequence[int]) -> list[list[int]]:
 
 def forces_on_sides(solution: Solution, sharp: bool) -> Forces:
     """The forces over all sides with contact and over each side, and the reactions."""
-    clamped, n = solution.problem.clamped_sides, solution.polygon.n_sides
+    clamped = solution.problem.clamped_sides
+    n = solution.polygon.n_sides
     rows = clamped_rows(n, clamped)
     each_side = [[side] if side not in clamped else [] for side in range(n)]
     with_contact = [side for side in range(n) if side not in clamped]
@@ -89,7 +90,8 @@ def force_over(solution: Solution, sharp: bool, sides: Sequence[int] | None) -> 
 
     Raises InputError for a part of clamped sides in a row.
     """
-    n, clamped = solution.polygon.n_sides, solution.problem.clamped_sides
+    n = solution.polygon.n_sides
+    clamped = solution.problem.clamped_sides
     if sides is None:
         return _forces_over(solution, sharp, [[side for side in range(n) if side not in clamped]])[0]
     part = arguments.sides(sides, n, "sides")
@@ -101,14 +103,18 @@ def force_over(solution: Solution, sharp: bool, sides: Sequence[int] | None) -> 
 
 def _forces_over(solution: Solution, sharp: bool, parts: list[list[int]]) -> list[Force]:
     arguments.check_flags(sharp=sharp)
-    bounds, solved = bound_errors(solution, sharp), solution.solved
-    form, n = solved.form, solution.polygon.n_sides
+    bounds = bound_errors(solution, sharp)
+    solved = solution.solved
+    form = solved.form
+    n = solution.polygon.n_sides
     # Without bounds nothing is known of reactions
     outflows = np.where(np.isin(np.arange(n), form.clamped), math.nan, np.zeros((2, n)))
     clamps = Clamps(form, outflows, none(n), math.inf)
     if form.clamped and bounds:
         bounded = solution.bounded
-        bound, cheap, data = bounded.bound(sharp), bounded.local_bound, bounded.data
+        bound = bounded.bound(sharp)
+        cheap = bounded.local_bound
+        data = bounded.data
         assert bound is not None  # as there are bounds
         assert cheap is not None
         assert data is not None

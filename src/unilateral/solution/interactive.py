@@ -21,17 +21,25 @@ if TYPE_CHECKING:
 
     from unilateral.solution.solution import Solution
 
-CONTACT, OBSTACLE, GAP, FREE, CLAMPED = "#d62728", "#222222", "#1f77b4", "#888888", "#000000"
+CONTACT = "#d62728"
+OBSTACLE = "#222222"
+GAP = "#1f77b4"
+FREE = "#888888"
+CLAMPED = "#000000"
 MOST_FORCES = 12
 """The forces of at most this many sides are listed."""
-HEIGHT, FLATTEST, FAR = 0.6, 0.1, 1.3
+HEIGHT = 0.6
+FLATTEST = 0.1
+FAR = 1.3
 """The height of the surface over the longer side of the domain, and the least ratio of the domain's sides.
 
 The eye is FAR times the diagonal of what is seen away.
 """
-BELOW, ROOM = 1.0, 0.05
+BELOW = 1.0
+ROOM = 0.05
 """The obstacle is shown down to BELOW times the height of the surface below that; there is some ROOM."""
-STROKES, SHORT = 60, 0.04
+STROKES = 60
+SHORT = 0.04
 """About STROKES strokes would go around the boundary, SHORT times the domain's shorter side long and deep."""
 LEGEND = {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"}
 TITLE = {"text": "u<sub>h</sub>", "side": "top"}
@@ -83,7 +91,8 @@ def forces(solution: Solution, of: Shown) -> str:
 
 def _coarser(of: Shown) -> str:
     """Says that the surface is coarser than the mesh, if it is."""
-    drawn, all_of_them = len(of.surface[1]), len(of.mesh.triangles)
+    drawn = len(of.surface[1])
+    all_of_them = len(of.mesh.triangles)
     if drawn == all_of_them:
         return ""
     return f"the surface is drawn coarser than the mesh: with {drawn} triangles in place of {all_of_them}"
@@ -91,7 +100,8 @@ def _coarser(of: Shown) -> str:
 
 def described(of: Shown) -> str:
     """What the surface shows, for those who do not see it."""
-    least, largest = float(of.u.min()), float(of.u.max())
+    least = float(of.u.min())
+    largest = float(of.u.max())
     return (
         f"The solution u_h as a surface over the domain, between {least:.4g} and {largest:.4g}; "
         f"{of.where}; on a mesh of {len(of.mesh.triangles)} triangles."
@@ -103,7 +113,9 @@ def surface(of: Shown) -> Figure:
     import plotly.graph_objects as go
 
     nodes, triangles = of.surface
-    (x, y), u, (i, j, k) = of.mesh.points[nodes].T, of.u[nodes], triangles.T.astype(np.int32)
+    (x, y) = of.mesh.points[nodes].T
+    u = of.u[nodes]
+    (i, j, k) = triangles.T.astype(np.int32)
     look: Any = {"cmin": of.limits[0], "cmax": of.limits[1], "colorscale": "Viridis", "colorbar": BAR}
     look |= {"lighting": {"ambient": 0.8, "specular": 0.1}, "hovertemplate": VALUES.format("u<sub>h</sub>")}
     mesh = go.Mesh3d(x=x, y=y, z=u, i=i, j=j, k=k, intensity=u, **look)
@@ -117,11 +129,13 @@ def surface(of: Shown) -> Figure:
 
 def _scene(of: Shown) -> dict[str, Any]:
     """The axes: x and y to scale unless the domain is long, u_h so that it is seen."""
-    sizes, (least, largest) = np.ptp(of.mesh.points, axis=0), of.limits
+    sizes = np.ptp(of.mesh.points, axis=0)
+    (least, largest) = of.limits
     across = np.maximum(sizes / sizes.max(), FLATTEST)
     height = largest - least
     lowest = float(np.nanmin(of.obstacle, initial=least))
-    bottom, top = max(lowest, least - BELOW * height) - ROOM * height, largest + ROOM * height
+    bottom = max(lowest, least - BELOW * height) - ROOM * height
+    top = largest + ROOM * height
     far = FAR * math.hypot(*across, HEIGHT)
     return {
         "xaxis": {"title": "x"},
@@ -137,7 +151,8 @@ def _line(points: Array, colour: str, width: float, name: str) -> Any:
     """A line through points (k, 3), broken at NaN."""
     import plotly.graph_objects as go
 
-    (x, y, z), look = points.T, {"color": colour, "width": width}
+    (x, y, z) = points.T
+    look = {"color": colour, "width": width}
     return go.Scatter3d(x=x, y=y, z=z, mode="lines", line=look, name=name, hovertemplate=VALUES.format(name))
 
 
@@ -145,10 +160,12 @@ def _sides(of: Shown) -> Any:
     """The numbers of the sides, a little outside at the height of u_h."""
     import plotly.graph_objects as go
 
-    polygon, sides = of.mesh.polygon, numbered(of)
+    polygon = of.mesh.polygon
+    sides = numbered(of)
     middles = np.concatenate([_on_side(of, i, polygon.starts[[i]] + polygon.lengths[i] / 2) for i in sides])
     away = SHORT * np.ptp(of.mesh.points, axis=0).min() * polygon.normals[sides]
-    (x, y), z = (middles[:, :2] + away).T, middles[:, 2]
+    (x, y) = (middles[:, :2] + away).T
+    z = middles[:, 2]
     look: Any = {"mode": "text", "text": [str(i) for i in sides], "hoverinfo": "skip", "showlegend": False}
     return go.Scatter3d(x=x, y=y, z=z, name="numbers of sides", **look)
 
@@ -165,16 +182,20 @@ def _contact(of: Shown) -> Array:
 
 def _on_side(of: Shown, side: int, s: Array) -> Array:
     """(k, 3) points at arc lengths s (k,) of a side, with u_h."""
-    polygon, trace = of.mesh.polygon, np.append(of.u[of.mesh.boundary], of.u[of.mesh.boundary[0]])
+    polygon = of.mesh.polygon
+    trace = np.append(of.u[of.mesh.boundary], of.u[of.mesh.boundary[0]])
     places = polygon.at(np.full(len(s), side), s - polygon.starts[side])
     return np.column_stack([places, np.interp(s, of.mesh.s, trace)])
 
 
 def _clamped(of: Shown) -> Array:
     """(k, 3) clamped sides at the height of u_h, with oblique strokes outside, and NaN between them."""
-    polygon, parts, long = of.mesh.polygon, [], SHORT * np.ptp(of.mesh.points, axis=0).min()
+    polygon = of.mesh.polygon
+    parts = []
+    long = SHORT * np.ptp(of.mesh.points, axis=0).min()
     for side in of.clamped:
-        n, (start, end) = int(STROKES * polygon.lengths[side] / polygon.perimeter), polygon.starts[side:][:2]
+        n = int(STROKES * polygon.lengths[side] / polygon.perimeter)
+        (start, end) = polygon.starts[side:][:2]
         feet = _on_side(of, side, np.linspace(start, end, n + 2))
         along = (feet[-1] - feet[0])[:2] / polygon.lengths[side]
         tips = feet + np.append(long * (polygon.normals[side] - along), 0.0)
@@ -193,8 +214,10 @@ def along(of: Shown) -> Figure:
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
-    cells, polygon = of.contact.partition, of.mesh.polygon
-    s, sides = np.repeat(cells.points, 2)[1:-1], np.repeat(cells.side, 2)
+    cells = of.contact.partition
+    polygon = of.mesh.polygon
+    s = np.repeat(cells.points, 2)[1:-1]
+    sides = np.repeat(cells.side, 2)
     figure = make_subplots(rows=2, shared_xaxes=True, vertical_spacing=0.06)
     lines = [
         (of.contact.lambda_H, 1, "λ<sub>H</sub>", {"color": CONTACT}, "tozeroy"),
@@ -214,7 +237,8 @@ def along(of: Shown) -> Figure:
         named = {"annotation_text": "clamped", "annotation_textangle": -90} if side in of.clamped else {}
         figure.add_vrect(*polygon.starts[[side, side + 1]], **GREY, **named)
     for side in numbered(of):
-        middle, text = polygon.starts[side] + polygon.lengths[side] / 2, str(side) if side else "side 0"
+        middle = polygon.starts[side] + polygon.lengths[side] / 2
+        text = str(side) if side else "side 0"
         figure.add_annotation(x=middle, y=1, yref="y domain", yanchor="top", text=text, showarrow=False)
     figure.update_xaxes(range=[0, polygon.perimeter], zeroline=False)
     figure.update_xaxes(title="arc length from vertex 0, anticlockwise", row=2, col=1)

@@ -72,7 +72,8 @@ def matrices(
     partition = discrete.partition
     form = discrete.form
     stiffness, mass = stiffness_and_mass(mesh)
-    cells, nodes = discrete.cells, mesh.boundary
+    cells = discrete.cells
+    nodes = mesh.boundary
     on_boundary = coupling(mesh, partition)[cells].tocoo()
     shape = (len(cells), mesh.n_nodes)
     B = sp.coo_array((on_boundary.data, (on_boundary.row, nodes[on_boundary.col])), shape=shape).tocsr()

@@ -29,19 +29,24 @@ STYLE: Any = {
     "axes.formatter.limits": (-3, 4),
     "axes.formatter.use_mathtext": True,
 }
-ONE, TWO, ALONG = 6.5, 7.5, 1.7
+ONE = 6.5
+TWO = 7.5
+ALONG = 1.7
 """The width of a page with one panel and with two beside each other, and the height along the boundary.
 
 In inches; they are small beside the letters, so that a picture can be read on a phone.
 """
 BAR = 0.2
 """The room at the right for the label of a colour bar, in inches, which the layout does not see."""
-FLATTEST, FLAT = 0.25, 0.5
+FLATTEST = 0.25
+FLAT = 0.5
 """The least height over width of the space for the domain.
 
 Panels of domains below FLAT stand one above the other.
 """
-LETTERS, LINES, DOTTED = 10.0, 3, " ..."
+LETTERS = 10.0
+LINES = 3
+DOTTED = " ..."
 """Letters of a title to the inch, lines that it may have, and the end of a longer one."""
 PLACES = 6
 """Decimals of the place of axes, as a fraction of the page."""
@@ -51,9 +56,11 @@ PATHS: Any = {"svg.hashsalt": "unilateral", "svg.fonttype": "path"}
 def figure(of: Shown) -> Figure:
     """u_h with the contact set, beside it the mesh if it is adapted, and both along the boundary."""
     width, height = np.ptp(of.mesh.points, axis=0)
-    shape, panels = float(np.clip(height / width, FLATTEST, TALLEST)), 2 if of.mesh.adapted else 1
+    shape = float(np.clip(height / width, FLATTEST, TALLEST))
+    panels = 2 if of.mesh.adapted else 1
     across = panels if shape > FLAT else 1
-    wide, down = TWO if across > 1 else ONE, panels // across
+    wide = TWO if across > 1 else ONE
+    down = panels // across
     tall = (wide / across - 1) * shape + 0.6  # less labels and the colour bar, and a title
     with mpl.rc_context(STYLE):
         layout = ConstrainedLayoutEngine(rect=(0, 0, 1 - BAR / wide, 1))
@@ -81,7 +88,8 @@ def on_axes(ax: object, of: Shown) -> Axes:
 
 def _along(above: Axes, below: Axes, of: Shown) -> None:
     """lambda_H, and below it u_h - g, over the arc length; free sides are grey, and sides have numbers."""
-    s, polygon = of.contact.partition.points, of.mesh.polygon
+    s = of.contact.partition.points
+    polygon = of.mesh.polygon
     above.stairs(of.contact.lambda_H, s, color=CONTACT, fill=True, alpha=0.3)
     above.stairs(of.contact.lambda_H, s, color=CONTACT)
     below.stairs(of.gap, s, baseline=0, color=GAP)
@@ -96,7 +104,8 @@ def _along(above: Axes, below: Axes, of: Shown) -> None:
     above.yaxis.get_offset_text().set_horizontalalignment("right")  # not in the way of the sides' numbers
     below.set(xlabel="arc length from vertex 0, anticlockwise", ylabel="gap, mean\nof $u_h - g$")
     _free(above, below, of)
-    named, sides = numbered(of), above.secondary_xaxis("top")
+    named = numbered(of)
+    sides = above.secondary_xaxis("top")
     middles = polygon.starts[:-1] + polygon.lengths / 2
     sides.set_xticks(middles[named], [str(i) if i else "side 0" for i in named])
     sides.tick_params(length=0)
@@ -112,7 +121,8 @@ def _scaled(axes: Axes, nothing: str) -> None:
 
 def _free(above: Axes, below: Axes, of: Shown) -> None:
     """Sides without contact in grey, clamped ones hatched, free ones with the flux that is given there."""
-    s, polygon = of.contact.partition.points, of.mesh.polygon
+    s = of.contact.partition.points
+    polygon = of.mesh.polygon
     for side in np.unique(of.contact.partition.side[of.free]):
         start, end = polygon.starts[[side, side + 1]]
         clamped = side in of.clamped

@@ -17,13 +17,16 @@ from matplotlib.tri import Triangulation
 from unilateral.arrays import Array
 from unilateral.solution.shown import Shown, numbered
 
-CONTACT, FREE = "tab:red", "0.45"
-LINE, TRIANGLES = 20.0, 20_000
+CONTACT = "tab:red"
+FREE = "0.45"
+LINE = 20.0
+TRIANGLES = 20_000
 """The mesh's lines are LINE points over the root of the number of triangles wide, or less.
 
 Above so many TRIANGLES lines would be grey, and the lengths of their edges are shown by colours.
 """
-TALLEST, LONG = 1.2, 8.0
+TALLEST = 1.2
+LONG = 8.0
 """The largest height over width of the space for the domain.
 
 One with longer sides by a factor LONG is not drawn to scale, for it would be a line.
@@ -42,7 +45,8 @@ def domain(axes: Axes, of: Shown, inside: bool = False) -> None:
 
     The colour bar is beside the axes, or takes a part of them if all has to stay `inside`.
     """
-    field, lines = _shaded(axes, of, of.u, Normalize(*of.limits)), {"linewidths": 0.5, "linestyles": "solid"}
+    field = _shaded(axes, of, of.u, Normalize(*of.limits))
+    lines = {"linewidths": 0.5, "linestyles": "solid"}
     if of.varies:
         axes.tricontour(_surface(of), of.u[of.surface[0]], LEVELS, colors="w", alpha=0.6, **lines)
     bar = _bar_in_slot(axes, field, "$u_h$") if inside else _bar(axes, field, "$u_h$")
@@ -111,7 +115,8 @@ def _outline(axes: Axes, of: Shown) -> None:
     lines = [(each.first, each.last) for each in of.contact.intervals]
     axes.add_collection(LineCollection(lines, colors=CONTACT, linewidths=4, capstyle="butt", zorder=3))
     for side in numbered(of):
-        inside, around = -10 * polygon.normals[side], [withStroke(linewidth=2, foreground="w")]
+        inside = -10 * polygon.normals[side]
+        around = [withStroke(linewidth=2, foreground="w")]
         axes.annotate(str(side), sides[side].mean(axis=0), inside, textcoords="offset points", ha="center",
                       va="center", fontsize="small", zorder=4, path_effects=around)  # fmt: skip
 

@@ -37,9 +37,13 @@ def record(solution: Solution, bounds: Bounds | None, errors: Errors | None, sha
 
     `bounds` are the `sharp` ones or the cheap ones.
     """
-    solved, search = solution.solved, solution.search
-    result, goal = solved.result, search.best.goal if search else None
-    mesh, cells, contact = solved.mesh, solved.partition, solution.contact
+    solved = solution.solved
+    search = solution.search
+    result = solved.result
+    goal = search.best.goal if search else None
+    mesh = solved.mesh
+    cells = solved.partition
+    contact = solution.contact
     norm = goal.norm if goal else "h1"
     known = bounds or Bounds(*(math.nan,) * 3)
     beta = solution.beta if mesh.n_nodes <= QUICK else math.nan

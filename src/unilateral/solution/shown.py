@@ -69,7 +69,8 @@ class Shown:
     @property
     def limits(self) -> tuple[float, float]:
         """The values that colours span: those of u_h, or more about a constant."""
-        least, largest = float(self.u.min()), float(self.u.max())
+        least = float(self.u.min())
+        largest = float(self.u.max())
         room = 0.0 if self.varies else (max(-least, largest) or 1.0)
         return least - room, largest + room
 
@@ -97,7 +98,9 @@ class Shown:
 
 def numbered(of: Shown) -> list[int]:
     """The sides that are numbered: as many as there is room for along the boundary."""
-    polygon, last, found = of.mesh.polygon, -1.0, list[int]()
+    polygon = of.mesh.polygon
+    last = -1.0
+    found = list[int]()
     for side, middle in enumerate((polygon.starts[:-1] + polygon.lengths / 2) / polygon.perimeter):
         if middle - last >= APART:
             last = middle
@@ -125,7 +128,8 @@ def shown(solution: Solution) -> Shown:
 
 def _flux(solution: Solution) -> Array:
     """(m,) q in the middle of the cells."""
-    cells, q = solution.partition, solution.problem.enclosed_flux
+    cells = solution.partition
+    q = solution.problem.enclosed_flux
     s = 0.5 * (cells.points[1:] + cells.points[:-1])
     return q.at(q.on(s), s)[0]
 

@@ -44,7 +44,8 @@ def html(of: Solution) -> str:
 def rows(of: Solution) -> dict[str, str]:
     """What is known of the solution, by names."""
     sharp = wants_sharp(of)
-    cells, solved = of.solved.cells, of.solved
+    cells = of.solved.cells
+    solved = of.solved
     found = {"polygon": f"{of.polygon.n_sides} sides"}
     if linear := linear_fields(of.problem):
         found[", ".join(linear)] = LINEAR_BETWEEN_NODES
@@ -55,7 +56,8 @@ def rows(of: Solution) -> dict[str, str]:
         found["error of u"] = "not bounded yet: see bounds"
     else:
         found |= _bounded(of, of.sharp_bounds if sharp else of.bounds, sharp)
-    held, around = of.contact, f"of {of.polygon.perimeter:.4g}"
+    held = of.contact
+    around = f"of {of.polygon.perimeter:.4g}"
     found["contact"] = "the whole boundary, " * held.full + f"length {held.length:.4g} {around}"
     if not len(cells):
         found["contact"] = LINEAR

@@ -39,7 +39,8 @@ LONG_NAMES = {
 
 def of_cells(partition: Partition, **values: Array) -> Columns:
     """Columns (m,) of the cells: side, the arc lengths and places of both ends, and the `values` on them."""
-    s, (start, end) = partition.points, partition.ends
+    s = partition.points
+    (start, end) = partition.ends
     return {
         "side": partition.side,
         "start": s[:-1],
@@ -71,7 +72,8 @@ def dataset(solution: Solution) -> xr.Dataset:
     require("datasets need", "xarray")
     import xarray as xr
 
-    mesh, cells = solution.mesh, cell_columns(solution)
+    mesh = solution.mesh
+    cells = cell_columns(solution)
     attributes = {"h": mesh.h, "H": solution.partition.H}
     if not solution.solved.foreign:
         attributes["algebraic_bound"] = solution.solved.result.bound

@@ -38,9 +38,11 @@ def active_set(operator: DualOperator, offset: Array, tolerance: float) -> DualR
     if not np.all((lambda_H >= 0) & np.isfinite(lambda_H)):
         lambda_H = np.zeros(len(offset))
     if operator.singular:
-        bound, applications = energy_bound(operator, offset, lambda_H), 1
+        bound = energy_bound(operator, offset, lambda_H)
+        applications = 1
     else:
-        bound, applications = residual_bound(operator, offset, lambda_H, 1 / operator.lambda_max), 2
+        bound = residual_bound(operator, offset, lambda_H, 1 / operator.lambda_max)
+        applications = 2
     result = DualResult(lambda_H, math.nan, applications, bound, bound <= tolerance, math.nan, "active_set")
     warn_unless_converged(result, tolerance)
     return result

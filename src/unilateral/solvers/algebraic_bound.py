@@ -48,9 +48,12 @@ def certified(operator: DualOperator, mu: Array, gap: Rounded, delta: float, rho
         rho = 1 / operator.lambda_max
     if not operator.lambda_low > 0:
         return _by_energy(operator, mu, gap, delta)
-    low, R, high = (np.minimum(mu, rho * (gap.values + sign * gap.doubt)) for sign in (-1, 0, 1))
+    low = np.minimum(mu, rho * (gap.values + (-1) * gap.doubt))
+    R = np.minimum(mu, rho * (gap.values + 0 * gap.doubt))
+    high = np.minimum(mu, rho * (gap.values + 1 * gap.doubt))
     root = np.sqrt(operator.H_i)
-    in_L2, doubt = float(dnrm2(root * R)), float(dnrm2(root * (high - low)))
+    in_L2 = float(dnrm2(root * R))
+    doubt = float(dnrm2(root * (high - low)))
     a = (1 + FORMS) * energy_norm(operator.D, R, in_L2) + doubt * math.sqrt(2 * operator.lambda_max)
     return a + (in_L2 + doubt) / (rho * math.sqrt(operator.lambda_low)) + 3 * delta
 

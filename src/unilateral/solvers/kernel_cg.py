@@ -67,7 +67,9 @@ class Run:
     """
 
     def __init__(self, grid: Grid, active: Mask, u: Array) -> None:
-        self.grid, self.active, self.u = grid, active, u
+        self.grid = grid
+        self.active = active
+        self.u = u
         B = grid.cells.B[active]
         self.B_T = B[:, grid.ring].T.tocsr()
         A = grid.of_ring[:, grid.ring]
@@ -113,7 +115,8 @@ class Run:
         Of the active ones these are those with lambda_H > 0, of the others those where the mean of u is below
         g's.
         """
-        cells, allowed = self.grid.cells, ROUNDING * np.max(np.abs(self.u))
+        cells = self.grid.cells
+        allowed = ROUNDING * np.max(np.abs(self.u))
         below = cells.B @ self.u - self.grid.d < -allowed * cells.lengths
         return np.where(self.active, self.lambda_H > 0, below)
 
@@ -123,7 +126,8 @@ class Run:
         daxpy(self.p, self.u, a=alpha)
         daxpy(A_p, self.r, a=-alpha)
         z = self._preconditioned()
-        old, self.rz = self.rz, float(self.r @ z)
+        old = self.rz
+        self.rz = float(self.r @ z)
         self.p *= self.rz / old
         self.p += z
         self.steps.append((alpha, self.rz / old))
@@ -138,8 +142,10 @@ class Run:
 
     def _preconditioned(self) -> Array:
         """The preconditioned residual z (n,)."""
-        grid, z = self.grid, np.zeros_like(self.r)
-        ring, zero = grid.ring, np.zeros_like(self.multiplier)
+        grid = self.grid
+        z = np.zeros_like(self.r)
+        ring = grid.ring
+        zero = np.zeros_like(self.multiplier)
         z[ring] = self._equilibrate(zero)
         if self.coarser:
             last = len(grid.of.smoothed)
@@ -151,7 +157,8 @@ class Run:
         return z
 
     def _sweep(self, z: Array, start: int, stop: int, step: int) -> None:
-        A, nodes = self.grid.of.A, self.grid.of.smoothed
+        A = self.grid.of.A
+        nodes = self.grid.of.smoothed
         gauss_seidel_indexed(A.indptr, A.indices, A.data, z, self.r, nodes, start, stop, step)
 
 

@@ -20,7 +20,8 @@ import numpy as np
 from unilateral.arrays import Array, Mask
 
 MOST_STEPS = 10
-NEAR, FAR = 1e-300, 1e8
+NEAR = 1e-300
+FAR = 1e8
 """NEAR is the least t, taken where q is 0.
 
 Where nothing bounds t, as |p|_S >= 1, it is FAR times 1 or |q|_S, whichever is larger.
@@ -37,15 +38,19 @@ def least(S: Array, l: Array, c: Array, active: Mask, exact: Mask) -> Array:  # 
     active = active | exact[:, None]
     usual = 2 * np.count_nonzero(active, axis=1) <= active.shape[1]
     begin = np.where(np.isfinite(c), c, 0.0) if exact.any() else np.ones_like(c) * c.max(axis=0)
-    T, best, left = _pivoted(S, usual), begin, np.arange(c.shape[1])
+    T = _pivoted(S, usual)
+    best = begin
+    left = np.arange(c.shape[1])
     values = _values(S, l, best)
     for _ in range(MOST_STEPS):
-        of, bound = active[:, left], c[:, left]
+        of = active[:, left]
+        bound = c[:, left]
         v, push = _stationary(T, usual, of, bound, l)
         cut = np.maximum(v, bound)
         now = _values(S, l, cut)
         better = now < values[left]
-        best[:, left[better]], values[left[better]] = cut[:, better], now[better]
+        best[:, left[better]] = cut[:, better]
+        values[left[better]] = now[better]
         active[:, left] = np.where(of, (push >= 0) | exact[:, None], v < bound)
         left = left[(active[:, left] != of).any(axis=0)]
         if not left.size:
@@ -56,7 +61,8 @@ def least(S: Array, l: Array, c: Array, active: Mask, exact: Mask) -> Array:  # 
 def _stationary(T: Array, usual: Mask, active: Mask, c: Array, l: Array) -> tuple[Array, Array]:  # noqa: E741
     """The stationary v (n, k) for the `active` sets (n, k), and the gradient l + S v / |v|_S."""
     (q, S_q), (p, S_p) = _parts(T, usual, active, c, l)
-    of_q, left = np.sqrt(np.maximum(np.sum(q * S_q, axis=0), 0.0)), 1 + l @ p
+    of_q = np.sqrt(np.maximum(np.sum(q * S_q, axis=0), 0.0))
+    left = 1 + l @ p
     bounded = left > 0
     t = np.where(bounded, of_q / np.sqrt(np.where(bounded, left, 1)), FAR * np.maximum(of_q, 1))
     t = np.maximum(t, NEAR)
@@ -74,19 +80,23 @@ def _pivoted(S: Array, usual: Mask) -> Array:
     For r = S v it takes r in the `usual` unknowns and v in the others to v in the `usual` and r in the
     others.
     """
-    F, A = np.flatnonzero(usual), np.flatnonzero(~usual)
+    F = np.flatnonzero(usual)
+    A = np.flatnonzero(~usual)
     inverse = np.linalg.inv(S[np.ix_(F, F)])
     across = inverse @ S[np.ix_(F, A)]
     T = np.empty_like(S)
-    T[np.ix_(F, F)], T[np.ix_(F, A)] = inverse, -across
-    T[np.ix_(A, F)], T[np.ix_(A, A)] = across.T, S[np.ix_(A, A)] - S[np.ix_(A, F)] @ across
+    T[np.ix_(F, F)] = inverse
+    T[np.ix_(F, A)] = -across
+    T[np.ix_(A, F)] = across.T
+    T[np.ix_(A, A)] = S[np.ix_(A, A)] - S[np.ix_(A, F)] @ across
     return T
 
 
 def _parts(T: Array, usual: Mask, active: Mask, c: Array, l: Array) -> list[tuple[Array, Array]]:  # noqa: E741
     """q and S q (n, k), p and S p (n, k) for the `active` sets (n, k)."""
     n, k = active.shape
-    known, none = np.zeros((n, 2, k)), np.zeros_like(c)
+    known = np.zeros((n, 2, k))
+    none = np.zeros_like(c)
     given = np.stack([np.where(active, c, none), np.where(active, none, -l[:, None])], axis=1)
     for j in range(k):
         other = np.flatnonzero(active[:, j] == usual)
@@ -96,5 +106,6 @@ def _parts(T: Array, usual: Mask, active: Mask, c: Array, l: Array) -> list[tupl
         known[other, :, j] = np.linalg.solve(T[np.ix_(other, other)], rest)
     out = (T @ known.reshape(n, -1)).reshape(known.shape)
     here = usual[:, None, None]
-    v, S_v = np.where(here, out, known), np.where(here, known, out)
+    v = np.where(here, out, known)
+    S_v = np.where(here, known, out)
     return [(v[:, i], S_v[:, i]) for i in (0, 1)]

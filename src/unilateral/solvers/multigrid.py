@@ -114,11 +114,15 @@ class Multigrid:
 
     def _nested_iteration(self, counts: list[tuple[int, int]]) -> tuple[Array, Mask]:
         """u (n,) and the active cells (m,) with which to begin on the finest level."""
-        first, share = self.grids[0], AT_FIRST
-        u, active = np.zeros(len(first.load)), np.ones(len(first.d), dtype=bool)
+        first = self.grids[0]
+        share = AT_FIRST
+        u = np.zeros(len(first.load))
+        active = np.ones(len(first.d), dtype=bool)
         for coarse, fine in itertools.pairwise(self.grids):
             active = settled(coarse, u, active, Reduced(share), counts).active
-            u, active, share = np.append(u, np.empty(fine.of.n - len(u))), active[fine.cells.parent], DECADE
+            u = np.append(u, np.empty(fine.of.n - len(u)))
+            active = active[fine.cells.parent]
+            share = DECADE
             fine.of.levels[-1].prolong(u)
         return u, active
 
@@ -131,7 +135,8 @@ def multigrid(of: Hierarchy, cells: Sequence[Cells], load: Array, d: Array) -> M
         assert finer.parent is not None
         load = load.copy()
         of.levels[-1].restrict(load)
-        load, d = load[: of.coarser.n], np.bincount(finer.parent, d).astype(float)
+        load = load[: of.coarser.n]
+        d = np.bincount(finer.parent, d).astype(float)
         of = of.coarser
         grids.insert(0, Grid(of, coarser, load, d))
     return Multigrid(grids)
@@ -143,7 +148,8 @@ def settled(on: Grid, u: Array, active: Mask, ends: Reduced | Bounded, counts: l
     while True:
         if on.exact:
             u[:] = 0  # whose residual is the load itself, however small
-        run, steps = Run(on, active, u), steps + 1
+        run = Run(on, active, u)
+        steps = steps + 1
         after = _after(run, ends)
         counts.append((len(on.of.levels), len(run.steps)))
         if np.array_equal(after, active) or steps == MOST_STEPS:
@@ -206,7 +212,8 @@ class Bounded:
 
     def __call__(self, run: Run) -> float | None:
         """The r . z at which to look again, None to end."""
-        tolerance, least = self.tolerance or 0.0, LEAST * run.first_rz
+        tolerance = self.tolerance or 0.0
+        least = LEAST * run.first_rz
         if run.rz > self._worth_a_bound(run, tolerance) and not run.exhausted:
             return self.first_look(run)
         if run.rz > least and not run.exhausted and run.in_L2 > self.in_L2:

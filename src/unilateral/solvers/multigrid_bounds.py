@@ -27,7 +27,8 @@ from unilateral.fem.residual_rounding import SLACK, Rounded, root
 from unilateral.formulas.taylor import EPS
 from unilateral.solvers.kernel_cg import Grid
 
-CYCLES, ENOUGH = 6, 0.01
+CYCLES = 6
+ENOUGH = 0.01
 """A lower bound on the norm of lambda_H takes at most CYCLES V-cycles.
 
 They end before one that would add no more than the fraction ENOUGH to the square of the norm. The same
@@ -43,14 +44,18 @@ def algebraic_bound(grid: Grid, u: Array, lambda_H: Array) -> float:
 
 def feasible(grid: Grid, u: Array, lambda_H: Array) -> tuple[Rounded, float]:
     """The residual load + B^T lambda_H - A v (n,), and ||w||_1, with the rounding of v and w."""
-    A, B, inside = grid.of.A, grid.cells.B, grid.cells.inside
-    gap, weights = residual_rounding.constrained(B, u, grid.d), B[:, inside].diagonal()
+    A = grid.of.A
+    B = grid.cells.B
+    inside = grid.cells.inside
+    gap = residual_rounding.constrained(B, u, grid.d)
+    weights = B[:, inside].diagonal()
     w = np.where(lambda_H > 0, gap.values, np.minimum(gap.values, 0)) / weights
     v = u.copy()
     v[inside] -= w
     moved = (lambda_H > 0) | (gap.values < gap.doubt)
     doubt = np.where(moved, gap.doubt / weights + EPS * (np.abs(w) + np.abs(v[inside])), 0.0)
-    own, size = abs(A[inside][:, inside]), np.abs(w)  # nothing cancels: a norm from above
+    own = abs(A[inside][:, inside])
+    size = np.abs(w)  # nothing cancels: a norm from above
     norm = root(size, own @ size) + 2 * root(doubt, own @ doubt)
     load = residual_rounding.loaded(grid.load, B, lambda_H)
     return residual_rounding.residual(A, grid.of.sums, v, load), SLACK * norm
@@ -69,7 +74,8 @@ def dual_norm_below(grids: Sequence[Grid], lambda_H: Array) -> float:
         functionals.insert(0, R[: grid.of.levels[-1].before])
     norm = 0.0
     for left, grid, R in zip(range(len(grids))[::-1], grids, functionals, strict=True):
-        before, norm = norm, max(norm, norm_below(grid.of, R))
+        before = norm
+        norm = max(norm, norm_below(grid.of, R))
         if left * (norm**2 - before**2) < ENOUGH * norm**2:
             break
     return norm
@@ -89,16 +95,21 @@ def _nearly_solved(of: Hierarchy, R: Array) -> Array:
 
     Each is for the residual that is left, and its result is made conjugate to those before.
     """
-    left, v, before = R, np.zeros_like(R), list[tuple[Array, Array]]()
+    left = R
+    v = np.zeros_like(R)
+    before = list[tuple[Array, Array]]()
     for _ in range(CYCLES):
         p = downwards(of, left)
         A_p = residual_rounding.product(of.A, of.sums, p).values
         for q, A_q in before:
             share = (p @ A_q) / (q @ A_q)
-            p, A_p = p - share * q, A_p - share * A_q
-        gain, square = float(p @ left), float(p @ A_p)
+            p = p - share * q
+            A_p = A_p - share * A_q
+        gain = float(p @ left)
+        square = float(p @ A_p)
         if not (square > 0 and gain**2 > ENOUGH * square * float(v @ R)):
             break
         before.append((p, A_p))
-        v, left = v + gain / square * p, left - gain / square * A_p
+        v = v + gain / square * p
+        left = left - gain / square * A_p
     return v

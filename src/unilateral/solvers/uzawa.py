@@ -111,7 +111,8 @@ def uzawa(
     check_offset(offset, tolerance)
     if method == "newton" and operator.singular:
         raise InputError("the method newton needs a regular S, with h/H small; take active_set")
-    step, root = STEPS[method], np.sqrt(operator.H_i)
+    step = STEPS[method]
+    root = np.sqrt(operator.H_i)
     if rho is None:
         rho = step.share / operator.lambda_max
     if not 0 < rho < math.inf:
@@ -146,7 +147,8 @@ class Columns:
     def __call__(self, y: Array, out: Array) -> None:
         mask = (y != 0).tobytes()
         if mask != self.mask:
-            self.mask, self.contact = mask, y.nonzero()[0]
+            self.mask = mask
+            self.contact = y.nonzero()[0]
             self.columns = self.S[self.contact]  # rows: S is symmetric
         np.dot(y[self.contact], self.columns, out=out)
 
@@ -157,7 +159,10 @@ class _Iteration:
     def __init__(
         self, operator: DualOperator, b: Array, rho: float, apply: Apply | None, observe: Observe | None
     ) -> None:
-        self.operator, self.b, self.rho, self.observe = operator, b, rho, observe
+        self.operator = operator
+        self.b = b
+        self.rho = rho
+        self.observe = observe
         self.apply = apply or Columns(operator.S)
         self.singular = operator.singular
         self.per_residual = math.inf if self.singular else 1 / (rho * math.sqrt(operator.lambda_min))
@@ -165,7 +170,8 @@ class _Iteration:
 
     def run(self, y: Array, advance: Step, tolerance: float, max_steps: int) -> tuple[int, float]:
         """Iterates on y in place. Returns the number of steps, and the bound that belongs to the final y."""
-        F, R = np.empty_like(y), np.empty_like(y)
+        F = np.empty_like(y)
+        R = np.empty_like(y)
         for step in range(max_steps + 1):
             self.apply(y, F)
             np.add(F, self.b, out=F)

@@ -34,17 +34,22 @@ class Nesterov:
     share = 1.0
 
     def __init__(self, S: Array, b: Array, rho: float, y: Array) -> None:
-        self.rho, self.t, self.old, self.old_F = rho, 1.0, y.copy(), np.zeros_like(y)
+        self.rho = rho
+        self.t = 1.0
+        self.old = y.copy()
+        self.old_F = np.zeros_like(y)
 
     def __call__(self, y: Array, F: Array, R: Array) -> None:
         t = 0.5 * (1 + math.sqrt(1 + 4 * self.t**2))
         momentum = (self.t - 1) / t
-        z, slope = _ahead(y, self.old, momentum), _ahead(F, self.old_F, momentum)
+        z = _ahead(y, self.old, momentum)
+        slope = _ahead(F, self.old_F, momentum)
         slope *= self.rho
         new = np.subtract(z, slope, out=slope)
         np.maximum(new, 0, out=new)
         z -= new
-        self.old[:], self.old_F[:] = y, F
+        self.old[:] = y
+        self.old_F[:] = F
         y[:] = new
         new -= self.old
         self.t = 1.0 if z @ new > 0 else t
@@ -73,11 +78,17 @@ class BarzilaiBorwein:
 
     def __init__(self, S: Array, b: Array, rho: float, y: Array) -> None:
         self.unit = 2.0 ** (math.frexp(max(np.max(np.abs(b)), np.max(np.abs(y))))[1] - 1)
-        self.step, self.old, self.old_F = rho, y.copy(), np.zeros_like(y)
-        self.value, self.reference, self.candidate, self.waited = 0.0, math.inf, 0.0, 0
+        self.step = rho
+        self.old = y.copy()
+        self.old_F = np.zeros_like(y)
+        self.value = 0.0
+        self.reference = math.inf
+        self.candidate = 0.0
+        self.waited = 0
 
     def __call__(self, y: Array, F: Array, R: Array) -> None:
-        s, change = (y - self.old) / self.unit, (F - self.old_F) / self.unit
+        s = (y - self.old) / self.unit
+        change = (F - self.old_F) / self.unit
         curvature = float(s @ change)
         if curvature > 0:
             slope = float(s @ (self.old_F / self.unit))
@@ -85,20 +96,29 @@ class BarzilaiBorwein:
             if self.value + slope + 0.5 * curvature > self.reference:
                 cut = -slope / curvature
                 reach = cut * self.unit
-                y[:], F = self.old + reach * s, self.old_F + reach * change
-                slope, curvature = cut * slope, cut**2 * curvature
+                y[:] = self.old + reach * s
+                F = self.old_F + reach * change
+                slope = cut * slope
+                curvature = cut**2 * curvature
             self._remember(self.value + slope + 0.5 * curvature)
-        self.old, self.old_F = y.copy(), F.copy()
+        self.old = y.copy()
+        self.old_F = F.copy()
         y[:] = np.maximum(0, y - self.step * F)
 
     def _remember(self, value: float) -> None:
         if value < 0:
             self.reference -= value
-            self.value, self.candidate, self.waited = 0.0, 0.0, 0
+            self.value = 0.0
+            self.candidate = 0.0
+            self.waited = 0
             return
-        self.value, self.candidate, self.waited = value, max(self.candidate, value), self.waited + 1
+        self.value = value
+        self.candidate = max(self.candidate, value)
+        self.waited = self.waited + 1
         if self.waited == self.patience:
-            self.reference, self.candidate, self.waited = self.candidate, value, 0
+            self.reference = self.candidate
+            self.candidate = value
+            self.waited = 0
 
 
 class Newton:
@@ -111,7 +131,9 @@ class Newton:
     share = 1.0
 
     def __init__(self, S: Array, b: Array, rho: float, y: Array) -> None:
-        self.S, self.b, self.rho = S, b, rho
+        self.S = S
+        self.b = b
+        self.rho = rho
 
     def __call__(self, y: Array, F: Array, R: Array) -> None:
         contact = np.flatnonzero(y > self.rho * F)

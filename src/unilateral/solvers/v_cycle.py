@@ -37,8 +37,11 @@ class Truncated:
     """The levels below the last one of a hierarchy that has at least two; T is zero at its nodes `fixed`."""
 
     def __init__(self, of: Hierarchy, fixed: Index) -> None:
-        self.last, self.below, self.fixed = of.levels[-1], of.levels[:-1], fixed
-        self.fixed_before, self.fixed_new = fixed[fixed < self.last.before], fixed[fixed >= self.last.before]
+        self.last = of.levels[-1]
+        self.below = of.levels[:-1]
+        self.fixed = fixed
+        self.fixed_before = fixed[fixed < self.last.before]
+        self.fixed_new = fixed[fixed >= self.last.before]
         D = _coarser(self.last, _at_the_nodes(of.A, fixed))
         self.matrices: list[sp.csr_array] = []
         for level in reversed(self.below):
@@ -54,7 +57,8 @@ class Truncated:
         self.last.restrict(d)
         e = self._cycle(d[: self.last.before])
         new = self.last.P @ e[self.last.ends]
-        e[self.fixed_before], new[self.fixed_new - self.last.before] = 0, 0
+        e[self.fixed_before] = 0
+        new[self.fixed_new - self.last.before] = 0
         z[: self.last.before] += e
         z[self.last.before :] += new
 
@@ -67,7 +71,8 @@ class Truncated:
         for level, S in zip(reversed(self.below), reversed(self.matrices), strict=True):
             swept.append(level.sweep_down(S, r))
             level.restrict(r)
-        e, n = np.zeros_like(r), self.coarsest.shape[0]
+        e = np.zeros_like(r)
+        n = self.coarsest.shape[0]
         e[:n] = self.coarsest.solve(r[:n])
         for level, S in zip(self.below, self.matrices, strict=True):
             level.prolong(e)
@@ -90,12 +95,13 @@ def _factors(S: sp.csr_array, A_0: sp.csr_array) -> SuperLU:
 def _at_the_nodes(A: sp.csr_array, nodes: Index) -> SparsePart:
     """The symmetric A's entries whose row or column is one of the nodes."""
     rows = A[nodes].tocoo()
-    i, j = nodes[rows.row], rows.col
+    i = nodes[rows.row]
+    j = rows.col
     chosen = np.zeros(A.shape[0], dtype=bool)
     chosen[nodes] = True
     other = ~chosen[j]
     of, place = np.unique(np.concatenate([i, j]), return_inverse=True)
-    i, j = place[: len(i)], place[len(i) :]
+    i, j = np.split(place, [len(i)])
     entries = np.concatenate([rows.data, rows.data[other]])
     places = np.concatenate([i, j[other]]), np.concatenate([j, i[other]])
     return SparsePart(of, sp.csr_array((entries, places), shape=(len(of), len(of))))
@@ -139,7 +145,8 @@ def _less(A: sp.csr_array, rows: Index, D: SparsePart, columns: Int32 | None = N
     column = A.indices[place] if columns is None else columns[A.indices[place]]
     at = np.minimum(np.searchsorted(D.nodes, column), len(D.nodes) - 1)
     met = D.nodes[at] == column
-    data, of_D = A.data.copy(), np.zeros(len(place))
+    data = A.data.copy()
+    of_D = np.zeros(len(place))
     of_D[met] = np.asarray(sp.csr_matrix(D.values)[np.repeat(some, count)[met], at[met]]).ravel()
     data[place] -= of_D
     cut_away = (np.repeat(row, count) == A.indices[place]) & (data[place] < CUT_AWAY * A.data[place])

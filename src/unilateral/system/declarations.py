@@ -50,7 +50,8 @@ def file_of(name: str) -> Path | None:
     """
     path = Path(name)
     try:
-        is_file, is_folder = path.is_file(), name != "" and path.is_dir()
+        is_file = path.is_file()
+        is_folder = name != "" and path.is_dir()
     except OSError as error:
         raise InputError(f"{shown(name)} cannot be read: {error.strerror}") from None
     if is_folder:

@@ -25,7 +25,8 @@ def limited(function: Callable[[], T], seconds: float) -> T:
     unlike signals. A function that never returns to Python runs until the program ends, and one that holds
     Python's lock meanwhile is not limited.
     """
-    returned, raised = list[T](), list[BaseException]()
+    returned = list[T]()
+    raised = list[BaseException]()
 
     def run() -> None:
         try:

@@ -20,7 +20,8 @@ else:
 BYTES_PER_MB = 2**20
 UNITS_PER_MB = BYTES_PER_MB if sys.platform == "darwin" else 2**10
 """How many units of ru_maxrss a MB has, see getrusage(2)."""
-TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3
+TRIM_THRESHOLD = -1
+MMAP_THRESHOLD = -3
 """The numbers of these parameters for mallopt(3)."""
 CGROUP = Path("/sys/fs/cgroup")
 """The folder of this process's cgroup, as a container sees it."""
@@ -61,7 +62,8 @@ def _container_mb() -> float:
     Cached files count as free.
     """
     try:
-        limit, used = (int((CGROUP / f"memory.{name}").read_text("ascii")) for name in ("max", "current"))
+        limit = int((CGROUP / "memory.max").read_text("ascii"))
+        used = int((CGROUP / "memory.current").read_text("ascii"))
         cached = re.search(
             r"^inactive_file (\d+)$", (CGROUP / "memory.stat").read_text("ascii"), re.MULTILINE
         )

@@ -42,7 +42,8 @@ def test_curves_hold_the_numbers_of_the_tables():
     ]
     assert (u["proved"], u["expected"], u["observed"]) == (1, 1.5, "1.00 of 1.5 (1 pair)")
     assert not u["exact"]
-    level, upper = of_lambda["levels"][1], 3 * np.sqrt(2 - 0.8**2)
+    level = of_lambda["levels"][1]
+    upper = 3 * np.sqrt(2 - 0.8**2)
     assert (level["lower"], level["error"]) == (2.4, 3)
     for name, exact in {"upper": upper, "sharp": 2 * upper, "cheap": 3 * upper}.items():
         assert exact <= level[name] < 1.001 * exact

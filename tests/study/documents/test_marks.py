@@ -7,7 +7,8 @@ from study import formats
 from study.documents import marks
 from unilateral.errors import InputError
 
-BEGIN, END = "<!-- rates: begin -->", "<!-- rates: end -->"
+BEGIN = "<!-- rates: begin -->"
+END = "<!-- rates: end -->"
 OTHER = "<!-- cost: begin -->\nb\n<!-- cost: end -->\n"
 NUMBERS = {
     "beta.worst": 0.1874,

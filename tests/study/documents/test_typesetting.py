@@ -85,7 +85,8 @@ def typesetter(folder):
     (folder / "one.svg").write_text(PICTURE)
     (folder / "other.md").write_text(OTHER)
     templates = [ROOT / "workflow/paper" / name for name in ("numbers.lua", "paper.html", "paper.typ")]
-    html, pdf = folder / "paper.html", folder / "paper.pdf"
+    html = folder / "paper.html"
+    pdf = folder / "paper.pdf"
 
     def run(text):
         (folder / "paper.md").write_text(text, encoding="utf-8")
@@ -193,7 +194,8 @@ def test_a_wide_table_gives_each_column_its_longest_word_and_long_cells_the_rest
 
 def test_a_head_that_does_not_fit_its_column_is_refused(typeset):
     """Heads are not hyphenated. Three words of 48 letters do not fit into a line."""
-    long, narrow = ("multiplicity " * 3).split(), "| a " * 5
+    long = ("multiplicity " * 3).split()
+    narrow = "| a " * 5
     heads = f"{narrow}| {' | '.join(long)} |"
     cells = "| a longer sentence in a cell " * 7 + f"| {'a ' * 30}|"
     wide = f"{heads}\n{'|---' * 8}|\n{cells}\n\n: What it lists. {{#tbl-wide}}\n"

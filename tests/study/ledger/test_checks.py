@@ -90,7 +90,8 @@ def test_the_worst_value_of_an_expression_by_rows(parameters, lines):
 
 def test_values_along_a_ratio_are_those_of_the_pairs_with_it():
     """h = 1/2, 1/4, 1/8 and H = 1, 5/8, 1/2: H = 2h at (0, 0) and (1, 2), and nearly so elsewhere."""
-    h, H = np.array([1 / 2, 1 / 4, 1 / 8]), np.array([1, 5 / 8, 1 / 2])
+    h = np.array([1 / 2, 1 / 4, 1 / 8])
+    H = np.array([1, 5 / 8, 1 / 2])
     x = (("mesh", "partition"), np.arange(9.0).reshape(3, 3))
     given = table(x=x, h_over_H=h[:, None] / H, H=H)
     check = partial(shared.worst, table="t", value="x", quantity="", H_over_h=2, at_least=0)

@@ -135,7 +135,8 @@ def test_the_control_turns_it_to_fails(name):
     assert judgement.verdict == records.FAILS, "\n" + listing.explanation(judgement)
 
 
-FINEST, FAILING = {"value": np.nan, "at": {"mesh": -1}}, {"value": "fails", "at": {"case": 0}}
+FINEST = {"value": np.nan, "at": {"mesh": -1}}
+FAILING = {"value": "fails", "at": {"case": 0}}
 UNFIT = [  # a claim, what takes from it what it rests on, and the reason that is told
     ("1.2h", "square/errors", "hm12_error_upper", FINEST, "the finest error .* is not known of square, "),
     ("4.11", "square/rates", "verdict", FAILING, "square, full_contact, h1: fails$"),
@@ -194,7 +195,8 @@ def test_a_document_does_not_rest_on_what_is_not_judged(tmp_path):
             marks.fill(page, {}, {}, verdicts.holding(found))
 
 
-RATES, STUDY = config("rates")["rates"], config("study")
+RATES = config("rates")["rates"]
+STUDY = config("study")
 
 
 def test_the_ledger_judges_the_ratio_and_the_norms_as_the_study_declares_them():
@@ -237,7 +239,8 @@ def test_the_rate_is_judged_of_all_cases_on_adapted_meshes():
 
 def exact_orders(scene):
     """p of Proposition S9 for the cases of a scene with bounds; 1 where only u in H2 is asked for."""
-    polygon, side = named(STUDY["scenes"][scene]["polygon"]), STUDY["scenes"][scene].get("side", 0)
+    polygon = named(STUDY["scenes"][scene]["polygon"])
+    side = STUDY["scenes"][scene].get("side", 0)
     if polygon.angles.max() >= np.pi:
         return {}
     cases = [load(name, polygon.name, side) for name in STUDY["totals"]["scenes"][scene]]
@@ -258,7 +261,8 @@ def test_bounds_become_exact_in_all_cases_of_proposition_s7():
 
     The gap is in C1 if its order is above 3/2.
     """
-    claim, scenes = LEDGER["F.exact"].parameters, STUDY["totals"]["scenes"]
+    claim = LEDGER["F.exact"].parameters
+    scenes = STUDY["totals"]["scenes"]
     scenes = [scene for scene, cases in scenes.items() if not is_clamped(cases[0])]
     orders = {scene: exact_orders(scene) for scene in scenes}
     assert claim["scenes"] == [scene for scene in scenes if orders[scene]]
@@ -390,7 +394,8 @@ def test_all_claims_stand_below_their_sections_with_their_titles(capsys):
 def test_all_claims_fit_a_terminal(width):
     """No word is lost. Control: without a width some verdicts are longer."""
     stored = listing.stored(RESULTS)
-    lines, unbroken = list(listing.table(stored, width)), list(listing.table(stored))
+    lines = list(listing.table(stored, width))
+    unbroken = list(listing.table(stored))
     assert max(map(len, lines)) <= width < max(map(len, unbroken))
     begin = lines[0].index("verdict")
     verdicts = " ".join(line[begin:] for line in lines[:-3] if not line.endswith(":"))

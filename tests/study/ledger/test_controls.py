@@ -7,7 +7,8 @@ import xarray as xr
 from study.ledger import claims, controls
 from study.ledger.results import Results
 
-OBSERVED, REQUIRED = 2.0, 1.0
+OBSERVED = 2.0
+REQUIRED = 1.0
 
 
 def made_up(at_least=True):
@@ -57,7 +58,8 @@ def test_a_claim_that_does_not_hold_sees_nothing():
 def test_the_scenes_that_are_not_spoilt_are_not_looked_at():
     """A check on two scenes fails where one does; a wrong number in the other one would not change that."""
     table = made_up()[0]["t"]
-    results, entry = Results("", {"a/t": table, "b/t": table}), made_up()[1]
+    results = Results("", {"a/t": table, "b/t": table})
+    entry = made_up()[1]
     entry["parameters"] |= {"table": "{scene}/t", "scenes": ["a", "b"]}
     control = {"what": "x", "tables": ["a/t"], "variable": "number", "factor": 0.1}
     claim = claims.declared({**entry, "reads": ["{scene}/t"], "control": control})

@@ -56,7 +56,8 @@ def steps(of, mesh, times):
 
 def interpolated(coarse, fine):
     """u_h of a solution on the mesh of another one, refined from its own."""
-    u, mesh = np.zeros(len(fine.u_h)), fine.mesh
+    u = np.zeros(len(fine.u_h))
+    mesh = fine.mesh
     u[: len(coarse.u_h)] = coarse.u_h
     for step in mesh.steps[len(coarse.mesh.steps) :]:
         u[step.n : step.n + len(step.ends)] = u[step.ends].mean(axis=1)
@@ -87,7 +88,8 @@ def test_certificates_hold_and_the_search_gets_there(name, accuracy):
 
 def test_of_a_flux_that_is_not_square_integrable():
     """`rough`, whose f cannot be resolved on coarse meshes, which ends the search: 12 meshes without it."""
-    case, errors = load("rough"), []
+    case = load("rough")
+    errors = []
     for solved in steps(case.problem, structured(square(), 1 / 8), 12):
         errors.append(h1_distance(case, solved.mesh, solved.u_h))
         assert errors[-1] <= solved.total("h1")
@@ -137,9 +139,8 @@ def test_where_triangles_share_the_bound_alike_meshes_stay_uniform():
 def test_fewer_unknowns_than_on_uniform_meshes():
     """Of `singular` to 10 %, at least four times."""
     case = problem("singular")
-    adapted, uniform = (
-        levels(case, Goal(0.1, max_unknowns=70_000, kind=kind))[-1] for kind in ("", "structured")
-    )
+    adapted = levels(case, Goal(0.1, max_unknowns=70_000, kind=""))[-1]
+    uniform = levels(case, Goal(0.1, max_unknowns=70_000, kind="structured"))[-1]
     assert adapted.certified
     assert 4 * adapted.unknowns <= uniform.unknowns
 
@@ -192,9 +193,11 @@ def test_triangles_are_halved_at_least_as_often_as_asked():
     of = adapted(structured(square(), 1 / 4))
     halvings = np.random.default_rng(3).integers(0, 3, len(of.mesh.triangles))
     mesh = divided_mesh(of, halvings).mesh
-    asked, area = halvings, of.mesh.areas
+    asked = halvings
+    area = of.mesh.areas
     for step in mesh.steps[len(of.mesh.steps) :]:
-        asked, area = step.inherited(asked), step.inherited(area)
+        asked = step.inherited(asked)
+        area = step.inherited(area)
     assert np.all(mesh.areas <= area / 4.0**asked * (1 + 1e-12))
     assert len(mesh.triangles) < 3 * (4.0**halvings).sum()
 
@@ -266,13 +269,15 @@ def test_units_of_k_and_of_lengths_change_nothing():
     """k is 2^40, and lengths are 2^-20: the meshes are the same, and the certified accuracy nearly so."""
 
     def searched(k, L):
-        x, y = f"(x/{L})", f"(y/{L})"
+        x = f"(x/{L})"
+        y = f"(y/{L})"
         u = f"({x} + {x}*{y}/2 + sin(3*{x})*sinh(3*{y})/40)"
         vertices = [(0, 0), (L, 0), (L, L), (0.01 * L, L), (0, 0.99 * L)]
         given = {"g": [None, u, u, None, None], "u": {0: x, 3: u, 4: u}}
         return search(Problem(vertices, "0", k=k, c=0, **given), Goal(0.05))
 
-    found, other = searched(1, 1.0), searched(2**40, 2.0**-20)
+    found = searched(1, 1.0)
+    other = searched(2**40, 2.0**-20)
     assert found.certified
     assert other.certified
     assert all(level.solved.result.converged for level in other.levels)

@@ -68,7 +68,8 @@ def test_waves_of_f_are_integrated(problem_of, monkeypatch, n, h):
     """
     monkeypatch.setattr(source, "MOST_PIECES", 50_000)
     of = problem_of(f=f"1 + cos({2 * n}*pi*x)", g=-1)
-    mesh, cells = structured(square(), h), partitions.uniform(square(), 2 * h)
+    mesh = structured(square(), h)
+    cells = partitions.uniform(square(), 2 * h)
     solved = solve(discretise(of, mesh, cells))
     error = abs(1 - mesh.areas @ solved.u_h[mesh.triangles].mean(axis=1))
     assert error <= min(solved.bound().u, solved.bound().unknown + 1e-12)
@@ -98,7 +99,8 @@ def test_jumps_of_f_are_integrated_where_they_are(problem_of):
         free_sides=[0, 1, 2],
     )
     exact = (12 * math.sinh(1) - sum(math.sinh(1 - place) for place in places)) / math.cosh(1)
-    mesh, cells = structured(square(), 1 / 50), partitions.uniform(square(), 1 / 25)
+    mesh = structured(square(), 1 / 50)
+    cells = partitions.uniform(square(), 1 / 25)
     solved = solve(discretise(of, mesh, cells), Stop(tolerance=1e-5))
     error = math.sqrt(1 / math.tanh(1)) * abs(exact - cells.lengths @ solved.lambda_H)
     assert error < 2e-4 < solved.bound(sharp=True).lambda_ < 3e-3

@@ -21,7 +21,8 @@ STEPS = ("divided_mesh", "discretise_on", "solve")
 
 def failing(monkeypatch, step, error, at=2):
     """Makes a step of the loop raise an error the `at`-th time."""
-    own, calls = getattr(loop, step), []
+    own = getattr(loop, step)
+    calls = []
 
     def run(*arguments):
         calls.append(step)
@@ -129,7 +130,8 @@ def test_a_level_says_what_the_next_one_will_have_and_take():
 
 def test_what_solved_a_level_is_freed_when_the_next_one_is_solved(monkeypatch):
     """Its grids take half of the memory: no more than two problems are alive at a time."""
-    made, alive = [], []
+    made = []
+    alive = []
     own = multilevel.discretise_nested
 
     def counted(*arguments):

@@ -43,10 +43,12 @@ def on_level(of, cells_per_side):
 
 def finer(of, discrete, u_h, lambda_H, times):
     """A discrete problem on the mesh and the partition refined so often, and u_h and lambda_H there."""
-    mesh, cells = discrete.mesh, discrete.spaces.partition
+    mesh = discrete.mesh
+    cells = discrete.spaces.partition
     for _ in range(times):
         u_h = np.concatenate([u_h, u_h[mesh.triangulation.ends].mean(axis=1)])
-        mesh, cells = meshes.refine(mesh), partitions.refine(cells)
+        mesh = meshes.refine(mesh)
+        cells = partitions.refine(cells)
     fine = discretise(of, mesh, cells)
     return fine, u_h, np.repeat(lambda_H, 2**times)
 
@@ -109,7 +111,8 @@ def test_an_accuracy_is_reached_and_certified(norm):
     """The certificate, and that the accuracy holds: against the exact solution of a case."""
     goal = Goal(0.05, norm, **LIMITS)
     done = levels(load("natural").problem, goal)
-    last, case = done[-1].solved, load("natural")
+    last = done[-1].solved
+    case = load("natural")
     assert [level.certified for level in done] == [False] * (len(done) - 1) + [True]
     assert all(a.unknowns < b.unknowns for a, b in pairwise(done))
     assert last.algebraic(norm) <= ALGEBRAIC_SHARE * goal.accuracy * last.size(norm)
@@ -119,7 +122,8 @@ def test_an_accuracy_is_reached_and_certified(norm):
         size = h1_distance(case, last.mesh, 0 * last.u_h)
     else:
         of_error = dual_norm(last.partition, [case]).of_error
-        error, size = (of_error(case, each[None]).lower[0] for each in (last.lambda_H, 0 * last.lambda_H))
+        error = of_error(case, last.lambda_H[None]).lower[0]
+        size = of_error(case, (0 * last.lambda_H)[None]).lower[0]
     assert error <= last.total(norm)
     assert error <= goal.accuracy * size
     assert last.size(norm) <= size * (1 + 1e-12) or norm == "hm12"
@@ -139,7 +143,8 @@ def test_a_level_is_certified_up_to_its_own_total(norm):
 
 def test_an_absolute_accuracy_is_that_of_the_error_itself():
     """Against the exact solution; it may be above 1, and the relative one is met by a coarser mesh."""
-    case, goal = load("natural"), Goal(0.3, absolute=True)
+    case = load("natural")
+    goal = Goal(0.3, absolute=True)
     done = levels(case.problem, goal)
     assert done[-1].certified
     assert h1_distance(case, done[-1].solved.mesh, done[-1].solved.u_h) <= 0.3
@@ -211,7 +216,8 @@ def test_many_short_sides_do_not_fill_the_polygon_with_small_triangles():
 
 def test_halvings_do_not_multiply_short_sides():
     """Of 100 sides each is a cell already; of 4 long ones a cell is made by halving."""
-    many, stop = regular(100).polygon, Stop()
+    many = regular(100).polygon
+    stop = Stop()
     assert levels_for(many, many.lengths.max(), 2, stop) == 0
     assert levels_for(square(), 1 / 80, 2, stop) > 0
 
@@ -288,7 +294,8 @@ def test_gmsh_is_imported_only_where_a_mesh_is_made_by_it(tmp_path):
     That is solved with the dual norm's forms from their table. Control: those are made with it. Its process
     imports all of the method, which takes most of the time.
     """
-    cells, table = partitions.uniform(square(), 1 / 4), tmp_path / "dual_norm.nc"
+    cells = partitions.uniform(square(), 1 / 4)
+    table = tmp_path / "dual_norm.nc"
     dual_norm(cells, [load("natural")]).gram([load("natural")]).table([load("natural")]).to_netcdf(table)
     imports = (
         "import sys, xarray; from unilateral.cli import main; from unilateral.norms import dual; "
@@ -351,7 +358,8 @@ def test_no_multiplier_at_all_is_exact(problem_of):
 
 def falsified(level, factor):
     """The level with bounds that many times too small."""
-    own, spoilt = level.solved.bound(), replace(level.solved)
+    own = level.solved.bound()
+    spoilt = replace(level.solved)
     bound = replace(own, u=own.u * factor, lambda_=own.lambda_ * factor)
     vars(spoilt)["local_bound"] = bound  # in place of what it would find
     return judge_by(replace(level, solved=spoilt), level.goal)

@@ -50,10 +50,15 @@ class Manufactured:
     clamped_sides = ()
 
     def __init__(self, polygon, u, gap="0", k=1.0, c=1.0):
-        self.polygon, self.k, self.c = polygon, k, c
-        u, gap = (sympy.sympify(formula, {"x": X, "y": Y}) for formula in (u, gap))
+        self.polygon = polygon
+        self.k = k
+        self.c = c
+        u = sympy.sympify(u, {"x": X, "y": Y})
+        gap = sympy.sympify(gap, {"x": X, "y": Y})
         f = c * u - k * (sympy.diff(u, X, 2) + sympy.diff(u, Y, 2))
-        self.jumps, self.formula, self.formulas = {}, u, (f, u - gap)
+        self.jumps = {}
+        self.formula = u
+        self.formulas = (f, u - gap)
         found = (u, sympy.diff(u, X), sympy.diff(u, Y), f)
         self.u, self.u_x, self.u_y, self.f = (sympy.lambdify((X, Y), e) for e in found)
         self.g = sympy.lambdify((X, Y), u - gap)
@@ -67,7 +72,8 @@ class Manufactured:
         return np.zeros(0)
 
     def boundary(self, side, s, near=None):
-        points, (out_x, out_y) = self.polygon.at(side, s).T, self.polygon.normals[side].T
+        points = self.polygon.at(side, s).T
+        (out_x, out_y) = self.polygon.normals[side].T
         u = self.u(*points) + np.zeros(len(s))
         flux = self.k * (self.u_x(*points) * out_x + self.u_y(*points) * out_y)
         return u, flux, u - self.g(*points)
@@ -152,8 +158,10 @@ class Pair(NamedTuple):
 def pair(name, n, polygon="square", crude=None):
     """h = 1/n, H = 2/n; lambda_H solved for, 0, or spoilt by noise, u_h always by (5.1)."""
     d = discrete(name, n, n // 2, polygon)
-    mesh, solution = d.mesh, solve(d)
-    lambda_H, rng = solution.lambda_H, np.random.default_rng(n)
+    mesh = d.mesh
+    solution = solve(d)
+    lambda_H = solution.lambda_H
+    rng = np.random.default_rng(n)
     if crude == "zero":
         lambda_H = np.zeros_like(lambda_H)
     elif crude == "noise":

@@ -41,7 +41,8 @@ def flux_of(q):
 @pytest.mark.parametrize("q", FUNCTIONS)
 def test_moments_with_hats_are_exact(q):
     """Against adaptive quadrature, cut at the jump and the peak; where q is linear it is its own part."""
-    mesh, value = structured(square(), 1 / 4), FUNCTIONS[q]
+    mesh = structured(square(), 1 / 4)
+    value = FUNCTIONS[q]
     found = given(flux_of(q), mesh)
     load = edge_load(mesh, found.ends)[mesh.boundary[:5]]
     for i, x in enumerate(np.linspace(0, 1, 5)):
@@ -72,7 +73,8 @@ def distance(mesh, found, form=H1):
 
 def supremum(mesh, found, fine, of_fine, form=H1):
     """sup <tau - tau~, v>/||v|| over V_h of a finer mesh, on which tau has those moments: a lower bound."""
-    x, edge = fine.s[:-1], np.searchsorted(mesh.s, 0.5 * (fine.s[1:] + fine.s[:-1])) - 1
+    x = fine.s[:-1]
+    edge = np.searchsorted(mesh.s, 0.5 * (fine.s[1:] + fine.s[:-1])) - 1
     at = (np.stack([x, fine.s[1:]], axis=1) - mesh.s[edge][:, None]) / np.diff(mesh.s)[edge][:, None]
     linear = found.ends[edge, :1] * (1 - at) + found.ends[edge, 1:] * at
     rest = edge_load(fine, of_fine.ends - linear)
@@ -104,9 +106,11 @@ def test_what_is_left_is_bounded(q, kind):
 
 def test_a_flux_that_is_hardly_known_is_bounded(monkeypatch):
     """400 waves with 8 pieces: p is nothing like it. Control: what p leaves is nothing."""
-    right, mesh = flux_of("1 + sin(40*pi*x)"), structured(square(), 1 / 2)
+    right = flux_of("1 + sin(40*pi*x)")
+    mesh = structured(square(), 1 / 2)
     monkeypatch.setattr(piecewise, "MOST_PIECES", 8)
-    found, fine = given(flux_of("1 + sin(40*pi*x)"), mesh), meshes.refine(mesh, 5)
+    found = given(flux_of("1 + sin(40*pi*x)"), mesh)
+    fine = meshes.refine(mesh, 5)
     least = supremum(mesh, found, fine, given(right, fine))
     assert least <= distance(mesh, found)
     assert found.unknown(mesh, H1) > 0.5 * distance(mesh, found) > 0.1
@@ -121,10 +125,12 @@ def test_a_function_is_bounded_by_its_norm_and_its_mean(rho, n, form):
     Their norms and integrals on every edge are exact. Control: without the integral, and without the norm,
     the bounds are too small; but for means on triangles that are large, whose constants are too good.
     """
-    mesh, bottom = structured(square(), 1 / n), np.arange(4 * n) < n
+    mesh = structured(square(), 1 / n)
+    bottom = np.arange(4 * n) < n
     of_means = rho == "mean"
     zero = np.zeros(4 * n)
-    norm, mean = np.where(bottom, n**-0.5, 0.0), np.where(bottom & of_means, 1 / n, 0.0)
+    norm = np.where(bottom, n**-0.5, 0.0)
+    mean = np.where(bottom & of_means, 1 / n, 0.0)
     found = Given(np.zeros((4 * n, 2)), zero, norm, mean)
     fine = meshes.refine(mesh, 5 if n == 1 else 3)
     exact = given(flux_of("1" if of_means else f"sqrt(2)*cos({n}*pi*x)"), fine)
@@ -136,7 +142,8 @@ def test_a_function_is_bounded_by_its_norm_and_its_mean(rho, n, form):
 
 def test_a_jump_at_a_node_may_be_on_either_edge():
     """Of height 3, within a few units in the last place of 1/2: both edges have it; others have round-off."""
-    mesh, flux = structured(square(), 1 / 4), flux_of("3*pos(x - 1/2, 0)")
+    mesh = structured(square(), 1 / 4)
+    flux = flux_of("3*pos(x - 1/2, 0)")
     norm, integral = module._of_rho(flux, mesh, *(np.zeros(0, dtype=t) for t in (int, float, float)))
     assert np.all(norm[1:3] >= 3 * np.sqrt(flux.reach))
     assert np.all(integral[1:3] >= 3 * flux.reach)
@@ -145,7 +152,8 @@ def test_a_jump_at_a_node_may_be_on_either_edge():
 
 def test_one_jump_at_a_node_is_on_both_edges():
     """A single place, 1/2, where rho is up to 3 within the reach: on either edge that is a whole reach."""
-    mesh, flux = structured(square(), 1 / 4), flux_of("0")
+    mesh = structured(square(), 1 / 4)
+    flux = flux_of("0")
     flux = replace(flux, points=np.array([0.0, 0.5, 4.0]), jumps=np.array([0.0, 3.0, 0.0]), reach=1e-3)
     norm, integral = module._of_rho(flux, mesh, *(np.zeros(0, dtype=t) for t in (int, float, float)))
     assert np.all(norm[1:3] >= 3 * np.sqrt(1e-3))
@@ -155,7 +163,8 @@ def test_one_jump_at_a_node_is_on_both_edges():
 
 def test_a_jump_inside_an_edge_counts_on_both_sides_of_its_place():
     """Its place is known up to the reach: on twice that the flux may differ by 3."""
-    mesh, flux = structured(square(), 1 / 4), flux_of("3*pos(x - 1/3, 0)")
+    mesh = structured(square(), 1 / 4)
+    flux = flux_of("3*pos(x - 1/3, 0)")
     at = np.argmin(np.abs(flux.points - 1 / 3))
     flux = replace(flux, jumps=np.where(np.arange(len(flux.jumps)) == at, 3.0, 0.0))
     norm, integral = module._of_rho(flux, mesh, *(np.zeros(0, dtype=t) for t in (int, float, float)))
@@ -165,8 +174,10 @@ def test_a_jump_inside_an_edge_counts_on_both_sides_of_its_place():
 
 def test_places_on_an_edge_are_known_up_to_the_reach():
     """Moved by that, a flux changes its mean by as much over the edge; and 8 products are summed for it."""
-    mesh, flux = structured(square(), 1 / 4), flux_of("1000/3")
-    edge, size = np.array([0, 1]), np.array([2.0, 3.0])
+    mesh = structured(square(), 1 / 4)
+    flux = flux_of("1000/3")
+    edge = np.array([0, 1])
+    size = np.array([2.0, 3.0])
     found = module._rounding(flux, mesh, edge, size)
     assert np.all(found[:2] >= size * (8 * 2**-52 + flux.reach / 0.25))
     assert not found[2:].any()
@@ -211,10 +222,12 @@ def test_what_the_flux_leaves_of_lambda_is_its_norm():
     q.n >= 0 is linear; where it is not lambda_H's linear part, only the mean is kept, with the larger
     constant.
     """
-    mesh, cells = structured(square(), 1 / 3), partitions.shifted(square(), 0.11, 0.3)
+    mesh = structured(square(), 1 / 3)
+    cells = partitions.shifted(square(), 0.11, 0.3)
     lambda_H = np.random.default_rng(1).random(cells.n_cells) ** 6
     found = edge_flux(mesh, cells, lambda_H, np.zeros(mesh.n_nodes), Form(c=0.0))
-    x, limited = (np.arange(20_000) + 0.5) / 20_000, []
+    x = (np.arange(20_000) + 0.5) / 20_000
+    limited = []
     for e, length in enumerate(np.diff(mesh.s)):
         value = lambda_H[np.searchsorted(cells.points, mesh.s[e] + length * x) - 1]
         q_n = found.ends[e, 0] * (1 - x) + found.ends[e, 1] * x
@@ -246,7 +259,8 @@ def test_what_is_unknown_counts_by_gradients_and_values(form):
     """||rho||_e times the root of the triangle's constant over k; the mean over |T|^(1/2) by W."""
     mesh = structured(square(), 1 / 8)
     size, integral = np.zeros((2, 32))
-    size[3], integral[4] = 2.0, 5.0
+    size[3] = 2.0
+    integral[4] = 5.0
     rho = Given(np.zeros((32, 2)), np.ones(32), size, integral)
     constant = trace_constants(mesh, 1 / J)[3]
     of_values = 5.0 / math.sqrt(mesh.areas[0]) * form.value_constant
@@ -255,7 +269,8 @@ def test_what_is_unknown_counts_by_gradients_and_values(form):
 
 def test_both_the_size_and_the_mean_of_what_is_unknown_have_the_rounding_of_moments():
     """As if places were known up to a hundredth of an edge: a flux of 5 is known up to 0.05."""
-    mesh, flux = structured(square(), 1 / 8), flux_of("5")
+    mesh = structured(square(), 1 / 8)
+    flux = flux_of("5")
     flux = replace(flux, doubt=0 * flux.doubt, jumps=0 * flux.jumps, reach=0.01 / 8)
     found = given(flux, mesh)
     assert np.all(found.size[:8] >= 0.05 * np.sqrt(1 / 8))
@@ -265,7 +280,8 @@ def test_both_the_size_and_the_mean_of_what_is_unknown_have_the_rounding_of_mome
 
 def test_the_largest_force_of_a_cell_at_an_edge_pushes_it():
     """H_i lambda_i / k, of two cells that meet inside an edge."""
-    mesh, cells = structured(square(), 1 / 2), partitions.from_points(square(), [0, 0.3, 1, 2, 3, 4])
+    mesh = structured(square(), 1 / 2)
+    cells = partitions.from_points(square(), [0, 0.3, 1, 2, 3, 4])
     lambda_H = np.array([2.0, 1.0, 0.5, 0.0, 0.0])
     found = edge_flux(mesh, cells, lambda_H, np.zeros(mesh.n_nodes), Form(2.0, 0.0)).push
     assert found.tolist() == pytest.approx([0.35, 0.35, 0.25, 0.25, 0, 0, 0, 0])
@@ -277,7 +293,9 @@ def test_where_no_layer_is_seen_sigma_is_at_most_the_flux_of_u_h(ratio):
 
     lambda_H = 5 is mu, so that nothing but mu - sigma is left of it.
     """
-    mesh, cells, k = structured(square(), 1 / 4), partitions.uniform(square(), 1 / 4), 3.0
+    mesh = structured(square(), 1 / 4)
+    cells = partitions.uniform(square(), 1 / 4)
+    k = 3.0
     form = Form(k, ratio * EDGE_BALANCE * k * 16)
     lambda_H = np.full(cells.n_cells, 5.0)
     found = edge_flux(mesh, cells, lambda_H, mesh.points[:, 0], form)

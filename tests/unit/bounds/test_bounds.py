@@ -87,16 +87,20 @@ def test_partitions_whose_points_are_no_vertices_of_the_mesh(name, shift):
     """
     vertices, a, b = SEEN[name]
     polygon = Polygon(np.array(vertices), name)
-    x, y = f"(x - {a})", f"(y - {b})"
+    x = f"(x - {a})"
+    y = f"(y - {b})"
     problem = Manufactured(polygon, f"({x}**2 + {y}**2)/2 + {x}**3/200 + {y}**4/200 + 0.03*{x}*{y}")
-    mesh, cells = meshes.unstructured(polygon, 0.11), partitions.shifted(polygon, 0.27, shift)
+    mesh = meshes.unstructured(polygon, 0.11)
+    cells = partitions.shifted(polygon, 0.27, shift)
     flux = problem.boundary(mesh.side, mesh.s[:-1] - polygon.starts[mesh.side])[1]
     assert np.all(flux > 0)
     lambda_H = cell_means(problem, cells).lambda_means
     u_h = u_of(problem, mesh, cells, lambda_H)
     given = given_to(problem, mesh, cells, u_h, lambda_H)
-    local, sharp = local_bound(*given), sharp_bound(*given)
-    error, true = problem.error(mesh, u_h), dual_norm(cells, [problem]).of_error(problem, lambda_H[None])
+    local = local_bound(*given)
+    sharp = sharp_bound(*given)
+    error = problem.error(mesh, u_h)
+    true = dual_norm(cells, [problem]).of_error(problem, lambda_H[None])
     assert sharp.lifting > 0
     assert error <= local.u <= 2 * error
     assert error <= sharp.u <= 1.3 * error
@@ -115,7 +119,8 @@ class OnlyTopAndBottom(Manufactured):
 def test_free_sides_have_no_obstacle(bound, index):
     """u does not depend on x, so lambda = 0 on the free sides; the index as where everything is contact."""
     problem = OnlyTopAndBottom(square(), "cosh(y - 0.45) + 0.2")
-    mesh, cells = structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8)
+    mesh = structured(square(), 1 / 16)
+    cells = partitions.uniform(square(), 1 / 8)
     lambda_H = cell_means(problem, cells).lambda_means
     lambda_H[cells.side % 2 == 1] = 0
     u_h = u_of(problem, mesh, cells, lambda_H)
@@ -128,7 +133,8 @@ def test_free_sides_have_no_obstacle(bound, index):
 def test_nothing_but_free_sides(bound, n):
     """Neumann's problem: only what f - f_h does is left beside eta, and for u_h d = v - u_h."""
     problem = Manufactured(square(), "cos(pi*x)*cos(2*pi*y)")
-    mesh, cells = structured(square(), 1 / n), partitions.uniform(square(), 2 / n)
+    mesh = structured(square(), 1 / n)
+    cells = partitions.uniform(square(), 2 / n)
     zero = np.zeros(cells.n_cells)
     u_h = u_of(problem, mesh, cells, zero)
     found = bound(*given_to(problem, mesh, cells, u_h, zero, free=(0, 1, 2, 3)))
@@ -142,7 +148,8 @@ def test_nothing_but_free_sides(bound, n):
 def test_a_mesh_of_one_triangle(bound):
     polygon = Polygon(np.array([[0, 0], [1, 0], [0, 1]]), "triangle")
     problem = Manufactured(polygon, "0.5*(x - 0.3)**2 + 0.5*(y - 0.3)**2 + 0.1*x**3")
-    mesh, cells = meshes.from_arrays(polygon, polygon.vertices, [[0, 1, 2]]), partitions.uniform(polygon, 2)
+    mesh = meshes.from_arrays(polygon, polygon.vertices, [[0, 1, 2]])
+    cells = partitions.uniform(polygon, 2)
     lambda_H = cell_means(problem, cells).lambda_means
     u_h = u_of(problem, mesh, cells, lambda_H)
     assert bound(*given_to(problem, mesh, cells, u_h, lambda_H)).u >= problem.error(mesh, u_h)
@@ -152,11 +159,13 @@ def test_a_mesh_of_one_triangle(bound):
 def test_what_is_free_of_means_on_triangles_counts(bound, monkeypatch):
     """u = cos(8 pi x), a wave per edge: without that part of f the bound is below the error."""
     problem = Manufactured(square(), "cos(8*pi*x)", "10")
-    mesh, cells = structured(square(), 1 / 4), partitions.uniform(square(), 1 / 2)
+    mesh = structured(square(), 1 / 4)
+    cells = partitions.uniform(square(), 1 / 2)
     zero = np.zeros(cells.n_cells)
     u_h = u_of(problem, mesh, cells, zero)
     given = given_to(problem, mesh, cells, u_h, zero)
-    error, own = problem.error(mesh, u_h, [Feature(0 * X, 1 / 8)]), ResidualParts.norms
+    error = problem.error(mesh, u_h, [Feature(0 * X, 1 / 8)])
+    own = ResidualParts.norms
     assert error <= bound(*given).u
     without = {"oscillation": np.zeros(len(mesh.triangles))}
     monkeypatch.setattr(ResidualParts, "norms", lambda self: own(self._replace(**without)))
@@ -173,10 +182,10 @@ def test_noise_in_u_h_is_in_the_residual(size):
 def test_a_triangle_s_share_is_its_own():
     """A value of u_h at a node in the middle moves shares of triangles at its neighbours, and no others."""
     of = pair("natural", 16)
-    node, n = np.argmin(np.hypot(*(of.mesh.points - 0.5).T)), of.mesh.n_nodes
-    before, after = (
-        local_bound(*of._replace(u_h=of.u_h + 0.01 * moved).given).shares for moved in (0, np.eye(n)[node])
-    )
+    node = np.argmin(np.hypot(*(of.mesh.points - 0.5).T))
+    n = of.mesh.n_nodes
+    before = local_bound(*of._replace(u_h=of.u_h + 0.01 * 0).given).shares
+    after = local_bound(*of._replace(u_h=of.u_h + 0.01 * np.eye(n)[node]).given).shares
     nodes = of.mesh.triangles
     near = np.isin(nodes, nodes[(nodes == node).any(axis=1)]).any(axis=1)
     assert np.all(after[~near] == before[~near])
@@ -201,7 +210,8 @@ def test_without_feasibility_the_bound_is_too_small(bound, monkeypatch):
 )
 def test_with_other_fluxes_on_the_edges_the_bound_is_too_small(module, bound, times, monkeypatch):
     """Control: q.n of the right lambda_H says nothing of one that is so many times as large."""
-    of, own = pair("full_contact", 8), module.edge_flux
+    of = pair("full_contact", 8)
+    own = module.edge_flux
     wrong = of._replace(lambda_H=times * of.lambda_H)
     lower = float(norm_for("full_contact", 4, "square").of_error(of.case, wrong.lambda_H[None]).lower[0])
     assert lower <= bound(*wrong.given).lambda_
@@ -211,7 +221,8 @@ def test_with_other_fluxes_on_the_edges_the_bound_is_too_small(module, bound, ti
 
 def near_the_solution():
     """What both bounds take, of a problem without contact to speak of."""
-    problem, mesh = Manufactured(square(), LINEAR_SOURCE), structured(square(), 1 / 4)
+    problem = Manufactured(square(), LINEAR_SOURCE)
+    mesh = structured(square(), 1 / 4)
     cells = partitions.uniform(square(), 1 / 2)
     return given_to(problem, mesh, cells, problem.u(*mesh.points.T), np.full(cells.n_cells, 0.5))
 
@@ -254,8 +265,10 @@ def test_what_is_not_known_of_g_counts_three_times(monkeypatch):
 
     <sigma, u_h + d - g> grows by 2 t times the force, and the function added is t on the whole boundary.
     """
-    of, t = pair("full_contact", 8), 1e-3
-    force, shorts = of.cells.lengths @ of.lambda_H, []
+    of = pair("full_contact", 8)
+    t = 1e-3
+    force = of.cells.lengths @ of.lambda_H
+    shorts = []
     own = feasible.missing
     monkeypatch.setattr(feasible, "missing", lambda *given: shorts.append(own(*given)) or shorts[-1])
     data, *others = of.given
@@ -280,8 +293,10 @@ def test_a_steep_obstacle_below_u_h_costs_nothing(problem_of, depth):
             f="1",
             g=f"[1, 1, 1, '1 - {depth}*(1 - 1000*x)*1000*x', 1]",
         )
-        mesh, cells = meshes.unstructured(problem.polygon, 0.5), partitions.uniform(problem.polygon, 1.0)
-        u_h, lambda_H = np.full(mesh.n_nodes, 0.99), np.zeros(cells.n_cells)
+        mesh = meshes.unstructured(problem.polygon, 0.5)
+        cells = partitions.uniform(problem.polygon, 1.0)
+        u_h = np.full(mesh.n_nodes, 0.99)
+        lambda_H = np.zeros(cells.n_cells)
         return local_bound(enclose_data(problem, mesh, H1), cells, u_h, lambda_H, H1).lifting
 
     assert lifting(depth) == pytest.approx(lifting(1), rel=1e-6)
@@ -289,9 +304,11 @@ def test_a_steep_obstacle_below_u_h_costs_nothing(problem_of, depth):
 
 @BOUNDS
 def test_bad_input(bound):
-    problem, mesh = Manufactured(square(), LINEAR_SOURCE), structured(square(), 1 / 4)
+    problem = Manufactured(square(), LINEAR_SOURCE)
+    mesh = structured(square(), 1 / 4)
     cells = partitions.uniform(square(), 1 / 2)
-    u_h, lambda_H = np.zeros(mesh.n_nodes), np.ones(cells.n_cells)
+    u_h = np.zeros(mesh.n_nodes)
+    lambda_H = np.ones(cells.n_cells)
 
     def refused(cells=cells, u_h=u_h, lambda_H=lambda_H, free=()):
         with sentences.raises(InputError):

@@ -51,7 +51,8 @@ def ends(clamped, u_on_side_0=U_H, doubts=(), pushed=(), upper=()):
         g.doubt[np.flatnonzero(g.edge == edge)[0]] = doubt
     for edge, high in upper:
         g.upper[np.flatnonzero(g.edge == edge)[0]] = high
-    push, u_h = np.zeros(16), np.full(16, 9.0)
+    push = np.zeros(16)
+    u_h = np.full(16, 9.0)
     push[list(pushed)] = 1e-9
     u_h[:5] = u_on_side_0
     form = Form(c=0.0, clamped=(clamped,), free=tuple({1, 2, 3} - {clamped}))

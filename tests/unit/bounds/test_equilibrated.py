@@ -36,14 +36,17 @@ def told(mesh, q):
 
 def at_nodes(mesh, flux):
     """(m, 3, 2) q at the triangles' nodes, from its fluxes (2, 3, m) by the two edges at each."""
-    slopes, (first, second) = gradients(mesh), flux.transpose(0, 2, 1)
-    through_next, through_before = (turned(np.roll(slopes, -k, axis=1)) for k in (1, 2))
+    slopes = gradients(mesh)
+    (first, second) = flux.transpose(0, 2, 1)
+    through_next = turned(np.roll(slopes, -1, axis=1))
+    through_before = turned(np.roll(slopes, -2, axis=1))
     return through_next * first[..., None] - through_before * np.roll(second, 1, axis=1)[..., None]
 
 
 def balanced(mesh, rng, form=H1):
     """Random u_h, moments of f and sigma, with (u_h, psi) = (f, psi)_0 + <sigma, psi> for all hats psi."""
-    u_h, sigma = rng.standard_normal(mesh.n_nodes), rng.uniform(size=(len(mesh.boundary), 2))
+    u_h = rng.standard_normal(mesh.n_nodes)
+    sigma = rng.uniform(size=(len(mesh.boundary), 2))
     moments = rng.standard_normal((len(mesh.triangles), 3)) * mesh.areas[:, None]
     stiffness, mass = stiffness_and_mass(mesh)
     missing = (form.k * stiffness + form.c * mass) @ u_h - load_vector(mesh, moments)
@@ -89,7 +92,8 @@ def test_the_divergence_and_the_flux_through_the_boundary_are_the_given_ones(nam
 @pytest.mark.parametrize("name", MESHES)
 def test_the_gradient_of_a_linear_function_is_its_own_flux(name, form):
     """Of q_1 and of q_0 alike, so for all weights."""
-    mesh, slope = MESHES[name](), np.array([0.3, -1.1])
+    mesh = MESHES[name]()
+    slope = np.array([0.3, -1.1])
     u = 0.7 + mesh.points @ slope
     nodal = u[mesh.triangles]
     moments = form.c * mesh.areas[:, None] / 12 * (nodal + nodal.sum(axis=1, keepdims=True))
@@ -102,7 +106,8 @@ def test_the_gradient_of_a_linear_function_is_its_own_flux(name, form):
 @pytest.mark.parametrize("name", MESHES)
 def test_where_c_is_large_the_flux_is_the_mean_of_both_sides(name, clamped):
     """q_0.n is the mean of k grad u_h.n, constant on each edge. On clamped ones there is one side."""
-    mesh, form = MESHES[name](), Form(2.0, 1e30)
+    mesh = MESHES[name]()
+    form = Form(2.0, 1e30)
     u_h, moments, sigma = balanced(mesh, np.random.default_rng(3), form)
     sigma = np.full_like(sigma, np.nan) if clamped else sigma
     slopes = form.k * np.einsum("tid,ti->td", gradients(mesh), u_h[mesh.triangles])
@@ -133,15 +138,15 @@ def wheel():
 def numbers_of_the_hub(mesh, u_h, moments, form):
     """The numbers of the patch of the wheel's inner node, and its triangles."""
     corners = np.arange(3 * len(mesh.triangles)).reshape(-1, 3)
-    (after, corner), (_, f) = (module.around(mesh, of.__getitem__) for of in (corners, moments))
-    spokes, ends = (
-        next(fan for edge, fan in module.fans(mesh, after) if not edge.size),
-        mesh.triangulation.ends,
-    )
+    (after, corner) = module.around(mesh, corners.__getitem__)
+    (_, f) = module.around(mesh, moments.__getitem__)
+    spokes = next(fan for edge, fan in module.fans(mesh, after) if not edge.size)
+    ends = mesh.triangulation.ends
     triangle = corner[spokes[:-1, 0]].astype(int) // 3
     assert np.array_equal(triangle, (triangle[0] + np.arange(5)) % 5)
     assert np.array_equal(ends.ravel()[spokes ^ 1][:-1, 0], triangle)
-    hub, rim = np.array([5]), ends.ravel()[spokes ^ 1]
+    hub = np.array([5])
+    rim = ends.ravel()[spokes ^ 1]
     return module._numbers(mesh, u_h, hub, rim, f[spokes[:-1]], form), triangle
 
 
@@ -154,7 +159,8 @@ def test_on_a_patch_the_flux_is_a_mean_with_the_weight_of_its_area(ratio):
     numbers, _ = numbers_of_the_hub(mesh, u_h, moments, form)
     w = min(1.0, 1 / ratio) ** 2
     assert numbers.weight == pytest.approx(w)
-    first, last = (module._inside(numbers._replace(weight=np.array([each]))) for each in (1.0, 0.0))
+    first = module._inside(numbers._replace(weight=np.array([1.0])))
+    last = module._inside(numbers._replace(weight=np.array([0.0])))
     assert module._inside(numbers) == pytest.approx(w * first + (1 - w) * last)
     assert not np.allclose(first, last)
 
@@ -165,14 +171,17 @@ def test_no_other_flux_of_a_patch_is_nearer():
 
     It is integrated from q_a at the nodes. Control: so it is not when one z_j is moved.
     """
-    mesh, rng = wheel(), np.random.default_rng(1)
+    mesh = wheel()
+    rng = np.random.default_rng(1)
     u_h, moments, _ = balanced(mesh, rng)
     numbers, triangle = numbers_of_the_hub(mesh, u_h, moments, H1)
     slope = np.einsum("tid,ti->td", gradients(mesh), u_h[mesh.triangles])
 
     def squared_distance(spokes):
-        flux, after = np.zeros((2, 3, 5)), np.roll(spokes, -1, axis=1)
-        flux[:, 0, triangle], flux[:, 2, triangle] = spokes[..., 0], -after[::-1, :, 0]
+        flux = np.zeros((2, 3, 5))
+        after = np.roll(spokes, -1, axis=1)
+        flux[:, 0, triangle] = spokes[..., 0]
+        flux[:, 2, triangle] = -after[::-1, :, 0]
         away = at_nodes(mesh, flux)
         away[:, 0] -= slope
         return linear_squares(mesh.areas, away).sum()
@@ -185,10 +194,13 @@ def test_no_other_flux_of_a_patch_is_nearer():
         move[:, j] = [[1], [-1]]
         moves.append(move)
     for move in moves:
-        more, less, least = (squared_distance(best + k * move) for k in (1, -1, 0))
+        more = squared_distance(best + 1 * move)
+        less = squared_distance(best + (-1) * move)
+        least = squared_distance(best + 0 * move)
         assert more == pytest.approx(less, rel=1e-12)
         assert more > least
-    more, less = (squared_distance(best + 0.01 * moves[1] + k * moves[1]) for k in (1, -1))
+    more = squared_distance(best + 0.01 * moves[1] + 1 * moves[1])
+    less = squared_distance(best + 0.01 * moves[1] + (-1) * moves[1])
     assert more != pytest.approx(less, rel=1e-4)
 
 
@@ -196,7 +208,8 @@ def test_patches_are_taken_together(monkeypatch):
     """As many eliminations as there are numbers of triangles around a node, however many nodes."""
     counts = []
     for n in (8, 32):
-        calls, mesh = [], structured(named("square"), 1 / n)
+        calls = []
+        mesh = structured(named("square"), 1 / n)
         own = module._inside
         with monkeypatch.context() as patch:
             patch.setattr(module, "_inside", lambda of, own=own, calls=calls: calls.append(1) or own(of))

@@ -52,7 +52,8 @@ def digits(numbers):
 
 
 def turned(vertices, angle):
-    c, s = np.cos(angle), np.sin(angle)
+    c = np.cos(angle)
+    s = np.sin(angle)
     return vertices @ np.array([[c, s], [-s, c]])
 
 
@@ -63,7 +64,8 @@ def placed(size, place, angle=0.6, shape=KITE):
 def beside(mesh, part=0.9):
     """A mesh whose boundary nodes lie beside their sides, off by a part of what is left as round-off."""
     rng = np.random.default_rng(5)
-    points, polygon = mesh.points.copy(), mesh.polygon
+    points = mesh.points.copy()
+    polygon = mesh.polygon
     by = part * round_off(polygon) * rng.choice([-1, 1], len(mesh.boundary))
     inner = ~np.isin(mesh.s[:-1], polygon.starts)
     points[mesh.boundary] += (inner * by)[:, None] * polygon.normals[mesh.side]
@@ -97,20 +99,25 @@ class Linear(NamedTuple):
 
 def linear(polygon, k=1, c=1):
     (x, y), (a, b) = ([exact(z) for z in vertex] for vertex in polygon.vertices[:2])
-    a, b = a - x, b - y
+    a = a - x
+    b = b - y
     u = a * (X - x) + b * (Y - y)
     q = tuple(k * of_u for of_u in fluxes(u, polygon.vertices))
     g = (u - a**2 - b**2, *[sympy.S.Zero] * (polygon.n_sides - 1))
     free = tuple(range(1, polygon.n_sides))
     coefficients = {"k": plain(sympy.sympify(k)), "c": plain(sympy.sympify(c))}
-    f, g, q = plain(c * u), tuple(map(plain, g)), tuple(map(plain, q))
+    f = plain(c * u)
+    g = tuple(map(plain, g))
+    q = tuple(map(plain, q))
     return Linear(Problem("linear", polygon, f, g, free, q=q, **coefficients), (a, b))
 
 
 def exact_nodes(mesh):
     """(n, 2) the nodes, those on the boundary where s divides the exact sides."""
-    polygon, found = mesh.polygon, digits(mesh.points)
-    vertices, starts = digits(polygon.vertices), [mpf(float(s)) for s in polygon.starts]
+    polygon = mesh.polygon
+    found = digits(mesh.points)
+    vertices = digits(polygon.vertices)
+    starts = [mpf(float(s)) for s in polygon.starts]
     for node, s, side in zip(mesh.boundary, mesh.s[:-1], mesh.side, strict=True):
         t = (mpf(float(s)) - starts[side]) / (starts[side + 1] - starts[side])
         found[node] = vertices[side] + t * (vertices[(side + 1) % polygon.n_sides] - vertices[side])
@@ -119,14 +126,17 @@ def exact_nodes(mesh):
 
 def true_error(of, mesh, u_h):
     """(k |u - u_h|_1^2 + c ||u - u_h||_0^2)^{1/2} on the exact mesh, where u - u_h is linear on triangles."""
-    places, problem = exact_nodes(mesh), of.problem
+    places = exact_nodes(mesh)
+    problem = of.problem
     off = (of.at(places) - np.array([mpf(float(x)) for x in u_h], dtype=object))[mesh.triangles]
     x, y = places[mesh.triangles].transpose(2, 0, 1)
-    e, f = np.roll(x, 1, axis=1) - np.roll(x, -1, axis=1), np.roll(y, 1, axis=1) - np.roll(y, -1, axis=1)
+    e = np.roll(x, 1, axis=1) - np.roll(x, -1, axis=1)
+    f = np.roll(y, 1, axis=1) - np.roll(y, -1, axis=1)
     twice = e[:, 0] * f[:, 1] - e[:, 1] * f[:, 0]
     squares = ((off * f).sum(axis=1) ** 2 + (off * e).sum(axis=1) ** 2) / twice / 2
     values = ((off**2).sum(axis=1) + off.sum(axis=1) ** 2) * twice / 24
-    k, c = (mpf(x.numerator) / mpf(x.denominator) for x in (problem.k.rational, problem.c.rational))
+    k = mpf(problem.k.rational.numerator) / mpf(problem.k.rational.denominator)
+    c = mpf(problem.c.rational.numerator) / mpf(problem.c.rational.denominator)
     return float(mp.sqrt(k * squares.sum() + c * values.sum()))
 
 
@@ -193,8 +203,10 @@ def displaced(mesh, u, q, rng):
 
     Nodes on the sides stay where they divide them, and flows through them are as their lengths.
     """
-    polygon, side = mesh.polygon, mesh.side
-    angle, by = rng.uniform(0, 2 * np.pi, mesh.n_nodes), mesh.shift * rng.uniform(0.8, 1, mesh.n_nodes)
+    polygon = mesh.polygon
+    side = mesh.side
+    angle = rng.uniform(0, 2 * np.pi, mesh.n_nodes)
+    by = mesh.shift * rng.uniform(0.8, 1, mesh.n_nodes)
     points = mesh.points + by[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     vertices = points[mesh.boundary[np.isin(mesh.s[:-1], polygon.starts)]]
     edges = np.roll(vertices, -1, axis=0) - vertices
@@ -217,9 +229,11 @@ def test_what_is_added_holds_what_displaced_nodes_do(size):
         polygon = Polygon(size * KITE * [1, 10.0 ** -(number % 2)])
         mesh = in_doubt(meshes.unstructured(polygon, size / rng.choice([2, 8, 20])), 1e-6 * size)
         slope = turned(np.array([1.0, 0.0]), rng.uniform(0, 2 * np.pi))
-        u, (start, end) = mesh.points @ slope, mesh.points[mesh.triangulation.ends.T]
+        u = mesh.points @ slope
+        (start, end) = mesh.points[mesh.triangulation.ends.T]
         e, f = (end - start).T
-        q, at_nodes = np.stack([slope[1] * e - slope[0] * f, np.zeros_like(e)]), u[mesh.triangles]
+        q = np.stack([slope[1] * e - slope[0] * f, np.zeros_like(e)])
+        at_nodes = u[mesh.triangles]
         source = Source(mesh, at_nodes, *np.zeros((3, len(at_nodes))))
         parts = residual_parts(source, nothing(mesh), u, q, H1)
         assert np.linalg.norm(parts.mean) < 1e-12 * size
@@ -242,9 +256,11 @@ def test_f_is_enclosed_where_displaced_nodes_put_it(monkeypatch):
 def test_what_the_sharp_bound_adds_to_the_flux_is_displaced_too():
     """curl phi makes q larger, and so what the exact mesh may do to it: eps |curl phi| on a triangle."""
     polygon = Polygon(KITE)
-    mesh, rng = in_doubt(meshes.unstructured(polygon, 0.3), 1e-6), np.random.default_rng(9)
+    mesh = in_doubt(meshes.unstructured(polygon, 0.3), 1e-6)
+    rng = np.random.default_rng(9)
     problem = Problem("waves", polygon, plain(sympy.sin(3 * X) * Y), (exact_number(-9),) * 4, ())
-    source, sigma = enclosed(mesh, problem.source), np.zeros((len(mesh.boundary), 2))
+    source = enclosed(mesh, problem.source)
+    sigma = np.zeros((len(mesh.boundary), 2))
     w, q = sharp_bounds.balanced(source, np.zeros(mesh.n_nodes), sigma, H1)
     field = sharp_bounds._field(quadratic(mesh), source, w, q, H1)
     phi = rng.uniform(-1, 1, field.spaces.size)
@@ -256,9 +272,11 @@ def test_what_the_sharp_bound_adds_to_the_flux_is_displaced_too():
 @pytest.mark.parametrize("bound", [local_bound, sharp_bound])
 def test_both_bounds_are_multiplied_by_the_growth(bound, monkeypatch):
     """And so is the norm that bounds a force."""
-    mesh, cells = meshes.unstructured(square(), 1 / 4), partitions.uniform(square(), 1 / 2)
+    mesh = meshes.unstructured(square(), 1 / 4)
+    cells = partitions.uniform(square(), 1 / 2)
     problem = Problem("bowl", square(), plain(X**2 + Y**2), (exact_number(0),) * 4, ())
-    data, pair = enclose_data(problem, mesh, H1), (np.sum(mesh.points**2, axis=1), np.ones(cells.n_cells))
+    data = enclose_data(problem, mesh, H1)
+    pair = (np.sum(mesh.points**2, axis=1), np.ones(cells.n_cells))
     found = []
     for growth in (1.0, 1.5):
         monkeypatch.setattr(Mesh, "growth", growth)
@@ -270,11 +288,13 @@ def test_both_bounds_are_multiplied_by_the_growth(bound, monkeypatch):
 def test_nodes_within_the_tolerance_are_moved():
     """Off by 0.99e-10 they once left an error that was above the bound; moved, they leave none."""
     mesh = meshes.unstructured(square(), 1 / 8)
-    rng, points = np.random.default_rng(0), mesh.points.copy()
+    rng = np.random.default_rng(0)
+    points = mesh.points.copy()
     inner = ~np.isin(mesh.s[:-1], square().starts)
     by = 0.99e-10 * inner * rng.choice([-1, 1], len(inner))
     points[mesh.boundary] += by[:, None] * square().normals[mesh.side]
-    own, of = meshes.from_arrays(square(), points, mesh.triangles), linear(square())
+    own = meshes.from_arrays(square(), points, mesh.triangles)
+    of = linear(square())
     with mp.workdps(50):
         error = true_error(of, own, own.points[:, 0])
         assert true_error(of, own, points[:, 0]) > 1e-10

@@ -30,7 +30,8 @@ WAVES = {
 
 def on_edges(text, n=4):
     """The constraint on all edges of a mesh of the unit square."""
-    problem, mesh = ul.Problem(square(), f=0, g=text), structured(square(), 1 / n)
+    problem = ul.Problem(square(), f=0, g=text)
+    mesh = structured(square(), 1 / n)
     return constraint(problem.enclosed_obstacle, mesh, H1)
 
 
@@ -58,7 +59,8 @@ def test_what_is_added_for_the_doubt_is_pressed_like_the_doubt():
     found = on_edges("0")
     g = replace(found, doubt=np.full_like(found.doubt, 1e-3))
     nb = len(g.mesh.boundary)
-    every, v = np.ones(nb, dtype=bool), np.zeros(2 * nb)
+    every = np.ones(nb, dtype=bool)
+    v = np.zeros(2 * nb)
     missing = feasible.missing(g, H1, v, every, np.ones((nb, 2)))
     assert missing.added == pytest.approx(1e-3)
     assert missing.product == pytest.approx(8e-3)
@@ -68,7 +70,8 @@ def short_of(g, rng):
     """Of v from just below g to far above, at midpoints, too, and sigma > 0 on every third edge."""
     nb = len(g.unknowns)
     v = np.where(rng.random(2 * nb) < 0.2, g.at_unknowns, g.at_unknowns + rng.uniform(-0.1, 4, 2 * nb))
-    contact, flux = v == g.at_unknowns, np.where(np.arange(nb) % 3 == 0, rng.random((2, nb)), 0.0).T
+    contact = v == g.at_unknowns
+    flux = np.where(np.arange(nb) % 3 == 0, rng.random((2, nb)), 0.0).T
     v, touching = feasible.raised(g, H1, v, contact, flux, rng.random(nb))
     v[nb:] -= rng.uniform(0, 4, nb)
     return [v, touching, *feasible.missing(g, H1, v, touching, flux), g.near(v, touching)]
@@ -100,13 +103,16 @@ def extension_norm(triangle, r, form=H1):
     """||w|| of w(apex + t (y - apex)) = t r(y), y on the side from vertex 0 to 1, by differentiation."""
     (a, b, c), s, x, y = triangle, sympy.Symbol("s"), *sympy.symbols("x y")
     length = float(np.hypot(*(b - a)))
-    e, n = (b - a) / length, np.array([a[1] - b[1], b[0] - a[0]]) / length
-    p, k = float((c - a) @ e), float((c - a) @ n)
+    e = (b - a) / length
+    n = np.array([a[1] - b[1], b[0] - a[0]]) / length
+    p = float((c - a) @ e)
+    k = float((c - a) @ n)
     t = 1 - y / k
     w = t * r.subs(s, p + (x - p) / t)
     parts = sympy.lambdify((x, y), [w, sympy.diff(w, x), sympy.diff(w, y)])
     nodes, weights = np.polynomial.legendre.leggauss(12)
-    nodes, weights = 0.5 * (nodes + 1), 0.5 * weights
+    nodes = 0.5 * (nodes + 1)
+    weights = 0.5 * weights
     along, down = np.meshgrid(length * nodes, nodes)
     values = parts(p + down * (along - p), k * (1 - down))
     weighted = zip((form.c, form.k, form.k), values, strict=True)
@@ -123,13 +129,15 @@ def test_the_extension_s_norm_is_that_of_its_definition():
     every = np.ones(3, dtype=bool)
     g = constraint(problem.enclosed(), mesh, H1)
     missing = feasible.missing(g, H1, g.at_unknowns, every, np.ones((3, 2)))
-    s, squares = sympy.Symbol("s"), 0.0
+    s = sympy.Symbol("s")
+    squares = 0.0
     for i in range(3):
         a, b, c = np.roll(points, -i, axis=0)
         on_edge = a + (b - a) * np.array([0.0, 0.5, 1.0])[:, None]
         length = float(np.hypot(*(b - a)))
         along = sympy.interpolate(list(zip([0, length / 2, length], problem.u(*on_edge.T), strict=True)), s)
-        x, y = (float(a[j]) + s * float((b - a)[j]) / length for j in range(2))
+        x = float(a[0]) + s * float((b - a)[0]) / length
+        y = float(a[1]) + s * float((b - a)[1]) / length
         squares += extension_norm((a, b, c), sympy.expand(x**3 - 2 * x * y**2 - along)) ** 2
     assert missing.norm == pytest.approx(np.sqrt(3 * squares), rel=1e-10)
     assert 0 <= missing.product <= 1e-8
@@ -138,7 +146,10 @@ def test_the_extension_s_norm_is_that_of_its_definition():
 
 def shortfall(case, g, v, flux):
     """||w||_1 and <q.n, v + w - g> for w from r = (g - v)_+, by sums over 20000 points of every edge."""
-    mesh, x, squares, slack = g.mesh, (np.arange(20_000) + 0.5) / 20_000, 0.0, 0.0
+    mesh = g.mesh
+    x = (np.arange(20_000) + 0.5) / 20_000
+    squares = 0.0
+    slack = 0.0
     foot, height = feasible._apex(mesh, Form(c=0.0))
     shared = np.bincount(mesh.boundary_triangles)[mesh.boundary_triangles]
     for e, length in enumerate(np.diff(mesh.s)):
@@ -146,7 +157,8 @@ def shortfall(case, g, v, flux):
         u, _, gap = case.boundary(np.full(len(x), mesh.side[e]), start + length * x)
         a, b, c = v[g.unknowns[e]]
         below = u - gap - (a * (1 - x) * (1 - 2 * x) + b * x * (2 * x - 1) + 4 * c * x * (1 - x))
-        r, slope = np.maximum(below, 0), np.gradient(np.maximum(below, 0), length * x)
+        r = np.maximum(below, 0)
+        slope = np.gradient(np.maximum(below, 0), length * x)
         parts = [length * np.mean(y**2) for y in (r, slope, (length * x - foot[e]) * slope)]
         of_slope = 0.5 * (height[e] * parts[1] + (parts[2] + 2 * parts[0]) / height[e])
         squares += shared[e] * (of_slope + 0.25 * height[e] * parts[0])
@@ -161,10 +173,12 @@ def test_what_is_missing_is_not_less_than_it_is(name):
     Against sums; they miss r' near kinks by less than 1e-3. Control: they are not much less either.
     """
     d = discrete(name, 8, 4)
-    mesh, case = d.mesh, d.exact.ritz.case
+    mesh = d.mesh
+    case = d.exact.ritz.case
     on = np.ones(len(mesh.boundary), dtype=bool)
     g = constraint(case.problem.enclosed_obstacle, mesh, H1)
-    v, rng = np.where(np.isfinite(g.at_unknowns), g.at_unknowns, 0.0), np.random.default_rng(1)
+    v = np.where(np.isfinite(g.at_unknowns), g.at_unknowns, 0.0)
+    rng = np.random.default_rng(1)
     v[len(on) :] += rng.normal(0, 0.01, len(on))
     flux = rng.random((len(on), 2))
     found = feasible.missing(g, H1, v, ~on, flux)
@@ -177,7 +191,8 @@ def test_what_is_missing_is_not_less_than_it_is(name):
 def test_p_that_differs_at_a_vertex_by_rounding_is_raised_there():
     """Else v - p would not vanish at the ends, and w would not be in H1; control: a jump."""
     on = np.array([True, True])
-    unknowns, on_edges = np.array([[0, 1, 3], [1, 2, 4]]), np.array([[1.0, 1.0, 2.0], [1 + 4e-14, 5.0, 3.0]])
+    unknowns = np.array([[0, 1, 3], [1, 2, 4]])
+    on_edges = np.array([[1.0, 1.0, 2.0], [1 + 4e-14, 5.0, 3.0]])
     at, rise, jumps = constraints._at_ends(on_edges, unknowns, on, np.full((2, 2), 1e-12))
     assert not jumps.any()
     np.testing.assert_allclose(rise, [[0, 4e-14], [0, 0]], rtol=1e-2)
@@ -189,7 +204,8 @@ def test_p_that_differs_at_a_vertex_by_rounding_is_raised_there():
 def test_the_rounding_of_v_is_allowed_for():
     """On an edge where v varies by 1e9 p - v is not known better than to 1e-7 and more."""
     mesh = structured(square(), 1 / 2)
-    problem, every = Manufactured(square(), "1", gap="1 + x"), np.ones(8, dtype=bool)
+    problem = Manufactured(square(), "1", gap="1 + x")
+    every = np.ones(8, dtype=bool)
     g = constraint(problem.enclosed(), mesh, H1)
     steep = np.zeros(16)
     steep[g.unknowns[0]] = 0.0, 1e9, 1e9 / 2
@@ -202,7 +218,9 @@ def test_the_rounding_of_v_is_allowed_for():
 
 def test_v_is_g_at_the_ends_of_edges_that_it_may_cross(monkeypatch):
     """Else the extension of g - v from such an edge would be no function of H1; u_h is above g there, too."""
-    of, own, seen = pair("natural", 16), feasible.missing, []
+    of = pair("natural", 16)
+    own = feasible.missing
+    seen = []
     monkeypatch.setattr(feasible, "missing", lambda *given: seen.append(given[:4]) or own(*given))
     local_bound(*of.given)
     g, _, v, touching = seen[0]
@@ -216,8 +234,10 @@ def test_v_is_g_at_the_ends_of_edges_that_it_may_cross(monkeypatch):
 @pytest.mark.parametrize("name", ["square", "lshape"])
 def test_functions_of_the_layer_are_those_of_P2(name, form):
     """Norms against scikit-fem's, of random values at boundary nodes and midpoints."""
-    mesh, rng = meshes.unstructured(named(name), 0.3), np.random.default_rng(0)
-    of, nb = layer(mesh), len(mesh.boundary)
+    mesh = meshes.unstructured(named(name), 0.3)
+    rng = np.random.default_rng(0)
+    of = layer(mesh)
+    nb = len(mesh.boundary)
     nodal, bubble = rng.standard_normal((2, nb))
     p2 = skfem.Basis(
         skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy()), skfem.ElementTriP2(), intorder=4
@@ -287,10 +307,15 @@ def test_no_extension_exceeds_what_its_slope_allows(apex):
     points = np.array([[0.0, 0.0], [1.0, 0.0], apex])
     mesh = meshes.from_arrays(Polygon(points, "triangle"), points, [[0, 1, 2]])
     nodes, weights = np.polynomial.legendre.leggauss(200)
-    s, weight, k = 0.5 * (1 + nodes), 0.5 * weights, np.pi * np.arange(1, 61)[:, None]
-    slopes, values = np.sqrt(2) * np.cos(k * s), np.sqrt(2) * np.sin(k * s) / k
+    s = 0.5 * (1 + nodes)
+    weight = 0.5 * weights
+    k = np.pi * np.arange(1, 61)[:, None]
+    slopes = np.sqrt(2) * np.cos(k * s)
+    values = np.sqrt(2) * np.sin(k * s) / k
     foot, height = apex
-    of_slopes, of_arms, of_values = (each * weight @ each.T for each in (slopes, (s - foot) * slopes, values))
+    of_slopes = slopes * weight @ slopes.T
+    of_arms = ((s - foot) * slopes) * weight @ ((s - foot) * slopes).T
+    of_values = values * weight @ values.T
     form = 0.5 * (height * of_slopes + (of_arms + 2 * of_values) / height) + 0.25 * height * of_values
     largest = np.linalg.eigvalsh(form)[-1]
     assert largest <= feasible._per_slope(mesh, H1, *feasible._apex(mesh, FLAT))[0] <= 1.5 * largest

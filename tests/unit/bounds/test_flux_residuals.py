@@ -44,8 +44,11 @@ def as_if_exact(mesh):
 def finer(mesh):
     """The same triangles, their areas with those bits."""
     points = mesh.points.astype(MORE)
-    a, b, c = (points[mesh.triangles[:, i]] for i in range(3))
-    (ux, uy), (vx, vy) = (b - a).T, (c - a).T
+    a = points[mesh.triangles[:, 0]]
+    b = points[mesh.triangles[:, 1]]
+    c = points[mesh.triangles[:, 2]]
+    (ux, uy) = (b - a).T
+    (vx, vy) = (c - a).T
     edges = {"triangulation": mesh.triangulation, "opposite_edges": mesh.opposite_edges}
     return SimpleNamespace(points=points, triangles=mesh.triangles, areas=(ux * vy - uy * vx) / 2, **edges)
 
@@ -72,7 +75,8 @@ def without_allowances(monkeypatch):
 
 def shares(mesh, monkeypatch):
     """What rounding has done to the parts of f + div q - u and k grad u - q, over what is allowed for it."""
-    of, zero = finer(mesh), np.zeros(len(mesh.triangles))
+    of = finer(mesh)
+    zero = np.zeros(len(mesh.triangles))
     for u in functions(mesh):
         source = Source(mesh, 1.1 * u[mesh.triangles], zero, zero, zero)
         for q in fluxes(mesh, u, source):
@@ -102,7 +106,8 @@ def test_rounding_is_added():
     """u = 1e6 + x, f = u: the error of its interpolant is 0, and the bound what derivatives of it lose."""
     problem = Manufactured(square(), "1000000 + x", "1")
     mesh = structured(square(), 1 / 16)
-    u_h, source = 1e6 + mesh.points[:, 0], enclosed(mesh, problem)
+    u_h = 1e6 + mesh.points[:, 0]
+    source = enclosed(mesh, problem)
     q = equilibrated(mesh, u_h, source.moments, of_x(mesh))
     assert 0 < max(residual_parts(source, nothing(mesh), u_h, q, H1).norms()) < 1e-4
 
@@ -121,10 +126,13 @@ def copied(parts):
 def test_the_parts_of_a_function_of_P2_are_those_of_its_coefficients(form, monkeypatch):
     """On all triangles of a mesh whose nodes lie on the boundary, against P2 there. Control: of u_h alone."""
     without_allowances(monkeypatch)
-    mesh, rng = structured(square(), 1), np.random.default_rng(5)
-    spaces, of = quadratic(mesh), layer(mesh)
+    mesh = structured(square(), 1)
+    rng = np.random.default_rng(5)
+    spaces = quadratic(mesh)
+    of = layer(mesh)
     u_h, nodal, edges = rng.standard_normal((3, 4))
-    q, f_h = rng.standard_normal((2, 5)), rng.standard_normal((2, 3))
+    q = rng.standard_normal((2, 5))
+    f_h = rng.standard_normal((2, 3))
     source = Source(mesh, f_h, *rng.uniform(1, 2, (2, 2)), np.zeros(2))
     tau = nothing(mesh)
     before = residual_parts(source, tau, u_h, q, form)
@@ -151,10 +159,14 @@ def test_the_parts_of_a_function_of_P2_are_those_of_its_coefficients(form, monke
 
 def test_parts_of_other_triangles_stay():
     """On the layer s' was finite for u_h; for a function of P2 it is infinite."""
-    mesh, rng = structured(square(), 1 / 8), np.random.default_rng(6)
-    u_h, q = rng.standard_normal(mesh.n_nodes), rng.standard_normal((2, len(mesh.triangulation.ends)))
+    mesh = structured(square(), 1 / 8)
+    rng = np.random.default_rng(6)
+    u_h = rng.standard_normal(mesh.n_nodes)
+    q = rng.standard_normal((2, len(mesh.triangulation.ends)))
     m = len(mesh.triangles)
-    source, tau, of = Source(mesh, np.zeros((m, 3)), *np.zeros((3, m))), nothing(mesh), layer(mesh)
+    source = Source(mesh, np.zeros((m, 3)), *np.zeros((3, m)))
+    tau = nothing(mesh)
+    of = layer(mesh)
     before = residual_parts(source, tau, u_h, q, Form(1.0, 1e3))
     hats, bubbles = of.function(*rng.standard_normal((2, len(mesh.boundary))))
     after = copied(before)
@@ -209,7 +221,9 @@ def test_on_the_exact_mesh_flows_are_larger_by_the_stretch(length, monkeypatch):
     without = residual_parts(source, nothing(mesh), mesh.points[:, 0], q, H1)
     monkeypatch.setattr(Polygon, "stretch", property(lambda self: np.array([0, 1e-3, 0, 0])))
     found = residual_parts(source, nothing(mesh), mesh.points[:, 0], q, H1)
-    flow, area, d = 1e-3 * length, length**2 / 2, math.sqrt(2) * length
+    flow = 1e-3 * length
+    area = length**2 / 2
+    d = math.sqrt(2) * length
     (right,) = mesh.boundary_triangles[mesh.side == 1]
     more = found.rest - without.rest
     assert (1 - 1e-9) * flow / area <= more[right] / math.sqrt(area) <= 2 * flow / area
@@ -224,7 +238,8 @@ def test_on_the_exact_mesh_fields_are_larger_at_edges():
 
     With eps = 1/1000 that is some thousandths of it, for grad v is no larger than it with q = 0.
     """
-    mesh, every = structured(square(), 1 / 4), np.arange(32)
+    mesh = structured(square(), 1 / 4)
+    every = np.arange(32)
     field = np.stack([np.ones((3, 32)), np.zeros((3, 32))])
     found = []
     for eps in (0.0, 1e-3):
@@ -251,13 +266,18 @@ def test_by_parts_a_residual_is_the_same(monkeypatch):
     It is (f - c v, z)_T and what flows through the edges, and at most s' times the norm of z. s' is made of
     these two parts. Triangles are large: s' is finite on all.
     """
-    k, c = 2.0, 5e3
-    mesh, rng = meshes.unstructured(square(), 0.35), np.random.default_rng(7)
-    m, form = len(mesh.triangles), Form(k, c)
+    k = 2.0
+    c = 5e3
+    mesh = meshes.unstructured(square(), 0.35)
+    rng = np.random.default_rng(7)
+    m = len(mesh.triangles)
+    form = Form(k, c)
     slopes = rng.standard_normal((2, 3))
-    u_h, f_h = rng.standard_normal(mesh.n_nodes), rng.standard_normal((m, 3))
+    u_h = rng.standard_normal(mesh.n_nodes)
+    f_h = rng.standard_normal((m, 3))
     source = Source(mesh, f_h, *c * rng.uniform(1, 2, (3, m)))
-    calls, own = [], flux_residuals.by_parts
+    calls = []
+    own = flux_residuals.by_parts
     monkeypatch.setattr(flux_residuals, "by_parts", lambda *given: calls.append(given[1:4]) or own(*given))
     parts = residual_parts(source, nothing(mesh), u_h, linear_flux(mesh, slopes), form)
     ((rows, at_nodes, inside),) = calls
@@ -283,7 +303,8 @@ def test_by_parts_a_residual_is_the_same(monkeypatch):
     # the norm of f - c v, with what is left of f; p - f_h is orthogonal to f_h - c v
     points, weights = get_quadrature_tri(4)
     bary = np.column_stack([1 - points.sum(axis=0), *points])
-    places, weights = bary @ corners, 2 * mesh.areas[:, None] * weights
+    places = bary @ corners
+    weights = 2 * mesh.areas[:, None] * weights
     g = (f_h - c * u_h[mesh.triangles]) @ bary.T
     norm = np.sqrt(np.sum(weights * g**2, axis=1) + source.oscillation**2) + source.jumps + source.rest
     assert np.all(norm * (1 - 1e-12) <= inside)
@@ -296,7 +317,8 @@ def test_by_parts_a_residual_is_the_same(monkeypatch):
     by_parts_of_it = np.sum(weights * g * z(places), axis=1)
     for i, j in ((0, 1), (1, 2), (2, 0)):
         along_x, along_y = (corners[:, j] - corners[:, i]).T
-        start, end = (along_x * at_nodes[1, a] - along_y * at_nodes[0, a] for a in (i, j))
+        start = along_x * at_nodes[1, i] - along_y * at_nodes[0, i]
+        end = along_x * at_nodes[1, j] - along_y * at_nodes[0, j]
         middle = z((corners[:, i] + corners[:, j])[:, None] / 2)[:, 0]
         z_start, z_end = z(corners)[:, [i, j]].T
         by_parts_of_it += (start * z_start + 2 * (start + end) * middle + end * z_end) / 6
@@ -316,8 +338,10 @@ def test_by_parts_rounding_counts_on_edges_and_inside(monkeypatch):
 
     With the edges' lengths as weights the point x_0 is the centre of the circle that touches them.
     """
-    mesh, form = structured(square(), 1 / 4), Form(2.0, 1e3)
-    q, zero = np.zeros((2, len(mesh.triangulation.ends))), np.zeros(mesh.n_nodes)
+    mesh = structured(square(), 1 / 4)
+    form = Form(2.0, 1e3)
+    q = np.zeros((2, len(mesh.triangulation.ends)))
+    zero = np.zeros(mesh.n_nodes)
     source = Source(mesh, np.zeros((32, 3)), *np.zeros((3, 32)))
 
     def computed(field, rho):
@@ -338,7 +362,8 @@ def test_by_parts_rounding_is_below_its_allowance(monkeypatch):
 
     u is off by a unit in its last place. The slope has k/d times that, and s' k c^(-1/2) times and more.
     """
-    mesh, form = as_if_exact(meshes.unstructured(square(), 1 / 16)), Form(3.0, 1e6)
+    mesh = as_if_exact(meshes.unstructured(square(), 1 / 16))
+    form = Form(3.0, 1e6)
     u = 1e6 + mesh.points[:, 0]
     source = Source(mesh, 1e6 * u[mesh.triangles], *np.zeros((3, len(mesh.triangles))))
     q = linear_flux(mesh, np.array([[3.0, 0, 0], [0, 0, 0]]))
@@ -354,7 +379,8 @@ def test_by_parts_what_is_not_known_of_a_given_flux_counts():
 
     At least, as the triangle lies within the strip of the edge.
     """
-    mesh, form = structured(square(), 1 / 4), Form(2.0, 1e4, free=(0, 1, 2, 3))
+    mesh = structured(square(), 1 / 4)
+    form = Form(2.0, 1e4, free=(0, 1, 2, 3))
     q, source = constant_flux(mesh)
     size = np.where(np.arange(16) == 3, 5.0, 0.0)
     parts = [

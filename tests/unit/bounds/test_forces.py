@@ -53,7 +53,8 @@ def test_w_is_above_and_below_the_indicator_of_a_side(kind, steps, traces, monke
     """At the middles of edges, too, and wherever the iteration ends."""
     monkeypatch.setattr(least_norm, "MOST_STEPS", steps)
     polygon = named(kind)
-    mesh, cells = structured(polygon, 1 / 8), partitions.uniform(polygon, 1 / 4)
+    mesh = structured(polygon, 1 / 8)
+    cells = partitions.uniform(polygon, 1 / 4)
     rng = np.random.default_rng(1)
     for side in range(polygon.n_sides):
         lambda_H = rng.random(cells.n_cells) * (rng.random(cells.n_cells) < 0.5)
@@ -62,14 +63,16 @@ def test_w_is_above_and_below_the_indicator_of_a_side(kind, steps, traces, monke
         (of, minus), (_, over) = traces[-2:]
         assert over.shape == minus.shape == (len(of.boundary), 1)
         for share in (0.0, 0.5, 1.0):
-            above, below = ((1 - share) * w + share * np.roll(w, -1) for w in (over[:, 0], -minus[:, 0]))
+            above = (1 - share) * over[:, 0] + share * np.roll(over[:, 0], -1)
+            below = (1 - share) * (-minus[:, 0]) + share * np.roll(-minus[:, 0], -1)
             assert np.all(above >= (of.side == side))
             assert np.all(below <= (of.side == side))
 
 
 def test_an_interval_misses_the_force_where_w_is_too_small(monkeypatch):
     """The control: w is not held at the ends of a side, so it is below 1 on the edges there."""
-    mesh, cells = structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
+    mesh = structured(square(), 1 / 8)
+    cells = partitions.uniform(square(), 1 / 4)
     given = mesh, cells, np.ones(cells.n_cells), 1e-3, [[0]]
     assert forces(*given)[0].upper >= 1
     limits = of_forces._limits
@@ -83,16 +86,20 @@ def refused(*_):
 
 def test_the_interval_is_the_best_on_its_mesh(traces):
     """By SLSQP, which knows nothing of active sets, and with S made by dense algebra."""
-    mesh, cells = structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
-    lambda_H, E = np.where(cells.side < 2, 1.0, 0.0), 0.3
+    mesh = structured(square(), 1 / 8)
+    cells = partitions.uniform(square(), 1 / 4)
+    lambda_H = np.where(cells.side < 2, 1.0, 0.0)
+    E = 0.3
     force = forces(mesh, cells, lambda_H, E, [[0]])[0]
     of = traces[-1][0]
-    A, b = sum(stiffness_and_mass(of)).toarray(), of.boundary
+    A = sum(stiffness_and_mass(of)).toarray()
+    b = of.boundary
     inside = np.setdiff1d(np.arange(of.n_nodes), b)
     across = A[np.ix_(inside, b)]
     S = A[np.ix_(b, b)] - across.T @ np.linalg.solve(A[np.ix_(inside, inside)], across)
     pairing = coupling(of, cells).T @ lambda_H
-    on, off = (edges | np.roll(edges, 1) for edges in (of.side == 0, of.side != 0))
+    on = (of.side == 0) | np.roll(of.side == 0, 1)
+    off = (of.side != 0) | np.roll(of.side != 0, 1)
     for c, start, end in (
         (1.0 * on, np.ones(len(b)), force.upper),
         (np.where(off, 0.0, -1.0), -1.0 * ~off, -force.lower),
@@ -114,7 +121,8 @@ def test_its_norm_is_the_least():
     mesh = structured(square(), 1 / 16)
     trace = (mesh.side == 0).astype(float)
     A = sum(stiffness_and_mass(mesh)).toarray()
-    inside, w = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary), np.zeros(mesh.n_nodes)
+    inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
+    w = np.zeros(mesh.n_nodes)
     w[mesh.boundary] = trace
     w[inside] = np.linalg.solve(A[np.ix_(inside, inside)], -(A @ w)[inside])
     found = extended(condense(mesh), trace[:, None])[:, 0]
@@ -129,7 +137,8 @@ def test_the_norm_of_nearly_a_constant_is_not_lost_in_rounding(a):
     By w . A w, in which the gradients of a constant cancel, it was 3e-3 off.
     """
     polygon = Polygon(a * SQUARE, "small")
-    mesh, cells = meshes.unstructured(polygon, a / 64), partitions.uniform(polygon, a / 32)
+    mesh = meshes.unstructured(polygon, a / 64)
+    cells = partitions.uniform(polygon, a / 32)
     whole, side = forces(mesh, cells, np.ones(cells.n_cells), 1.0, [range(4), [0]])
     assert whole.upper - whole.value == pytest.approx(a, rel=1e-8)
     assert 0 <= side.value <= side.upper <= whole.upper
@@ -139,7 +148,8 @@ def test_the_norm_of_nearly_a_constant_is_not_lost_in_rounding(a):
 def test_polygons_of_all_sizes_have_a_force(length):
     """Nothing overflows, and the interval of a side is not that of a constant w."""
     polygon = Polygon(length * SQUARE, "scaled")
-    mesh, cells = meshes.unstructured(polygon, length / 8), partitions.uniform(polygon, length / 4)
+    mesh = meshes.unstructured(polygon, length / 8)
+    cells = partitions.uniform(polygon, length / 4)
     whole, side = forces(mesh, cells, np.ones(cells.n_cells), 1e-3 * min(length, 1.0), [range(4), [0]])
     assert 0.9 * whole.value < whole.lower <= whole.value <= whole.upper < 1.1 * whole.value
     assert side.value == pytest.approx(length)
@@ -156,7 +166,8 @@ def test_a_force_is_that_of_another_unit_of_length_and_of_k(k, size):
     found = []
     for length, form in ((1.0, Form()), (size, Form(k, k / size**2)), (size, Form(k, k / size))):
         polygon = Polygon(length * SQUARE, "square")
-        mesh, cells = structured(polygon, length / 8), partitions.uniform(polygon, length / 4)
+        mesh = structured(polygon, length / 8)
+        cells = partitions.uniform(polygon, length / 4)
         bound = 0.1 * length / form.k**0.5
         clamps = unclamped(4)._replace(form=form)
         found.append(forces(mesh, cells, 1.0 * (cells.side < 2), bound, [range(4), [0]], clamps))
@@ -167,7 +178,8 @@ def test_a_force_is_that_of_another_unit_of_length_and_of_k(k, size):
 
 @pytest.mark.parametrize("bound", [0.0, 1e-300, 1e-20, 1e20, 1e150])
 def test_errors_of_all_sizes(bound):
-    mesh, cells = structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
+    mesh = structured(square(), 1 / 8)
+    cells = partitions.uniform(square(), 1 / 4)
     for lambda_H in (np.zeros(cells.n_cells), np.where(cells.side < 2, 1.0, 0.0)):
         for force in forces(mesh, cells, lambda_H, bound, [range(4), [0], [2]]):
             assert 0 <= force.lower <= force.value <= force.upper < math.inf
@@ -178,14 +190,16 @@ def test_errors_of_all_sizes(bound):
 def test_without_a_small_mesh_w_is_a_constant(monkeypatch):
     """1 or 0, with the root of the area, 1, as its norm."""
     monkeypatch.setattr(force_mesh, "condense", refused)
-    mesh, cells = structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
+    mesh = structured(square(), 1 / 8)
+    cells = partitions.uniform(square(), 1 / 4)
     whole, side = forces(mesh, cells, np.ones(cells.n_cells), 0.1, [range(4), [0]])
     assert whole == pytest.approx((4, 3.9, 4.1), rel=1e-8)
     assert side == pytest.approx((1, 0, 4.1), rel=1e-8)
 
 
 def test_a_free_side_has_no_force_and_hinders_no_other():
-    mesh, cells = structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
+    mesh = structured(square(), 1 / 8)
+    cells = partitions.uniform(square(), 1 / 4)
     lambda_H = np.where(cells.side == 0, 1.0, 0.0)
     held = forces(mesh, cells, lambda_H, 0.1, [[0], [1]])
     freed = forces(mesh, cells, lambda_H, 0.1, [[0], [1]], unclamped(4)._replace(form=Form(free=(1, 3))))
@@ -194,14 +208,16 @@ def test_a_free_side_has_no_force_and_hinders_no_other():
 
 
 def test_without_a_bound_of_lambda_there_is_none_of_the_force():
-    mesh, cells = structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
+    mesh = structured(square(), 1 / 8)
+    cells = partitions.uniform(square(), 1 / 4)
     force = forces(mesh, cells, np.ones(cells.n_cells), math.inf, [[0]])[0]
     assert force == (1, 0, math.inf)
 
 
 def test_of_a_solution_from_python():
     s = ul.solve(ul.case("natural"), h=1 / 16, H=1 / 8)
-    local, sharp = s.forces(), s.forces(sharp=True)
+    local = s.forces()
+    sharp = s.forces(sharp=True)
     exact = exact_forces(s.problem.exact, s.partition)[0]
     assert local.whole.lower < sharp.whole.lower <= exact <= sharp.whole.upper < local.whole.upper
     assert len(local.sides) == 4
@@ -215,7 +231,8 @@ def test_of_a_solution_from_python():
 def test_it_does_not_grow_with_the_mesh_of_the_solution(kind, monkeypatch):
     """If that is refined, or too large to begin with."""
     polygon = named("lshape") if kind == "structured" else Polygon(KITE, "kite")
-    cells, sizes = partitions.uniform(polygon, 1 / 4), []
+    cells = partitions.uniform(polygon, 1 / 4)
+    sizes = []
     load = np.where(cells.side < 2, 1e3, 0.0)
     for h in (1 / 16, 1 / 64, 1 / 128):
         mesh = structured(polygon, h) if kind == "structured" else meshes.unstructured(polygon, h)
@@ -238,7 +255,8 @@ def test_it_is_halved_at_ends_until_loads_are_light():
     cells = partitions.uniform(square(), 1 / 4)
     load = np.where((cells.side == 0) & (cells.points[:-1] < 0.75), 100.0, 0.0)
     found = small_mesh(structured(square(), 1 / 8), cells, load, 1.0)
-    nodes, edges = coupling(found, cells).T @ load, np.diff(found.s)
+    nodes = coupling(found, cells).T @ load
+    edges = np.diff(found.s)
     at = [np.flatnonzero(found.s[:-1] == s)[0] for s in (0.0, 0.75)]
     assert np.all(nodes[at] <= LIGHT)
     assert min(edges[at]) <= 2 * LIGHT / 100
@@ -258,7 +276,8 @@ def test_a_light_load_or_none_leaves_it_uniform():
 def test_edges_at_the_boundary_of_a_polygon_are_halved_to_the_depth_of_functions(size):
     """Not so those inside."""
     polygon = Polygon(30 * size * KITE, "large")
-    mesh, cells = meshes.unstructured(polygon, 10 * size), partitions.uniform(polygon, 10 * size)
+    mesh = meshes.unstructured(polygon, 10 * size)
+    cells = partitions.uniform(polygon, 10 * size)
     found = small_mesh(mesh, cells, np.zeros(14), size)
     assert found.h <= size
     assert found.diameter > 2 * size
@@ -316,7 +335,8 @@ def test_without_a_reaction_the_sum_of_all_forces_is_known(data, exact, clamped)
     g = [-0.01 if side not in (*free, *clamped) else None for side in range(4)]
     problem = ul.Problem(square(), g=g, free_sides=free, u=dict.fromkeys(clamped, 0), c=0, **data)
     s = ul.solve(problem, h=1 / 4, H=1 / 2)
-    found, sides = s.forces(), [side for side in range(4) if side not in free]
+    found = s.forces()
+    sides = [side for side in range(4) if side not in free]
     assert found.total == s.force(sides=sides)
     assert found.total.lower <= found.total.value <= found.total.upper
     assert found.total.lower <= exact <= found.total.upper
@@ -329,12 +349,12 @@ def test_without_a_reaction_the_sum_of_all_forces_is_known(data, exact, clamped)
 
 def test_the_only_reaction_is_known_where_no_side_has_contact():
     """The integral of x + 1 over the square is 3/2. Control: with two clamped sides, neither is known so."""
-    reaction, other = (
-        ul.solve(
-            ul.Problem(square(), "-x - 1", None, free, u=dict.fromkeys(clamped, 0), c=0), h=1 / 4, H=1 / 2
-        ).forces()
-        for free, clamped in (([0, 1, 2], [3]), ([0, 2], [1, 3]))
-    )
+    reaction = ul.solve(
+        ul.Problem(square(), "-x - 1", None, [0, 1, 2], u=dict.fromkeys([3], 0), c=0), h=1 / 4, H=1 / 2
+    ).forces()
+    other = ul.solve(
+        ul.Problem(square(), "-x - 1", None, [0, 2], u=dict.fromkeys([1, 3], 0), c=0), h=1 / 4, H=1 / 2
+    ).forces()
     assert reaction.reactions[3,] == reaction.total
     assert reaction.total.value == pytest.approx(1.5, rel=1e-12)
     assert reaction.total.upper - reaction.total.lower < 1e-8
@@ -376,7 +396,8 @@ def test_the_rounding_of_a_force_is_that_of_its_own_side():
 
     w passes from 1 to 0 on the first and last edge of a side.
     """
-    mesh, cells = structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
+    mesh = structured(square(), 1 / 8)
+    cells = partitions.uniform(square(), 1 / 4)
     lambda_H = np.where(cells.side == 0, 1e12, np.where(cells.side == 2, 1.0, 0.0))
     of_2, whole = forces(mesh, cells, lambda_H, 0.0, [[2], [0, 1, 2, 3]])
     assert 0.9 < of_2.lower < 1 <= of_2.upper < 1.1
@@ -393,7 +414,8 @@ LITTLE = 1e-30
 
 def clamped_at(*sides, constant=1.0, flows=(0.0, 0.0), reach=0.0, gamma=1.0, product=0.0, bound=LITTLE):
     """`Clamps` of the unit square: flow and its magnitude through side 3, a gap at vertex 0."""
-    at_vertex_0, through_3 = np.arange(4) == 0, np.arange(4) == 3
+    at_vertex_0 = np.arange(4) == 0
+    through_3 = np.arange(4) == 3
     ends = ClampedEnds(np.where(at_vertex_0, reach, 0.0), np.where(at_vertex_0, gamma, 1.0), product)
     return Clamps(Form(c=0.0, clamped=sides, friedrichs=constant), np.outer(flows, through_3), ends, bound)
 
@@ -410,10 +432,8 @@ def test_a_function_counts_in_L2_by_friedrichs_constant():
 def test_reactions_have_a_bound_of_their_own_and_forces_that_of_lambda():
     """Widths are proportional to the bound; a force is not negative, a reaction may be."""
     lambda_H = np.where(ON_SQUARE[1].side == 1, 1.0, 0.0)
-    wide, narrow = (
-        forces(*ON_SQUARE, lambda_H, bound, [[1], [3]], clamped_at(3, bound=of_fluxes))
-        for bound, of_fluxes in ((0.2, LITTLE), (LITTLE, 0.2))
-    )
+    wide = forces(*ON_SQUARE, lambda_H, 0.2, [[1], [3]], clamped_at(3, bound=LITTLE))
+    narrow = forces(*ON_SQUARE, lambda_H, LITTLE, [[1], [3]], clamped_at(3, bound=0.2))
     assert wide[0].upper > 1.1
     assert narrow[0].upper == pytest.approx(1.0)
     known = [clamped_at(3, bound=of_fluxes) for of_fluxes in (0.2, LITTLE)]
@@ -499,7 +519,8 @@ def test_forces_and_reactions_for_all_reactions(k, sharp):
     for one, tiny in zip(found[0], found[1], strict=True):
         assert np.array(tiny) == pytest.approx(np.array(one), rel=1e-2)
     s = ul.solve(pressed_on_one_side(k, k), h=1 / 8, H=1 / 4)
-    bound, data = s.solved.bound(sharp), s.solved.data
+    bound = s.solved.bound(sharp)
+    data = s.solved.data
     clamps = Clamps(
         s.solved.form, bound.outflows, s.solved.local_bound.ends, 1e-3 * bound.of_fluxes, data.balance
     )
@@ -561,7 +582,8 @@ def exact_balance(polygon, f, q):
         return linear[0] + linear[1] * x + linear[2] * y
 
     with mpmath.workdps(40):
-        total, v = mpmath.mpf(0), polygon.vertices
+        total = mpmath.mpf(0)
+        v = polygon.vertices
         for i in range(1, len(v) - 1):  # triangles (v_0, v_i, v_{i+1}), with signs
             (ax, ay), (bx, by), (cx, cy) = (tuple(map(mpmath.mpf, p)) for p in v[[0, i, i + 1]].tolist())
             area = ((bx - ax) * (cy - ay) - (by - ay) * (cx - ax)) / 2

@@ -218,9 +218,12 @@ def test_a_certificate_that_is_wrong_is_noticed(monkeypatch):
 @of_each(OF_FORMULAS)
 def test_the_quadrature_of_the_true_error(one):
     """Pieces of half the size, which have a quarter of its error at most, change it by less."""
-    of, (solved, _) = one.of, one.solutions[0]
-    mesh, functions = solved.mesh, [solved.u_h, np.zeros_like(solved.u_h)]
-    (coarse, norm), (fine, _) = (of.errors(mesh, functions, size) for size in (SIZE, SIZE / 2))
+    of = one.of
+    (solved, _) = one.solutions[0]
+    mesh = solved.mesh
+    functions = [solved.u_h, np.zeros_like(solved.u_h)]
+    (coarse, norm) = of.errors(mesh, functions, SIZE)
+    (fine, _) = of.errors(mesh, functions, SIZE / 2)
     assert coarse == pytest.approx(fine, rel=0.75 * QUADRATURE, abs=1e-12 * norm)
 
 
@@ -228,12 +231,14 @@ def test_the_quadrature_of_the_true_error(one):
 def test_the_random_solutions_solve_their_problems(one):
     """(1.2) in points of the boundary, up to rounding; (1.1) is how f is made."""
     of = one.of
-    lengths, per_side = of.problem.polygon.lengths, 200
+    lengths = of.problem.polygon.lengths
+    per_side = 200
     side = np.repeat(np.arange(len(lengths)), per_side)
     s = lengths[side] * np.tile((np.arange(per_side) + 0.5) / per_side, len(lengths))
     u, flux, gap = of.boundary(side, s)
     size = np.abs(u).max()
-    of_u, of_flux = 1e-12 * size, 1e-9 * max(size / lengths.min(), np.abs(flux).max())
+    of_u = 1e-12 * size
+    of_flux = 1e-9 * max(size / lengths.min(), np.abs(flux).max())
     assert gap.min() >= -of_u
     assert flux.min() >= -of_flux
     assert not np.any((gap > of_u) & (flux > of_flux))

@@ -150,10 +150,13 @@ def test_squares_that_underflow_are_allowed_for():
 @pytest.mark.parametrize("form", [Form(), Form(2.0, 1e3), Form(3.0, 0.0)])
 def test_any_values_that_may_be_added_at_clamped_nodes_are_in_the_norm(form):
     """Of either sign, beside those that are added: on every triangle of the layer."""
-    rng, mesh = np.random.default_rng(0), TRIANGLES
-    of, nb = layer(mesh), len(mesh.boundary)
+    rng = np.random.default_rng(0)
+    mesh = TRIANGLES
+    of = layer(mesh)
+    nb = len(mesh.boundary)
     chosen = rng.random(nb) < 0.5
-    added, either = (np.where(of_nodes, rng.random(nb), 0.0) for of_nodes in (~chosen, chosen))
+    added = np.where(~chosen, rng.random(nb), 0.0)
+    either = np.where(chosen, rng.random(nb), 0.0)
     short = Missing(np.zeros(nb), np.zeros(nb), added, either)
     bound = Lifting(of, None, form, None, None).added(short)
     for _ in range(20):

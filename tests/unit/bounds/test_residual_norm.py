@@ -44,7 +44,8 @@ def parts(shape, rng, sizes, form, factor=0.0):
     """Parts of those sizes at random, and their functional (N,); s' times the `factor`, if that is not 0."""
     mesh, basis, coarse = fine(shape)
     x = basis.global_coordinates()
-    n, area = len(mesh.triangles), mesh.areas
+    n = len(mesh.triangles)
+    area = mesh.areas
 
     def norms(values):
         squares = np.sum(basis.dx * values**2, axis=-1)
@@ -62,7 +63,8 @@ def parts(shape, rng, sizes, form, factor=0.0):
     slopes = rng.standard_normal((2, 3, n))
     field = np.stack([linear(slopes[0]), linear(slopes[1])])
     scale = sizes[0] / math.sqrt(float((norms(field[0]) ** 2 + norms(field[1]) ** 2).max()))
-    field, slopes = scale * field, scale * slopes
+    field = scale * field
+    slopes = scale * slopes
     oscillation = mean_free(linear(rng.standard_normal((3, n))))
     oscillation *= sizes[1] / norms(oscillation).max()
     mean = sizes[2] * rng.standard_normal(n)
@@ -224,7 +226,8 @@ def test_nothing_jumps_as_c_vanishes():
     on_H1, exact = found.norms()
     assert found._replace(form=clamped._replace(c=1e-30)).norms()[1] == pytest.approx(exact, rel=1e-12)
     assert on_H1 == math.inf
-    small, larger = (found._replace(form=Form(c=c)).norms()[0] for c in (1e-4, 1e-2))
+    small = found._replace(form=Form(c=1e-4)).norms()[0]
+    larger = found._replace(form=Form(c=1e-2)).norms()[0]
     assert 10 < small / larger * 1.01 < 11
 
 
@@ -240,5 +243,6 @@ def test_shares_are_parts_of_the_square(form):
     """Their sum is at most S^2 and at least half of it."""
     rng = np.random.default_rng(10)
     found, _ = parts("square", rng, [1.0, 1.0, 1.0, 0.1], form)
-    total, S = found.shares().sum(), found.norms()[1]
+    total = found.shares().sum()
+    S = found.norms()[1]
     assert 0.5 * S**2 * (1 - 1e-6) <= total <= S**2

@@ -89,15 +89,18 @@ def time_step(values, n, c):
     problem = ul.Problem(SQUARE, "0", u={1: "0", 3: "0"}, free_sides=[0, 2], c=repr(c))
     mesh = structured(problem.polygon, 1 / n)
     form = form_of(problem, mesh)
-    x, K = np.arange(1, n) / n, np.sqrt(c)
+    x = np.arange(1, n) / n
+    K = np.sqrt(c)
     nodal = np.concatenate([[0.0], values, [0.0]])
     jumps = np.diff(nodal, 2) * n
-    low, high = np.minimum(x[:, None], x), np.maximum(x[:, None], x)
+    low = np.minimum(x[:, None], x)
+    high = np.maximum(x[:, None], x)
     green = np.exp(K * (low - high)) * np.expm1(-2 * K * low) * np.expm1(-2 * K * (1 - high))
     w = -(green @ jumps) / np.expm1(-2 * K) / (2 * K)
     u_0 = np.interp(mesh.points[:, 0], np.arange(n + 1) / n, nodal)
     stiffness, mass = stiffness_and_mass(mesh)
-    A, inside = (stiffness + c * mass).tocsr(), np.flatnonzero(~form.fixed(mesh))
+    A = (stiffness + c * mass).tocsr()
+    inside = np.flatnonzero(~form.fixed(mesh))
     w_h = np.zeros(mesh.n_nodes)
     load = -(stiffness @ u_0)[inside]
     w_h[inside] = scipy.sparse.linalg.spsolve(A[inside][:, inside].tocsc(), load)

@@ -30,8 +30,10 @@ def square(length: float) -> list[list[float]]:
 
 def problem(name: str, of_u: str, length: float = 1.0, k: float = 1.0, c: float = 1.0) -> ul.Problem:
     """u = U(x / L) times a number: known, with contact on both ends of the square, or none."""
-    t, kc = f"(x*{1 / length!r})", {"k": repr(k), "c": repr(c)}
-    second, first = f"{k!r}*({1 / length!r})**2", f"{c!r}"
+    t = f"(x*{1 / length!r})"
+    kc = {"k": repr(k), "c": repr(c)}
+    second = f"{k!r}*({1 / length!r})**2"
+    first = f"{c!r}"
     if name == "constant":
         return ul.Problem(square(length), f"{of_u}*{first}", g=f"-{of_u}", **kc)
     if name == "cosine":
@@ -76,7 +78,8 @@ def solution(name: str, size: float) -> ul.Solution:
 def test_data_times_a_power_of_two_have_the_same_bounds_times_that(name: str, power: int) -> None:
     """But for those of numbers written as decimals, and for what is added as squares may vanish."""
     size = 2.0**power
-    one, scaled = solution(name, 1.0), solution(name, size)
+    one = solution(name, 1.0)
+    scaled = solution(name, size)
     lost = underflow(scaled.solved.mesh, scaled.solved.form)
     np.testing.assert_allclose(np.array(bounds(scaled)) / size, bounds(one), rtol=1e-6, atol=2 * lost / size)
     assert is_bounded(scaled, name, size)
@@ -141,7 +144,8 @@ def test_polygons_of_all_sizes(length: float, name: str, algorithm: str) -> None
 @pytest.mark.parametrize("algorithm", ["uzawa", "active_set"])
 def test_the_largest_polygons_and_data(algorithm: str, size: float) -> None:
     """Where the integral of f has a square beyond the range; the active set may give up, and says so."""
-    length, stop = 1e20, ul.Stop(algorithm=algorithm)
+    length = 1e20
+    stop = ul.Stop(algorithm=algorithm)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ul.SolutionWarning)
         found = ul.solve(problem("contact", repr(size), length), h=length / 8, H=length / 4, stop=stop)

@@ -42,7 +42,8 @@ from unilateral.norms.reference import boundary_facets
 
 def flux_in(field, bary):
     """q (m, k, 2) and div q (m, k) in the points (k, 3) of every triangle, by differentiation."""
-    spaces, hats = field.spaces, field.hats
+    spaces = field.spaces
+    hats = field.hats
     slopes = spaces.slopes
     pairs = [(0, 1), (1, 2), (2, 0)]
     bubbles = np.stack([4 * bary[:, i] * bary[:, j] for i, j in pairs], axis=1)
@@ -62,9 +63,12 @@ def field_of(spaces, source, w, sigma, form):
 
 def of_random_flux(problem, mesh, seed=0):
     """The flux for random w and sigma, turned by a random phi; and sigma, v - w, v at the boundary, too."""
-    rng, nb = np.random.default_rng(seed), len(mesh.boundary)
-    spaces, sigma = quadratic(mesh), problem.k * rng.standard_normal((nb, 2))
-    form, w = Form(problem.k, problem.c), rng.standard_normal(mesh.n_nodes)
+    rng = np.random.default_rng(seed)
+    nb = len(mesh.boundary)
+    spaces = quadratic(mesh)
+    sigma = problem.k * rng.standard_normal((nb, 2))
+    form = Form(problem.k, problem.c)
+    w = rng.standard_normal(mesh.n_nodes)
     field = field_of(spaces, enclosed(mesh, problem), w, sigma, form)
     phi, d = rng.standard_normal((2, spaces.size))
     phi[spaces.of_boundary] = 0
@@ -96,19 +100,23 @@ def test_the_identity_holds_for_any_v_and_any_flux(name, k, c):
     problem = Manufactured(polygon, linear_source(k, c), k=k, c=c)
     mesh = meshes.unstructured(polygon, 0.35)
     field, sigma, d = of_random_flux(problem, mesh)
-    spaces, v = field.spaces, field.spaces.of_hats(field.w) + d
+    spaces = field.spaces
+    v = field.spaces.of_hats(field.w) + d
     bary, places, weights = rule_of(mesh, 14)
     q, div_q = flux_in(field, bary)
-    u, u_x, u_y, f = (
-        part(*np.moveaxis(places, 2, 0)) for part in (problem.u, problem.u_x, problem.u_y, problem.f)
-    )
+    u = problem.u(*np.moveaxis(places, 2, 0))
+    u_x = problem.u_x(*np.moveaxis(places, 2, 0))
+    u_y = problem.u_y(*np.moveaxis(places, 2, 0))
+    f = problem.f(*np.moveaxis(places, 2, 0))
     shapes = np.column_stack([bary, *(4 * bary[:, i] * bary[:, j] for i, j in ((0, 1), (1, 2), (2, 0)))])
-    of_v, true = v[spaces.unknowns] @ shapes.T, np.stack([u_x, u_y], axis=2)
+    of_v = v[spaces.unknowns] @ shapes.T
+    true = np.stack([u_x, u_y], axis=2)
     slope = np.einsum("kb,tbd->tkd", bary, spaces.gradient(v)) - true
     of_gradients = np.sum(k * slope**2 + (q - k * true) ** 2 / k, axis=2)
     total = np.sum(weights * (of_gradients + c * (of_v - u) ** 2 + (f + div_q - c * u) ** 2 / c))
     rule = boundary_rule(polygon, mesh.s)
-    edge, points = rule.interval, polygon.at(rule.side, rule.s)
+    edge = rule.interval
+    points = polygon.at(rule.side, rule.s)
     x = (rule.s - (mesh.s[edge] - polygon.starts[rule.side])) / np.diff(mesh.s)[edge]
     nodal, bubbles = np.split(v[spaces.of_boundary], 2)
     below = nodal[edge] * (1 - x) + np.roll(nodal, -1)[edge] * x + 4 * bubbles[edge] * x * (1 - x)
@@ -127,15 +135,19 @@ def test_the_flux_has_its_normal_part_and_its_divergence():
 
     The jump by q.n at three points of every edge from either side. f_h is f, which is linear.
     """
-    problem, mesh = Manufactured(square(), LINEAR_SOURCE), meshes.unstructured(square(), 0.35)
+    problem = Manufactured(square(), LINEAR_SOURCE)
+    mesh = meshes.unstructured(square(), 0.35)
     field, sigma, _ = of_random_flux(problem, mesh)
     x = np.array([0.1, 0.5, 0.9])
-    through, count = np.zeros((len(mesh.triangulation.ends), 3)), np.zeros(len(mesh.triangulation.ends))
+    through = np.zeros((len(mesh.triangulation.ends), 3))
+    count = np.zeros(len(mesh.triangulation.ends))
     for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         bary = np.zeros((3, 3))
-        bary[:, i], bary[:, j] = 1 - x, x
+        bary[:, i] = 1 - x
+        bary[:, j] = x
         along = mesh.points[mesh.triangles[:, j]] - mesh.points[mesh.triangles[:, i]]
-        q, edges = flux_in(field, bary)[0], mesh.opposite_edges[:, k]
+        q = flux_in(field, bary)[0]
+        edges = mesh.opposite_edges[:, k]
         out = q[..., 0] * along[:, 1, None] - q[..., 1] * along[:, 0, None]
         forward = mesh.triangulation.ends[edges, 0] == mesh.triangles[:, i]
         np.add.at(through, edges, np.where(forward[:, None], out, out[:, ::-1]))
@@ -144,12 +156,14 @@ def test_the_flux_has_its_normal_part_and_its_divergence():
     assert np.all(np.delete(count, of.boundary) == 2)
     assert np.all(count[of.boundary] == 1)
     np.testing.assert_allclose(np.delete(through, of.boundary, axis=0), 0, rtol=0, atol=1e-11)
-    on_boundary, ahead = through[of.boundary], of.ends[of.boundary, 0] == mesh.boundary
+    on_boundary = through[of.boundary]
+    ahead = of.ends[of.boundary, 0] == mesh.boundary
     on_boundary = np.where(ahead[:, None], on_boundary, on_boundary[:, ::-1])
     wanted = np.diff(mesh.s)[:, None] * (sigma[:, :1] * (1 - x) + sigma[:, 1:] * x)
     np.testing.assert_allclose(on_boundary, wanted, rtol=0, atol=1e-11)
     bary, places, _ = rule_of(mesh, 4)
-    w, f = field.w[mesh.triangles] @ bary.T, problem.f(*np.moveaxis(places, 2, 0))
+    w = field.w[mesh.triangles] @ bary.T
+    f = problem.f(*np.moveaxis(places, 2, 0))
     np.testing.assert_allclose(flux_in(field, bary)[1], w - f + field.rho @ bary.T, rtol=0, atol=1e-10)
     assert np.abs(field.rho).max() < 1e-2 * np.abs(w - f).max()
 
@@ -163,7 +177,8 @@ def best_distance(mesh, g, f, w, rest, sigma):
     """||grad v - q|| by scikit-fem: v of P2 is g on the boundary, div q = w - f + rest for q of RT1."""
     of_skfem = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
     p2 = skfem.Basis(of_skfem, skfem.ElementTriP2(), intorder=6)
-    rt, dg = (p2.with_element(e) for e in (skfem.ElementTriRT2(), skfem.ElementDG(skfem.ElementTriP1())))
+    rt = p2.with_element(skfem.ElementTriRT2())
+    dg = p2.with_element(skfem.ElementDG(skfem.ElementTriP1()))
     nodal = skfem.Basis(of_skfem, skfem.ElementTriP1(), intorder=6).interpolate(w)
     load_f = skfem.LinearForm(lambda v, x: f(*x.x) * v)
     on_boundary = p2.get_dofs()
@@ -181,7 +196,8 @@ def best_distance(mesh, g, f, w, rest, sigma):
     )
     of_v = skfem.LinearForm(lambda r, x: dot(grad(x.potential), r)).assemble(rt, potential=p2.interpolate(v))
     inner = np.setdiff1d(np.arange(rt.N), rt.facet_dofs[:, facet])
-    k, m = len(inner), D.shape[0]
+    k = len(inner)
+    m = D.shape[0]
     saddle = np.block([[M[np.ix_(inner, inner)], D[:, inner].T], [D[:, inner], np.zeros((m, m))]])
     rhs = np.append((of_v - M @ q)[inner], wanted - D @ q)
     q[inner] += np.linalg.lstsq(saddle, rhs)[0][:k]
@@ -192,7 +208,8 @@ def best_distance(mesh, g, f, w, rest, sigma):
 @cache
 def of_full_contact(n):
     """A problem, its mesh and cells, u_h and lambda_H: everything is contact, g is not quadratic."""
-    problem, mesh = Manufactured(square(), LINEAR_SOURCE), structured(square(), 1 / n)
+    problem = Manufactured(square(), LINEAR_SOURCE)
+    mesh = structured(square(), 1 / n)
     cells = partitions.uniform(square(), 2 / n)
     lambda_H = cell_means(problem, cells).lambda_means
     return problem, mesh, cells, u_of(problem, mesh, cells, lambda_H), lambda_H
@@ -202,10 +219,12 @@ def test_the_steps_go_to_the_best_potential_and_the_best_flux(monkeypatch):
     """Against scikit-fem's; a share of 1e-12 of the square may be left. Control: the first step does not."""
     problem, mesh, cells, u_h, lambda_H = of_full_contact(4)
     monkeypatch.setattr(bounds, "ENOUGH", 1e-13)
-    of_source, flux = enclosed(mesh, problem), bounds.edge_flux(mesh, cells, lambda_H, u_h, H1)
+    of_source = enclosed(mesh, problem)
+    flux = bounds.edge_flux(mesh, cells, lambda_H, u_h, H1)
     spaces = quadratic(mesh)
     field = field_of(spaces, of_source, u_h, flux.ends, H1)
-    lift, found = feasible.lifting(constraint(problem.enclosed(), mesh, H1), H1, u_h, flux), []
+    lift = feasible.lifting(constraint(problem.enclosed(), mesh, H1), H1, u_h, flux)
+    found = []
     load_of_v = spaces.load(of_source.f_h)
     for most in (1, 50):
         monkeypatch.setattr(bounds, "MOST_STEPS", most)
@@ -221,11 +240,13 @@ def test_no_other_potential_is_better_where_sigma_is_large_and_nothing_in_contac
 
     lambda_H = 1 where u - g = 10, and the steps end at the best v.
     """
-    problem, mesh = Manufactured(square(), "cosh(x - 0.4)", "10"), structured(square(), 1 / 4)
+    problem = Manufactured(square(), "cosh(x - 0.4)", "10")
+    mesh = structured(square(), 1 / 4)
     cells = partitions.uniform(square(), 1 / 2)
     given = given_to(problem, mesh, cells, problem.u(*mesh.points.T), np.ones(cells.n_cells))
     monkeypatch.setattr(bounds, "ENOUGH", 1e-12)
-    best, own = sharp_bound(*given).eta, bounds._descended
+    best = sharp_bound(*given).eta
+    own = bounds._descended
 
     def with_sigma(lift, field, load, slack):
         return own(lift, field, load + field.spaces.edge_load(lift.flux), slack)
@@ -236,7 +257,8 @@ def test_no_other_potential_is_better_where_sigma_is_large_and_nothing_in_contac
 
 def test_every_step_will_do(monkeypatch):
     """The bounds hold after any number of steps, and eta falls."""
-    of, etas = pair("natural", 8), []
+    of = pair("natural", 8)
+    etas = []
     for most in (0, 1, 2, 4):
         monkeypatch.setattr(bounds, "MOST_STEPS", most)
         bound = sharp_bound(*of.given)
@@ -267,7 +289,8 @@ def test_what_the_solver_left_is_no_part_of_the_bound_of_lambda(monkeypatch):
     """u_h off by a tenth of its error: eta of w is that of u_h. Control: without w it is twice as large."""
     of = pair("full_contact", 16)
     moved = of.with_noise(0.1 * of.h1_error, np.random.default_rng(4)).given
-    exact, found = sharp_bound(*of.given), sharp_bound(*moved)
+    exact = sharp_bound(*of.given)
+    found = sharp_bound(*moved)
     assert found.eta == pytest.approx(exact.eta, rel=0.01)
     assert of.h1_error <= found.u + 0.1 * of.h1_error
     monkeypatch.setattr(bounds, "UNBALANCED", np.inf)
@@ -276,7 +299,8 @@ def test_what_the_solver_left_is_no_part_of_the_bound_of_lambda(monkeypatch):
 
 def test_the_index_of_u_tends_to_1_without_contact():
     """lambda = lambda_H = 0 is exact; eta, of second order, is all that is left of the bound of lambda."""
-    coarse, fine = (sharp_bound(*pair("no_contact", n).given) for n in (16, 32))
+    coarse = sharp_bound(*pair("no_contact", 16).given)
+    fine = sharp_bound(*pair("no_contact", 32).given)
     assert fine.u <= 1.02 * pair("no_contact", 32).h1_error
     assert coarse.lambda_ >= 3.5 * fine.lambda_
 
@@ -305,7 +329,8 @@ def test_on_large_triangles_the_flux_gets_no_linear_divergence(monkeypatch):
     """
     polygon = Polygon(1000 * square().vertices, "large")
     problem = Manufactured(polygon, "cos(pi*x/1000)*cos(2*pi*y/1000)", "5")
-    mesh, cells = meshes.unstructured(polygon, 125), partitions.uniform(polygon, 250)
+    mesh = meshes.unstructured(polygon, 125)
+    cells = partitions.uniform(polygon, 250)
     zero = np.zeros(cells.n_cells)
     u_h = u_of(problem, mesh, cells, zero)
     given = given_to(problem, mesh, cells, u_h, zero)
@@ -330,7 +355,8 @@ def test_on_large_triangles_the_flux_gets_no_linear_divergence(monkeypatch):
 def test_cells_shorter_than_edges():
     """lambda_H jumps four times inside every edge: without what oscillates the bound would be too small."""
     problem = Manufactured(square(), "0.5*(x - 0.45)**2 + 0.5*(y - 0.55)**2")
-    mesh, cells = structured(square(), 1 / 4), partitions.uniform(square(), 1 / 16)
+    mesh = structured(square(), 1 / 4)
+    cells = partitions.uniform(square(), 1 / 16)
     lambda_H = cell_means(problem, cells).lambda_means * np.tile([0.2, 1.8, 1.8, 0.2], cells.n_cells // 4)
     u_h = u_of(problem, mesh, cells, lambda_H)
     bound = sharp_bound(*given_to(problem, mesh, cells, u_h, lambda_H))
@@ -340,7 +366,9 @@ def test_cells_shorter_than_edges():
 
 def test_the_slack_counts_twice(monkeypatch):
     """By the identity eta^2 has 2 <q.n, v - g> in it, as has R + D^2: a slack of 1/2 adds 1 to both."""
-    own, given, found = feasible.missing, given_to(*of_full_contact(4)), []
+    own = feasible.missing
+    given = given_to(*of_full_contact(4))
+    found = []
     monkeypatch.setattr(bounds, "ENOUGH", 0.0)  # or there would be fewer steps
     for more in (0.0, 0.5 / 16):
         monkeypatch.setattr(feasible, "missing", lambda *a, s=more: own(*a)._replace(slack=own(*a).slack + s))
@@ -352,14 +380,14 @@ def test_the_slack_counts_twice(monkeypatch):
 
 def test_the_rounding_of_a_defect_of_0_is_below_its_allowance():
     """u_h = 1e6 + x, f = u_h and q = grad u_h: exactly 0, but for what derivatives of u_h lose."""
-    problem, mesh = Manufactured(square(), "1000000 + x", "1"), meshes.unstructured(square(), 1 / 16)
+    problem = Manufactured(square(), "1000000 + x", "1")
+    mesh = meshes.unstructured(square(), 1 / 16)
     sigma = np.repeat(mesh.polygon.normals[mesh.side, :1], 2, axis=1)
     spaces = quadratic(mesh)
     field = field_of(spaces, enclosed(mesh, problem), 1e6 + mesh.points[:, 0], sigma, H1)
     nothing = np.zeros(spaces.size)
-    of_gradients, of_values = (
-        np.linalg.norm(np.sqrt(mesh.areas) * more) for more in (field.more_field, field.more_rho)
-    )
+    of_gradients = np.linalg.norm(np.sqrt(mesh.areas) * field.more_field)
+    of_values = np.linalg.norm(np.sqrt(mesh.areas) * field.more_rho)
     assert 1e-4 * of_gradients < np.sqrt(field.squares(nothing)[0].sum()) <= of_gradients
     assert 1e-4 * of_values < np.sqrt(field.squares(nothing)[1:].sum()) <= of_values
     turned = field.turned(1e6 + nothing)
@@ -369,7 +397,8 @@ def test_the_rounding_of_a_defect_of_0_is_below_its_allowance():
 def test_all_that_rounding_may_do_is_in_the_parts():
     """Where field and rho vanish the parts are their allowances; a large v has larger ones."""
     mesh = structured(square(), 1 / 4)
-    spaces, zero = quadratic(mesh), np.zeros(mesh.n_nodes)
+    spaces = quadratic(mesh)
+    zero = np.zeros(mesh.n_nodes)
     field = field_of(spaces, linear(mesh, zero), zero, np.zeros((len(mesh.boundary), 2)), Form(2.0, 3.0))
     large = replace(field, more_field=field.more_field + 5.0, more_rho=field.more_rho + 7.0)
     of_zero = large.parts(np.zeros(spaces.size), nothing(mesh))
@@ -384,10 +413,13 @@ def test_all_that_rounding_may_do_is_in_the_parts():
 
 def test_what_f_h_leaves_is_orthogonal_to_linear_functions_alone():
     """For v of V_h squares are added, for v of P2 norms; what jumps leave is added always."""
-    mesh, rng = structured(square(), 1 / 4), np.random.default_rng(12)
-    spaces, m = quadratic(mesh), len(mesh.triangles)
+    mesh = structured(square(), 1 / 4)
+    rng = np.random.default_rng(12)
+    spaces = quadratic(mesh)
+    m = len(mesh.triangles)
     source = Source(mesh, rng.standard_normal((m, 3)), *rng.uniform(1, 2, (3, m)))
-    sigma, w = np.zeros((len(mesh.boundary), 2)), rng.standard_normal(mesh.n_nodes)
+    sigma = np.zeros((len(mesh.boundary), 2))
+    w = rng.standard_normal(mesh.n_nodes)
     field = field_of(spaces, source, w, sigma, Form(2.0, 300.0))
     for d in (spaces.of_hats(w), rng.standard_normal(spaces.size)):
         norm = np.sqrt(field.squares(d)[1])
@@ -398,9 +430,11 @@ def test_what_f_h_leaves_is_orthogonal_to_linear_functions_alone():
 @pytest.mark.parametrize("field", ["left", "size", "integral"])
 def test_what_is_left_of_a_given_flux_counts(field):
     """tau - tau~ is large on the lower side: what is free of means, what is not known, and its integral."""
-    problem, mesh = Manufactured(square(), LINEAR_SOURCE), structured(square(), 1 / 4)
+    problem = Manufactured(square(), LINEAR_SOURCE)
+    mesh = structured(square(), 1 / 4)
     cells = partitions.uniform(square(), 1 / 2)
-    u_h, zero = problem.u(*mesh.points.T), np.zeros(cells.n_cells)
+    u_h = problem.u(*mesh.points.T)
+    zero = np.zeros(cells.n_cells)
     data, *others = given_to(problem, mesh, cells, u_h, zero, (0, 1, 2, 3))
     large = np.where(mesh.side == 0, 1e6, 0.0)
     tau = data.tau._replace(**{field: large})
@@ -413,7 +447,8 @@ def test_what_is_left_of_a_given_flux_counts(field):
 def test_constants_on_a_tiny_square_are_bounded_in_spite_of_rounding(c):
     """u = 1 and u_h = c: the error is (c - 1) |Omega|^(1/2); control: c . A c loses more than SUMS."""
     polygon = Polygon(1e-3 * square().vertices, "tiny")
-    mesh, cells = meshes.unstructured(polygon, 1e-3 / 16), partitions.uniform(polygon, 1e-3 / 8)
+    mesh = meshes.unstructured(polygon, 1e-3 / 16)
+    cells = partitions.uniform(polygon, 1e-3 / 8)
     problem = Manufactured(polygon, "1")
     found = sharp_bound(*given_to(problem, mesh, cells, np.full(mesh.n_nodes, c), np.zeros(cells.n_cells)))
     assert (c - 1) * 1e-3 * (1 - 1e-14) <= found.u <= 1.01 * (c - 1) * 1e-3
@@ -429,14 +464,19 @@ def test_where_s_prime_counts_the_flux_stays_as_it_is(monkeypatch):
     f is linear on triangles, and u_h is not the discrete solution. On the other triangles s' is infinite.
     Control: there fluxes differ, and s' of the one that is not turned is finite and, on some, smaller.
     """
-    k, mesh, cells = 2.0, meshes.unstructured(square(), 0.2), partitions.uniform(square(), 0.5)
+    k = 2.0
+    mesh = meshes.unstructured(square(), 0.2)
+    cells = partitions.uniform(square(), 0.5)
     c = k * (bounds.THICK / np.median(mesh.longest_edges)) ** 2
-    form, zero = Form(k, c), np.zeros(cells.n_cells)
+    form = Form(k, c)
+    zero = np.zeros(cells.n_cells)
     values, noise = np.random.default_rng(11).standard_normal((2, mesh.n_nodes))
     data = enclose_data(ul.Problem(SQUARE, 0, -100, k=k, c=c), mesh, form, linear(mesh, c * values))
     u_h = dissected(matrix(mesh, form)).solve(data.load) + noise
-    fields, residuals = [], []
-    parts, defect = bounds._Field.parts, bounds.defect
+    fields = []
+    residuals = []
+    parts = bounds._Field.parts
+    defect = bounds.defect
     monkeypatch.setattr(
         bounds._Field, "parts", lambda field, *more: fields.append(field) or parts(field, *more)
     )
@@ -444,14 +484,16 @@ def test_where_s_prime_counts_the_flux_stays_as_it_is(monkeypatch):
         bounds, "defect", lambda residual, *more: residuals.append(residual) or defect(residual, *more)
     )
     sharp_bound(data, cells, u_h, zero, form)
-    field, s_prime = fields[0], residuals[0].by_parts
+    field = fields[0]
+    s_prime = residuals[0].by_parts
     thick = mesh.longest_edges > np.median(mesh.longest_edges)
 
     # the flux before it was turned
     flux = bounds.edge_flux(mesh, cells, zero, u_h, form)
     w, q = bounds.balanced(data.source, u_h, flux.ends + data.tau.ends, form)
     slopes = gradients(mesh)
-    of_w, of_u = (k * np.einsum("tid,ti->td", slopes, v[mesh.triangles])[:, None] for v in (w, u_h))
+    of_w = k * np.einsum("tid,ti->td", slopes, w[mesh.triangles])[:, None]
+    of_u = k * np.einsum("tid,ti->td", slopes, u_h[mesh.triangles])[:, None]
     bary, _, weights = rule_of(mesh, 4)
     before = np.einsum("kb,tbd->tkd", bary, of_w - misfit(mesh, w, q, slice(None), k))
     apart = np.abs(flux_in(field, bary)[0] - before).max(axis=(1, 2))
@@ -460,7 +502,8 @@ def test_where_s_prime_counts_the_flux_stays_as_it_is(monkeypatch):
 
     # s' by the turned one
     g = c * (values - u_h)[mesh.triangles] @ bary.T
-    norm, every = np.sqrt(np.sum(weights * g**2, axis=1)), np.arange(len(mesh.triangles))
+    norm = np.sqrt(np.sum(weights * g**2, axis=1))
+    every = np.arange(len(mesh.triangles))
     at_nodes = (of_u - flux_in(field, np.eye(3))[0]).transpose(2, 1, 0)
     expected = by_parts(mesh, every, at_nodes, norm, 0 * norm, form)
     assert s_prime[thick] == pytest.approx(expected[thick], rel=1e-6)
@@ -471,7 +514,8 @@ def test_where_s_prime_counts_the_flux_stays_as_it_is(monkeypatch):
 
 def test_what_is_added_to_v_is_in_eta(monkeypatch):
     """What is missing of v >= g by its norm, and what is added for the doubt by that of its hats."""
-    given, own = given_to(*of_full_contact(4)), feasible.missing
+    given = given_to(*of_full_contact(4))
+    own = feasible.missing
     before = sharp_bound(*given)
     for field, more in (("squares", 1.0), ("added", 1e3)):
         seen = []
@@ -504,7 +548,8 @@ def of_layer(kind, n, k, c):
     u_D = {side: U for side in range(4) if side not in contact}
     problem = ul.Problem(SQUARE, f"{k!r}*(sin(x)*y - 2) + {c!r}*({U})", g, u=u_D, k=k, c=c)
     given = bound_arguments(ul.solve(problem, h=1 / n, H=2 / n).solved)
-    mesh, u_h = given[0].mesh, given[2]
+    mesh = given[0].mesh
+    u_h = given[2]
     bary, places, weights = rule_of(mesh, 12)
     x, y = np.moveaxis(places, 2, 0)
     slopes = np.einsum("tid,ti->td", gradients(mesh), u_h[mesh.triangles])
@@ -528,7 +573,8 @@ def test_the_index_does_not_depend_on_the_reaction(kind, ratio):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_tiny_reaction_changes_nothing(kind):
     """Both bounds of u, of lambda, and of fluxes are those of c = 0 up to 1 %."""
-    without, tiny = (sharp_bound(*of_layer(kind, 8, 1.0, c)[0]) for c in (0.0, 1e-30))
+    without = sharp_bound(*of_layer(kind, 8, 1.0, 0.0)[0])
+    tiny = sharp_bound(*of_layer(kind, 8, 1.0, 1e-30)[0])
     for name in ("u", "lambda_", "of_fluxes", "eta"):
         assert getattr(tiny, name) == pytest.approx(getattr(without, name), rel=1e-2)
 
@@ -537,7 +583,8 @@ def test_a_tiny_reaction_changes_nothing(kind):
 def test_the_part_of_y_at_clamped_sides_is_known(side, monkeypatch):
     """u_h is off by 1 at all boundary nodes: y lies at clamped sides, all of it if all sides are clamped."""
     (data, cells, u_h, lambda_H, form), _ = of_layer("contact" if side else "clamped", 8, 1.0, 0.0)
-    seen, own = [], bounds.total_errors
+    seen = []
+    own = bounds.total_errors
     monkeypatch.setattr(bounds, "total_errors", lambda *of, **more: seen.append(more) or own(*of, **more))
     off = u_h.copy()
     off[data.mesh.boundary] -= 1
@@ -555,7 +602,8 @@ def step(n, kind, c):
     equations the squared error is c (phi, u - u_h) = c (phi, u - phi) + c (phi, phi - u_h). The first one is
     - |phi|_1^2 + (grad u, grad phi) - |phi|_1^2
     """
-    mesh, cells = structured(square(), 1 / n), partitions.uniform(square(), 2 / n)
+    mesh = structured(square(), 1 / n)
+    cells = partitions.uniform(square(), 2 / n)
     x = np.linspace(0, 1, n + 1)
     phi = np.sin(np.pi * x) if kind == "smooth" else np.random.default_rng(3).standard_normal(n + 1)
     phi[[0, n]] = 0
@@ -566,8 +614,10 @@ def step(n, kind, c):
     u_h = dissected(matrix(mesh, form)).solve(np.where(form.fixed(mesh), 0, data.load))
 
     # G(x, y) = sinh(s x) sinh(s (1 - y)) / (s sinh s) for x < y, by logarithms
-    s, slopes = math.sqrt(c), np.diff(phi) * n
-    low, high = (np.minimum.outer(x, x)[1:-1, 1:-1], np.maximum.outer(x, x)[1:-1, 1:-1])
+    s = math.sqrt(c)
+    slopes = np.diff(phi) * n
+    low = np.minimum.outer(x, x)[1:-1, 1:-1]
+    high = np.maximum.outer(x, x)[1:-1, 1:-1]
 
     def log_sinh(t):
         return t + np.log1p(-np.exp(-2 * t)) - math.log(2)

@@ -24,9 +24,12 @@ from unilateral.geometry.structured import structured
 def left(of, found, times=40):
     """(m,) ||f - f_h||_T and (m,) the integrals of f - f_h, by midpoints of times^2 parts of each T."""
     i, j = (a.ravel() for a in np.meshgrid(np.arange(times), np.arange(times), indexing="ij"))
-    up, down = i + j < times, i + j < times - 1
-    first, second = (np.concatenate([a[up] + 1 / 3, a[down] + 2 / 3]) / times for a in (i, j))
-    weights, mesh = np.stack([1 - first - second, first, second], axis=1), found.mesh
+    up = i + j < times
+    down = i + j < times - 1
+    first = np.concatenate([i[up] + 1 / 3, i[down] + 2 / 3]) / times
+    second = np.concatenate([j[up] + 1 / 3, j[down] + 2 / 3]) / times
+    weights = np.stack([1 - first - second, first, second], axis=1)
+    mesh = found.mesh
     points = np.einsum("qb,tbd->tqd", weights, mesh.points[mesh.triangles])
     rest = of.value(*np.moveaxis(points, 2, 0))[0] - np.einsum("qb,tb->tq", weights, found.f_h)
     return np.sqrt(mesh.areas * np.mean(rest**2, axis=1)), mesh.areas * rest.mean(axis=1)
@@ -140,7 +143,8 @@ def test_both_parts_of_the_distance_are_needed():
 
     Control: without the oscillation, and without the rest, the bound is smaller than that.
     """
-    mesh, of = structured(square(), 1 / 2), Source("4*cos(4*pi*x)*cos(4*pi*y)")
+    mesh = structured(square(), 1 / 2)
+    of = Source("4*cos(4*pi*x)*cos(4*pi*y)")
     found = enclosed(mesh, of)
     rest = found.rest + 0.6 * np.sqrt(mesh.areas)
     moved = replace(found, f_h=found.f_h + 0.6, rest=rest)
@@ -168,9 +172,12 @@ def dual(of, found):
     def load(w, data):
         x, y = data.x
         at = where(x.ravel(), y.ravel())
-        a, b, c = (mesh.points[mesh.triangles[at]][:, i] for i in range(3))
+        a = mesh.points[mesh.triangles[at]][:, 0]
+        b = mesh.points[mesh.triangles[at]][:, 1]
+        c = mesh.points[mesh.triangles[at]][:, 2]
         p = np.stack([x.ravel(), y.ravel()], axis=1)
-        l1, l2 = (cross(*edges) / cross(b - a, c - a) for edges in ((p - a, c - a), (b - a, p - a)))
+        l1 = cross(*(p - a, c - a)) / cross(b - a, c - a)
+        l2 = cross(*(b - a, p - a)) / cross(b - a, c - a)
         f_h = np.sum(found.f_h[at] * np.stack([1 - l1 - l2, l1, l2], axis=1), axis=1)
         return (of.value(x, y)[0] - f_h.reshape(x.shape)) * w
 

@@ -73,8 +73,10 @@ def levels(mesh):
     With the places (m, 3, 2) of their corners in the variables of that one, exactly: those of midpoints are
     means. And how often (m,) they were cut since then.
     """
-    first, sigma = mesh.coarse or mesh, np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
-    nodes, found = first.triangles, []
+    first = mesh.coarse or mesh
+    sigma = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
+    nodes = first.triangles
+    found = []
     for step in [None, *mesh.steps]:
         if step:
             after = step.put(nodes, step.nodes.astype(nodes.dtype))
@@ -89,7 +91,8 @@ def levels(mesh):
 def deeper(of, step, nodes):
     """One level further down; the triangles before had those `nodes`."""
     around, number, places, times = of
-    corners, own = places[step.parent], nodes[step.parent]
+    corners = places[step.parent]
+    own = nodes[step.parent]
     new = np.empty((len(step.parent), 3, 2))
     for i in range(3):
         node = step.nodes[:, i]
@@ -106,10 +109,13 @@ def deeper(of, step, nodes):
 @pytest.mark.parametrize("name", MESHES)
 def test_places_in_an_ancestor_are_exact(name):
     """Multiples of 2^-6, however corners are rounded. Control: of triangles cut ten times they are not."""
-    mesh, deepest = mesh_of(name), 0
+    mesh = mesh_of(name)
+    deepest = 0
     corners = mesh.points[mesh.triangles]
     for frame, number, places, times in levels(mesh):
-        near, far, deepest = times <= MOST_HALVINGS, times >= 10, max(deepest, times.max())
+        near = times <= MOST_HALVINGS
+        far = times >= 10
+        deepest = max(deepest, times.max())
         found = placed(corners[near], frame[number[near]])
         np.testing.assert_array_equal(found, places[near])
         np.testing.assert_array_equal(found / FINEST, np.rint(found / FINEST))
@@ -126,14 +132,16 @@ def placed(corners, around):
 
 def corners_of(known):
     """(k, 3, 2) of the triangles of polynomials, from the maps to their variables, -1 and 1 there."""
-    to_sigma, middle = known.frame[:4].T.reshape(-1, 2, 2) * FINEST, known.frame[4:].T
+    to_sigma = known.frame[:4].T.reshape(-1, 2, 2) * FINEST
+    middle = known.frame[4:].T
     sigma = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
     return middle[:, None] + np.einsum("kij,cj->kci", np.linalg.inv(to_sigma), sigma)
 
 
 def check_halvings(found, mesh):
     """Each time a triangle is cut its area is halved once or twice; so often as is allowed."""
-    around, corners = corners_of(found.known)[found.of], mesh.points[mesh.triangles]
+    around = corners_of(found.known)[found.of]
+    corners = mesh.points[mesh.triangles]
     of_areas = np.rint(np.log2(doubled(around) / doubled(corners))).astype(int)
     assert np.all((found.halvings <= of_areas) & (of_areas <= 2 * found.halvings))
     assert found.halvings.max() <= MOST_HALVINGS
@@ -150,9 +158,12 @@ def test_p_of_an_ancestor_holds_on_every_triangle(name):
 
     Control: with p of the next triangle it does not hold.
     """
-    mesh, rng, controls = mesh_of(name), np.random.default_rng(1), []
+    mesh = mesh_of(name)
+    rng = np.random.default_rng(1)
+    controls = []
     barycentric = rng.dirichlet([1, 1, 1], 6)
-    at, all_levels = points(mesh, barycentric), levels(mesh)[::2]
+    at = points(mesh, barycentric)
+    all_levels = levels(mesh)[::2]
     for text in formulas(rng):
         of = Source(text)
         value = of.value(*np.moveaxis(at, 2, 0))[0]
@@ -173,7 +184,8 @@ def test_p_of_an_ancestor_holds_on_every_triangle(name):
 def values(found, number, at):
     """(m, q) p of those numbers (m,) at points (m, q, 2)."""
     a, b, c = np.moveaxis(corners_of(found)[number], 1, 0)[..., None, :]
-    x, y = (cross(at - a, c - a) / cross(b - a, c - a), cross(b - a, at - a) / cross(b - a, c - a))
+    x = cross(at - a, c - a) / cross(b - a, c - a)
+    y = cross(b - a, at - a) / cross(b - a, c - a)
     powers = [[1.0], [1.0]]
     for of, sigma in zip(powers, (2 * x - 1, 2 * y - 1), strict=True):
         for _ in range(4):
@@ -201,7 +213,8 @@ def projected(c, corners):
 def some_parts():
     """Of the triangle of sigma: itself, and random descendants with corners at multiples of 2^-6."""
     sigma = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
-    rng, found = np.random.default_rng(7), [sigma]
+    rng = np.random.default_rng(7)
+    found = [sigma]
     for _ in range(7):
         a, b, c = sigma
         for _ in range(rng.integers(1, MOST_HALVINGS + 1)):
@@ -216,7 +229,9 @@ def worst_rounding(count):
 
     On as many triangles in a row that lie alike.
     """
-    rng, worst, number = np.random.default_rng(5), 0.0, np.arange(count) % 4
+    rng = np.random.default_rng(5)
+    worst = 0.0
+    number = np.arange(count) % 4
     sigma = some_parts()[0]
     for part in some_parts():
         c = rng.standard_normal((4, 15)) * 10.0 ** rng.uniform(-3, 0, (4, 15))
@@ -242,7 +257,8 @@ def test_what_is_rounded_is_below_its_allowance(monkeypatch, count, other):
 @pytest.mark.parametrize("name", ["square", "at random"])
 def test_both_ways_make_the_same_of_p(monkeypatch, name):
     """Up to the allowances of both. They are rounded differently: neither of them is idle."""
-    mesh, of = mesh_of(name), Source(SMOOTH)
+    mesh = mesh_of(name)
+    of = Source(SMOOTH)
     monkeypatch.setattr(wholes, "LONG", 1)
     found = enclosed(mesh, of)
     monkeypatch.setattr(wholes, "LONG", 2 * len(mesh.triangles))
@@ -299,14 +315,16 @@ def test_the_same_with_and_without_coarser_levels(name):
     for text in [*FORMULAS, SMOOTH]:
         here = text.replace("exp", "E").replace("x", f"(x - {shift[0]})").replace("y", f"(y - {shift[1]})")
         of = Source(here.replace("E", "exp"))
-        found, expected = enclosed(mesh, of), enclosed(alone(mesh), of)
+        found = enclosed(mesh, of)
+        expected = enclosed(alone(mesh), of)
         assert found.resolved == expected.resolved
         most = np.sqrt(mesh.areas) * (found.rest + expected.rest)
         moved = found.moments() - expected.moments()
         assert np.all(np.abs(moved.sum(axis=1)) <= most)
         if "pos" not in text:
             assert np.all(np.abs(moved) <= most[:, None])
-            d, value = found.f_h - expected.f_h, of.value(*mesh.points.T)[0]
+            d = found.f_h - expected.f_h
+            value = of.value(*mesh.points.T)[0]
             assert np.all(
                 mesh.areas * (np.sum(d**2, axis=1) + d.sum(axis=1) ** 2) <= 12 * most**2 / mesh.areas
             )
@@ -320,9 +338,12 @@ def test_what_is_left_of_f_is_bounded(name):
 
     1e-9 is for the rule's error, the ninth derivative on parts of h/4 <= 1/48 of what varies over 1/20.
     """
-    mesh, (rule, weights) = mesh_of(name), symmetric(8)
+    mesh = mesh_of(name)
+    (rule, weights) = symmetric(8)
     hats = (quarter(quarter(np.eye(3)[None])).transpose(0, 2, 1) @ rule.T).transpose(0, 2, 1).reshape(-1, 3)
-    at, root, weights = points(mesh, hats), np.sqrt(mesh.areas), np.tile(weights, 16) / 16
+    at = points(mesh, hats)
+    root = np.sqrt(mesh.areas)
+    weights = np.tile(weights, 16) / 16
     for text in formulas(np.random.default_rng(2), 20):
         of = Source(text)
         found = enclosed(mesh, of)
@@ -330,7 +351,8 @@ def test_what_is_left_of_f_is_bounded(name):
         for kink in of.jumps.values():
             away &= np.abs(kink.level(mesh.circles[0])) > mesh.longest_edges
         rest = of.value(*np.moveaxis(at, 2, 0))[0] - found.f_h @ hats.T
-        norms, integrals = np.sqrt(mesh.areas * (rest**2 @ weights)), mesh.areas * (rest @ weights)
+        norms = np.sqrt(mesh.areas * (rest**2 @ weights))
+        integrals = mesh.areas * (rest @ weights)
         assert np.all((norms <= found.oscillation + found.rest + 1e-9 * root)[away]), text
         assert np.all((np.abs(integrals) <= found.rest * root + 1e-9 * mesh.areas)[away]), text
 
@@ -355,7 +377,8 @@ def test_no_peak_between_the_points_of_coarser_levels_is_missed(width, monkeypat
 
     Control: where p is taken for f it is missed.
     """
-    of, mesh = Source(f"exp(-((x - 409/1000)**2 + (y - 397/1000)**2)*{1 / width**2:.0f})"), mesh_of("square")
+    of = Source(f"exp(-((x - 409/1000)**2 + (y - 397/1000)**2)*{1 / width**2:.0f})")
+    mesh = mesh_of("square")
 
     def missed():
         found = enclosed(mesh, of)
@@ -399,7 +422,8 @@ def test_what_is_kept_is_what_is_found_anew(text, times):
     """Up to both rests; of polynomials up to rounding, as they are enclosed exactly on any triangle."""
     coarse, fine = two_meshes(times)
     data = Source(text)
-    found, anew = enclosed(fine, data, enclosed(coarse, data)), enclosed(fine, data)
+    found = enclosed(fine, data, enclosed(coarse, data))
+    anew = enclosed(fine, data)
     most = np.sqrt(fine.areas) * (found.rest + anew.rest)
     if "pos(x - 1/3" not in text:
         assert np.all(np.abs(found.moments() - anew.moments()) <= most[:, None] + 1e-15)
@@ -413,7 +437,8 @@ def test_what_is_kept_is_what_is_found_anew(text, times):
 def test_kept_values_are_the_same_numbers():
     """Of triangles that are not cut; control: f of another formula is another one there, and on new ones."""
     coarse, fine = two_meshes()
-    data, other = Source("exp(x*y)"), Source("exp(x*y) + 1")
+    data = Source("exp(x*y)")
+    other = Source("exp(x*y) + 1")
     before = enclosed(coarse, data)
     found = enclosed(fine, other, before)
     old = np.setdiff1d(np.arange(len(coarse.triangles)), fine.steps[-1].parent)
@@ -437,7 +462,8 @@ class Placed(Counted):
 def test_only_where_triangles_were_cut_f_is_looked_at(text):
     """And only where those that they came from do not suffice. Control: anew it is everywhere."""
     coarse, fine = two_meshes()
-    data, anew = Placed(text), Placed(text)
+    data = Placed(text)
+    anew = Placed(text)
     before = enclosed(coarse, Source(text))
     enclosed(fine, data, before)
     enclosed(fine, anew)
@@ -483,7 +509,8 @@ def test_far_descendants_are_asked_for_again():
     """f of degree 4 needs no finer triangles, but those that were cut more than six times do."""
     text = "3*x**4 - 2*x*y**3 + y**2 - 5*x + 7"
     for times, more in ((6, False), (7, True), (12, True)):
-        mesh, of = deep(times)[-1], Counted(text)
+        mesh = deep(times)[-1]
+        of = Counted(text)
         found = enclosed(mesh, of)
         assert (of.pieces > len(mesh.coarse.triangles)) == more
         assert found.seen.halvings.max() <= MOST_HALVINGS
@@ -492,10 +519,12 @@ def test_far_descendants_are_asked_for_again():
 
 def test_without_that_the_allowance_is_exceeded(monkeypatch):
     """Their corners are no multiples of 2^-6: f_h is wrong there by far more than the rest."""
-    mesh, of = deep(12)[-1], Source("3*x**4 - 2*x*y**3 + y**2 - 5*x + 7")
+    mesh = deep(12)[-1]
+    of = Source("3*x**4 - 2*x*y**3 + y**2 - 5*x + 7")
 
     def apart():
-        found, alike = enclosed(mesh, of), enclosed(alone(mesh), of)
+        found = enclosed(mesh, of)
+        alike = enclosed(alone(mesh), of)
         moved = np.abs(found.moments() - alike.moments()).max(axis=1)
         return (moved - np.sqrt(mesh.areas) * (found.rest + alike.rest)).max()
 
@@ -507,7 +536,8 @@ def test_without_that_the_allowance_is_exceeded(monkeypatch):
 @pytest.mark.parametrize("steps", [1, 2, 5])
 def test_what_is_kept_is_asked_for_again_likewise(steps):
     """From mesh to mesh, however many steps lie between them: halvings are counted on."""
-    all_of, data = deep(15), Counted("3*x**4 - 2*x*y**3 + y**2 - 5*x + 7")
+    all_of = deep(15)
+    data = Counted("3*x**4 - 2*x*y**3 + y**2 - 5*x + 7")
     found = None
     for mesh in all_of[::steps]:
         found = enclosed(mesh, data, found)

@@ -28,8 +28,10 @@ def test_corners_whose_coordinates_cancel_are_off_by_their_rounding():
     x at the corners, by rational numbers, is within the bound of |f - p|. Control: p is off by more than the
     rounding of numbers as small as that.
     """
-    x, y = np.array([-1e6 / 3, 1e6 / 3 + 0.1, 0.3]), np.array([-1e6 / 7, -1e6 / 7, 1e6 / 3])
-    points, unit = np.column_stack([x, y]), 2.0**-40
+    x = np.array([-1e6 / 3, 1e6 / 3 + 0.1, 0.3])
+    y = np.array([-1e6 / 7, -1e6 / 7, 1e6 / 3])
+    points = np.column_stack([x, y])
+    unit = 2.0**-40
     mesh = meshes.from_arrays(Polygon(points, "large"), points, [[0, 1, 2]])
     of_mesh = x[mesh.triangles[0]].tolist()
     first = 1 / 3 + 1e-7 * np.random.default_rng(1).uniform(-1, 1, (K, 2))
@@ -38,7 +40,8 @@ def test_corners_whose_coordinates_cancel_are_off_by_their_rounding():
     corners = np.stack([first, first + 9e4 * unit * np.array([1, -1, 0]), first], axis=1)
     corners[:, 2] += 9e4 * unit * np.array([0, 1, -1])
     assert np.all(corners.sum(axis=2) == 1)
-    found, worst = source_pieces.on_block(mesh, corners, np.zeros(K, dtype=int), Source("x")), 0.0
+    found = source_pieces.on_block(mesh, corners, np.zeros(K, dtype=int), Source("x"))
+    worst = 0.0
     for k, known in enumerate(np.sqrt(found.squares / found.outer)):
         c, *slopes = (Fraction(float(each)) for each in found.c[:3, k])
         at_corners = (c - slopes[0] - slopes[1], c - slopes[0] + slopes[1], c + slopes[0] - slopes[1])
@@ -51,7 +54,8 @@ def test_corners_whose_coordinates_cancel_are_off_by_their_rounding():
 
 def test_the_rounding_of_sums_over_p_is_known():
     """Of its means with hats, against rational numbers."""
-    of, rng = basis(2, ORDER), np.random.default_rng(1)
+    of = basis(2, ORDER)
+    rng = np.random.default_rng(1)
     c = rng.standard_normal((len(of.degree), 50)) * 10.0 ** rng.uniform(-3, 3, 50)
     zero = np.zeros(c.shape[1])
     known = source_pieces._known(Model(of, c, zero, (zero, zero)))
@@ -68,7 +72,8 @@ def test_the_rounding_of_sums_over_p_is_known():
 
 def test_where_rounding_hides_the_side_of_a_curve_a_step_may_have_both_values():
     """Points on a circle far from the origin but for rounding, each a piece; it puts them on either side."""
-    kink, angle = Kink((1e6 / 3, 1e6 / 7), 0.3), np.random.default_rng(1).uniform(0, 2 * np.pi, 500)
+    kink = Kink((1e6 / 3, 1e6 / 7), 0.3)
+    angle = np.random.default_rng(1).uniform(0, 2 * np.pi, 500)
     points = np.array(kink.centre) + 0.3 * np.column_stack([np.cos(angle), np.sin(angle)])
     _, wrong = source_pieces.sides(np.repeat(points[:, None], 3, axis=1), {Atom("step"): kink}, 1e6)
     assert not np.isnan(wrong[Atom("step")]).any()
@@ -92,7 +97,8 @@ def test_two_jumps_that_are_wrong_at_once():
     hats = np.column_stack([1 - u.sum(axis=1), u])
     values = (of.value(*(hats @ corners @ triangle).T)[0] for corners in found.corners)  # a piece at a time
     squares = np.array([np.mean((f - p) ** 2) for f, p in zip(values, found.c[0], strict=True)])
-    norms, areas = np.sqrt(squares * found.area), found.area
+    norms = np.sqrt(squares * found.area)
+    areas = found.area
     assert np.all(norms <= np.sqrt(found.squares) + found.jumping + 1e-3 * np.sqrt(areas))
     assert np.any((norms > 3e-3 * np.sqrt(areas)) & (found.c[0] == 0))
 
@@ -162,7 +168,8 @@ def in_the_disc(y):
         t = (y - a[1]) / (b[1] - a[1])
         if 0 <= t <= 1:
             ends.append(a[0] + t * (b[0] - a[0]))
-    low, high = min(ends), min(max(ends), np.sqrt(1 - y**2))
+    low = min(ends)
+    high = min(max(ends), np.sqrt(1 - y**2))
     return (high - low) + SLOPE / 2 * (high**2 - low**2) if high > low else 0.0
 
 

@@ -124,7 +124,8 @@ def test_the_modules_are_the_case(monkeypatch, name, kind):
     A sign, a branch of the angle or a coordinate that is another one would show by far more than rounding.
     """
     with_ufl(monkeypatch, **NUMPY_AS_UFL)
-    case, found = of(name), functions(kind, of(name))
+    case = of(name)
+    found = functions(kind, of(name))
     mesh = unstructured(case.polygon, 1 / 5)
     inside = mesh.points[mesh.triangles].mean(axis=1)
     u, gradient = case.value_and_gradient(inside)
@@ -134,8 +135,10 @@ def test_the_modules_are_the_case(monkeypatch, name, kind):
     np.testing.assert_allclose(found["f"](inside), f, rtol=1e-12, atol=1e-12 * np.abs(f).max())
     np.testing.assert_allclose(np.transpose(found["grad_u"](inside)), gradient, rtol=0, atol=1e-12 * size)
     for i, length in enumerate(case.polygon.lengths):
-        side, s = np.full(20, i), (np.arange(20) + 0.43) / 20 * length
-        (u, flux, gap), points = case.boundary(side, s), case.polygon.at(side, s)
+        side = np.full(20, i)
+        s = (np.arange(20) + 0.43) / 20 * length
+        (u, flux, gap) = case.boundary(side, s)
+        points = case.polygon.at(side, s)
         np.testing.assert_allclose(found["g"][i](points), u - gap, rtol=0, atol=1e-12)
         np.testing.assert_allclose(found["lambda_"][i](points), flux, rtol=1e-9, atol=1e-12)
 
@@ -153,7 +156,8 @@ def test_python_that_is_printed_runs_as_it_is(run):
     """Constants, too, have the shape of the points: g - u of no_contact is -1 everywhere."""
     space = {}
     exec(run("cases", "no_contact", "--format", "python")[1], space)
-    x, y = np.array([[0.0, 0.25], [0.5, 1.0]]), np.zeros((2, 2))
+    x = np.array([[0.0, 0.25], [0.5, 1.0]])
+    y = np.zeros((2, 2))
     np.testing.assert_allclose(space["g"](0, x, y) - space["u"](x, y), -np.ones((2, 2)), rtol=1e-15)
     assert space["vertices"] == [[0, 0], [1, 0], [1, 1], [0, 1]]
 

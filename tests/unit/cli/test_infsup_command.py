@@ -168,7 +168,8 @@ def test_a_problem_file_says_which_sides_are_clamped(run, tmp_path, c):
 
 def test_however_it_is_written_c_is_0(run, tmp_path):
     """Control: c = 1 has other constants."""
-    file, found = tmp_path / "own.yaml", {}
+    file = tmp_path / "own.yaml"
+    found = {}
     for c in ("0", "0.0", "1 - 1", "1"):
         file.write_text(
             "{polygon: [[0, 0], [1, 0], [1, 1], [0, 1]], f: 1, g: [null, -1, -1, -1], u: {0: 0}, "

@@ -43,9 +43,8 @@ def test_the_template_has_every_field(tmp_path):
     import yaml
 
     folder = ROOT / "src/unilateral/problems"
-    schema, template = (
-        yaml.safe_load((folder / name).read_text()) for name in ("problem.schema.yaml", "template.yaml")
-    )
+    schema = yaml.safe_load((folder / "problem.schema.yaml").read_text())
+    template = yaml.safe_load((folder / "template.yaml").read_text())
     assert set(template) == set(schema["properties"])
 
 

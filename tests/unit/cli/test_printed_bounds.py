@@ -56,7 +56,8 @@ def test_the_printed_interval_has_the_force_in_it(printed, options):
 def gradient_error(solution):
     """||grad u - grad u_h||_0 for PARABOLA: exact, as x is linear on triangles and grad u_h constant."""
     nodes = solution.mesh.triangles
-    (x, y), u = solution.mesh.points[nodes].transpose(2, 0, 1), solution.u[nodes]
+    (x, y) = solution.mesh.points[nodes].transpose(2, 0, 1)
+    u = solution.u[nodes]
     planes = np.linalg.solve(np.stack([x, y, np.ones_like(x)], axis=2), u[..., None])[..., 0]
     distance = (SCALE * x.mean(axis=1) - planes[:, 0]) ** 2 + SCALE**2 * x.var(axis=1) / 4 + planes[:, 1] ** 2
     return float(np.sqrt(solution.mesh.areas @ distance))

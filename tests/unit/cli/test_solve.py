@@ -43,7 +43,8 @@ def test_json_has_the_library_s_numbers(run):
     """natural at h = 1/16: the total bound is at least the error, and at most 30 % more."""
     code, found, err = solve_json(run, "natural", *FINER)
     assert (code, err) == (0, "")
-    alone, of = discrete("natural", 16, 8), load("natural")
+    alone = discrete("natural", 16, 8)
+    of = load("natural")
     solution = condensed.solve(alone)
     errors = exact_errors(alone, solution)
     lower, upper = dual_norm(alone.spaces.partition, [of]).of_error(of, solution.lambda_H[None])
@@ -197,7 +198,8 @@ KEPT = {"solution.vtu", "boundary.csv", "solution.nc", "certificate.json", "solu
 
 def test_a_solution_is_kept(run, tmp_path):
     """All files of a folder, which is made, and others by their endings; the certificate is what is told."""
-    folder, extra = tmp_path / "new/out", [tmp_path / name for name in ("a.csv", "b.png")]
+    folder = tmp_path / "new/out"
+    extra = [tmp_path / name for name in ("a.csv", "b.png")]
     named = [part for file in extra for part in ("-o", str(file))]
     code, found, err = solve_json(run, "natural", *SIZES, "--out", str(folder), *named)
     assert (code, err) == (0, "")
@@ -329,7 +331,8 @@ def test_a_problem_without_contact_is_solved_and_said_to_be_linear(run, tmp_path
 
 def linear(folder, rest="free_sides: [0], u: {1: 0, 2: 0, 3: null}, k: 2, c: 0", g="null"):
     file = folder / "linear.yaml"
-    square, none = "polygon: [[0, 0], [1, 0], [1, 1], [0, 1]], f: 1", f"g: [{g}, null, null, null]"
+    square = "polygon: [[0, 0], [1, 0], [1, 1], [0, 1]], f: 1"
+    none = f"g: [{g}, null, null, null]"
     file.write_text(f"{{{square}, {none}, {rest}}}")
     return str(file)
 

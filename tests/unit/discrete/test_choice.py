@@ -26,7 +26,8 @@ def test_a_size_is_refused_where_even_multigrid_takes_more_than_is_free(monkeypa
 
 def test_condensing_is_refused_where_its_matrices_take_more_than_is_free(monkeypatch):
     """81 unknowns, 32 of them and 16 cells on the boundary, whose matrices are dense."""
-    mesh, cells = structured(square(), 1 / 8), partitions.uniform(square(), 1 / 4)
+    mesh = structured(square(), 1 / 8)
+    cells = partitions.uniform(square(), 1 / 4)
     needed = (SPARSE * 81 + DENSE * (32 + 16) ** 2) / MB
     monkeypatch.setattr(choice, "available_mb", lambda: 1.001 * needed)
     choice.check_condensed(mesh, cells)

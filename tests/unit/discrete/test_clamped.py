@@ -73,7 +73,9 @@ def random_problem(seed: int, k: object, c: object) -> Manufactured:
     """A u with a transition on side 0 or without; sides are clamped, free, or in contact where du/dn > 0."""
     rng = np.random.default_rng(seed)
     corners = POLYGONS[sorted(POLYGONS)[seed % 4]]
-    n, (k, c) = len(corners), (sympy.Rational(k), sympy.Rational(c))
+    n = len(corners)
+    k = sympy.Rational(k)
+    c = sympy.Rational(c)
     a = [sympy.Rational(int(each), 4) for each in rng.integers(-6, 7, 6)]
     (x0, y0), (x1, _) = corners[:2]
     end = sympy.Rational(x0) + sympy.Rational(x1 - x0) * sympy.Rational(int(rng.integers(1, 8)), 8)
@@ -81,10 +83,14 @@ def random_problem(seed: int, k: object, c: object) -> Manufactured:
     u += sympy.cos(X + a[3]) + a[4] * (Y - y0) ** 2
     slopes = sympy.diff(u, X), sympy.diff(u, Y)
     exact = compile_numpy([u, *slopes], (X, Y))
-    gaps, u_there, fluxes, contact = [None] * n, {}, [None] * n, [0]
+    gaps = [None] * n
+    u_there = {}
+    fluxes = [None] * n
+    contact = [0]
     gaps[0] = str(u - pos(end - X, 2) / 2)
     for side in range(1, n):
-        (ax, ay), (bx, by) = ([sympy.Rational(z) for z in corners[i % n]] for i in (side, side + 1))
+        (ax, ay) = [sympy.Rational(z) for z in corners[side % n]]
+        (bx, by) = [sympy.Rational(z) for z in corners[(side + 1) % n]]
         along = sympy.Rational(1) * (bx - ax), sympy.Rational(1) * (by - ay)
         flux = (slopes[0] * along[1] - slopes[1] * along[0]) / sympy.sqrt(along[0] ** 2 + along[1] ** 2)
         t = np.linspace(0, 1, 401)
@@ -122,7 +128,8 @@ def solved(of: Manufactured, path: str):
 
 def error(of: Manufactured, s) -> float:
     """(k |u - u_h|_1^2 + c ||u - u_h||_0^2)^(1/2), by a rule of degree 8."""
-    mesh, (hats, weights) = s.mesh, symmetric(8)
+    mesh = s.mesh
+    (hats, weights) = symmetric(8)
     x, y = np.moveaxis(np.einsum("qb,tbd->tqd", hats, mesh.points[mesh.triangles]), -1, 0)
     slope = np.einsum("tid,ti->dt", gradients(mesh), s.u[mesh.triangles])[..., None]
     u, u_x, u_y = of.exact(x, y)
@@ -133,13 +140,18 @@ def error(of: Manufactured, s) -> float:
 
 def dual_error(of: Manufactured, s) -> float:
     """A lower bound on the dual norm of lambda - lambda_H: the supremum over P1 on the mesh, refined once."""
-    mesh, clamped = refine(s.mesh), s.problem.clamped_sides
+    mesh = refine(s.mesh)
+    clamped = s.problem.clamped_sides
     K, M = stiffness_and_mass(mesh)
-    fixed, load = Form(c=0.0, clamped=clamped).fixed(mesh), np.zeros(mesh.n_nodes)
+    fixed = Form(c=0.0, clamped=clamped).fixed(mesh)
+    load = np.zeros(mesh.n_nodes)
     x, w = np.polynomial.legendre.leggauss(6)
-    x, w, lengths = 0.5 * (x + 1), 0.5 * w, np.diff(mesh.s)
+    x = 0.5 * (x + 1)
+    w = 0.5 * w
+    lengths = np.diff(mesh.s)
     for edge in np.flatnonzero(np.isin(mesh.side, of.contact)):
-        side, ends = mesh.side[edge], mesh.boundary[[edge, (edge + 1) % len(mesh.boundary)]]
+        side = mesh.side[edge]
+        ends = mesh.boundary[[edge, (edge + 1) % len(mesh.boundary)]]
         places = mesh.points[ends[0]] + x[:, None] * (mesh.points[ends[1]] - mesh.points[ends[0]])
         normal = mesh.polygon.normals[side]
         _, u_x, u_y = of.exact(*places.T)
@@ -157,7 +169,8 @@ def test_bounds_are_above_the_true_errors(seed: int, k: object, c: object) -> No
     """u is in H^2. Each path has its turn with each pair of coefficients."""
     of = random_problem(seed, k, c)
     s = solved(of, PATHS[seed % len(PATHS)])
-    of_u, of_lambda = error(of, s), dual_error(of, s)
+    of_u = error(of, s)
+    of_lambda = dual_error(of, s)
     for bounds in (s.bounds, s.sharp_bounds):
         assert of_u <= bounds.u
         assert of_lambda <= bounds.multiplier
@@ -172,7 +185,8 @@ def test_bounds_do_not_mind_coefficients(seed: int, k: str, c: str) -> None:
     """
     of = random_problem(seed, k, c)
     s = solved(of, PATHS[seed % len(PATHS)])
-    of_u, of_lambda = error(of, s), dual_error(of, s)
+    of_u = error(of, s)
+    of_lambda = dual_error(of, s)
     assert of_u <= s.bounds.u <= 10 * of_u
     assert of_u <= s.sharp_bounds.u <= 5 * of_u
     assert of_lambda <= min(s.bounds.multiplier, s.sharp_bounds.multiplier)
@@ -261,7 +275,8 @@ def test_a_kink_beside_which_places_are_rounded_counts() -> None:
     """
     corners = [(0.1, 0.1), (1.1, 0.1), (1.1, 0.8), (0.1, 0.8)]
     problem = ul.Problem(corners, 0, [None, -1e9, None, None], [0, 2], u={3: "1e6*pos(y - 1/2, 1)"}, c=0)
-    kinked, mesh = problem.enclosed_obstacle, unstructured(problem.polygon, 1 / 8)
+    kinked = problem.enclosed_obstacle
+    mesh = unstructured(problem.polygon, 1 / 8)
     known = replace(kinked, steep=np.zeros_like(kinked.steep))
 
     def norm(of) -> float:
@@ -363,11 +378,13 @@ def test_where_flow_through_a_side_cancels_its_rounding_counts(monkeypatch) -> N
 
 def test_where_a_clamped_side_meets_contact_the_gap_says_whether_a_force_has_a_bound() -> None:
     """With u = g at the vertex none is possible for one side alone; the sum of force and reaction has one."""
-    apart, joined = (
-        ul.solve(
-            ul.Problem(POLYGONS["square"], 0, [g, None, None, None], [1, 2], u={3: 1}, c=0), h=1 / 16, H=1 / 8
-        )
-        for g in (0, "1 - x")
+    apart = ul.solve(
+        ul.Problem(POLYGONS["square"], 0, [0, None, None, None], [1, 2], u={3: 1}, c=0), h=1 / 16, H=1 / 8
+    )
+    joined = ul.solve(
+        ul.Problem(POLYGONS["square"], 0, ["1 - x", None, None, None], [1, 2], u={3: 1}, c=0),
+        h=1 / 16,
+        H=1 / 8,
     )
     assert apart.forces().sides[0].upper < 1
     assert joined.forces().sides[0].upper == math.inf
@@ -391,7 +408,8 @@ def test_a_membrane_clamped_at_one_side_rests_on_a_bump_at_the_other() -> None:
     adapted = ul.solve(problem, accuracy=0.02)
     assert adapted.certified
     for s in (nested, adapted):
-        force, other = s.forces().sides[1], given.forces().sides[1]
+        force = s.forces().sides[1]
+        other = given.forces().sides[1]
         assert force.lower <= other.upper
         assert other.lower <= force.upper
     (interval,) = given.contact.intervals
@@ -404,7 +422,8 @@ def test_a_membrane_clamped_at_one_side_rests_on_a_bump_at_the_other() -> None:
 @pytest.mark.parametrize("clamped", [[0, 1, 2, 3], [0, 1], [3]])
 def test_a_linear_u_that_is_clamped_costs_nothing(c, f, clamped) -> None:
     """u = x - 2 y + 1 lies in V_h, and its gradient among the fluxes, whichever sides are clamped."""
-    u, fluxes = "x - 2*y + 1", [2, 1, -2, -1]
+    u = "x - 2*y + 1"
+    fluxes = [2, 1, -2, -1]
     free = [side for side in range(4) if side not in clamped]
     problem = ul.Problem(
         POLYGONS["square"],
@@ -428,7 +447,8 @@ def test_matrices_have_the_equations_of_all_other_nodes() -> None:
         POLYGONS["square"], "x - 1", [None, "-1/9", None, None], [0, 2], k="7/3", c=0, u={3: "y*(1 - y)/3"}
     )
     solver = ul.Solver(problem, h=1 / 8, H=1 / 4, stop=ul.Stop(tolerance=1e-10))
-    s, of = solver(), solver.matrices()
+    s = solver()
+    of = solver.matrices()
     free = ~Form(c=0.0, clamped=(3,)).fixed(s.mesh)
     left = of.A @ s.u - of.B.T @ s.multiplier[of.cells] - of.F
     assert np.abs(left[free]).max() < 1e-9
@@ -449,9 +469,8 @@ def test_a_solver_of_a_case_with_other_data_keeps_its_clamped_sides() -> None:
 
 def test_errors_name_the_norm_that_they_are_in() -> None:
     """|u - u_h|_1 where c = 0, as the bounds and the command line have it; control: c = 1."""
-    without, with_c = (
-        ul.solve(name, h=1 / 8, H=1 / 4).true_errors(dual=False) for name in ("clamped", "natural")
-    )
+    without = ul.solve("clamped", h=1 / 8, H=1 / 4).true_errors(dual=False)
+    with_c = ul.solve("natural", h=1 / 8, H=1 / 4).true_errors(dual=False)
     assert repr(without).startswith("Errors: |u - u_h|_1 = ")
     assert repr(with_c).startswith("Errors: ||u - u_h||_1 = ")
 

@@ -60,7 +60,8 @@ class Known:
     def force(self, side):
         """The integral of k du/dn over a side, by Gauss's rule of 20 points."""
         t, w = np.polynomial.legendre.leggauss(20)
-        start, end = (np.array(self.polygon[i % len(self.polygon)], dtype=float) for i in (side, side + 1))
+        start = np.array(self.polygon[side % len(self.polygon)], dtype=float)
+        end = np.array(self.polygon[(side + 1) % len(self.polygon)], dtype=float)
         x, y = (start + 0.5 * (t[:, None] + 1) * (end - start)).T
         flux = compile_numpy([self.fluxes[side]], (X, Y))(x, y)[0]
         return 0.5 * np.hypot(*(end - start)) * (w @ flux)
@@ -81,9 +82,11 @@ PROBLEMS = {
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_the_solutions_solve_their_problems(name):
     """lambda >= 0, gap >= 0, one of both 0, in points of the sides that are held."""
-    of, t = PROBLEMS[name], np.linspace(0, 1, 101)[:, None]
+    of = PROBLEMS[name]
+    t = np.linspace(0, 1, 101)[:, None]
     for side, gap in of.held.items():
-        start, end = (np.array(of.polygon[i % len(of.polygon)], dtype=float) for i in (side, side + 1))
+        start = np.array(of.polygon[side % len(of.polygon)], dtype=float)
+        end = np.array(of.polygon[(side + 1) % len(of.polygon)], dtype=float)
         x, y = (start + t * (end - start)).T
         flux, apart = compile_numpy([of.fluxes[side], symbolic(parse(gap, ("x", "y"), "gap"))], (X, Y))(x, y)
         assert np.all((flux >= -1e-14) & (apart >= 0))
@@ -104,7 +107,8 @@ def test_errors_fall_as_proved_below_both_bounds(name):
     So is the sharp bound of lambda against the cheap one, which is of lower order. Forces lie between the
     numbers that are guaranteed, exact ones by quadrature.
     """
-    of, errors = PROBLEMS[name], []
+    of = PROBLEMS[name]
+    errors = []
     for n in (8, 16, 32):
         found = ul.solve(of.problem, h=1 / n, H=2 / n)
         errors.append(of.error(found))
@@ -164,10 +168,12 @@ def test_bounds_hold_where_the_flux_is_not_smooth(q):
     And the bound on that of 1/8 is at most three times the distance: a third of it would be too small.
     """
     problem = ul.Problem(SQUARE, f="1 - 3*x", g=[None, -0.1, -0.1, -0.1], free_sides=[0], q=q)
-    coarse, fine = (ul.solve(problem, h=h, H=2 * h, mesh="structured") for h in (1 / 8, 1 / 64))
+    coarse = ul.solve(problem, h=1 / 8, H=2 * (1 / 8), mesh="structured")
+    fine = ul.solve(problem, h=1 / 64, H=2 * (1 / 64), mesh="structured")
     distance = energy_norm(fine.mesh, fine.u - coarse.u_at(fine.mesh.points))
     for kind in ("bounds", "sharp_bounds"):
-        of_coarse, of_fine = getattr(coarse, kind).u, getattr(fine, kind).u
+        of_coarse = getattr(coarse, kind).u
+        of_fine = getattr(fine, kind).u
         assert distance <= of_coarse + of_fine
         assert of_fine < of_coarse <= 3 * distance
 

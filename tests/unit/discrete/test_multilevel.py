@@ -75,7 +75,8 @@ def on_uniform(problem, edges=2):
 def mesh_for(problem, times=3, seed=None):
     """Refined in an ever smaller part at a vertex, or where random triangles were chosen there."""
     cells = uniform(problem.polygon, problem.polygon.lengths.max() / 2)
-    of, rng = adapted(meshes.following(cells, 2)[0]), np.random.default_rng(seed)
+    of = adapted(meshes.following(cells, 2)[0])
+    rng = np.random.default_rng(seed)
     for k in range(times):
         centre = of.mesh.points[of.mesh.triangles].mean(axis=1) - problem.polygon.vertices[1]
         chosen = np.flatnonzero(np.hypot(*centre.T) < problem.polygon.diameter / 2 ** (k + 1))
@@ -150,7 +151,8 @@ def test_f_is_enclosed_once(monkeypatch, made):
     """The bound has the enclosure that the load is made of: with another one its patches are not balanced."""
     problem = load_problem("one's own")
     found = made(problem)
-    solved, source = found.solved(EXACTLY), found.data.source
+    solved = found.solved(EXACTLY)
+    source = found.data.source
     np.testing.assert_array_equal(load_vector(found.mesh, source.moments()), found.load)
     np.testing.assert_array_equal(source.moments(), enclosed(found.mesh, problem.source).moments())
     monkeypatch.setattr(mesh_data, "enclose_source", None)
@@ -168,7 +170,8 @@ def test_the_norm_from_below_is_one_from_below_and_not_idle(made):
     half = discretise(problem, found.mesh, found.partition).spaces.operator.half
     for seed in range(3):
         lambda_H = np.random.default_rng(seed).uniform(0, 1, len(found.cells))
-        below, exact = found.lambda_norm(lambda_H), np.linalg.norm(half @ lambda_H)
+        below = found.lambda_norm(lambda_H)
+        exact = np.linalg.norm(half @ lambda_H)
         assert 0.99 * exact < below <= exact * (1 + 1e-12)
     assert found.lambda_norm(0 * lambda_H) == 0
 
@@ -176,13 +179,16 @@ def test_the_norm_from_below_is_one_from_below_and_not_idle(made):
 @pytest.mark.parametrize("peak", [0.0, 0.25, 1.0])
 def test_the_norm_from_below_is_that_of_a_coarse_level_where_that_is_enough(monkeypatch, peak):
     """Not where finer levels add to it: at a peak all of them add about the same."""
-    mesh, cells = structured(named("lshape"), 1 / 64), uniform(named("lshape"), 1 / 32)
-    found, asked = multilevel(ul.Problem(mesh.polygon, "x", 0), mesh, cells), []
+    mesh = structured(named("lshape"), 1 / 64)
+    cells = uniform(named("lshape"), 1 / 32)
+    found = multilevel(ul.Problem(mesh.polygon, "x", 0), mesh, cells)
+    asked = []
     below = multigrid_bounds.norm_below
     monkeypatch.setattr(multigrid_bounds, "norm_below", lambda of, R: asked.append(of.n) or below(of, R))
     lambda_H = np.ones(cells.n_cells)
     lambda_H[11] += peak * cells.n_cells
-    norm, finest = found.lambda_norm(lambda_H), found.grids.finest
+    norm = found.lambda_norm(lambda_H)
+    finest = found.grids.finest
     assert norm > 0.99 * below(finest.of, finest.cells.B.T @ lambda_H)
     assert asked == sorted(asked)
     assert (asked[-1] < mesh.n_nodes) == (peak == 0)
@@ -212,9 +218,11 @@ def test_it_is_one_from_below_on_small_domains(made, length, least):
     Control: by v . A v, in which the mass is lost, the number is another one.
     """
     found = made(ul.Problem(length * UNIT_SQUARE, f="-1", g="0"))
-    one, exact = np.ones(len(found.cells)), 4 * (1 + length**2)
+    one = np.ones(len(found.cells))
+    exact = 4 * (1 + length**2)
     assert least * exact <= found.lambda_norm(one) <= exact
-    A, mesh = found.grids.finest.of.A, found.mesh
+    A = found.grids.finest.of.A
+    mesh = found.mesh
     v = np.ones(mesh.n_nodes) + 1e-3 * np.random.default_rng(1).random(mesh.n_nodes) * length**2
     if length <= 1e-6 and not mesh.adapted:
         assert np.sqrt(np.abs(v @ (A @ v))) != pytest.approx(energy_norm(mesh, v), rel=1e-6)
@@ -271,7 +279,8 @@ def chosen(mesh, H, **stop):
 
 def test_large_refined_meshes_are_for_multigrid(monkeypatch):
     monkeypatch.setattr(choice, "PAYS", 1000)
-    small, large = structured(square(), 1 / 16), structured(square(), 1 / 32)
+    small = structured(square(), 1 / 16)
+    large = structured(square(), 1 / 32)
     assert chosen(small, 1 / 8) is CondensedProblem
     assert chosen(large, 1 / 16) is MultilevelProblem
     assert chosen(small, 1 / 8, algorithm="multigrid") is MultilevelProblem
@@ -324,7 +333,8 @@ def test_most_of_the_total_bound_is_not_algebraic():
     """
     found = on_adapted(load_problem("one's own"), 14)
     assert np.diff(found.mesh.s).min() < 1e-4
-    solved, best = found.solved(Stop()), found.solved(EXACTLY).total("h1")
+    solved = found.solved(Stop())
+    best = found.solved(EXACTLY).total("h1")
     assert solved.result.bound <= 0.01 * solved.total("h1") <= 0.01 * (1.01 * best)
     at_zero = algebraic_bound(found.grids.finest, np.zeros(found.mesh.n_nodes), np.zeros(len(found.cells)))
     crude = found.within(found._solution(found.grids.solve(at_zero, in_L2=1e9)), Stop())
@@ -334,7 +344,8 @@ def test_most_of_the_total_bound_is_not_algebraic():
 
 def test_refinements_are_the_solutions_on_ever_finer_meshes():
     """Each as from nothing; of a mesh two triangles are refined here, and no mesh has too many unknowns."""
-    problem, asked = load_problem("one's own"), []
+    problem = load_problem("one's own")
+    asked = []
 
     def two(solution):
         asked.append(solution)
@@ -361,7 +372,8 @@ def test_refinements_are_the_solutions_on_ever_finer_meshes():
 @pytest.mark.parametrize("steps", [1, 2])
 def test_what_is_known_of_a_coarser_mesh_is_taken_over(steps):
     """Its levels, f, and u_h, whose values at new nodes are those of the piecewise linear function."""
-    problem, of = load_problem("one's own"), mesh_for(load_problem("one's own"), 2)
+    problem = load_problem("one's own")
+    of = mesh_for(load_problem("one's own"), 2)
     before = discretise_nested(problem, of)
     last = before.solved(EXACTLY)
     for k in range(steps):
@@ -400,7 +412,8 @@ def test_the_residual_is_small_against_the_total_bound():
     loose = 10 * found.grids.finest.of.n**0.5 * total
 
     def in_L2(solved):
-        of, finest = found.grids.finest.of, found.grids.finest
+        of = found.grids.finest.of
+        finest = found.grids.finest
         r = finest.load + finest.cells.B.T @ solved.result.lambda_H - of.A @ solved.u_h
         return np.sqrt(np.sum(r**2 / of.mass))
 
@@ -415,7 +428,8 @@ def test_the_residual_is_small_against_the_total_bound():
 def test_a_mesh_of_one_s_own_goes_the_condensed_way(monkeypatch):
     """It has no levels. The same triangles, made by refinement, have; the solutions differ as f's p do."""
     monkeypatch.setattr(choice, "PAYS", 10)
-    problem, of = load_problem("one's own"), mesh_for(load_problem("one's own"))
+    problem = load_problem("one's own")
+    of = mesh_for(load_problem("one's own"))
     own = meshes.from_arrays(problem.polygon, of.mesh.points, of.mesh.triangles)
     assert not own.adapted
     assert multilevel(problem, own, of.partition) is None

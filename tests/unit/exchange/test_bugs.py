@@ -258,7 +258,8 @@ def test_no_bug_is_named_by_chance(seen):
 
     Nor does any explain u + c beside the right multiplier, or u = 0: no matrix or load of the table has them.
     """
-    of, random = seen("natural"), np.random.default_rng(3)
+    of = seen("natural")
+    random = np.random.default_rng(3)
     for size in (1e-12, 1e-6, 1e-3, 1.0):
         u = of.u_h + size * random.standard_normal(len(of.u_h))
         found = judged(of.case, Foreign("", of.level, u, None, ""), of.discrete, of.own, of.u_h)

@@ -83,11 +83,13 @@ def clamped_nodes(mesh, side):
 @pytest.mark.parametrize("name", CASES)
 def test_the_files_tell_what_is_given_where(folder, name):
     """u_D by its formula at the clamped nodes alone; no g there, and none on cells and edges of the side."""
-    (side, c), problem = CASES[name], json.loads((folder(name) / "problem.json").read_text())
+    (side, c) = CASES[name]
+    problem = json.loads((folder(name) / "problem.json").read_text())
     assert [problem[key] for key in ("clamped_sides", "free_sides", "k", "c")] == [[side], [], 1, c]
     assert [i for i, formula in enumerate(problem["u_D"]) if formula is not None] == [side]
     case, (*_, level) = exported(folder(name))
-    nodes, cells = (pd.read_csv(folder(name) / f"level_1/{file}.csv") for file in ("nodes", "partition"))
+    nodes = pd.read_csv(folder(name) / "level_1/nodes.csv")
+    cells = pd.read_csv(folder(name) / "level_1/partition.csv")
     on = clamped_nodes(level.mesh, side)
     assert (np.flatnonzero(nodes.u_D.notna()) == np.sort(on)).all()
     names = {"x": nodes.x[on], "y": nodes.y[on]}
@@ -106,7 +108,8 @@ def test_the_files_tell_what_is_given_where(folder, name):
 @pytest.mark.parametrize("name", CASES)
 def test_the_readme_and_the_modules_tell_the_problem(folder, name):
     """The equation, what is given, and the norm of errors; without clamped sides none of it is there."""
-    (side, c), text = CASES[name], (folder(name) / "README.md").read_text()
+    (side, c) = CASES[name]
+    text = (folder(name) / "README.md").read_text()
     assert f"Clamped sides: {side}. There u = u_D is given, and there is no obstacle and no λ." in text
     assert ("−Δu + u = f in Ω" in text, "−Δu = f in Ω" in text) == (c == 1, c == 0)
     assert ("u in |v|_1 = (∫ |∇v|²)^(1/2)." if c == 0 else "u in ||v||_1 = (∫ |∇v|² + v²)^(1/2).") in text
@@ -192,7 +195,9 @@ def test_own_files_are_scored_though_they_have_no_multiplier_on_clamped_sides(
 def test_nothing_is_asked_of_a_multiplier_on_clamped_sides(own, scored, name):
     """Whatever stands there, on cells or as reactions at nodes, changes no error and is no fault."""
     _, levels, solution = own(name)
-    mesh, cells, mu = levels[-1].mesh, levels[-1].cells, solution.multiplier
+    mesh = levels[-1].mesh
+    cells = levels[-1].cells
+    mu = solution.multiplier
     right = scored(name, solution.u, mu)
     at = scored(name, solution.u, np.where(cells.side == CASES[name][0], 7.0, mu))
     assert (at.errors, at.faults) == (right.errors, [])
@@ -215,7 +220,8 @@ def test_a_spoilt_value_at_a_clamped_node_is_named_with_its_place(own, scored, n
     _, levels, solution = own(name)
     mesh = levels[-1].mesh
     node = clamped_nodes(mesh, CASES[name][0])[2]
-    u, (x, y) = solution.u.copy(), mesh.points[node]
+    u = solution.u.copy()
+    (x, y) = mesh.points[node]
     u[node] += size * np.abs(u).max()
     for cells in (None, solution.multiplier):
         (fault,) = scored(name, u, cells).faults
@@ -258,7 +264,8 @@ def test_a_clamped_side_that_is_left_free_is_named(own, folder, tmp_path, run, n
 @pytest.mark.parametrize("name", CASES)
 def test_a_spoilt_multiplier_is_named(own, scored, name):
     _, _, solution = own(name)
-    u, mu = solution.u, solution.multiplier
+    u = solution.u
+    mu = solution.multiplier
     for wrong, said in (
         (-mu, "the multiplier has the wrong sign: -1 times"),
         (2 * mu, "the wrong scale: 2 "),

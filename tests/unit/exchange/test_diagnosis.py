@@ -24,7 +24,8 @@ from unilateral.fem.p1 import boundary_mass, stiffness_and_mass
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.stop import Stop
 
-N, M = 16, 8
+N = 16
+M = 8
 SMALLEST = {
     "u times 1 + s": (8e-4, "or u has the wrong scale"),
     "λ times 1 + s": (1e-5, "the multiplier has the wrong scale"),
@@ -84,7 +85,8 @@ def spoilt(how, s):
 
 def uzawa(distance):
     """The first of Uzawa's iterates from 0 for whose u ||u - u_h||_1 is at most that distance."""
-    of, operator = problem(), problem().spaces.operator
+    of = problem()
+    operator = problem().spaces.operator
     exact = active_set(operator, of.offset, 1e-10).lambda_H
     mu = np.zeros(len(of.offset))
     while np.linalg.norm(operator.half @ (mu - exact)) > distance:
@@ -94,9 +96,12 @@ def uzawa(distance):
 
 def jacobi(distance):
     """The first of Jacobi's iterates from 0 inside, u_h on the boundary, that is as near to u_h."""
-    of, (u_h, _, _) = problem(), own()
-    A, boundary = of.spaces.condensed.A, of.mesh.boundary
-    u, inside = np.zeros(len(u_h)), np.setdiff1d(np.arange(len(u_h)), boundary)
+    of = problem()
+    (u_h, _, _) = own()
+    A = of.spaces.condensed.A
+    boundary = of.mesh.boundary
+    u = np.zeros(len(u_h))
+    inside = np.setdiff1d(np.arange(len(u_h)), boundary)
     u[boundary] = u_h[boundary]
     while (u - u_h) @ (A @ (u - u_h)) > distance**2:
         u[inside] += ((of.load - A @ u) / A.diagonal())[inside]
@@ -156,7 +161,8 @@ def test_nodal_and_mortar_multipliers_are_right_and_lumped_ones_are_not():
 
 def test_the_conditions_are_what_they_say():
     """Signs and complementarity, by g itself: its values, and Simpson's rule on each half of an edge."""
-    mesh, case = problem().mesh, load("natural").problem
+    mesh = problem().mesh
+    case = load("natural").problem
     starts = mesh.polygon.starts[mesh.side]
     for u, reactions, what in solutions_with(on_edges()):
         value = u[mesh.boundary]
@@ -165,7 +171,8 @@ def test_the_conditions_are_what_they_say():
             gaps = value - (exact - gap)
         else:
             mu = np.linalg.solve(boundary_mass(mesh).toarray(), reactions)
-            reactions, gaps = mu, moments(mesh, case, value)
+            reactions = mu
+            gaps = moments(mesh, case, value)
         # The case's transition is at a node; Simpson's rule is of fourth order but for a power 3/2 there.
         assert reactions.min() >= -1e-10
         assert gaps.min() >= -1e-5
@@ -174,7 +181,8 @@ def test_the_conditions_are_what_they_say():
 
 def moments(mesh, case, value):
     """Integrals of (v - g) phi_j, v P1 with the values (nb,)."""
-    found, k = np.zeros(len(value)), 40
+    found = np.zeros(len(value))
+    k = 40
     x = (np.arange(k) + 0.5) / k
     for edge, length in enumerate(np.diff(mesh.s)):
         side = np.full(k, mesh.side[edge])
@@ -192,7 +200,8 @@ def test_simple_rules_for_the_load_are_exact_as_far_as_they_should_be():
 
     By the mass matrix, which integrates products of P1 functions; the others must differ.
     """
-    of, mass = problem(), stiffness_and_mass(problem().mesh)[1]
+    of = problem()
+    mass = stiffness_and_mass(problem().mesh)[1]
     for f, exact in ((lambda p: 1 + 0 * p[:, 0], 4), (lambda p: 1 + 2 * p[:, 0] - 3 * p[:, 1], 2)):
         found = [load for name, load in loads(SimpleNamespace(source=f), of) if name]
         right = [np.allclose(load, mass @ f(of.mesh.points), rtol=0, atol=1e-15) for load in found]
@@ -201,8 +210,10 @@ def test_simple_rules_for_the_load_are_exact_as_far_as_they_should_be():
 
 def test_two_swapped_nodes_are_placed():
     """Two inner ones, about which the equation holds least."""
-    u, mesh = own()[0], problem().mesh
-    one, other = (int(np.argmin(np.hypot(*(mesh.points - at).T))) for at in ([0.25, 0.25], [0.75, 0.5]))
+    u = own()[0]
+    mesh = problem().mesh
+    one = int(np.argmin(np.hypot(*(mesh.points - [0.25, 0.25]).T)))
+    other = int(np.argmin(np.hypot(*(mesh.points - [0.75, 0.5]).T)))
     swapped = u.copy()
     swapped[[one, other]] = u[[other, one]]
     (fault,) = told(swapped)
@@ -216,7 +227,8 @@ def test_wrong_values_are_not_called_right_ones_at_other_nodes(size):
 
     What tells is the distance in L2, about 0.0025 for this project's u_h: that in H1 is 0.19.
     """
-    u, (x, y) = own()[0], problem().mesh.points.T
+    u = own()[0]
+    (x, y) = problem().mesh.points.T
     shuffled = np.random.default_rng(4).permutation(u)
     assert "at other nodes" in told(shuffled)[0]
     for wrong in ((1 + size) * shuffled, u + size * np.sin(3 * x) * np.sin(2 * y)):
@@ -266,7 +278,8 @@ def test_a_multiplier_of_zeros_has_no_scale():
 
 def test_the_distance_from_a_right_solution_is_a_lower_bound():
     """As printed, by the true distance in H1; rounded to the nearest, some would not be."""
-    u_h, A = own()[0], problem().spaces.condensed.A
+    u_h = own()[0]
+    A = problem().spaces.condensed.A
     nearest_is_above = []
     for s in np.linspace(0.01, 0.02, 5):
         u, mu = spoilt("g + s in place of g", s)
@@ -283,7 +296,8 @@ def test_what_is_not_known_of_a_factor_is_rounded_up():
     u, mu, _ = own()
     operator = problem().spaces.operator
     noise = np.random.default_rng(5).standard_normal(len(mu))
-    half_mu, half = operator.half @ mu, operator.half @ noise
+    half_mu = operator.half @ mu
+    half = operator.half @ noise
     noise -= (half @ half_mu) / (half_mu @ half_mu) * mu
     noise *= np.linalg.norm(half_mu) / np.linalg.norm(operator.half @ noise)
     nearest_is_below = []
@@ -336,13 +350,16 @@ def test_nothing_is_wrong_with_solutions_of_discrete_problems(name, sizes):
 
     A test of errors' sizes would fail here: they are as large as the solution.
     """
-    of, case = discrete(name, *sizes), load(name).problem
-    solved, level = solve(of), ExportedLevel("level_0", of.mesh, of.partition)
+    of = discrete(name, *sizes)
+    case = load(name).problem
+    solved = solve(of)
+    level = ExportedLevel("level_0", of.mesh, of.partition)
     one = score(case, Foreign("file", level, solved.u_h, constant(of.partition, solved.lambda_H), ""))
     assert one.faults == []
     nothing = continuous(of.mesh, np.zeros(len(of.mesh.boundary)))
     for each in conditions(case, of, nothing):
         reactions, _ = each.multiplier_load(*without_multiplier(of), 1e-6)
-        u, mu = of_load(of, reactions), of_reactions(of.mesh, reactions)
+        u = of_load(of, reactions)
+        mu = of_reactions(of.mesh, reactions)
         handed_in = Foreign("file", level, u, mu, "")
         assert judged(case, handed_in, of, one.own, solved.u_h) == ([], [])

@@ -22,7 +22,8 @@ from unilateral.exchange.exported_folder import exported, foreign
 
 PLAN = plan.read(plan.FOLDER / "benchmarks.yaml")
 DRIVERS = PLAN["scores"]["drivers"]
-MOST_LINES, MISSING = 80, 5
+MOST_LINES = 80
+MISSING = 5
 PYTHON = {solver: shutil.which(plan.interpreter(PLAN, solver)) or sys.executable for solver in DRIVERS}
 
 
@@ -33,7 +34,8 @@ def text(solver):
 @pytest.fixture(scope="module", params=DRIVERS)
 def told(request, tmp_path_factory):
     """The exported folder and what `score --json` says, after the commands in the driver's first lines."""
-    solver, folder = request.param, tmp_path_factory.mktemp("driver")
+    solver = request.param
+    folder = tmp_path_factory.mktemp("driver")
     (folder / "examples").symlink_to(ROOT / "examples")
     head = text(solver).split('"""')[1].replace("\\\n", " ")
     export, solve, score = re.findall(r"^    (unilateral .*|python .*)$", head, re.MULTILINE)

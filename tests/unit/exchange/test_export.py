@@ -63,7 +63,8 @@ def test_every_level_has_its_files(folder):
 
 
 def test_both_mesh_files_hold_the_same_mesh(folder):
-    one, other = (meshio.read(folder / "level_1" / name) for name in ("mesh.msh", "mesh.vtu"))
+    one = meshio.read(folder / "level_1" / "mesh.msh")
+    other = meshio.read(folder / "level_1" / "mesh.vtu")
     np.testing.assert_array_equal(one.points, other.points)
     np.testing.assert_array_equal(one.cells_dict["triangle"], other.cells_dict["triangle"])
     sides = other.cell_data_dict["side"]["line"]
@@ -72,7 +73,8 @@ def test_both_mesh_files_hold_the_same_mesh(folder):
 
 def test_the_quadrature_gives_the_load_and_the_means_of_g(folder):
     """By this project's own load, and the means in partition.csv; a point too few would show."""
-    level, case = folder / "level_1", load("natural")
+    level = folder / "level_1"
+    case = load("natural")
     mesh = files.read_mesh(level / "mesh.vtu", case.polygon)
     rule = xr.load_dataset(level / "quadrature.nc")
     nodes = pd.read_csv(level / "nodes.csv")
@@ -129,7 +131,8 @@ def test_a_case_on_a_polygon_of_ones_own_with_free_sides(tmp_path, capsys):
     np.testing.assert_array_equal(case.polygon.vertices, [[0, 0], [2, 0], [0.5, 1.5], [-1, 1]])
     assert (case.exact.side, case.free_sides) == (0, (2, 3))
     assert "On the sides 2, 3 there is no obstacle" in (tmp_path / "out/README.md").read_text()
-    nodes, cells = (pd.read_csv(f"{folder}/level_1/{name}.csv") for name in ("nodes", "partition"))
+    nodes = pd.read_csv(f"{folder}/level_1/nodes.csv")
+    cells = pd.read_csv(f"{folder}/level_1/partition.csv")
     vertices = case.polygon.starts
     assert nodes.g[nodes.s == 0].notna().all()  # between side 3, free, and side 0
     assert nodes.g[nodes.s > vertices[2]].isna().all()
@@ -146,8 +149,10 @@ def test_a_case_on_a_polygon_of_ones_own_with_free_sides(tmp_path, capsys):
 @pytest.mark.parametrize("free", [(0,), (2,), (3,), (0, 3), (1, 3)])
 def test_g_is_asked_for_at_the_ends_of_held_sides(free):
     """Of `no_contact`, by its formula on each side; between two free sides and inside them there is none."""
-    case, mesh = ul.case("no_contact", "square", 0, free), structured(polygon.square(), 1 / 4)
-    names, told = {}, formulas(case.exact)
+    case = ul.case("no_contact", "square", 0, free)
+    mesh = structured(polygon.square(), 1 / 4)
+    names = {}
+    told = formulas(case.exact)
     exec(DEFINITIONS, names)
     for node, g in zip(mesh.points[mesh.boundary], obstacle(case, mesh), strict=True):
         x, y = node
@@ -185,7 +190,8 @@ def test_a_failure_midway_leaves_nothing(tmp_path, monkeypatch):
 
 def test_of_two_exports_into_one_folder_the_slower_one_is_refused(tmp_path, refused, monkeypatch):
     """The quicker one's folder appears while the slower one writes."""
-    out, write = tmp_path / "out", exporting._write
+    out = tmp_path / "out"
+    write = exporting._write
 
     def overtaken(*arguments):
         write(*arguments)

@@ -44,7 +44,10 @@ class Seen(HTMLParser):
 
     def __init__(self, text):
         super().__init__()
-        self.tags, self.cells, self.asked, self.open = [], [], [], []
+        self.tags = []
+        self.cells = []
+        self.asked = []
+        self.open = []
         self.feed(text)
 
     def handle_starttag(self, tag, attributes):
@@ -100,7 +103,8 @@ def test_a_page_is_the_same_twice():
 
 def test_faults_and_names_are_told_as_text():
     """Names of files and of levels' folders may hold what HTML takes for markup."""
-    one, image = scored("natural")[-1], "<img src=x onerror=alert(1)>"
+    one = scored("natural")[-1]
+    image = "<img src=x onerror=alert(1)>"
     told = Judged([Fault("<lambda, v>", "& more")], [])
     level = replace(one.given.level, name=image)
     spoilt = replace(one, told=told, given=replace(one.given, file="<b>.csv", level=level))
@@ -114,7 +118,8 @@ def test_faults_and_names_are_told_as_text():
 
 def test_what_holds():
     """Nothing wrong, and no rate short of a proved one; a ladder that stays as it is has the rate 0."""
-    found, case = scored("natural"), load("natural").problem
+    found = scored("natural")
+    case = load("natural").problem
     assert holds(found, rates(case, found))
     assert not holds([replace(found[0], told=Judged([Fault("wrong", "")], [])), found[1]], rates(case, found))
     same = [replace(each, errors=found[0].errors) for each in found]
@@ -125,7 +130,9 @@ def test_what_holds():
 
 def test_the_command_writes_the_page_whole_or_not_at_all(tmp_path, run, refused):
     """A wrong ending is told before anything is scored, as is a solution that cannot be."""
-    folder, solution, file = (tmp_path / name for name in ("natural", "solution.vtu", "page.html"))
+    folder = tmp_path / "natural"
+    solution = tmp_path / "solution.vtu"
+    file = tmp_path / "page.html"
     assert run("export", "natural", "--h", "1/8", "--H", "1/4", "--out", folder)[0] == 0
     assert run("solve", "natural", "--h", "1/8", "--H", "1/4", "-o", solution)[0] == 0
     assert ".html" in refused("score", folder, solution, "--html", tmp_path / "page.pdf")

@@ -89,7 +89,8 @@ def test_this_projects_own_solution_scores_its_own_errors(folder, tmp_path, endi
         found.append(one)
     ladder = rates(case, found)
     assert {norm: rate.pairs for norm, rate in ladder.items()} == {"h1": 1, "hm12": 1, "l2": 1}
-    last, finest = (own(*LEVELS[name]).errors for name in ("level_1", "level_2"))
+    last = own(*LEVELS["level_1"]).errors
+    finest = own(*LEVELS["level_2"]).errors
     assert ladder["h1"].observed == pytest.approx(np.log2(last.h1 / finest.h1), rel=1e-9)
     assert verdict(found, ladder) == "reaches the proved rates"
 
@@ -98,7 +99,8 @@ def test_this_projects_own_solution_scores_its_own_errors(folder, tmp_path, endi
 def test_a_rate_may_fall_short_by_what_is_documented(proved):
     """By 0.1, on either side of it."""
     assert "A rate may fall short by 0.1." in (ROOT / "docs/own-solver.md").read_text()
-    just, short = (Rate(proved - by, 1, proved, proved).verdict for by in (0.09, 0.11))
+    just = Rate(proved - 0.09, 1, proved, proved).verdict
+    short = Rate(proved - 0.11, 1, proved, proved).verdict
     assert (just, short) == ("reaches the proved rate", "falls short")
 
 
@@ -206,7 +208,8 @@ def test_places_are_known_to_the_digits_that_are_written(twelfths, tmp_path, dig
             rounded.to_csv(tmp_path / name, index=False, float_format=None if single else form)
         return score(case, foreign(levels, str(tmp_path / "u.csv"), str(tmp_path / "cells.csv")))
 
-    found, full = scored_as(WRITTEN[digits]), scored_as(None)
+    found = scored_as(WRITTEN[digits])
+    full = scored_as(None)
     assert (found.faults, full.faults) == ([], [])
     np.testing.assert_allclose(found.errors, full.errors, rtol=0, atol=2e-5)
 
@@ -334,10 +337,8 @@ def test_u_alone_is_not_said_to_meet_the_conditions(folder, tmp_path, run, bug):
 
 def test_one_solution_without_a_multiplier_is_enough_to_be_told():
     """Beside rates that are reached, too; a fault that was found is told alone."""
-    one, two = (
-        Scored(Foreign("", None, np.zeros(0), mu, ""), None, None, Judged([], []), None)
-        for mu in (None, object())
-    )
+    one = Scored(Foreign("", None, np.zeros(0), None, ""), None, None, Judged([], []), None)
+    two = Scored(Foreign("", None, np.zeros(0), object(), ""), None, None, Judged([], []), None)
     reached = {"h1": Rate(1.0, 1, 1.0, 1.0)}
     unseen = "; without a multiplier the conditions were not looked at"
     assert verdict([two], reached) == "reaches the proved rates"
@@ -351,7 +352,8 @@ def test_what_falls_short_or_is_wrong_does_not_hold():
     """The exit code is made of that; what is not judged, or not looked at, is no fault."""
     right = Scored(Foreign("", None, np.zeros(0), object(), ""), None, None, Judged([], []), None)
     wrong = replace(right, told=Judged([Fault("wrong", "")], []))
-    reached, short = {"h1": Rate(1.0, 1, 1.0, 1.0)}, {"h1": Rate(0.5, 1, 1.0, 1.0)}
+    reached = {"h1": Rate(1.0, 1, 1.0, 1.0)}
+    short = {"h1": Rate(0.5, 1, 1.0, 1.0)}
     assert holds([right], reached)
     assert holds([right], {})
     assert holds([replace(right, given=replace(right.given, multiplier=None))], {})
@@ -366,7 +368,8 @@ def test_a_multiplier_may_be_missing_or_reactions(scored):
     one = scored(solution.u)
     assert (one.given.kind, one.faults) == ("none", [])
     assert np.isnan(one.errors[1:]).all()
-    mesh, reactions = solution.mesh, np.full(solution.mesh.n_nodes, np.nan)
+    mesh = solution.mesh
+    reactions = np.full(solution.mesh.n_nodes, np.nan)
     reactions[mesh.boundary] = constant(solution.partition, solution.multiplier).load(mesh)
     found = scored(solution.u, reaction=reactions).given
     assert found.kind == "reactions, made a function by the mass matrix"
@@ -453,7 +456,8 @@ def test_json_has_everything_and_the_table_names_faults(folder, tmp_path, run):
     (one,) = told["solutions"]
     assert one["errors"]["h1"] == pytest.approx(own(*FINEST).errors.h1, rel=1e-12)
     assert (one["level"], one["faults"], told["rates"]["h1"]["verdict"]) == ("level_2", [], "not judged")
-    found, mu = one["conditions"], own(*FINEST).multiplier
+    found = one["conditions"]
+    mu = own(*FINEST).multiplier
     assert list(found) == ["of", "gap_least", "lambda_least", "product_largest"]
     assert found.pop("of") == "means over the cells"
     assert [list(each) for each in found.values()] == 3 * [["value", "place", "side"]]

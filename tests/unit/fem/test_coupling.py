@@ -103,7 +103,8 @@ def test_boundary_mass_integrates_squares_of_linear_functions(sides, exact):
     """1, x, x^2 and y^2 on all sides of the square, by hand, or on two: hats of the others have none."""
     mesh = structured(square(), 1 / 8)
     M = boundary_mass(mesh, None if sides is None else np.isin(mesh.side, sides))
-    one, (x, y) = np.ones(len(mesh.boundary)), mesh.points[mesh.boundary].T
+    one = np.ones(len(mesh.boundary))
+    (x, y) = mesh.points[mesh.boundary].T
     assert [v @ (M @ w) for v, w in ((one, one), (one, x), (x, x), (y, y))] == pytest.approx(exact, rel=1e-14)
     assert abs(M - M.T).max() == 0
     away = (x < 1) & (y > 0)

@@ -55,7 +55,8 @@ def test_solving_is_elimination_of_the_fixed_nodes(form, h):
 def test_the_load_of_what_is_left_has_the_given_values(form):
     """A v = load for v with given values at fixed nodes, which need not be 0 elsewhere."""
     mesh = structured(square(), 1 / 8)
-    rng, fixed = np.random.default_rng(2), form.fixed(mesh)
+    rng = np.random.default_rng(2)
+    fixed = form.fixed(mesh)
     held, load = rng.normal(size=(2, mesh.n_nodes))
     v = held + condense(mesh, form).solve(of_rest(mesh, form, load, held))
     K, M = stiffness_and_mass(mesh)
@@ -68,10 +69,12 @@ def test_the_load_of_what_is_left_has_the_given_values(form):
 @pytest.mark.parametrize("adapted", [False, True])
 def test_all_levels_are_decoupled_and_functionals_are_bounded(form, adapted):
     """The rows of every level are those of its mesh. The bound on a norm is above the exact one."""
-    mesh, rng = structured(square(), 1 / 2), np.random.default_rng(3)
+    mesh = structured(square(), 1 / 2)
+    rng = np.random.default_rng(3)
     for _ in range(4):
         chosen = np.flatnonzero(mesh.areas == mesh.areas.max())[:2] if adapted else None
-        before, mesh = mesh, refine_some(mesh, chosen)
+        before = mesh
+        mesh = refine_some(mesh, chosen)
     of = hierarchy(mesh, form=form)
     assert abs(of.A - matrix(mesh, form)).max() < 1e-12
     assert np.allclose(of.A.sum(axis=1), of.sums, atol=1e-12)
@@ -104,7 +107,8 @@ def test_beta_is_at_least_its_bound(form, kind):
     mesh = getattr(meshes, kind)(polygon, 1 / 8) if kind == "unstructured" else structured(polygon, 1 / 8)
     cells = uniform(polygon, 1 / 4)
     form = form._replace(friedrichs=1.0)
-    coarse, fine = (mixed_spaces(condense(of, form), cells) for of in (mesh, refine(mesh, 2)))
+    coarse = mixed_spaces(condense(mesh, form), cells)
+    fine = mixed_spaces(condense(refine(mesh, 2), form), cells)
     square_of_beta = np.linalg.eigvals(np.linalg.solve(fine.operator.D, coarse.operator.D)).real.min()
     bound = beta_below(mesh, cells, form)
     assert 0.1 < bound <= np.sqrt(square_of_beta)

@@ -48,7 +48,8 @@ def descendants(halvings: int, rng: np.random.Generator | None = None) -> Array:
 
     They are cut in four, and once by two if the number is odd; given `rng` in four or by two at random.
     """
-    triangles, left = RIGHT.vertices[None], np.array([halvings])
+    triangles = RIGHT.vertices[None]
+    left = np.array([halvings])
     while left.any():
         four = (left > 1) & (True if rng is None else rng.random(len(left)) < 0.5)
         two = (left > 0) & ~four
@@ -104,8 +105,10 @@ def steepest(children: int) -> float:
     """C: the largest sum of w_e^2 over |v|_1^2, v linear and so much higher at midpoints, by elimination."""
     triangles, new = CUT[children]
     points = with_midpoints(RIGHT.vertices)
-    K, w = energy(points, np.array(triangles)).toarray(), np.eye(6)[:, new]
-    of_linear, mixed = points.T @ K @ points, points.T @ K @ w
+    K = energy(points, np.array(triangles)).toarray()
+    w = np.eye(6)[:, new]
+    of_linear = points.T @ K @ points
+    mixed = points.T @ K @ w
     return float(1 / np.linalg.eigvalsh(w.T @ K @ w - mixed.T @ np.linalg.solve(of_linear, mixed))[0])
 
 
@@ -119,7 +122,8 @@ def test_hats_have_at_least_the_stated_energy(children: int) -> None:
 @pytest.mark.parametrize("halvings", [1, 2, 3, 5, 6, 7])
 def test_descendants_have_at_most_the_energy_of_the_lattice_s(halvings: int) -> None:
     """However triangles are cut, each in two or four: of 2 k + 1 halvings it is M_k, and of 2 k no more."""
-    rng, most = np.random.default_rng(halvings), functional_norm.GROWTH[halvings // 2]
+    rng = np.random.default_rng(halvings)
+    most = functional_norm.GROWTH[halvings // 2]
     for _ in range(30):
         found = interpolated(descendants(halvings, rng))
         assert found <= most
@@ -141,7 +145,8 @@ GRADED = [("lshape", 10), ("lshape", 20), ("gmsh", 10), ("flat", 8)]
 
 def functionals(found: Nested) -> list[Array]:
     """Random ones, rough and smooth, hats, those of one level, and what V-cycles leave of one."""
-    rng, A = np.random.default_rng(5), found.of.A
+    rng = np.random.default_rng(5)
+    A = found.of.A
     n = A.shape[0]
     x, y = found.mesh.points.T
     rough = rng.standard_normal(n)
@@ -156,7 +161,8 @@ def functionals(found: Nested) -> list[Array]:
 
 def of_levels(found: Nested) -> list[Array]:
     """For every third level A v of a random v of the hats that are new there, and numbers at those alone."""
-    rng, result = np.random.default_rng(6), []
+    rng = np.random.default_rng(6)
+    result = []
     for k, level in list(enumerate(found.of.levels))[::3]:
         v = np.zeros(found.of.n)
         v[level.before : level.n] = rng.standard_normal(level.n - level.before)
@@ -235,7 +241,8 @@ def test_the_constants_cannot_be_smaller() -> None:
 def shares(found: Nested, k: int) -> sp.csr_array:
     """(edges, n) the numbers w_e of level k, from values at the nodes."""
     step = found.of.levels[k].step
-    rows, new = np.arange(len(step.ends)), step.n + np.arange(len(step.ends))
+    rows = np.arange(len(step.ends))
+    new = step.n + np.arange(len(step.ends))
     entries = np.repeat([1.0, -0.5, -0.5], len(rows))
     at = np.tile(rows, 3), np.concatenate([new, *step.ends.T])
     return sp.coo_array((entries, at), shape=(len(rows), found.of.n)).tocsr()
@@ -243,7 +250,8 @@ def shares(found: Nested, k: int) -> sp.csr_array:
 
 def largest(found: Nested, k: int) -> float:
     """The largest sum of w_e^2 rho_e over |v|_1^2, up to the mass, which is nothing on a small domain."""
-    W, rho = shares(found, k).toarray(), list(weights(found.of))[::-1][k]
+    W = shares(found, k).toarray()
+    rho = list(weights(found.of))[::-1][k]
     S = np.sqrt(rho)[:, None] * W
     return float(np.linalg.eigvalsh(S @ factor(found).solve(S.T.copy()))[-1])
 
@@ -269,10 +277,14 @@ def test_weights_are_those_of_the_triangles_at_an_edge() -> None:
 
 
 def again(found: Nested, k: int) -> Array:
-    before, after, last = found.meshes[k], found.meshes[k + 1], found.mesh
+    before = found.meshes[k]
+    after = found.meshes[k + 1]
+    last = found.mesh
     first = found.meshes[0]
     at = {tuple(sorted(ends)): e for e, ends in enumerate(found.of.levels[k].step.ends.tolist())}
-    parent, child, root = within(before, after), within(after, last), within(first, before)
+    parent = within(before, after)
+    child = within(after, last)
+    root = within(first, before)
     smallest = np.full(len(after.areas), np.inf)
     np.minimum.at(smallest, child, last.areas)
     growths = np.array([growth(round(x)) for x in np.log2(after.areas / smallest).tolist()])
@@ -312,14 +324,16 @@ def test_the_rest_vanishes_on_the_coarsest_space(way: str) -> None:
     left = R - found.of.A @ functional_norm.downwards(found.of, R)
     for level in found.of.levels[::-1]:
         P = prolongation(level)
-        R, left = P.T @ R, P.T @ left
+        R = P.T @ R
+        left = P.T @ left
     assert np.abs(left).max() < 1e-12 * np.abs(R).max()
 
 
 def test_what_is_doubtful_is_added() -> None:
     """A functional that is known up to a millionth: the bound is one for all that it may be."""
     found = adapted("gmsh", 5)
-    R, n = functionals(found)[1], found.of.n
+    R = functionals(found)[1]
+    n = found.of.n
     doubt = 1e-6 * np.abs(np.random.default_rng(3).standard_normal(n))
     for sign in (np.ones(n), np.sign(R), np.sign(np.random.default_rng(4).standard_normal(n))):
         assert true_norm(found, R + sign * doubt) <= dual_norm(found.of, R, doubt)
@@ -343,7 +357,8 @@ def fan() -> Nested:
 
 def test_a_functional_that_cancels_on_the_coarsest_space_is_known_up_to_its_rounding() -> None:
     """1 + 10 slivers - 1, each half of a number at a midpoint: computed it is 0, exactly ten slivers."""
-    level, sliver = fan().of.levels[0], 0.99 * 2.0**-53
+    level = fan().of.levels[0]
+    sliver = 0.99 * 2.0**-53
     R = np.zeros(fan().of.n)
     ends = level.step.ends
     spokes = level.before + np.flatnonzero((ends == 0).any(axis=1))
@@ -372,7 +387,8 @@ def test_the_rounding_of_A_z_counts_for_the_norm_of_z_and_for_what_is_left(
 ) -> None:
     """||z|| <= (z . values)^(1/2) + ||doubt||, and R - A z is known up to that doubt, too."""
     found = made("square 1", "uniform", 2)
-    R, doubt = functionals(found)[0], np.full(found.of.n, 1e6)
+    R = functionals(found)[0]
+    doubt = np.full(found.of.n, 1e6)
     own = functional_norm.residual_rounding.product
     monkeypatch.setattr(
         functional_norm.residual_rounding, "product", lambda *of: own(*of)._replace(doubt=doubt)

@@ -38,7 +38,8 @@ def all_rows(level: FinerSpace) -> tuple[np.ndarray, sp.csr_array]:
     if level.smoothed is None:
         return np.arange(level.n), level.rows
     assert level.columns is not None
-    rows, shape = level.rows, (len(level.smoothed), level.n)
+    rows = level.rows
+    shape = (len(level.smoothed), level.n)
     return level.smoothed, sp.csr_array((rows.data, level.columns[rows.indices], rows.indptr), shape=shape)
 
 
@@ -50,7 +51,8 @@ def close(A: sp.csr_array, B: sp.csr_array) -> bool:
 @pytest.mark.parametrize(("name", "way"), ALL)
 def test_rows_are_those_of_the_levels_meshes(name: str, way: str) -> None:
     found = locally(name, way)
-    of, A = found.of, assembled(found.mesh)
+    of = found.of
+    A = assembled(found.mesh)
     assert len(of.levels) == len(found.meshes) - 1
     assert close(of.A_0, assembled(found.meshes[0]))
     assert close(of.A, A)
@@ -90,7 +92,9 @@ def test_coarse_matrices_are_galerkins(name: str, way: str) -> None:
     """The nodes whose hats changed are new, or reach new ones; others have the products that they had."""
     found = locally(name, way)
     for (mesh, finer), level in zip(pairwise(found.meshes), found.of.levels, strict=True):
-        P, A, before = prolongation(level), assembled(finer), assembled(mesh)
+        P = prolongation(level)
+        A = assembled(finer)
+        before = assembled(mesh)
         assert close(P.T @ A @ P, before)
         assert np.array_equal(P[: level.before].toarray(), np.eye(level.before))
         reaching = np.flatnonzero(np.diff(P[level.before :].tocsc().indptr))
@@ -109,11 +113,13 @@ def test_only_nodes_whose_hats_changed_have_rows() -> None:
 
 @pytest.mark.parametrize("way", ["uniform", *LOCAL])
 def test_functionals_and_functions_move_between_levels_by_P(way: str) -> None:
-    found, rng = locally("gmsh", way), np.random.default_rng(2)
+    found = locally("gmsh", way)
+    rng = np.random.default_rng(2)
     for level in found.of.levels:
         P = prolongation(level)
         R = rng.standard_normal(found.mesh.n_nodes)
-        restricted, prolonged = R.copy(), R.copy()
+        restricted = R.copy()
+        prolonged = R.copy()
         level.restrict(restricted)
         assert np.allclose(restricted[: level.before], P.T @ R[: level.n], rtol=0, atol=1e-13)
         assert np.array_equal(restricted[level.n :], R[level.n :])
@@ -149,7 +155,8 @@ def test_known_levels_are_taken_over(way: str, known: int) -> None:
 @pytest.mark.parametrize("way", ["uniform", *LOCAL])
 def test_triangles_know_where_they_lie_and_how_often_their_areas_were_halved(way: str) -> None:
     found = locally("slanted", way)
-    first, of = found.meshes[0], found.of
+    first = found.meshes[0]
+    of = found.of
     corners = first.points[first.triangles[of.root]]
     assert np.array_equal(of.nodes, found.mesh.triangulation.nodes)
     edges = np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 2)
@@ -194,7 +201,8 @@ def cells_of(name: str, refinements: int, every: int, free: tuple[int, ...] = ()
     [("square 3", 2), ("square 3", 3), ("square 3", 4), ("square 3", 0), ("slanted", 6), ("slanted", 2)],
 )
 def test_cells_are_unions_with_at_least_two_edges_and_B_is_the_coupling(name: str, every: int) -> None:
-    found, cells = made(name, "uniform"), cells_of(name, 3, every)
+    found = made(name, "uniform")
+    cells = cells_of(name, 3, every)
     expected = coupling(found.mesh, partition_of(found.of, found.mesh.polygon, every)).toarray()
     assert np.abs(cells[-1].B[:, found.of.boundary].toarray() - expected).max() < ROUND_OFF
     assert cells[-1].B[0, found.of.boundary[0]] != 0
@@ -236,7 +244,8 @@ def that_follow(name: str) -> tuple[Nested, Partition]:
 def test_cells_of_adapted_meshes(given: str) -> None:
     """The node inside has the longest edges. Only the last level has cells."""
     found, partition = pairs_of_edges(given) if given in LOCAL else that_follow(given)
-    of, mesh = found.of, found.mesh
+    of = found.of
+    mesh = found.mesh
     cells = nested_cells(of, partition)
     assert cells is not None
     (last,) = cells
@@ -252,7 +261,8 @@ def test_cells_of_adapted_meshes(given: str) -> None:
 
 def test_free_sides_have_no_cells() -> None:
     found = made("square 3", "uniform", 2)
-    every, some = cells_of("square 3", 2, 2), cells_of("square 3", 2, 2, (0, 2))
+    every = cells_of("square 3", 2, 2)
+    some = cells_of("square 3", 2, 2, (0, 2))
     assert len(some[-1].inside) == len(every[-1].inside) / 2
     on_free = found.of.boundary[1:12]
     assert some[-1].B[:, on_free].nnz == 0
@@ -261,7 +271,8 @@ def test_free_sides_have_no_cells() -> None:
 
 
 def test_partitions_that_the_levels_cannot_follow_are_declined() -> None:
-    levels, polygon = made("square 3", "uniform", 2).of, square()
+    levels = made("square 3", "uniform", 2).of
+    polygon = square()
     s = levels.s
     assert nested_cells(levels, Partition(polygon, s[::2].copy())) is not None
     assert nested_cells(levels, Partition(polygon, s.copy())) is None  # one edge per cell
@@ -280,7 +291,8 @@ def test_the_level_before_is_the_hierarchy_of_its_mesh(form: Form) -> None:
     Functions vanish there, and masses there are smaller.
     """
     before = meshes.refine(coarse("square 3"), 1)
-    found, wanted = hierarchy(meshes.refine(before), form=form).coarser, hierarchy(before, form=form)
+    found = hierarchy(meshes.refine(before), form=form).coarser
+    wanted = hierarchy(before, form=form)
     assert found is not None
     assert close(found.A, wanted.A)
     assert np.abs(found.sums - wanted.sums).max() < ROUND_OFF

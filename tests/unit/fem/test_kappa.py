@@ -71,7 +71,9 @@ def values_of_tau(constant):
     The eigenvalue is 1 + 1/tau times a function that does not decrease. Raises AssertionError where that does
     not do.
     """
-    least, tau, seen = constant**-2, EQUILATERAL, []
+    least = constant**-2
+    tau = EQUILATERAL
+    seen = []
     while tau < math.inf:
         seen.append(tau)
         assert len(seen) < 100
@@ -100,7 +102,8 @@ def constant_above(vertices):
     """The largest ||w||_0 / (d |w|_1) of continuous w that are linear on a finer mesh, so a lower bound."""
     mesh = divided(vertices)
     K, M = (each.toarray() for each in stiffness_and_mass(mesh))
-    start, end = mesh.boundary, np.roll(mesh.boundary, -1)
+    start = mesh.boundary
+    end = np.roll(mesh.boundary, -1)
     integrals = np.zeros((3, mesh.n_nodes))
     for ends in (start, end):
         np.add.at(integrals, (mesh.side, ends), 0.5 * np.diff(mesh.s))

@@ -72,8 +72,10 @@ def test_products_with_exchanged_rows_are_refused(monkeypatch):
 def test_large_systems_are_solved_up_to_what_is_asked_for(monkeypatch):
     """As if 50 unknowns were many: sum r_i^2 / m_i is at most that, and no step is made below it."""
     monkeypatch.setattr(linear_systems, "DIRECT", 50)
-    mass, zero = np.asarray(A.sum(axis=1)), np.zeros(MESH.n_nodes)
-    begin, last = float(LOAD @ (LOAD / mass)), 0
+    mass = np.asarray(A.sum(axis=1))
+    zero = np.zeros(MESH.n_nodes)
+    begin = float(LOAD @ (LOAD / mass))
+    last = 0
     for part in (1e-2, 1e-6, 1e-12):
         found, steps = linear_systems.solved(A, LOAD, zero, mass, part * begin)
         left = LOAD - A @ found

@@ -45,7 +45,8 @@ def by_scikit_fem(points, triangles):
 
 def test_matrices_equal_those_of_scikit_fem(mesh):
     """Control: a moved node is noticed."""
-    ours, moved = stiffness_and_mass(mesh), mesh.points.copy()
+    ours = stiffness_and_mass(mesh)
+    moved = mesh.points.copy()
     for matrix, expected in zip(ours, by_scikit_fem(mesh.points, mesh.triangles), strict=True):
         assert difference(matrix, expected) < 1e-12
         assert abs(matrix - matrix.T).max() == 0
@@ -71,10 +72,13 @@ def test_loads_of_linear_functions_are_matrix_products(mesh):
 
     Control: moments with the hats in another order are noticed.
     """
-    hats, slope = np.array([[0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]]), np.array([1.5, -2.0])
-    u, (K, M) = mesh.points @ slope + 1, stiffness_and_mass(mesh)
+    hats = np.array([[0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]])
+    slope = np.array([1.5, -2.0])
+    u = mesh.points @ slope + 1
+    (K, M) = stiffness_and_mass(mesh)
     weighted = (mesh.areas / 3)[:, None] * (hats @ mesh.points[mesh.triangles] @ slope + 1)
-    moments, wrong = weighted @ hats, weighted @ np.roll(hats, 1, axis=1)
+    moments = weighted @ hats
+    wrong = weighted @ np.roll(hats, 1, axis=1)
     assert abs(load_vector(mesh, moments) - M @ u).max() < 1e-13 * abs(M @ u).max()
     found = h1_load(mesh, gradients(mesh), moments, mesh.areas[:, None] * slope)
     assert abs(found - (K + M) @ u).max() < 1e-12 * abs(K @ u).max()

@@ -44,7 +44,8 @@ def in_scikit_fem(spaces, v, f):
 
 def test_products_are_those_of_P2(spaces):
     rng = np.random.default_rng(1)
-    v, f = rng.standard_normal(spaces.size), rng.standard_normal(spaces.mesh.triangles.shape)
+    v = rng.standard_normal(spaces.size)
+    f = rng.standard_normal(spaces.mesh.triangles.shape)
     energy, mass, load, along = in_scikit_fem(spaces, v, f)
     field = f[..., None] * np.array([1.0, -2.0])
     for form in (Form(), Form(2.0, 0.0), Form(2.0, 3.0)):
@@ -57,17 +58,21 @@ def test_products_are_those_of_P2(spaces):
 def test_products_with_a_field_of_bubbles(spaces):
     """By ||grad v + b||^2 - ||grad v - b||^2 = 4 (grad v, b)."""
     rng = np.random.default_rng(2)
-    v, areas = rng.standard_normal(spaces.size), spaces.mesh.areas
+    v = rng.standard_normal(spaces.size)
+    areas = spaces.mesh.areas
     field = rng.standard_normal((len(areas), 3, 2))
     slope = spaces.gradient(v)
-    more, less = (squares(areas, slope, sign * field).sum() for sign in (1, -1))
+    more = squares(areas, slope, 1 * field).sum()
+    less = squares(areas, slope, (-1) * field).sum()
     assert v @ spaces.load_of_gradients(0 * field, field) == pytest.approx((more - less) / 4, rel=1e-12)
 
 
 def test_a_flux_is_integrated_along_the_boundary_edges(spaces):
     """By Simpson's rule, which is exact for linear times quadratic functions."""
-    rng, mesh = np.random.default_rng(5), spaces.mesh
-    v, flux = rng.standard_normal(spaces.size), rng.standard_normal((len(mesh.boundary), 2))
+    rng = np.random.default_rng(5)
+    mesh = spaces.mesh
+    v = rng.standard_normal(spaces.size)
+    flux = rng.standard_normal((len(mesh.boundary), 2))
     nodal, bubbles = np.split(v[spaces.of_boundary], 2)
     ends = np.column_stack([nodal, np.roll(nodal, -1)])
     middle = (ends.mean(axis=1) + bubbles) * flux.mean(axis=1)
@@ -76,7 +81,8 @@ def test_a_flux_is_integrated_along_the_boundary_edges(spaces):
 
 
 def test_free_functions_vanish_in_contact_and_nowhere_else(spaces):
-    nodes, nb = spaces.of_boundary[: len(spaces.mesh.boundary)], len(spaces.mesh.boundary)
+    nodes = spaces.of_boundary[: len(spaces.mesh.boundary)]
+    nb = len(spaces.mesh.boundary)
     contact = np.random.default_rng(3).random(2 * nb) < 0.5
     free = spaces.free(contact)
     v = free @ np.random.default_rng(4).standard_normal(free.shape[1])
@@ -107,7 +113,8 @@ def test_the_norm_on_the_layer_is_that_of_functions_of_the_boundary_unknowns(spa
 def test_norms_of_linear_functions_on_any_number_of_triangles(shape):
     """By the rule of edge midpoints, which is exact for squares; on none there are none."""
     rng = np.random.default_rng(6)
-    areas, values = rng.uniform(0.1, 1, shape[0]), rng.standard_normal(shape)
+    areas = rng.uniform(0.1, 1, shape[0])
+    values = rng.standard_normal(shape)
     middle = 0.5 * (values + np.roll(values, 1, axis=1))
     exact = areas * np.sum((middle**2).reshape(shape[0], int(np.prod(shape[1:]))), axis=1) / 3
     np.testing.assert_allclose(linear_squares(areas, values), exact, rtol=1e-12)

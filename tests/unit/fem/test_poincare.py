@@ -80,14 +80,17 @@ def graded(polygon):
 def constant_of_p2(mesh, clamped):
     """A constant that is not above the best one, by scikit-fem's quadratic elements."""
     of_skfem = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
-    start, end = mesh.boundary, np.roll(mesh.boundary, -1)
+    start = mesh.boundary
+    end = np.roll(mesh.boundary, -1)
     edges = np.sort([start, end], axis=0)[:, np.isin(mesh.side, clamped)]
     number = {tuple(ends): k for k, ends in enumerate(of_skfem.facets.T.tolist())}
     facets = np.array([number[tuple(ends)] for ends in edges.T.tolist()])
     basis = skfem.Basis(of_skfem, skfem.ElementTriP2())
-    K, M = laplace.assemble(basis), mass.assemble(basis)
+    K = laplace.assemble(basis)
+    M = mass.assemble(basis)
     inside = basis.complement_dofs(basis.get_dofs(facets))
-    K, M = (each[inside][:, inside].tocsc() for each in (K, M))
+    K = K[inside][:, inside].tocsc()
+    M = M[inside][:, inside].tocsc()
     return eigsh(K, M=M, k=1, sigma=0.0, return_eigenvectors=False)[0] ** -0.5
 
 
@@ -132,7 +135,9 @@ def test_sides_of_random_polygons_have_a_constant_that_is_near_the_best_one():
             assert least <= friedrichs(unstructured(polygon, h), clamped) <= 1.1 * least
 
 
-STRIP, TAPERED, WEDGE = 2 / math.pi, 1 / 1.3607765, 1 / 2.4048256
+STRIP = 2 / math.pi
+TAPERED = 1 / 1.3607765
+WEDGE = 1 / 2.4048256
 """Constants for the interval [0, 1] with v(1) = 0, and widths that are constant, 2 - x, and x.
 
 With v'' + v' w'/w + k^2 v = 0 the inverses are zeros of cos(k), of J_0(k) Y_1(2k) - Y_0(k) J_1(2k), and of
@@ -141,7 +146,8 @@ J_0(k). Functions of x alone show that those of thin polygons with such widths a
 
 
 def test_the_constants_of_intervals_are_zeros_of_bessel_functions():
-    J, Y = mpmath.besselj, mpmath.bessely
+    J = mpmath.besselj
+    Y = mpmath.bessely
     k = mpmath.findroot(lambda k: J(0, k) * Y(1, 2 * k) - Y(0, k) * J(1, 2 * k), 1.3)
     assert float(1 / k) == pytest.approx(TAPERED, rel=1e-6)
     assert float(1 / mpmath.besseljzero(0, 1)) == pytest.approx(WEDGE, rel=1e-6)
@@ -271,9 +277,11 @@ def test_factors_of_band_matrices_are_as_near_as_the_shift_supposes():
 
     Control: some are not a quarter of a unit near.
     """
-    rng, nearest = np.random.default_rng(11), 0.0
+    rng = np.random.default_rng(11)
+    nearest = 0.0
     for b in [1, 2, 5, 9] * 3:
-        n, scale = 24, 10 ** rng.uniform(0, 6, 24)
+        n = 24
+        scale = 10 ** rng.uniform(0, 6, 24)
         factor = np.tril(np.triu(rng.standard_normal((n, n)), -b))
         A = scale[:, None] * (factor @ factor.T + 1e-6 * np.eye(n)) * scale
         A = 0.5 * (A + A.T)
@@ -293,7 +301,8 @@ def test_entries_of_the_matrix_are_as_near_as_the_shift_supposes():
     B, _ = poincare.crouzeix_raviart(mesh)
     with mpmath.workdps(40):
         points = [[mpmath.mpf(x) for x in point] for point in mesh.points.tolist()]
-        K, M = {}, {}
+        K = {}
+        M = {}
         for nodes, edges in zip(mesh.triangles, mesh.opposite_edges, strict=True):
             X = [points[k] for k in nodes]
             opposite = [[X[(k + 2) % 3][z] - X[(k + 1) % 3][z] for z in (0, 1)] for k in range(3)]

@@ -80,7 +80,8 @@ def test_polynomials_are_exact(name, mesh):
 
 
 def test_a_rule_of_too_low_degree_is_seen():
-    on, case = mesh_of("structured"), load("no_contact")
+    on = mesh_of("structured")
+    case = load("no_contact")
     assert abs(integral(lambda p: p[:, 0] ** 8, on, case, degree=1) - 1 / 9) > 1e-6
 
 
@@ -109,7 +110,9 @@ def power_over_square(x0, beta):
     def fan(d, start, end):
         return quad(lambda phi: (d / math.cos(phi)) ** (beta + 2) / (beta + 2), start, end, epsabs=1e-15)[0]
 
-    right, top, left = math.atan2(1, 1 - x0), math.atan(1 - x0), math.atan2(1, x0)
+    right = math.atan2(1, 1 - x0)
+    top = math.atan(1 - x0)
+    left = math.atan2(1, x0)
     return fan(1 - x0, 0, right) + fan(1, -math.atan(x0), top) + fan(x0, 0, left)
 
 
@@ -163,7 +166,8 @@ def test_the_source_of_thirds():
 
     def w(r):
         q = 1 - 16 * r * r
-        d_eta, d2_eta = -128 * r * q**3, -128 * q**3 + 128 * 96 * r * r * q * q
+        d_eta = -128 * r * q**3
+        d2_eta = -128 * q**3 + 128 * 96 * r * r * q * q
         return r**1.5 * q**4 - 3 * math.sqrt(r) * d_eta - r**1.5 * d2_eta - math.sqrt(r) * d_eta
 
     exact = -4 / 9 * quad(lambda t: w(t * t) * t * t * 2 * t, 0, 0.5, epsabs=1e-15)[0]
@@ -176,7 +180,8 @@ def test_the_source_of_thirds():
 
 def cut_off_power(s, alpha):
     """Integral from 0 to s_+ of s^alpha (1 - 16 s^2)_+^4, term by term."""
-    s, powers = np.clip(s, 0, 0.25), 2 * np.arange(5) + alpha + 1
+    s = np.clip(s, 0, 0.25)
+    powers = 2 * np.arange(5) + alpha + 1
     return sum(math.comb(4, j) * (-16) ** j * s**power / power for j, power in enumerate(powers))
 
 
@@ -270,7 +275,8 @@ def test_boundary_means_see_where_a_cutoff_crosses_another_side(declared):
 )
 def test_boundary_means_of_a_power_times_a_cutoff(name, alpha):
     """In tau = s^(1/20) that is no polynomial of a low degree."""
-    case, cells = load(name), partitions.shifted(square(), 1 / 8, 0.37)
+    case = load(name)
+    cells = partitions.shifted(square(), 1 / 8, 0.37)
     x = cells.points[: np.searchsorted(cells.points, 1.0) + 1]
     rule = boundary_rule(case.polygon, cells.points, case.singular())
     flux = case.boundary(rule.side, rule.s, rule.near)[1]

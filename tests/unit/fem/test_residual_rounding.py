@@ -29,7 +29,8 @@ B = coupling(MESH, CELLS)
 
 @pytest.fixture(autouse=True)
 def digits():
-    before, ctx.dps = ctx.dps, DIGITS
+    before = ctx.dps
+    ctx.dps = DIGITS
     yield
     ctx.dps = before
 
@@ -46,14 +47,17 @@ def row_times(matrix: sp.csr_array, i: int, u: list[arb]) -> arb:
 
 def products(u: Array) -> tuple[Rounded, list[arb]]:
     """Of the matrix; its diagonal is what makes the rows add up to the mass."""
-    numbers, masses = exactly(u), exactly(MASS)
+    numbers = exactly(u)
+    masses = exactly(MASS)
     differences = ([value - own for value in numbers] for own in numbers)
     exact = [masses[i] * numbers[i] + row_times(A, i, each) for i, each in enumerate(differences)]
     return residual_rounding.product(A, MASS, u), exact
 
 
 def loads(u: Array) -> tuple[Rounded, list[arb]]:
-    load, pressure, pull = u[: B.shape[1]], np.abs(u[: B.shape[0]]), B.T.tocsr()
+    load = u[: B.shape[1]]
+    pressure = np.abs(u[: B.shape[0]])
+    pull = B.T.tocsr()
     exact = [value + row_times(pull, j, exactly(pressure)) for j, value in enumerate(exactly(load))]
     return residual_rounding.loaded(load, B, pressure), exact
 
@@ -61,14 +65,16 @@ def loads(u: Array) -> tuple[Rounded, list[arb]]:
 def integrals(u: Array) -> tuple[Rounded, list[arb]]:
     """Of what is above the obstacle."""
     v = u[: B.shape[1]]
-    d, numbers = B @ v, exactly(v)
+    d = B @ v
+    numbers = exactly(v)
     exact = [row_times(B, i, numbers) - value for i, value in enumerate(exactly(d))]
     return residual_rounding.constrained(B, v, d), exact
 
 
 def means(u: Array) -> tuple[Rounded, list[arb]]:
     v = u[: B.shape[1]]
-    g, numbers = B @ v / CELLS.lengths, exactly(v)
+    g = B @ v / CELLS.lengths
+    numbers = exactly(v)
     rows = enumerate(zip(exactly(CELLS.lengths), exactly(g), strict=True))
     exact = [row_times(B, i, numbers) / H - value for i, (H, value) in rows]
     return residual_rounding.constrained(B, v, g, CELLS.lengths), exact
@@ -77,7 +83,8 @@ def means(u: Array) -> tuple[Rounded, list[arb]]:
 @pytest.mark.parametrize("of", [products, loads, integrals, means])
 def test_no_error_is_above_its_bound(of: Callable[[Array], tuple[Rounded, list[arb]]]) -> None:
     """For rough vectors, and large constants with a little more; a bound of a fiftieth would be missed."""
-    rng, largest = np.random.default_rng(8), 0.0
+    rng = np.random.default_rng(8)
+    largest = 0.0
     for size in (1e-90, 1, 1e90):
         for constant in (0, 1, 1e6, 1e15):
             found, exact = of(size * (constant + rng.standard_normal(len(MASS))))
@@ -145,7 +152,8 @@ def test_products_lose_a_unit_for_each_entry_of_a_row() -> None:
 
 def test_a_large_load_hides_a_small_product() -> None:
     """1 - 1e-17 is 1: only the rounding of the difference is as large as that."""
-    matrix, tiny = sp.csr_array(np.ones((1, 1))), np.array([1e-17])
+    matrix = sp.csr_array(np.ones((1, 1)))
+    tiny = np.array([1e-17])
     load = Rounded(np.ones(1), np.zeros(1))
     found = residual_rounding.residual(matrix, np.ones(1), tiny, load)
     assert found.values[0] == 1.0

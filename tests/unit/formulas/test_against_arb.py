@@ -37,7 +37,9 @@ def numbers(rng, k):
 
 def intervals(rng, k):
     """Of all widths: points, narrow ones, and those that contain 0."""
-    a, b, narrow = numbers(rng, k), numbers(rng, k), 2.0 ** rng.uniform(-55, -1, k)
+    a = numbers(rng, k)
+    b = numbers(rng, k)
+    narrow = 2.0 ** rng.uniform(-55, -1, k)
     other = np.select([rng.uniform(size=k) < 0.2, rng.uniform(size=k) < 0.7], [a, a * (1 - narrow)], b)
     return np.minimum(a, other), np.maximum(a, other)
 
@@ -47,12 +49,15 @@ def models(rng, of, k):
 
     A third of them are about 1, linear and without a remainder, so that only that of the operation counts.
     """
-    size, shrink = numbers(rng, k) / 64, 2.0 ** rng.choice([-60, -30, -5, -1, 0], k)
+    size = numbers(rng, k) / 64
+    shrink = 2.0 ** rng.choice([-60, -30, -5, -1, 0], k)
     c = size * shrink ** of.degree[:, None] * rng.uniform(-1, 1, (len(of.degree), k))
     rad = np.where(rng.uniform(size=k) < 0.5, 0.0, np.abs(size) * shrink * rng.uniform(0, 1e-3, k))
-    at, plain = rng.uniform(0.2, 3.0, k), rng.uniform(size=k) < 1 / 3
+    at = rng.uniform(0.2, 3.0, k)
+    plain = rng.uniform(size=k) < 1 / 3
     arms = 0.3 * np.minimum(at, 1.0) * rng.choice([0.0, 1e-9, 1.0, 1.0], k) * rng.choice([-1, 1], (2, k))
-    c[:, plain], rad[plain] = 0.0, 0.0
+    c[:, plain] = 0.0
+    rad[plain] = 0.0
     c[:3, plain] = np.vstack([at, arms])[:, plain]
     reach = np.abs(c[1:]).sum(axis=0) * (1 + 1e-12) + rad + 1e-310
     return Model(of, c, rad, interval.outward(c[0] - reach, c[0] + reach))
@@ -161,7 +166,8 @@ def random_formula(rng, depth):
             [sympy.Rational(rng.randint(-99, 99), rng.randint(1, 99)), sympy.pi, sympy.sqrt(2)]
         )
         return rng.choice([X, Y, X - Y, scale * number, number * X + scale])
-    a, b = random_formula(rng, depth - 1), random_formula(rng, rng.randrange(depth))
+    a = random_formula(rng, depth - 1)
+    b = random_formula(rng, rng.randrange(depth))
     if kind < 0.5:
         return a + b if kind < 0.2 else a * b
     if kind < 0.6:
@@ -257,7 +263,8 @@ def test_functions_of_numpy_may_be_off_by_four_units(monkeypatch, name, module, 
 @pytest.mark.parametrize("name", ["exp", "sin", "cos", "sinh", "cosh", "tanh", "log", "sqrt"])
 def test_functions_of_numpy_are_off_by_less_than_four_units(name):
     """Of arguments of all sizes, subnormal and huge ones; what overflows is beyond the largest number."""
-    x, of = numbers(np.random.default_rng(4), 2000), getattr(arb, name)
+    x = numbers(np.random.default_rng(4), 2000)
+    of = getattr(arb, name)
     x = np.abs(x[x != 0]) if name in ("log", "sqrt") else x
     with np.errstate(over="ignore"):
         found = getattr(np, name)(x)

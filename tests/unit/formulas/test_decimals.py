@@ -28,7 +28,8 @@ FINITE = st.floats(allow_nan=False, allow_infinity=False)
 @example(1.7976931348623157e308, ".1e")
 def test_a_number_lies_between_what_is_printed_below_and_above_it(x, spec):
     """And nothing nearer could have been printed: what Python rounds to nearest is one of both."""
-    lower, upper = down(x, spec), up(x, spec)
+    lower = down(x, spec)
+    upper = up(x, spec)
     assert Decimal(lower) <= Decimal(x) <= Decimal(upper)
     assert format(x, spec) in (lower, upper)
     assert (lower == upper) == (Decimal(lower) == Decimal(x))
@@ -61,12 +62,15 @@ def test_a_number_with_its_distance_has_both_bounds_between():
     rng = np.random.default_rng(5)
     for _ in range(2000):
         value = float(rng.normal() * 10.0 ** rng.uniform(-300, 300))
-        below, above = (float(10.0 ** rng.uniform(-12, 3) * abs(value)) for _ in range(2))
-        lower, upper = value - below, value + above
+        below = float(10.0 ** rng.uniform(-12, 3) * abs(value))
+        above = float(10.0 ** rng.uniform(-12, 3) * abs(value))
+        lower = value - below
+        upper = value + above
         text = interval(lower, upper, value)
         shown, _, wide = text.partition(" ± ")
         power = Fraction(10) ** int(text.partition("e")[2] or 0)
-        shown, wide = (Fraction(each.strip("()").partition(")")[0]) * power for each in (shown, wide))
+        shown = Fraction(shown.strip("()").partition(")")[0]) * power
+        wide = Fraction(wide.strip("()").partition(")")[0]) * power
         assert shown - wide <= Fraction(lower) <= Fraction(upper) <= shown + wide
         of, low, high = map(Fraction, (value, lower, upper))
         assert wide <= Fraction(12, 10) * max(high - of, of - low)

@@ -44,7 +44,8 @@ def test_of_positive_parts_away_from_the_kink(text: str, powers: int) -> None:
 
 def test_equal_factors_become_a_power() -> None:
     """By hand: (s^3)'' = 6 s s'^2 + 3 s^2 s'', and s'^2 is enclosed closer than s' s'. Control: no s'."""
-    f, s = parse("pos((x - 1/3)*(2/3 - x), 3)", "x", "here"), "(x - 1/3)*(2/3 - x)"
+    f = parse("pos((x - 1/3)*(2/3 - x), 3)", "x", "here")
+    s = "(x - 1/3)*(2/3 - x)"
     by_hand = f"6*pos({s}, 1)*(1 - 2*x)**2 - 6*pos({s}, 2)"
     second = derivative(derivative(f, "x"), "x")
     assert second == parse(by_hand, "x", "here")

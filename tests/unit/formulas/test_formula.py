@@ -289,8 +289,10 @@ def test_any_formula_parses_to_reals_or_is_refused(text):
 def test_derivative_of_pos(k):
     """Against central differences, whose error is O(step^2) = 1e-10; exactly 0 where the argument is <= 0."""
     f = parse(f"pos(2*t - 1, {k})", ("t",), "here")
-    value, slope = (formula.compile_numpy([g], "t") for g in (f, derivative(f, "t")))
-    t, step = np.linspace(0.6, 1.4, 9), 1e-5
+    value = formula.compile_numpy([f], "t")
+    slope = formula.compile_numpy([derivative(f, "t")], "t")
+    t = np.linspace(0.6, 1.4, 9)
+    step = 1e-5
     difference = (value(t + step)[0] - value(t - step)[0]) / (2 * step)
     np.testing.assert_allclose(slope(t)[0], difference, rtol=1e-8)
     left = np.array([-1.0, 0.0, 0.25, 0.5])
@@ -345,7 +347,8 @@ def test_hidden_kinks_are_refused(text, message):
 
 
 def test_compiled_constants_have_the_shape_of_the_arguments():
-    x, y = np.linspace(0, 1, 3)[:, None], np.linspace(0, 1, 4)
+    x = np.linspace(0, 1, 3)[:, None]
+    y = np.linspace(0, 1, 4)
     one, product = compile_numpy([sympy.Rational(1, 3), X * Y], (X, Y))(x, y)
     assert one.shape == product.shape == (3, 4)
     assert np.all(one == 1 / 3)
@@ -354,7 +357,8 @@ def test_compiled_constants_have_the_shape_of_the_arguments():
 
 def test_a_fraction_beyond_all_floats_is_infinite():
     """10^400/3, as a derivative may have it; control: 10^300/3 is a float."""
-    huge, large = sympy.Rational(10**400, 3), sympy.Rational(10**300, 3)
+    huge = sympy.Rational(10**400, 3)
+    large = sympy.Rational(10**300, 3)
     found = compile_numpy([huge * X, large * X], (X,))(np.array([0.5]))
     assert np.array_equal(found[0], [np.inf])
     assert found[1] == pytest.approx([1e300 / 6])

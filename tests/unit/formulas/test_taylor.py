@@ -79,18 +79,20 @@ def test_the_cube_root_of_large_numbers_is_sharp():
 
 def test_places_that_are_rounded_are_known_up_to_that():
     """x = 1/2 + sigma/4 up to 1e-3: both 1/2 and 1/2 + 1e-3 are values at sigma = 0."""
-    centre, arms = np.array([0.5]), np.array([[0.25]])
+    centre = np.array([0.5])
+    arms = np.array([[0.25]])
     model = affine(basis(1, 4), centre, arms, (centre - 0.251, centre + 0.251), rounding=1e-3)
     assert model.rad[0] >= 1e-3
     assert model.range[1][0] >= 0.751
 
 
 def test_a_jump_has_the_value_that_is_given_or_both():
-    f, models = parse("3*pos(x - y, 0) + x", ("x", "y"), "here"), box(4, (0.5, 0.5), 0.1 * np.eye(2))
+    f = parse("3*pos(x - y, 0) + x", ("x", "y"), "here")
+    models = box(4, (0.5, 0.5), 0.1 * np.eye(2))
     (step,) = atoms_in(f, "pos")
-    both, one, unknown = (
-        evaluate(f, models, steps) for steps in (None, {step: np.array([1.0])}, {step: np.array([np.nan])})
-    )
+    both = evaluate(f, models, None)
+    one = evaluate(f, models, {step: np.array([1.0])})
+    unknown = evaluate(f, models, {step: np.array([np.nan])})
     assert [both.range[0][0], both.range[1][0]] == pytest.approx([0.4, 3.6])
     assert (one.c[0, 0], one.rad[0]) == (pytest.approx(3.5), pytest.approx(0, abs=1e-14))
     assert [unknown.range[0][0], unknown.range[1][0]] == pytest.approx([0.4, 3.6])
@@ -108,7 +110,8 @@ def test_models_that_are_not_finite_know_it(text):
 def test_a_basis_knows_all_products_of_its_monomials(d, n, runs):
     """Exponents add; in one variable a run per monomial, in two one per degree of the other, but for 1."""
     of = basis(d, n)
-    degree, exponents = of.degree, of.exponents
+    degree = of.degree
+    exponents = of.exponents
     products = [
         (a, b, c)
         for a, times in enumerate(of.times)
@@ -127,6 +130,7 @@ def test_a_basis_knows_all_products_of_its_monomials(d, n, runs):
 def test_models_are_joined_in_the_boxes_order():
     of = basis(1, 2)
     whole = constant(of, (np.arange(5.0), np.arange(5.0)))
-    odd, even = np.array([1, 3]), np.array([0, 2, 4])
+    odd = np.array([1, 3])
+    even = np.array([0, 2, 4])
     np.testing.assert_array_equal(joined([(whole.on(odd), odd), (whole.on(even), even)]).c, whole.c)
     assert number(whole, 1 / 3).rad.shape == (5,)

@@ -17,7 +17,8 @@ FIRST = ["lshape 2", "slanted"]
 
 def at_random(name):
     """A third of the triangles chosen again and again, in an ever smaller part of the domain."""
-    first, rng = coarse(name), np.random.default_rng(2)
+    first = coarse(name)
+    rng = np.random.default_rng(2)
     of = adapted(first)
     for k in range(6):
         centre = of.mesh.points[of.mesh.triangles].mean(axis=1)
@@ -47,7 +48,8 @@ def test_arc_lengths_are_exact():
 def test_every_edge_is_at_most_half_and_at_least_a_quarter_of_its_cell(name):
     """The rule of stability, in arc lengths; and that no cell is longer than SHORTEST times its edges."""
     of = at_a_corner(12) if name == "corner" else at_random(name)
-    edges, cells = np.diff(of.mesh.s), of.partition
+    edges = np.diff(of.mesh.s)
+    cells = of.partition
     assert np.ptp(np.log2(edges)) > 3
     assert np.isin(cells.points, of.mesh.s).all()
     length = cells.lengths[np.searchsorted(cells.points, of.mesh.s[:-1], side="right") - 1]

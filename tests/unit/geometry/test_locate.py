@@ -42,8 +42,10 @@ def exactly(mesh, points):
 def test_points_lie_in_the_triangles_in_which_they_are_found(name, block, monkeypatch):
     """Random ones, inside or not, and nodes and midpoints, which lie in several triangles."""
     monkeypatch.setattr(locate, "BLOCK", block)
-    mesh, rng = mesh_of(name), np.random.default_rng(3)
-    low, high = mesh.points.min(axis=0) - 0.1, mesh.points.max(axis=0) + 0.1
+    mesh = mesh_of(name)
+    rng = np.random.default_rng(3)
+    low = mesh.points.min(axis=0) - 0.1
+    high = mesh.points.max(axis=0) + 0.1
     points = np.concatenate([rng.uniform(low, high, (60, 2)), mesh.points[:20], [[np.nan, 0.5], [np.inf, 0]]])
     at, triangle, weights = containing(mesh, points)
     places = np.einsum("pi,pid->pd", weights, mesh.points[mesh.triangles[triangle]])

@@ -143,7 +143,8 @@ def test_unstructured_is_deterministic_also_in_a_thread(capfd):
 
 def test_what_was_checked_cannot_be_changed():
     """Nor can polygons and partitions."""
-    mesh, cells = structured(square(), 1 / 2), partition.uniform(square(), 1 / 2)
+    mesh = structured(square(), 1 / 2)
+    cells = partition.uniform(square(), 1 / 2)
     for array in (mesh.points, mesh.triangles, mesh.boundary, mesh.s, square().vertices, cells.points):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0
@@ -210,7 +211,8 @@ def test_boundary_edges_inside_are_refused():
 
 def test_a_boundary_covered_twice_is_refused():
     """A second fan on the first: too far away to repeat its nodes, not far enough to lie off the sides."""
-    points, triangles = np.array(square_with()[0]), np.array(FAN)
+    points = np.array(square_with()[0])
+    triangles = np.array(FAN)
     above = points + 1e-11
     above[4, 0] = 0.6
     with sentences.raises(InputError):
@@ -251,7 +253,8 @@ def test_what_a_node_may_lie_beside_its_side_is_of_the_local_width():
     """On a polygon 1e7 long and 1e-3 high no node may be off by a part of its height, nor of its length."""
     x = np.concatenate([np.arange(5.0), np.geomspace(5, 1e7, 30)])
     polygon = Polygon(np.array([[0, 0], [1e7, 0], [1e7, 1e-3], [0, 1e-3]]), "strip")
-    n, k = len(x), np.arange(len(x) - 1)
+    n = len(x)
+    k = np.arange(len(x) - 1)
     triangles = np.stack([k, k + 1, k + n + 1, k, k + n + 1, k + n], axis=1).reshape(-1, 3)
     for wave, refused in ((0.5, True), (1e-3, True), (1e-5, False)):
         top = 1e-3 * (1 + wave * np.sin(0.4 * np.pi * x) * (x > 0) * (x < 1e7))
@@ -321,7 +324,8 @@ def test_a_gmsh_that_does_not_load_is_told_with_the_line_to_type(tmp_path, monke
 
 def test_without_gmsh_what_has_a_structured_mesh_gets_it(monkeypatch):
     """Unit squares get it anyway; slanted sides, and lines as near as rounding, do not."""
-    u, half = Polygon(U, "U"), Polygon(0.5 * U, "half")
+    u = Polygon(U, "U")
+    half = Polygon(0.5 * U, "half")
     narrow = Polygon(np.array([[0, 0], [1, 0], [1, 1], [0.5, 1], [0.5, 1 + 1e-12], [0, 1 + 1e-12]]), "narrow")
     polygons = u, half, SLANTED, narrow
     assert [natural_kind(each) for each in polygons] == ["structured", *3 * ["unstructured"]]

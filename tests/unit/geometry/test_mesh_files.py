@@ -78,7 +78,8 @@ def test_a_file_of_gmsh_is_read(tmp_path):
     assert_array_equal(np.bincount(mesh.side), [4, 4, 4, 4])
 
 
-CORNERS, LIFTED = ([[0, 0, z], [1, 0, 0], [1, 1, 0], [0, 1, 0]] for z in (0, 0.1))
+CORNERS = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+LIFTED = [[0, 0, 0.1], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
 
 
 @pytest.mark.parametrize(

@@ -211,7 +211,8 @@ def test_a_triangle_in_two_physical_groups_is_read_once(tmp_path):
 
 def test_nodes_of_no_triangle_are_left_out_of_a_file_and_told(tmp_path):
     """As the centre of an arc, which gmsh saves. Arrays belong to all points, so there it is refused."""
-    points, triangles = np.insert(POINTS, 0, [[7, 7, 0]], axis=0), TRIANGLES + 1
+    points = np.insert(POINTS, 0, [[7, 7, 0]], axis=0)
+    triangles = TRIANGLES + 1
     meshio.Mesh(points, [("triangle", triangles), ("vertex", [[0]])]).write(tmp_path / "arc.vtu")
     with pytest.warns(
         ul.SolutionWarning, match=r"arc.vtu: 1 node of no triangle is left out, such as node 0 \(7, 7\)"

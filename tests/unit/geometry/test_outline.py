@@ -20,13 +20,15 @@ from unilateral.geometry.polygon import Polygon
 
 pytestmark = pytest.mark.filterwarnings("ignore::unilateral.SolutionWarning")
 
-SLIGHTEST, SHARPEST = np.radians(0.1), np.radians(179)
+SLIGHTEST = np.radians(0.1)
+SHARPEST = np.radians(179)
 
 
 def circumscribed(turns):
     """The vertices (n, 2) of the polygon about the unit circle that turns by `turns` (n,), in all by 2 pi."""
     normals = np.cumsum(turns) - turns[0]
-    middle, half = normals + 0.5 * np.roll(turns, -1), 0.5 * np.roll(turns, -1)
+    middle = normals + 0.5 * np.roll(turns, -1)
+    half = 0.5 * np.roll(turns, -1)
     return np.column_stack([np.cos(middle), np.sin(middle)]) / np.cos(half)[:, None]
 
 
@@ -46,7 +48,8 @@ def random_turns(draw):
 def dented(vertices, draw):
     """The same with the middle of one side moved towards the circle's centre."""
     side = int(draw.integers(len(vertices)))
-    a, b = vertices[side], vertices[(side + 1) % len(vertices)]
+    a = vertices[side]
+    b = vertices[(side + 1) % len(vertices)]
     depth = np.tan(0.5 * np.exp(draw.uniform(np.log(SLIGHTEST), np.log(0.3)))) * 0.5 * np.hypot(*(b - a))
     middle = 0.5 * (a + b)
     return np.insert(vertices, side + 1, middle * (1 - min(depth, 0.5) / np.hypot(*middle)), axis=0)
@@ -79,7 +82,8 @@ def sample(seed):
     vertices = circumscribed(random_turns(draw))
     vertices = dented(vertices, draw) if draw.random() < 0.3 else vertices
     points, triangles = fan(vertices, draw)
-    angle, size = draw.uniform(0, 2 * np.pi), 10.0 ** draw.uniform(-3, 3)
+    angle = draw.uniform(0, 2 * np.pi)
+    size = 10.0 ** draw.uniform(-3, 3)
     turned = points @ [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
     far = draw.choice([0, 10.0 ** draw.uniform(0, 7)])
     how = draw.choice(["digits", "decimals", "single precision"], p=[0.4, 0.4, 0.2])

@@ -140,7 +140,8 @@ def test_the_common_refinement_by_hand():
 @pytest.mark.parametrize(("share", "same"), [(0.9, True), (1.1, False)])
 def test_points_are_one_up_to_1e_12_of_the_perimeter(share, same):
     """A thousand times the rounding of arc lengths, a few 1e-16 of the perimeter a sum; cells are longer."""
-    halves, off = uniform(square(), 1 / 2), share * 1e-12 * square().perimeter
+    halves = uniform(square(), 1 / 2)
+    off = share * 1e-12 * square().perimeter
     moved = Partition(square(), halves.points + off * (np.arange(9) == 1))
     assert common_refinement([halves, moved]).n_cells == (8 if same else 9)
     assert moved.has_inside(np.array([0.5])).any() == (not same)

@@ -87,7 +87,10 @@ def test_the_first_crossing_is_found_anywhere(i, j):
         return (q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0])
 
     def meet(k, m):
-        a, b, c, d = vertices[k], after[k], vertices[m], after[m]
+        a = vertices[k]
+        b = after[k]
+        c = vertices[m]
+        d = after[m]
         return cross(a, b, c) * cross(a, b, d) < 0 and cross(c, d, a) * cross(c, d, b) < 0
 
     first = next((k, m) for k in range(8) for m in range(k + 1, 8) if meet(k, m))

@@ -38,10 +38,12 @@ def test_a_refined_mesh_is_a_triangulation_with_its_boundary_in_order(name, way)
 def test_children_have_the_edges_that_sorting_finds(name, way):
     """And the triangles at them, and those along the boundary."""
     for mesh in made(name, way).meshes[1:]:
-        of, expected = mesh.triangulation, triangulation(mesh.points, mesh.triangles, mesh.boundary)
+        of = mesh.triangulation
+        expected = triangulation(mesh.points, mesh.triangles, mesh.boundary)
         assert of.n == mesh.n_nodes
         np.testing.assert_array_equal(of.nodes, mesh.triangles)
-        by, place = (np.lexsort(np.sort(each.ends, axis=1).T[::-1]) for each in (of, expected))
+        by = np.lexsort(np.sort(of.ends, axis=1).T[::-1])
+        place = np.lexsort(np.sort(expected.ends, axis=1).T[::-1])
         for array in ("ends", "sides"):
             both = (np.sort(getattr(each, array)[at], axis=1) for each, at in ((of, by), (expected, place)))
             np.testing.assert_array_equal(*both)
@@ -61,8 +63,10 @@ def check_sides(of):
     start, end = of.ends.T
     for column, (a, b) in enumerate(((start, end), (end, start))):
         there = np.flatnonzero(of.sides[:, column] >= 0)
-        nodes, edges = of.nodes[of.sides[there, column]], of.edges[of.sides[there, column]]
-        corner, rows = np.argmax(edges == there[:, None], axis=1), np.arange(len(there))
+        nodes = of.nodes[of.sides[there, column]]
+        edges = of.edges[of.sides[there, column]]
+        corner = np.argmax(edges == there[:, None], axis=1)
+        rows = np.arange(len(there))
         np.testing.assert_array_equal(edges[rows, corner], there)
         np.testing.assert_array_equal(nodes[rows, (corner + 1) % 3], a[there])
         np.testing.assert_array_equal(nodes[rows, (corner + 2) % 3], b[there])
@@ -83,8 +87,12 @@ def test_a_mesh_in_another_order_has_other_edges():
 def test_nodes_triangles_and_edges_that_stay_keep_their_numbers(name):
     """So does the first child its parent's, and the first half of an edge the edge's, from its first end."""
     for before, after in pairwise(made(name, "at random").meshes):
-        old, new, (*_, step) = before.triangulation, after.triangulation, after.steps
-        T, E, k = len(old.nodes), len(old.ends), len(step.ends)
+        old = before.triangulation
+        new = after.triangulation
+        (*_, step) = after.steps
+        T = len(old.nodes)
+        E = len(old.ends)
+        k = len(step.ends)
         np.testing.assert_array_equal(after.points[: before.n_nodes], before.points)
         np.testing.assert_allclose(
             after.points[before.n_nodes :], before.points[step.ends].mean(axis=1), rtol=0, atol=1e-15
@@ -137,7 +145,8 @@ def test_in_the_frame_of_the_first_triangle_all_are_right_and_isosceles(name, wa
     near = np.rint(at * fine) / fine
     assert np.abs(at - near).max() < 1e-9
     a, b, c = np.moveaxis(near, 1, 0)
-    u, v = b - a, c - a
+    u = b - a
+    v = c - a
     assert np.all(np.sum(u * v, axis=1) == 0)
     assert np.all(np.sum(u * u, axis=1) == np.sum(v * v, axis=1))
     assert np.all(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0] > 0)
@@ -145,7 +154,8 @@ def test_in_the_frame_of_the_first_triangle_all_are_right_and_isosceles(name, wa
     direction = np.sign(u).astype(int)
     for of in np.unique(root):
         assert len(np.unique(direction[root == of], axis=0)) <= 8
-    before, after = (each.longest_edges**2 / each.areas for each in (first, mesh))
+    before = first.longest_edges**2 / first.areas
+    after = mesh.longest_edges**2 / mesh.areas
     assert np.all(after <= 4 * (1 + 1e-9) * before[root])
 
 
@@ -153,19 +163,23 @@ def test_in_the_frame_of_the_first_triangle_all_are_right_and_isosceles(name, wa
 def test_a_uniform_step_gives_four_similar_children(name):
     """Their edges are half of the parent's, in order, and minus half those of the middle child."""
     for before, after in pairwise(made(name, "uniform").meshes):
-        step, T = after.steps[-1], len(before.triangles)
+        step = after.steps[-1]
+        T = len(before.triangles)
         assert step.after is after.triangulation
         assert len(after.triangles) == len(step.triangles) == 4 * T
         np.testing.assert_array_equal(step.parent, np.tile(np.arange(T), 4))
-        parents, children = before.points[before.triangles[step.parent]], after.points[step.nodes]
-        of_parents, of_children = (np.roll(each, -1, axis=1) - each for each in (parents, children))
+        parents = before.points[before.triangles[step.parent]]
+        children = after.points[step.nodes]
+        of_parents = np.roll(parents, -1, axis=1) - parents
+        of_children = np.roll(children, -1, axis=1) - children
         sign = np.repeat([1, 1, 1, -1], T)[:, None, None]
         np.testing.assert_allclose(of_children, 0.5 * sign * of_parents, rtol=0, atol=1e-14)
 
 
 def test_all_triangles_chosen_one_by_one_are_a_uniform_step():
     mesh = coarse("slanted")
-    every, by_name = refine(mesh), refine_some(mesh, np.arange(len(mesh.triangles)))
+    every = refine(mesh)
+    by_name = refine_some(mesh, np.arange(len(mesh.triangles)))
     np.testing.assert_array_equal(every.triangles, by_name.triangles)
     assert not by_name.adapted
     but_one = refine_some(mesh, np.arange(1, len(mesh.triangles)))
@@ -187,9 +201,8 @@ def test_chosen_triangles_are_cut_in_four_and_few_others():
 
 def edges_of(mesh, step):
     """The numbers of the halved edges."""
-    keys, halved = (
-        np.sort(ends, axis=1) @ [mesh.n_nodes, 1] for ends in (mesh.triangulation.ends, step.ends)
-    )
+    keys = np.sort(mesh.triangulation.ends, axis=1) @ [mesh.n_nodes, 1]
+    halved = np.sort(step.ends, axis=1) @ [mesh.n_nodes, 1]
     return np.flatnonzero(np.isin(keys, halved))
 
 
@@ -211,7 +224,9 @@ def test_a_step_s_size_is_that_of_what_is_new(way):
 def test_values_of_triangles_are_put_in_and_inherited(name, way):
     """Numbers of rows and of triangles: areas, and the first triangle that contains each one."""
     first, *finer = made(name, way).meshes
-    areas, root, middle = first.areas, np.arange(len(first.areas)), first.points[first.triangles].mean(axis=1)
+    areas = first.areas
+    root = np.arange(len(first.areas))
+    middle = first.points[first.triangles].mean(axis=1)
     for mesh in finer:
         step = mesh.steps[-1]
         areas = step.put(areas, mesh.areas[step.triangles])
@@ -235,7 +250,8 @@ def test_reference_edges_are_longest_ones_in_the_beginning(name):
 
 @pytest.mark.parametrize(("n", "coarsest"), [(1, 1), (6, 3), (7, 7), (8, 4), (20, 5), (24, 3)])
 def test_halved_squares_are_finer_squares(n, coarsest):
-    halved, at_once = structured(named("lshape"), 1 / n), at_once_of(1 / n)
+    halved = structured(named("lshape"), 1 / n)
+    at_once = at_once_of(1 / n)
     assert len((halved.coarse or halved).triangles) == 6 * coarsest**2
     np.testing.assert_allclose(*(sorted_corners(mesh) for mesh in (halved, at_once)), rtol=0, atol=1e-15)
 
@@ -300,6 +316,7 @@ def test_copies_and_pickles_are_refined_in_the_same_way(name, way):
             np.testing.assert_array_equal(one.nodes, other.nodes)
             np.testing.assert_array_equal(one.triangles, other.triangles)
         np.testing.assert_array_equal(again.triangulation.sides, mesh.triangulation.sides)
-        finer, expected = (refine_some(each, np.array([0])) for each in (again, mesh))
+        finer = refine_some(again, np.array([0]))
+        expected = refine_some(mesh, np.array([0]))
         np.testing.assert_array_equal(finer.triangles, expected.triangles)
         np.testing.assert_array_equal(finer.points, expected.points)

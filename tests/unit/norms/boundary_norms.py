@@ -53,7 +53,8 @@ class Flux:
     polygon: Polygon
     at: float
     alpha: Fraction
-    clamped_sides, c = (), 1.0
+    clamped_sides = ()
+    c = 1.0
 
     def singular(self):
         return [Singular(0, self.at / self.polygon.lengths[0], self.alpha.denominator)]
@@ -84,7 +85,8 @@ def alternating(cells):
 
 def brackets(found, below, above, gap):
     """Whether the bounds bracket what lies between `below` and `above`, themselves within `gap`."""
-    not_above, not_below = found.lower <= above * (1 + ROUNDING), below <= found.upper * (1 + ROUNDING)
+    not_above = found.lower <= above * (1 + ROUNDING)
+    not_below = below <= found.upper * (1 + ROUNDING)
     return np.all(not_above & not_below & (found.upper <= (1 + gap) * found.lower))
 
 
@@ -131,7 +133,8 @@ def p2_gram(cells, n):
     if on_lshape:
         x, y = mesh.p[:, mesh.t].mean(axis=1)
         mesh = mesh.remove_elements(np.flatnonzero((x > 0) & (y < 0)))
-    basis, boundary = skfem.Basis(mesh, P2), mesh.boundary_facets()
+    basis = skfem.Basis(mesh, P2)
+    boundary = mesh.boundary_facets()
     cell = cell_at(cells, mesh.p[:, mesh.facets[:, boundary]].mean(axis=1).T)
     of_cells = [skfem.FacetBasis(mesh, P2, facets=boundary[cell == i]) for i in range(cells.n_cells)]
     loads = np.stack([unit_load.assemble(of_cell) for of_cell in of_cells])

@@ -41,7 +41,8 @@ asymptotic: {{ reason: none, h1: {{ from: 1/8 }}, hm12: {{ from: 1/8 }}, l2: {{ 
 """
 
 
-COSINES, R = 2000, 1 / 4
+COSINES = 2000
+R = 1 / 4
 
 
 @cache
@@ -58,7 +59,8 @@ def cosine_coefficients(alpha):
 def of_projection_error(m, alpha):
     """||lambda - Pi_H lambda||_{-1/2} for CASE: means by Euler's beta, and the cosine series."""
     points = np.arange(m + 1) / m
-    p, inside = (1 + alpha) / 2, np.clip((points - 1 / 3) / R, 0, 1)
+    p = (1 + alpha) / 2
+    inside = np.clip((points - 1 / 3) / R, 0, 1)
     means = m * np.diff(R ** (1 + alpha) / 2 * beta(p, 5) * betainc(p, 5, inside**2))
     coefficients = cosine_coefficients(alpha) - p0_coefficients(points, means, COSINES)
     return of_series(coefficients, 4 * R**alpha)  # the means vary no more than lambda
@@ -123,7 +125,8 @@ def test_angles_of_all_sizes_against_finer_spaces(name):
     """Bounds of one number overlap; three times the edges leave at most a third of the limit, 0.5 %."""
     cells = partitions.uniform(POLYGONS[name], 1 / 3)
     mu = np.stack([alternating(cells), *np.random.default_rng(3).standard_normal((3, cells.n_cells))])
-    coarse, fine = (norm_on(name, 3, edges).of_p0(mu) for edges in (8, 24))
+    coarse = norm_on(name, 3, 8).of_p0(mu)
+    fine = norm_on(name, 3, 24).of_p0(mu)
     assert brackets(coarse, fine.lower, fine.upper, gap=0.005)
     assert brackets(fine, coarse.lower, coarse.upper, gap=0.005 / 3)
 
@@ -154,7 +157,8 @@ def test_singular_points_and_a_vertex_against_finer_spaces(norms_at_a_point, alp
     cells = coarse_norm.partition
     case = Flux(cells.polygon, at, alpha)
     means = cell_means(case, cells).lambda_means[None]
-    coarse, fine = coarse_norm.of_error(case, means), fine_norm.of_error(case, means)
+    coarse = coarse_norm.of_error(case, means)
+    fine = fine_norm.of_error(case, means)
     assert brackets(coarse, fine.lower, fine.upper, gap=0.05)
     assert brackets(fine, coarse.lower, coarse.upper, gap=0.05 / 3)
 
@@ -173,7 +177,8 @@ def test_the_norm_is_homogeneous_and_takes_many_at_once():
 def test_the_mesh_is_graded_to_a_re_entrant_vertex(name, vertex):
     """Eight halvings at both edges there, none at the other vertices, whose cells are about as long."""
     mesh = norm_on(name, 4).spaces.mesh
-    edges, at = np.diff(mesh.s), np.searchsorted(mesh.s, mesh.polygon.starts[:-1])
+    edges = np.diff(mesh.s)
+    at = np.searchsorted(mesh.s, mesh.polygon.starts[:-1])
     longer = np.maximum(edges[at], edges[at - 1])
     assert longer[vertex] < np.delete(longer, vertex).min() / 2**7
 
@@ -183,7 +188,8 @@ def test_a_flux_outside_L2_has_a_lower_bound_only(alpha):
     """What oscillates has no bound in L2; nor have L2 norms a value. Control: alpha = -2/5 has all."""
     cells = partitions.uniform(square(), 1 / 4)
     for case, in_L2 in ((Flux(square(), 0.4, alpha), False), (Flux(square(), 0.4, Fraction(-2, 5)), True)):
-        norm, on = dual_norm(cells, [case]), cell_means(case, cells)
+        norm = dual_norm(cells, [case])
+        on = cell_means(case, cells)
         for found in (
             norm.of_error(case, on.lambda_means[None]),
             norm.gram([case]).error(0, np.zeros((1, 16))),
@@ -250,7 +256,9 @@ def test_the_best_approximation_against_direct_evaluations():
     for c, case in enumerate(of):
         means = cell_means(case, norm.partition).lambda_means
         squares = norm.of_error(case, means + places).lower ** 2
-        at_means, single, double = squares[0], squares[1 : n + 1], squares[n + 1 :].reshape(n, n)
+        at_means = squares[0]
+        single = squares[1 : n + 1]
+        double = squares[n + 1 :].reshape(n, n)
         second = double - single - single[:, None] + at_means
         first = single - at_means - 0.5 * np.diag(second)
         best = at_means - 0.5 * first @ np.linalg.solve(second, first)

@@ -84,7 +84,8 @@ def operator_of(mesh, cells):
     ends = [s for s in mesh.s[:-1] if np.abs(cells.points - s).min() < ROUND]
     knots = np.unique(np.concatenate([nodes, ends]))
     W = extended(mesh, knots).toarray()[:, np.searchsorted(knots, nodes)]
-    B, exact = coupling(mesh, cells), np.zeros((cells.n_cells, fine.n_nodes))
+    B = coupling(mesh, cells)
+    exact = np.zeros((cells.n_cells, fine.n_nodes))
     exact[:, fine.boundary] = coupling(fine, cells).toarray()
     y = np.linalg.solve(B @ W[mesh.boundary], exact - B @ AI[mesh.boundary])
     return AI + W @ y, fine, exact
@@ -161,7 +162,8 @@ def test_the_inverse_of_the_pairing_without_signs_is_larger(make):
 def test_the_norm_of_the_operator_from_its_two_parts():
     """The largest rho^2 a^2 + (b + n a)^2 over all a^2 + b^2 = 1, on a fine grid."""
     angle = np.linspace(0, np.pi, 100_001)
-    a, b = np.cos(angle), np.sin(angle)
+    a = np.cos(angle)
+    b = np.sin(angle)
     for rho, n in ((2.0, 0.1), (1.0, 0.0), (0.5, 3.0)):
         largest = np.max(rho**2 * a**2 + (b + n * a) ** 2)
         assert fortin.of_operator(rho, n) ** 2 == pytest.approx(largest, rel=1e-8)
@@ -204,13 +206,15 @@ def test_integrals_over_parts_of_edges(make):
 def test_the_extended_hats(name):
     """On the boundary the hats; inside along edges, layer by layer, so at most by the shortest distance."""
     mesh, cells = PAIRS[name]()
-    nodes, period = inner_nodes(mesh.s, cells)[0], mesh.polygon.perimeter
+    nodes = inner_nodes(mesh.s, cells)[0]
+    period = mesh.polygon.perimeter
     places = np.concatenate([nodes - period, nodes, nodes + period])
     hats = np.array([np.interp(mesh.s[:-1], places, np.tile(hat, 3)) for hat in np.eye(len(nodes))]).T
     gaps = np.diff(nodes, append=nodes[0] + period)
     width = np.minimum(gaps, np.roll(gaps, 1))
     distance = np.linalg.norm(mesh.points[:, None] - mesh.points[mesh.boundary], axis=2)[..., None]
-    found, apart = extended(mesh, nodes).toarray(), set(map(tuple, np.sort(mesh.triangulation.ends)))
+    found = extended(mesh, nodes).toarray()
+    apart = set(map(tuple, np.sort(mesh.triangulation.ends)))
     assert_allclose(found[mesh.boundary], hats, rtol=0, atol=1e-13)
     inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
     assert (found >= 0).all()
@@ -258,7 +262,8 @@ def graded():
 def test_the_bound_is_below_beta_and_within_a_factor_of_four(make):
     """Below: by the proof. The factor is the aim that was set before. Control: four times it is not below."""
     mesh, cells = make()
-    beta, found = beta_upper(mesh, cells), beta_below(mesh, cells)
+    beta = beta_upper(mesh, cells)
+    found = beta_below(mesh, cells)
     assert beta / 4 < found <= beta
 
 
@@ -272,7 +277,8 @@ def test_it_is_nearly_the_same_on_all_levels():
 def test_fewer_cells_may_have_a_larger_bound_but_never_a_smaller_one():
     mesh, cells = PAIRS["ends inside edges"]()
     some = np.flatnonzero(cells.side == 0)
-    of_side, of_none = Form(free=(1, 2, 3)), Form(free=(0, 1, 2, 3))
+    of_side = Form(free=(1, 2, 3))
+    of_none = Form(free=(0, 1, 2, 3))
     assert beta_below(mesh, cells, of_side) >= beta_below(mesh, cells)
     assert beta_below(mesh, cells, of_none) == 1
     spaces = mixed_spaces(condense(mesh, of_side), cells)
@@ -296,8 +302,10 @@ def test_where_triangles_are_too_thin_nothing_is_known(width, known):
 
 def test_averages_vanish_on_clamped_sides():
     """Those of functions whose means are 0 on the edges there. Control: without the form they do not."""
-    mesh, form = structured(square(), 1 / 4), Form(clamped=(3,))
-    n, rng = len(mesh.triangulation.ends), np.random.default_rng(5)
+    mesh = structured(square(), 1 / 4)
+    form = Form(clamped=(3,))
+    n = len(mesh.triangulation.ends)
+    rng = np.random.default_rng(5)
     means = rng.normal(size=n)
     means[mesh.triangulation.boundary[form.edges(mesh)]] = 0.0
     of = means[mesh.opposite_edges]
@@ -385,6 +393,7 @@ def test_rounding_is_allowed_for(monkeypatch):
 def test_where_the_only_node_is_too_near_to_an_end_nothing_is_known(delta, known):
     """Of the first cell, whose node at 1/4 is delta times its length before its end."""
     end = 0.25 / (1 - delta)
-    mesh, cells = structured(square(), 1 / 4), partitions.from_points(square(), [0, end, 1, 2, 3, 4])
+    mesh = structured(square(), 1 / 4)
+    cells = partitions.from_points(square(), [0, end, 1, 2, 3, 4])
     assert inner_nodes(mesh.s, cells)[1][0] == pytest.approx(delta, rel=1e-6)
     assert (beta_below(mesh, cells, Form(free=(1, 2, 3))) > 0) == known

@@ -31,7 +31,8 @@ def test_the_edges_at_a_singular_point_are_halved_from_both_sides(name, at):
     """Also at a vertex, at 0 = perimeter, near a cell's end, or in a short part of a cell."""
     cells = CELLS[name]
     perimeter = cells.polygon.perimeter
-    plain, graded = boundary_nodes(cells, (), 8), boundary_nodes(cells, [at], 8)
+    plain = boundary_nodes(cells, (), 8)
+    graded = boundary_nodes(cells, [at], 8)
     assert np.isin(cells.points[:-1], graded).all()
     assert np.abs(graded - at).min() == 0
     others = np.union1d(plain[np.isin(plain, cells.points)], [at])
@@ -124,7 +125,8 @@ def test_edges_near_shorter_ones_on_another_side(degrees):
     """At a wedge's sides that are nearer than their cells are long; a short cell faces long ones."""
     cells = wedge(degrees)
     s = np.append(boundary_nodes(cells, (), 8), cells.polygon.perimeter)
-    lengths, middle = np.diff(s), 0.5 * (s[1:] + s[:-1])
+    lengths = np.diff(s)
+    middle = 0.5 * (s[1:] + s[:-1])
     side = np.searchsorted(cells.polygon.starts, middle, side="right") - 1
     points = cells.polygon.at(side, middle - cells.polygon.starts[side])
     distance = np.linalg.norm(points[:, None] - points, axis=2)

@@ -42,7 +42,8 @@ def test_without_a_reaction_the_norm_lies_between_its_bounds(clamped, mu, exact)
 def test_the_form_is_that_of_single_functions():
     """The form on all cells, by differences of columns, against one function at a time. Two arcs."""
     norm = dual_norm(uniform(square(), 1 / 4), form=Form(c=0.0, clamped=(0, 2)))
-    gram, mu = norm.gram(), np.random.default_rng(3).standard_normal((5, 16))
+    gram = norm.gram()
+    mu = np.random.default_rng(3).standard_normal((5, 16))
     kept = mu[:, gram.cells]
     single = norm.of_p0(mu)
     for form, of in zip(gram.p0, (single.lower, single.upper), strict=True):
@@ -84,7 +85,8 @@ def test_psi_is_the_integral_of_the_flux():
     start, end = np.random.default_rng(4).standard_normal((2, 3, 2))
     at = np.array([[0, 1, 2], [1, 2, 3], [4, 5, 6]])
     psi = least_fluxes._integrated(np.zeros((7, 2)), at, start, end)
-    quarter, middle = 0.75 * start + 0.25 * end, 0.5 * (start + end)
+    quarter = 0.75 * start + 0.25 * end
+    middle = 0.5 * (start + end)
     halves = (start + 4 * quarter + middle) / 12
     wholes = (start + 4 * middle + end) / 6
     before = np.vstack([np.zeros((1, 2)), np.cumsum(wholes, axis=0)])

@@ -76,16 +76,19 @@ def best_constants(vertices, mean_free=True, refinements=4, form=H1):
     """
     mesh = skfem.MeshTri(np.array(vertices, float).T.copy(), np.array([[0], [1], [2]])).refined(refinements)
     basis = skfem.Basis(mesh, skfem.ElementTriP2())
-    K, integral = laplace.assemble(basis).toarray(), unit_load.assemble(basis)
+    K = laplace.assemble(basis).toarray()
+    integral = unit_load.assemble(basis)
     projector = np.eye(basis.N)
     if mean_free:
         projector -= np.outer(np.ones(basis.N), integral) / integral.sum()
         K += np.outer(integral, integral)
     else:
         K = form.k * K + form.c * mass.assemble(basis).toarray()
-    largest, last = [], [basis.N - 1] * 2
+    largest = []
+    last = [basis.N - 1] * 2
     v = np.array(vertices)
-    boundary, middle = mesh.boundary_facets(), mesh.p[:, mesh.facets[:, mesh.boundary_facets()]].mean(axis=1)
+    boundary = mesh.boundary_facets()
+    middle = mesh.p[:, mesh.facets[:, mesh.boundary_facets()]].mean(axis=1)
     for a, b in zip(v, np.roll(v, -1, axis=0), strict=True):
         off = np.abs((b - a)[0] * (middle[1] - a[1]) - (b - a)[1] * (middle[0] - a[0]))
         on_edge = skfem.FacetBasis(mesh, skfem.ElementTriP2(), facets=boundary[off < 1e-12 * np.ptp(v)])
@@ -108,7 +111,8 @@ def best_of_traces(name):
 @pytest.mark.parametrize("name", TRIANGLES)
 def test_a_triangle_s_constants_are_never_below_the_best(name):
     """And at most 4 times the best, so that what oscillates is at most doubled."""
-    mesh, best = triangle(name), best_of_traces(name)
+    mesh = triangle(name)
+    best = best_of_traces(name)
     taken = trace_constants(mesh) / 3
     assert np.all(best <= taken)
     assert np.all(taken <= 4 * best)
@@ -162,7 +166,8 @@ def test_on_every_edge_the_smaller_constant_counts(form):
 
 def in_squares(mesh, points):
     """(k, nb) whether the points (k, 2) lie inside the squares on the boundary edges."""
-    tangents, lengths = mesh.polygon.tangents[mesh.side], np.diff(mesh.s)
+    tangents = mesh.polygon.tangents[mesh.side]
+    lengths = np.diff(mesh.s)
     offset = points[:, None] - mesh.points[mesh.boundary]
     along = np.sum(offset * tangents, axis=2) / lengths
     into = -np.sum(offset * mesh.polygon.normals[mesh.side], axis=2) / lengths
@@ -171,9 +176,11 @@ def in_squares(mesh, points):
 
 def squares_fit(mesh, used):
     """Whether 100 random points of every square that is used lie in Omega and in no other such square."""
-    rng, edge = np.random.default_rng(0), np.repeat(np.flatnonzero(used), 100)
+    rng = np.random.default_rng(0)
+    edge = np.repeat(np.flatnonzero(used), 100)
     along, into = rng.uniform(0.01, 0.99, (2, len(edge), 1)) * np.diff(mesh.s)[edge, None]
-    polygon, side = mesh.polygon, mesh.side[edge]
+    polygon = mesh.polygon
+    side = mesh.side[edge]
     points = mesh.points[mesh.boundary[edge]] + along * polygon.tangents[side] - into * polygon.normals[side]
     return np.all(polygon.contains(points)) and np.all(in_squares(mesh, points)[:, used].sum(axis=1) == 1)
 
@@ -199,10 +206,12 @@ def test_waves_on_edges_are_bounded_sharply(n, waves, constant, of_1):
     """
     mesh = structured(square(), 1 / n)
     squares = np.where(mesh.side == 0, 1 / (2 * n), 0.0)[:, None]
-    q, used = sqrt(1 + (2 * pi * waves * n) ** 2), has_square(mesh)
+    q = sqrt(1 + (2 * pi * waves * n) ** 2)
+    used = has_square(mesh)
     true = sqrt(1 / (2 * q * tanh(q)))
     assert oscillation_bound(mesh, squares, constant)[0] >= true
-    squares, share = squares * used[:, None], true * sqrt(used[:n].mean())
+    squares = squares * used[:, None]
+    share = true * sqrt(used[:n].mean())
     of_squares = oscillation_bound(mesh, squares, constant)[0]
     assert of_squares == pytest.approx(share, rel=of_1)
     assert used[:n].any()
@@ -234,13 +243,16 @@ def test_a_partition_that_is_not_nested_in_the_reference_mesh(name):
     """Bounds by spaces for a finer partition overlap those by spaces for its own; 5 % as for errors."""
     polygon = POLYGONS[name]
     other = partitions.shifted(polygon, 1 / 4, 0.37)
-    case, own = Flux(polygon, 0.41, Fraction(1, 2)), dual_norm(other, (), 16)
+    case = Flux(polygon, 0.41, Fraction(1, 2))
+    own = dual_norm(other, (), 16)
     assert not np.isin(other.points, norm_on(name, 6).spaces.mesh.s).all()
     mu = np.random.default_rng(4).standard_normal((3, other.n_cells))
-    fine, coarse = own.of_p0(mu), norm_on(name, 6).of_p0(mu, other)
+    fine = own.of_p0(mu)
+    coarse = norm_on(name, 6).of_p0(mu, other)
     assert brackets(coarse, fine.lower, fine.upper, gap=0.05)
     own = dual_norm(other, [case], 16)
-    fine, coarse = own.of_error(case, mu), norm_on(name, 6).of_error(case, mu, other)
+    fine = own.of_error(case, mu)
+    coarse = norm_on(name, 6).of_error(case, mu, other)
     assert brackets(coarse, fine.lower, fine.upper, gap=0.05)
 
 

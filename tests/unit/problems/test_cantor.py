@@ -68,7 +68,8 @@ def test_the_order_is_where_the_norms_of_the_generations_stop_to_fall(power, kee
     Their sums over a generation, from the intervals themselves, are a geometric series. Control: without the
     dimension, as for finitely many, the order would be higher, and there the sums grow.
     """
-    order, removed = family(5, keep).order(power), family(5, keep).divided()[0]
+    order = family(5, keep).order(power)
+    removed = family(5, keep).divided()[0]
     lengths = np.array([b - a for a, b in removed], dtype=float)
     generations = [lengths[:1], lengths[1:5], lengths[5:]]
 
@@ -106,7 +107,8 @@ def test_the_atom_is_the_sum_of_single_ones(polygon):
 def test_its_trace_and_flux_are_the_sums_too():
     t = np.linspace(0, 1, 2001)
     along = Along(t, t, 0 * t)
-    found, expected = atom().trace_and_flux(0, along), [e.trace_and_flux(0, along) for e in singles()]
+    found = atom().trace_and_flux(0, along)
+    expected = [e.trace_and_flux(0, along) for e in singles()]
     np.testing.assert_allclose(found[0], sum(u for u, _ in expected), rtol=0, atol=1e-14)
     np.testing.assert_allclose(found[1], sum(flux for _, flux in expected), rtol=0, atol=1e-13)
     assert found[1].min() >= 0
@@ -116,7 +118,9 @@ def test_its_trace_and_flux_are_the_sums_too():
 def test_the_gap_by_hand(gamma):
     """The top of a tent of length l is (l/4)^gamma, or a hundredth of it on what is left."""
     value = compile_numpy([gap(family(2), gamma)], "t")
-    first, second, third = 443 / 1600, 497 / 1600, 37 / 80
+    first = 443 / 1600
+    second = 497 / 1600
+    third = 37 / 80
     t = np.array([0, 1 / 16, 1 / 8, first, (first + second) / 2, (second + third) / 2, 0.5, 7 / 8, 1])
     tops = np.array([1 / 8, 1 / 16, 0, 0, (second - first) / 4, (third - second) / 4, 0, 0, 1 / 8]) ** float(
         gamma
@@ -131,7 +135,8 @@ def test_the_certificate_says_that_there_are_infinitely_many(name):
 
     lambda is in H^sigma for sigma < 1/3 + (1 - d)/2, u - g in H^tau for tau < gamma + (1 - d)/2.
     """
-    found, case = certified(name), load(name)
+    found = certified(name)
+    case = load(name)
     assert found.hypotheses == {"j": True, "jj": GAPS[name] >= 1, "jjj": False}
     assert found.g_regular == (GAPS[name] >= 3 / 2)
     d = np.log(2) / np.log(3)

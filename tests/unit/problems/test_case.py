@@ -57,12 +57,16 @@ def inside(polygon, n):
 
 def differences(f, points, step):
     """Central differences of fourth order: the gradient (k, 2) and the Laplacian (k,)."""
-    gradient, laplacian = np.zeros_like(points), np.zeros(len(points))
+    gradient = np.zeros_like(points)
+    laplacian = np.zeros(len(points))
     centre = f(points)
     for axis in range(2):
         e = np.zeros(2)
         e[axis] = step
-        m2, m1, p1, p2 = (f(points + k * e) for k in (-2, -1, 1, 2))
+        m2 = f(points + (-2) * e)
+        m1 = f(points + (-1) * e)
+        p1 = f(points + 1 * e)
+        p2 = f(points + 2 * e)
         gradient[:, axis] = (m2 - 8 * m1 + 8 * p1 - p2) / (12 * step)
         laplacian += (-m2 + 16 * m1 - 30 * centre + 16 * p1 - p2) / (12 * step**2)
     return gradient, laplacian
@@ -71,7 +75,8 @@ def differences(f, points, step):
 @on_every_place
 def test_derivatives_are_those_of_u(name, polygon, side):
     """Fourth-order differences, step 1e-3, 0.02 away from kinks and singular points: errors below 1e-4."""
-    case, step = load(name, polygon, side), 1e-3
+    case = load(name, polygon, side)
+    step = 1e-3
     points = inside(case.polygon, 400)
     level = [np.abs(kink.level(points)) for kink in case.kinks()]
     singular = case.singular()
@@ -98,7 +103,8 @@ PLACED = [*PLACES, *((name, at[0], 0) for name, at in IRREGULAR.items()), ("viol
 @pytest.mark.parametrize(("name", "polygon", "side"), PLACED)
 def test_where_a_case_is_said_to_vanish_it_does(name, polygon, side):
     """At the vertices and in the centroids of triangles; somewhere, unless an atom has no cutoff."""
-    case, mesh = load(name, polygon, side), structured(POLYGONS[polygon], 1 / 32)
+    case = load(name, polygon, side)
+    mesh = structured(POLYGONS[polygon], 1 / 32)
     zero = case.vanishes(*mesh.circles)
     corners = mesh.points[mesh.triangles[zero]]
     points = np.concatenate([corners.reshape(-1, 2), corners.mean(axis=1)])
@@ -133,7 +139,8 @@ def test_a_flux_like_a_root(name, polygon, side, start, cutoff, rounding):
 
     At a vertex, sides of other lengths see the cutoff's end from coordinates.
     """
-    case, t = load(name, polygon, side), np.linspace(0, 1, 1001)
+    case = load(name, polygon, side)
+    t = np.linspace(0, 1, 1001)
     s = t - start
     expected = np.sqrt(np.maximum(s, 0)) * np.maximum(1 - (s / cutoff) ** 2, 0) ** 4
     for i in range(case.polygon.n_sides):
@@ -144,7 +151,8 @@ def test_a_flux_like_a_root(name, polygon, side, start, cutoff, rounding):
 @on_every_place
 def test_traces_are_limits_from_inside(name, polygon, side):
     """At a distance of 1e-9 u and du/dn differ from their boundary values by O(1e-9) times derivatives."""
-    case, n = load(name, polygon, side), 40
+    case = load(name, polygon, side)
+    n = 40
     rng = np.random.default_rng(3)
     sides = np.repeat(np.arange(case.polygon.n_sides), n)
     s = rng.uniform(0.01, 0.99, len(sides))
@@ -158,7 +166,8 @@ def test_traces_are_limits_from_inside(name, polygon, side):
 
 def test_distances_along_a_side_do_not_round():
     """1/3 + 1e-20 is 1/3, its distance from there is not 0."""
-    third, off = np.array([1 / 3]), np.array([1e-20])
+    third = np.array([1 / 3])
+    off = np.array([1e-20])
     assert Along(third + off, third, off).minus(1 / 3).tolist() == [1e-20]
 
 
@@ -300,7 +309,8 @@ def test_every_case_is_certified(name, polygon, side):
     u - g is not in H^(3/2) where it is like s_+^k with k <= 1, for that is in H^tau for tau < k + 1/2.
     lambda is unbounded where it is like r^(-1/3), at a held corner, or like s^alpha with alpha < 0.
     """
-    case, found = load(name, polygon, side), certified(name, polygon, side)
+    case = load(name, polygon, side)
+    found = certified(name, polygon, side)
     hypotheses = IRREGULAR[name][1] if name in IRREGULAR else (True, True, True)
     assert tuple(found.hypotheses.values()) == tuple(case.declaration["hypotheses"].values()) == hypotheses
     expected = np.array(contact(name, polygon, side)).reshape(-1, 3)

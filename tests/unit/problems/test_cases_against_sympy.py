@@ -41,7 +41,8 @@ def derive(v, polar):
     symbols = (R, THETA) if polar else (T, D)
     first, second = symbols
     r = R if polar else sympy.Integer(1)
-    along, across = sympy.diff(v, first), sympy.diff(v, second) / r
+    along = sympy.diff(v, first)
+    across = sympy.diff(v, second) / r
     laplacian = sympy.diff(v, first, 2) + sympy.diff(v, second, 2) / r**2
     if polar:
         laplacian += along / r
@@ -64,8 +65,10 @@ def exact(value):
 
 def polar_factor(entry, omega):
     """By the README: r^beta times a cosine or a sine."""
-    alpha, times = exact(entry.get("alpha", 0)), exact(entry.get("times", 1))
-    beta, kind = 1 + alpha, entry.get("kind", "harmonic")
+    alpha = exact(entry.get("alpha", 0))
+    times = exact(entry.get("times", 1))
+    beta = 1 + alpha
+    kind = entry.get("kind", "harmonic")
     if kind == "harmonic":
         v = R**beta * sympy.cos(beta * (sympy.pi - THETA)) / (beta * sympy.sin(alpha * sympy.pi))
     elif kind == "free":
@@ -89,9 +92,11 @@ def turned(derived):
     """The parts of an atom in polar coordinates, in Cartesian ones with the same origin."""
 
     def parts(along, into):
-        r, theta = mpmath.hypot(along, into), mpmath.atan2(into, along) % (2 * mpmath.pi)
+        r = mpmath.hypot(along, into)
+        theta = mpmath.atan2(into, along) % (2 * mpmath.pi)
         v, outward, around, laplacian = derived(r, theta)
-        c, s = mpmath.cos(theta), mpmath.sin(theta)
+        c = mpmath.cos(theta)
+        s = mpmath.sin(theta)
         return [v, outward * c - around * s, outward * s + around * c, laplacian]
 
     return parts
@@ -113,7 +118,9 @@ class Oracle:
 
     def __init__(self, name, polygon, side=0):
         self.declaration, _ = cases.declared(name)
-        self.polygon, self.side, self.atoms = polygon, side, []
+        self.polygon = polygon
+        self.side = side
+        self.atoms = []
         self.vertices = [[mpmath.mpf(z) for z in vertex] for vertex in polygon.vertices.tolist()]
         self.constants = {
             key: exact(value[polygon.name] if isinstance(value, dict) else value)
@@ -166,14 +173,18 @@ class Oracle:
 
     def on_side(self, side, t, derived, polar=True):
         """u, its two derivatives and its Laplacian by x and y, of L v(x / L)."""
-        a, b = (self.vertices[i % self.polygon.n_sides] for i in (side, side + 1))
+        a = self.vertices[side % self.polygon.n_sides]
+        b = self.vertices[(side + 1) % self.polygon.n_sides]
         length = mpmath.hypot(b[0] - a[0], b[1] - a[1])
-        p, q = ((b[i] - a[i]) / length for i in range(2))
+        p = (b[0] - a[0]) / length
+        q = (b[1] - a[1]) / length
         t = quotient(t) if t else mpmath.mpf(0)
 
         def parts(x, y):
-            dx, dy = (x - a[0]) / length - t * p, (y - a[1]) / length - t * q
-            along, into = p * dx + q * dy, p * dy - q * dx
+            dx = (x - a[0]) / length - t * p
+            dy = (y - a[1]) / length - t * q
+            along = p * dx + q * dy
+            into = p * dy - q * dx
             into = abs(into) if abs(into) < 1e-12 else into
             v, first, second, laplacian = (turned(derived) if polar else derived)(along, into)
             return length * v, first * p - second * q, first * q + second * p, laplacian / length
@@ -193,7 +204,8 @@ class Oracle:
 
     def gap(self, side, t):
         """The gap at places t (k,) of a side."""
-        n, declared = self.polygon.n_sides, self.declaration["gap"]
+        n = self.polygon.n_sides
+        declared = self.declaration["gap"]
         here = [e for e in declared.get("sides", []) if (self.side + e["side"]) % n == side]
         if side in self.clamped:
             gap = sympy.Integer(0)
@@ -213,8 +225,10 @@ class Oracle:
 
 def removed(entry):
     """The intervals that each generation removes, and those that are left."""
-    keep, inset = exact(entry["keep"]), exact(entry["inset"])
-    left, generations = [(inset, 1 - inset)], []
+    keep = exact(entry["keep"])
+    inset = exact(entry["inset"])
+    left = [(inset, 1 - inset)]
+    generations = []
     for _ in range(entry["generations"]):
         generations.append([(a + keep * (b - a), b - keep * (b - a)) for a, b in left])
         left = [piece for a, b in left for piece in ((a, a + keep * (b - a)), (b - keep * (b - a), b))]
@@ -228,7 +242,8 @@ def contact_intervals(entry):
 def cantor_gap(entry):
     """By the README: tents on what even generations remove, DUST times such tents on what is left."""
     generations, left = removed(entry)
-    inset, gamma = exact(entry["inset"]), exact(entry["gamma"])
+    inset = exact(entry["inset"])
+    gamma = exact(entry["gamma"])
     tents = [(1, pair) for generation in generations[1::2] for pair in generation]
     tents += [(sympy.Rational(DUST), pair) for pair in left]
     return (
@@ -240,10 +255,13 @@ def cantor_gap(entry):
 
 def inside(polygon, numbers, rng):
     """Random points of a polygon, none within 0.003 of its boundary."""
-    low, high = polygon.vertices.min(axis=0), polygon.vertices.max(axis=0)
+    low = polygon.vertices.min(axis=0)
+    high = polygon.vertices.max(axis=0)
     points = low + (high - low) * rng.random((40 * numbers, 2))
-    a, b = polygon.vertices, np.roll(polygon.vertices, -1, axis=0)
-    dx, dy = points[:, None, 0], points[:, None, 1]
+    a = polygon.vertices
+    b = np.roll(polygon.vertices, -1, axis=0)
+    dx = points[:, None, 0]
+    dy = points[:, None, 1]
     crossed = (a[:, 1] > dy) != (b[:, 1] > dy)
     with np.errstate(all="ignore"):
         left = dx < a[:, 0] + (dy - a[:, 1]) / (b[:, 1] - a[:, 1]) * (b[:, 0] - a[:, 0])
@@ -255,7 +273,9 @@ def inside(polygon, numbers, rng):
 
 def deviations(name, polygon, times=1.0, numbers=8):
     """The largest difference of each kind, relative to the largest value of u, grad u or f."""
-    case, rng, oracle = cases.load(name, polygon), np.random.default_rng(47), Oracle(name, polygon)
+    case = cases.load(name, polygon)
+    rng = np.random.default_rng(47)
+    oracle = Oracle(name, polygon)
     # points inside, as many of them near side 0, where the atoms are
     near = polygon.at(np.zeros(numbers, dtype=int), polygon.lengths[0] * rng.uniform(0.05, 0.95, numbers))
     points = np.vstack([inside(polygon, numbers, rng), near - 0.01 * polygon.normals[0]])
@@ -273,10 +293,12 @@ def deviations(name, polygon, times=1.0, numbers=8):
     }
     for side in range(polygon.n_sides):
         t = rng.uniform(0.02, 0.98, numbers)
-        sides, s = np.full(numbers, side), t * polygon.lengths[side]
+        sides = np.full(numbers, side)
+        s = t * polygon.lengths[side]
         trace, flux, gap = case.boundary(sides, s)
         exact_trace, *exact_gradient, _ = oracle.values(polygon.at(sides, s))
-        exact_gap, normal = oracle.gap(side, t), polygon.normals[side]
+        exact_gap = oracle.gap(side, t)
+        normal = polygon.normals[side]
         exact_flux = (
             0 * t if side in oracle.clamped else exact_gradient[0] * normal[0] + exact_gradient[1] * normal[1]
         )

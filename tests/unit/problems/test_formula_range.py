@@ -77,7 +77,8 @@ def test_a_vertex_that_hardly_reaches_into_a_box_counts(beyond):
 def test_boxes_that_touch_the_polygon_but_for_rounding_count():
     """A vertex is the corner of each box, far from the origin; the middles of boxes are rounded."""
     polygon = Polygon(square().vertices + 1e6 / 3, "far")
-    at, sizes = polygon.vertices[0], 10.0 ** np.random.default_rng(1).uniform(-9, -2, (500, 2))
+    at = polygon.vertices[0]
+    sizes = 10.0 ** np.random.default_rng(1).uniform(-9, -2, (500, 2))
     boxes = np.stack([at - sizes, np.broadcast_to(at, sizes.shape)], axis=2)
     assert formula_range._part(polygon, boxes)[0].all()
     half = 0.5 * np.hypot(*(boxes[..., 1] - boxes[..., 0]).T)

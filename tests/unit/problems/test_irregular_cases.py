@@ -176,8 +176,10 @@ def test_full_contact_at_a_vertex_with_a_smooth_flux(name, vertex, angle, square
 
     On the two sides at the vertex lambda is that of the latter alone: the same number all along and positive.
     """
-    case, (times, x, y) = load_on(name, home(name).name), square_distance
-    polygon, here = case.polygon, case.polygon.vertices[vertex]
+    case = load_on(name, home(name).name)
+    (times, x, y) = square_distance
+    polygon = case.polygon
+    here = case.polygon.vertices[vertex]
     inside = triangles_inside(polygon)
     z = (inside - here) @ [1, 1j] / (polygon.tangents[vertex] @ [1, 1j])
     theta = np.angle(z) % (2 * np.pi)
@@ -213,9 +215,13 @@ def test_energies_feel_a_rounded_distance():
     case = load("rough")
     rules = list(triangle_rules(structured(square(), 1 / 12), case, 14))
     with np.errstate(all="ignore"):
-        rounded, exact = (
-            sum(rule.weight.ravel() @ squared_gradient(case, *where(rule)) for rule in rules)
-            for where in (lambda rule: (rule.points,), lambda rule: (rule.origin, rule.offset))
+        rounded = sum(
+            rule.weight.ravel() @ squared_gradient(case, *(lambda rule: (rule.points,))(rule))
+            for rule in rules
+        )
+        exact = sum(
+            rule.weight.ravel() @ squared_gradient(case, *(lambda rule: (rule.origin, rule.offset))(rule))
+            for rule in rules
         )
     assert not abs(rounded / exact - 1) < 0.01
 

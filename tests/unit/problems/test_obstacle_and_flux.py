@@ -35,7 +35,8 @@ def pieces(rng, k=40):
     """On one side of a square, with ends that are no sums of powers of 2, and coefficients of many sizes."""
     start = np.concatenate([[0.0], np.sort(rng.uniform(0, 1, k - 1))])
     c = rng.standard_normal((ORDER + 1, k)) * 10.0 ** rng.uniform(-3, 3, (ORDER + 1, k))
-    zero, side = np.zeros(k), np.zeros(k, dtype=np.intp)
+    zero = np.zeros(k)
+    side = np.zeros(k, dtype=np.intp)
     return IntervalPieces(side, start, np.append(start[1:], 1.0), c, zero, zero, zero)
 
 
@@ -43,7 +44,8 @@ def errors_over_bounds(seed):
     """At random places, known exactly by their shares of the side."""
     rng = np.random.default_rng(seed)
     polygon = Polygon(np.array([[0, 0], [1 / 3, 1 / 7], [0.1, 0.9]]))
-    of, length = pieces(rng), float(polygon.lengths[0])
+    of = pieces(rng)
+    length = float(polygon.lengths[0])
     points = of.points(polygon)
     points[-1] = length
     bound = of.rounding(points)
@@ -64,7 +66,8 @@ def test_values_are_off_by_no_more_than_is_allowed():
 
 def test_large_constants_are_rounded_as_sums_are():
     """At a place that is exact, of a large constant with a little more, which a shift hardly changes."""
-    rng, worst = np.random.default_rng(1), 0.0
+    rng = np.random.default_rng(1)
+    worst = 0.0
     for _ in range(50):
         c = rng.standard_normal((ORDER + 1, 1))
         c[0] *= 1e6
@@ -121,7 +124,8 @@ U_AND_SLOPE = [("sin(20*t)", "20*cos(20*t)"), ("exp(t) + 1e6*t**7", "exp(t) + 7e
 
 def u_on_bottom(text, slope, length=1.0):
     """u on the clamped side 0, of that length, of a rectangle, with its derivative; the others are free."""
-    of_u, of_slope = (parse(each, ("t",), "here") for each in (text, slope))
+    of_u = parse(text, ("t",), "here")
+    of_slope = parse(slope, ("t",), "here")
     rectangle = Polygon(np.array([[0, 0], [length, 0], [length, 1], [0, 1]]))
     return enclose_obstacle(
         rectangle,
@@ -139,7 +143,8 @@ def off(u, text, length):
     found = []
     for k in np.flatnonzero(u.side == 0):
         start, end = u.points[k : k + 2]
-        half, powers = (mpmath.mpf(end) - start) / 2, u.c[:, k].tolist()
+        half = (mpmath.mpf(end) - start) / 2
+        powers = u.c[:, k].tolist()
         found.append(
             max(
                 abs(sum(n * c * x ** (n - 1) for n, c in enumerate(powers) if n) / half - slope(s) / length)
@@ -155,7 +160,8 @@ def off(u, text, length):
 def test_the_derivative_of_u_is_within_its_doubt_of_the_polynomials(text, slope, length):
     """Derivatives by sympy, at places in mpmath; that a wrong one is noticed is the control."""
     u = u_on_bottom(text, slope, length)
-    on, error = u.side == 0, off(u, text, length)
+    on = u.side == 0
+    error = off(u, text, length)
     assert np.all(error <= u.steep[on])
     assert np.all(u.steep[~on] == 0)
     assert np.all(off(u, f"{text} + t/1000", length) > u.steep[on])
@@ -165,9 +171,11 @@ def test_polynomials_agree_where_they_meet_and_have_their_derivatives():
     found = g_on_bottom("sin(20*t) + pos(t - 1/3, 3/2)")
     inner = found.points[1:-1][found.points[1:-1] < 1]
     piece = np.arange(len(inner))
-    before, after = found.at(piece, inner)[0], found.at(piece + 1, inner)[0]
+    before = found.at(piece, inner)[0]
+    after = found.at(piece + 1, inner)[0]
     np.testing.assert_allclose(before, after, rtol=0, atol=1e-15)
-    s, step = np.linspace(0.011, 0.993, 50), 1e-6
+    s = np.linspace(0.011, 0.993, 50)
+    step = 1e-6
     slope = found.at(found.on(s), s)[1]
     exact = 20 * np.cos(20 * s) + 1.5 * np.sqrt(np.maximum(s - 1 / 3, 0))
     np.testing.assert_allclose(slope, exact, rtol=0, atol=1e-5)
@@ -208,7 +216,8 @@ def test_what_takes_too_many_pieces_is_known_less_well(monkeypatch):
 def test_g_of_a_case_is_that_of_its_formulas(name):
     """u - gap by `ExactSolution.boundary`, which is tested elsewhere, on all sides."""
     case = load(name, "lshape" if name in ("reentrant", "violates_j") else "square")
-    found, polygon = case.problem.enclosed_obstacle, case.polygon
+    found = case.problem.enclosed_obstacle
+    polygon = case.polygon
     s = np.sort(np.random.default_rng(1).random(2000)) * polygon.perimeter
     side = np.searchsorted(polygon.starts, s, side="right") - 1
     u, _, gap = case.boundary(side, s - polygon.starts[side])

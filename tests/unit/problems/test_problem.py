@@ -51,7 +51,8 @@ def test_f_and_g_are_the_formulas(declared):
     x, y = np.random.default_rng(1).random((2, 20))
     expected = np.sin(x) * y + np.maximum(x - 1, 0)
     assert compile_numpy([problem.f], "xy")(x, y)[0] == pytest.approx(expected, rel=1e-14)
-    side, s = np.array([0, 1, 1, 2]), np.array([0.3, 0.2, 0.9, 1.0])
+    side = np.array([0, 1, 1, 2])
+    s = np.array([0.3, 0.2, 0.9, 1.0])
     x, y = problem.polygon.at(side, s).T
     by_side = [x * (x - 2), y * np.exp(x - 2), (1 - 2 * x) * (x - y) * x + 3 * np.exp(-1.5) * x]
     along = problem.polygon.starts[side] + s
@@ -59,7 +60,8 @@ def test_f_and_g_are_the_formulas(declared):
     g, slope = found.at(found.on(along), along)
     assert g == pytest.approx([by_side[i][k] for k, i in enumerate(side)], rel=1e-8)
     step = 1e-5
-    before, after = (found.at(found.on(along + d), along + d)[0] for d in (-step, step))
+    before = found.at(found.on(along + (-step)), along + (-step))[0]
+    after = found.at(found.on(along + step), along + step)[0]
     assert slope == pytest.approx((after - before) / (2 * step), rel=1e-6)
 
 
@@ -69,7 +71,8 @@ def test_jumps_of_f_are_where_it_has_them(declared):
     line, circle = sorted(
         problem_file.load(declared(f=f)).source.jumps.values(), key=lambda kink: kink.radius
     )
-    on_line, on_circle = np.array([[0.1, 0.4], [0.5, 0.0]]), np.array([[0.5, 0.5], [1.0, 1.0]])
+    on_line = np.array([[0.1, 0.4], [0.5, 0.0]])
+    on_circle = np.array([[0.5, 0.5], [1.0, 1.0]])
     assert line.level(on_line) == pytest.approx([0, 0], abs=1e-15)
     assert abs(line.level(np.array([[1.0, 1.0]]))) == pytest.approx([1.5 / np.sqrt(2)])
     assert circle.level(on_circle) == pytest.approx([0, 0], abs=1e-15)

@@ -32,7 +32,9 @@ ALONG = ("x", "y", "(1 - x)", "(1 - y)")
 """The arc length on the sides of the unit square."""
 OPERATIONS = 64
 """More than the operations, each rounded by EPS at most, that a side's formula has, and enclosures double."""
-CLAMPED, CONTACT, FREE = "clamped", "contact", "free"
+CLAMPED = "clamped"
+CONTACT = "contact"
+FREE = "free"
 REFUSED = r"it jumps at vertex|u >= g has to hold there"
 UNIT = square()
 MESH = structured(UNIT, 1 / 4)
@@ -74,10 +76,12 @@ def drawn(seed, kept, operations=OPERATIONS):
             if kinds[i] == CLAMPED and kinds[other] == CONTACT and rng.random() < 0.3:
                 ends[other, 1 if other in (i - 1, i + 3) else 0] -= 10 ** rng.uniform(-12, 12)
     vertex = int(rng.choice(meet))
-    before, after = ends[vertex - 1], ends[vertex]
+    before = ends[vertex - 1]
+    after = ends[vertex]
     sizes = np.abs([before, after])
     rounding = operations * EPS * sizes.sum()
-    fits, wrong = rng.random() < 0.5, None
+    fits = rng.random() < 0.5
+    wrong = None
     if fits:
         after[0] = before[1] * (1 + 1e-2 * kept * rng.choice([-1, 1]))
     else:
@@ -105,7 +109,8 @@ def trace(i, start, end):
 def checked(of, given):
     """The problem, checked as those of users are."""
     sides = {i: given(i, *of.ends[i]) for i in range(4) if of.kinds[i] != FREE}
-    free, clamped = (tuple(i for i in range(4) if of.kinds[i] == kind) for kind in (FREE, CLAMPED))
+    free = tuple(i for i in range(4) if of.kinds[i] == FREE)
+    clamped = tuple(i for i in range(4) if of.kinds[i] == CLAMPED)
     g = [sides.get(i, ZERO) for i in range(4)]
     k, c = (parse(repr(float(each)), (), "drawn") for each in of.kc)
     found = Problem("drawn", UNIT, ZERO, tuple(g), free, k, c, clamped_sides=clamped)
@@ -198,7 +203,8 @@ def row_of_squares(n):
     x = np.linspace(0, 1, n + 1)
     points = np.concatenate([np.stack([x, 0 * x], axis=1), np.stack([x, 0 * x + 1 / n], axis=1)])
     i = np.arange(n)
-    lower, upper = np.stack([i, i + 1, i + n + 2], axis=1), np.stack([i, i + n + 2, i + n + 1], axis=1)
+    lower = np.stack([i, i + 1, i + n + 2], axis=1)
+    upper = np.stack([i, i + n + 2, i + n + 1], axis=1)
     return points, np.concatenate([lower, upper])
 
 
@@ -293,7 +299,8 @@ def test_no_obstacle_is_dropped():
 
     An entry belongs to each side with contact, and to no other one.
     """
-    rng, refused = np.random.default_rng(11), 0
+    rng = np.random.default_rng(11)
+    refused = 0
     for _ in range(DRAWS):
         kinds = rng.choice([CLAMPED, CONTACT, FREE], size=4).tolist()
         given = [kind == CONTACT for kind in kinds]

@@ -63,7 +63,8 @@ def array(value):
 
 def test_the_data_in_the_file_are_those_of_the_solution(solution, page):
     """Bit by bit: nodes, triangles, u_h, lambda_H and the gap."""
-    surface, along = traces(page, "surface"), traces(page, "boundary")
+    surface = traces(page, "surface")
+    along = traces(page, "boundary")
     mesh = surface["mesh3d"]
     np.testing.assert_array_equal(np.column_stack([mesh["x"], mesh["y"]]), solution.mesh.points)
     np.testing.assert_array_equal(np.column_stack([mesh["i"], mesh["j"], mesh["k"]]), solution.mesh.triangles)
@@ -81,12 +82,16 @@ def test_the_data_in_the_file_are_those_of_the_solution(solution, page):
 def test_the_lines_of_contact_and_obstacle_lie_on_the_boundary(solution, page):
     """u_h along the contact is that of `u_at`; beside it the mean of g is that of x/10 - 1/10, by hand."""
     lines = traces(page, "surface")
-    x, y, z = (np.asarray(lines["contact"][axis], dtype=float) for axis in "xyz")
+    x = np.asarray(lines["contact"]["x"], dtype=float)
+    y = np.asarray(lines["contact"]["y"], dtype=float)
+    z = np.asarray(lines["contact"]["z"], dtype=float)
     on = np.isfinite(x)
     np.testing.assert_allclose(z[on], solution.u_at(np.column_stack([x, y])[on]), rtol=1e-12, atol=1e-15)
     assert np.count_nonzero(~on) == len(solution.contact.intervals) > 0
     (name,) = [each for each in lines if each.startswith("obstacle")]
-    x, y, z = (np.asarray(lines[name][axis], dtype=float) for axis in "xyz")
+    x = np.asarray(lines[name]["x"], dtype=float)
+    y = np.asarray(lines[name]["y"], dtype=float)
+    z = np.asarray(lines[name]["z"], dtype=float)
     bottom = (y[::2] == 0) & (y[1::2] == 0) & np.isfinite(z[::2])
     assert bottom.any()
     np.testing.assert_allclose(z[::2][bottom], ((x[::2] + x[1::2]) / 20 - 0.1)[bottom], rtol=1e-9, atol=1e-12)
@@ -140,7 +145,8 @@ def test_a_coarser_surface_covers_the_domain(most):
     points = mesh.points[nodes]
     assert {tuple(point) for point in points.tolist()} >= {(float(x), float(y)) for x, y in SQUARE}
     a, b, c = points[triangles].transpose(1, 2, 0)
-    (x, y), (z, w) = b - a, c - a
+    (x, y) = b - a
+    (z, w) = c - a
     assert (0.5 * (x * w - y * z)).sum() == pytest.approx(1, rel=0.02)
     assert len({tuple(sorted(each)) for each in triangles.tolist()}) == len(triangles)
     same, whole = clustered(mesh, len(mesh.triangles))
@@ -182,8 +188,11 @@ def test_buttons_turn_the_surface(browser, page):
     for name in ("turn left", "tilt up", "nearer", "from above", "reset"):
         buttons[name].send_keys("\n")
         seen[name] = np.array([browser.driver.execute_script(eye)[axis] for axis in "xyz"])
-    x, y, z = (first[axis] for axis in "xyz")
-    turned, angle = seen["turn left"], np.radians(15)
+    x = first["x"]
+    y = first["y"]
+    z = first["z"]
+    turned = seen["turn left"]
+    angle = np.radians(15)
     expected = [x * np.cos(angle) + y * np.sin(angle), y * np.cos(angle) - x * np.sin(angle), z]
     np.testing.assert_allclose(turned, expected, rtol=1e-9)
     assert seen["tilt up"][2] > z
@@ -222,14 +231,17 @@ def test_clamped_sides_are_hatched_outside(tmp_path):
     s = ul.solve(problem, h=1 / 8, H=1 / 4)
     s.save(tmp_path / "clamped.html")
     line = traces(tmp_path / "clamped.html", "surface")["clamped"]
-    x, y, z = (np.asarray(line[axis], dtype=float) for axis in "xyz")
+    x = np.asarray(line["x"], dtype=float)
+    y = np.asarray(line["y"], dtype=float)
+    z = np.asarray(line["z"], dtype=float)
     breaks = np.flatnonzero(np.isnan(x))
     assert len(breaks) == 2
     for part, across, height in (
         (slice(0, breaks[0]), y, x / 2),
         (slice(breaks[0] + 1, breaks[1]), x, 0 * x),
     ):
-        feet, tips = across[part][0::3], across[part][1::3]
+        feet = across[part][0::3]
+        tips = across[part][1::3]
         assert len(tips) == len(feet) > 10
         np.testing.assert_allclose(feet, 0, atol=1e-12)
         assert np.all(tips < -0.01)
@@ -252,7 +264,9 @@ def test_forces_and_reactions_stand_on_the_page_with_their_bounds():
         rows = dict(re.findall("<tr><th>(.*?)</th><td>(.*?)</td></tr>", interactive.page(s)))
         assert list(rows) == ["force, side 0", "reaction, side 3"]
         for text, force in zip(rows.values(), (s.forces().sides[0], s.forces().reactions[3,]), strict=True):
-            lower, upper, value = force.lower, force.upper, force.value
+            lower = force.lower
+            upper = force.upper
+            value = force.value
             assert text == interval(lower, upper, value) + ", guaranteed"
 
 

@@ -37,7 +37,8 @@ NUMBER = r"-?[0-9.]+(?:e[+-][0-9]+)?"
 def wrong(text, value, lower, upper):
     """What a text says of an interval that is not so; the words are looked for one by one."""
     found = []
-    has_lower, has_upper = math.isfinite(lower), math.isfinite(upper)
+    has_lower = math.isfinite(lower)
+    has_upper = math.isfinite(upper)
     if ("guaranteed" in text) != (has_upper or (has_lower and lower != 0)):
         found.append("guaranteed")
     if re.search(r"\b(nan|inf)\b", text):
@@ -71,7 +72,8 @@ def solution():
 def places(solution, monkeypatch):
     """All that prints a force, by the names of the places."""
     monkeypatch.setattr(summary, "_picture", lambda _: "")
-    drawn, certificate = shown.shown(solution), solution.certificate()
+    drawn = shown.shown(solution)
+    certificate = solution.certificate()
 
     def texts(force):
         monkeypatch.setattr(Solution, "force", lambda self, sharp=False, sides=None: force)
@@ -119,7 +121,8 @@ def test_what_was_printed_once_is_found_to_be_wrong():
 
 
 def test_forces_say_guaranteed_once_only_if_all_have_bounds():
-    known, unknown = Force(1.0, 0.75, 1.25), Force(2.0, 0.0, math.inf)
+    known = Force(1.0, 0.75, 1.25)
+    unknown = Force(2.0, 0.0, math.inf)
     assert repr(Forces(known, [known])) == "Forces: 1.00 ± 0.25; on sides 0: 1.00 ± 0.25; guaranteed"
     total = repr(Forces(known, [known], {}, Force(1.0, -math.inf, math.inf)))
     assert total.endswith("sum of forces and reactions: 1, no bound")

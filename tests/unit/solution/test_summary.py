@@ -161,7 +161,8 @@ def test_printing_warns_of_nothing_and_tells_what_is_unsure(functions, monkeypat
 
 def test_a_whole_boundary_in_contact_and_none():
     """By hand: g above f everywhere presses u onto g; g far below leaves u alone."""
-    full, none = (ul.solve(ul.Problem(SQUARE, f=0, g=g), **SIZES) for g in (1, -1))
+    full = ul.solve(ul.Problem(SQUARE, f=0, g=1), **SIZES)
+    none = ul.solve(ul.Problem(SQUARE, f=0, g=-1), **SIZES)
     assert "contact          the whole boundary, length 4 of 4" in repr(full)
     assert "contact          length 0 of 4" in repr(none)
     assert np.all(none.multiplier == 0)

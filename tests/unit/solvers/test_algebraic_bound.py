@@ -38,7 +38,8 @@ SQUARE = [[0, 0], [1, 0], [1, 1], [0, 1]]
 
 @pytest.fixture(autouse=True)
 def digits():
-    before, ctx.dps = ctx.dps, DIGITS
+    before = ctx.dps
+    ctx.dps = DIGITS
     yield
     ctx.dps = before
 
@@ -75,14 +76,20 @@ class System(NamedTuple):
 def of(discrete) -> System:
     """That which the bound is for."""
     if isinstance(discrete, CondensedProblem):
-        spaces, boundary, on = discrete.spaces, discrete.mesh.boundary, discrete.spaces.condensed
+        spaces = discrete.spaces
+        boundary = discrete.mesh.boundary
+        on = discrete.spaces.condensed
         B = np.zeros((len(discrete.cells), discrete.mesh.n_nodes))
         B[:, boundary] = spaces.B.toarray()
-        (A, sums), load = on.for_products, discrete.of_rest[0]
+        (A, sums) = on.for_products
+        load = discrete.of_rest[0]
         d = exact(spaces.operator.H_i) * exact(discrete.of_rest[1][discrete.cells])
     else:
         finest = discrete.grids.finest
-        A, sums, load, B = finest.of.A, finest.of.sums, finest.load, finest.cells.B.toarray()
+        A = finest.of.A
+        sums = finest.of.sums
+        load = finest.load
+        B = finest.cells.B.toarray()
         d = exact(finest.d)
     off_diagonal = A.toarray()
     np.fill_diagonal(off_diagonal, 0.0)
@@ -99,7 +106,8 @@ def solved_exactly(system: System, active: Mask) -> tuple[Array, Array]:
         B = system.B[active]
         whole = np.block([[system.A, -B.T], [B, exact(np.zeros((len(B), len(B))))]])
         solution = solve(whole, np.concatenate([system.load, system.d[active]]))
-        u, lambda_ = solution[:n], exact(np.zeros(len(active)))
+        u = solution[:n]
+        lambda_ = exact(np.zeros(len(active)))
         lambda_[active] = solution[n:]
         gap = system.B @ u - system.d
         after = np.where(active, lambda_ > 0, gap < 0).astype(bool)
@@ -174,7 +182,8 @@ def test_it_is_one_beside_clamped_sides(way: str, scale: float, c: float, clampe
 def test_the_bounds_of_the_iteration_alone_are_none(way: str) -> None:
     """Control: for the operator and the offset as they are computed they hold, and for the problem not."""
     discrete, found = solution(way, problem(1e12))
-    operator, mu = discrete.spaces.operator, found.result.lambda_H
+    operator = discrete.spaces.operator
+    mu = found.result.lambda_H
     alone = residual_bound(operator, discrete.offset, mu, 1 / operator.lambda_max)
     if way == "singular":
         alone = energy_bound(operator, discrete.offset, mu)
@@ -217,9 +226,11 @@ def test_the_default_stop_is_a_hundredth_of_the_bound_or_what_rounding_leaves(
     f: str, g: str, hidden: bool
 ) -> None:
     """A tolerance that rounding hides is not reached, and the solution says so."""
-    of_data, sizes = ul.Problem(SQUARE, f, g=g), {"h": 1 / 16, "H": 1 / 8}
+    of_data = ul.Problem(SQUARE, f, g=g)
+    sizes = {"h": 1 / 16, "H": 1 / 8}
     found = ul.solve(of_data, **sizes)
-    result, wanted = found.solved.result, 0.01 * found.bounds.u
+    result = found.solved.result
+    wanted = 0.01 * found.bounds.u
     assert found.converged
     assert result.bound <= max(wanted, 2 * result.rounding)
     assert (result.bound > wanted) == hidden
@@ -236,9 +247,11 @@ def root(P: float, linear: float) -> float:
 def test_no_number_above_the_bound_fulfils_the_inequality(share: float) -> None:
     """One cell: a = |R| s and b = |R| / (rho s) are known; where b is much larger it is hardly less."""
     of = DualOperator(np.array([[2.0]]), np.ones(1), 1.0)
-    rho, gap = 1.9 / of.lambda_max, residual_rounding.Rounded(np.array([-3.0]), np.zeros(1))
+    rho = 1.9 / of.lambda_max
+    gap = residual_rounding.Rounded(np.array([-3.0]), np.zeros(1))
     R = rho * 3.0
-    a, b = 2 * R, R / (2 * rho)
+    a = 2 * R
+    b = R / (2 * rho)
     delta = share * b
     found = certified(of, np.zeros(1), gap, delta, rho)
     least = root(b * delta, a + b + delta) + delta
@@ -248,7 +261,8 @@ def test_no_number_above_the_bound_fulfils_the_inequality(share: float) -> None:
     steep = DualOperator(np.array([[1e-3]]), np.ones(1), 1.0)  # a is nothing beside b
     slow = 1e-3 / steep.lambda_max
     b = 3.0 / 1e-3
-    found, alone = (certified(steep, np.zeros(1), gap, share * each, slow) for each in (1e-3, 0.0))
+    found = certified(steep, np.zeros(1), gap, share * 1e-3, slow)
+    alone = certified(steep, np.zeros(1), gap, share * 0.0, slow)
     least = root(b * share * 1e-3, slow * 3e-3 + b + share * 1e-3) + share * 1e-3
     assert least <= found
     assert found - alone <= 1.01 * (least - root(0, slow * 3e-3 + b)) + 1e-9 * b
@@ -260,8 +274,10 @@ def test_nor_by_the_energy(P: float, delta: float) -> None:
     """Of two cells with a singular S on a domain of area 4, one 1/2 below g, one above it with mu > 0."""
     of = DualOperator(np.array([[1.0, 1.0]]), np.ones(2), lift_norm=2.0)
     assert of.singular
-    gap, mu = residual_rounding.Rounded(np.array([-0.5, 0.5]), np.zeros(2)), np.array([0.0, P])
-    found, q = certified(of, mu, gap, delta, 1.0), 0.5 * 2
+    gap = residual_rounding.Rounded(np.array([-0.5, 0.5]), np.zeros(2))
+    mu = np.array([0.0, P])
+    found = certified(of, mu, gap, delta, 1.0)
+    q = 0.5 * 2
     least = root(P + q * delta, q + delta) + delta
     assert least <= found
     if max(P, delta) < 1:  # small beside q: then it is hardly less
@@ -283,7 +299,8 @@ def test_where_S_is_singular_u_is_raised_by_a_function_with_its_own_norm(name: s
     """
     form, h = SINGULAR[name]
     spaces = mixed_spaces(condense(structured(square(), h), form), uniform(square(), h))
-    of, x = spaces.operator, (np.arange(len(spaces.cells)) + 0.5) * h
+    of = spaces.operator
+    x = (np.arange(len(spaces.cells)) + 0.5) * h
     offset = -16 * x * (1 - x) * (2 * x - 1) ** 2 if form.clamped else -np.ones(len(x))
     assert of.singular
     nothing = np.zeros(len(x))
@@ -319,7 +336,8 @@ def test_the_least_eigenvalue_is_bounded_from_below() -> None:
     above = []
     for seed in range(20):
         rng = np.random.default_rng(seed)
-        q, r = (np.linalg.qr(rng.standard_normal((12, 12)))[0] for _ in range(2))
+        q = np.linalg.qr(rng.standard_normal((12, 12)))[0]
+        r = np.linalg.qr(rng.standard_normal((12, 12)))[0]
         of = DualOperator(q @ np.diag(10.0 ** np.linspace(0, -6, 12)) @ r, np.ones(12), 1.0)
         half = exact(of.half)
         eigenvalues = acb_mat((half.T @ half).tolist()).eig()

@@ -28,7 +28,8 @@ def test_v_is_optimal(force, start):
     Where v = 0 is best there is no gradient: then no value below 0 is found beside it.
     """
     rng = np.random.default_rng(3)
-    c, load = bounds(rng, 6), force * rng.random(N) * (rng.random(N) < 0.5) / N
+    c = bounds(rng, 6)
+    load = force * rng.random(N) * (rng.random(N) < 0.5) / N
     active = np.isfinite(c) & {"all": True, "none": False, "some": rng.random(c.shape) < 0.5}[start]
     v = least(S, load, c, active, NONE)
     assert np.all(v >= c)
@@ -39,7 +40,8 @@ def test_v_is_optimal(force, start):
             for beside in np.maximum(rng.standard_normal((50, N)), low):
                 assert load @ beside + np.sqrt(beside @ S @ beside) >= 0
             continue
-        gradient, scale = load + S @ w / norm, load.max() + np.sqrt(S.max())
+        gradient = load + S @ w / norm
+        scale = load.max() + np.sqrt(S.max())
         assert np.abs(gradient[w > low + 1e-9]).max(initial=0) < 1e-9 * scale
         assert gradient.min() > -1e-9 * scale
 
@@ -57,7 +59,8 @@ def test_one_unknown():
 def test_sets_that_do_not_settle_leave_the_best_one(monkeypatch):
     """Never worse than a constant, never below c, and not worse after more steps."""
     rng = np.random.default_rng(5)
-    c, load = bounds(rng, 20), rng.random(N)
+    c = bounds(rng, 20)
+    load = rng.random(N)
     constant = np.ones((N, 1)) * c.max(axis=0)
     values = [of_least._values(S, load, constant)]
     for steps in range(4):
@@ -71,6 +74,8 @@ def test_sets_that_do_not_settle_leave_the_best_one(monkeypatch):
 
 def test_the_pivoted_matrix_exchanges_v_and_s_v():
     rng = np.random.default_rng(6)
-    usual, v = rng.random(N) < 0.5, rng.standard_normal(N)
-    known, wanted = np.where(usual, S @ v, v), np.where(usual, v, S @ v)
+    usual = rng.random(N) < 0.5
+    v = rng.standard_normal(N)
+    known = np.where(usual, S @ v, v)
+    wanted = np.where(usual, v, S @ v)
     assert of_least._pivoted(S, usual) @ known == pytest.approx(wanted, abs=1e-10)

@@ -77,7 +77,8 @@ def on_levels(mesh: Mesh, partition: Partition, g: Array, free: tuple[int, ...] 
 
 def both(mesh: Mesh, partition: Partition, g: Array, free: tuple[int, ...] = ()) -> Both:
     """The same problem in both ways."""
-    spaces, load = mixed_spaces(condense(mesh, Form(free=free)), partition), by_parts(mesh, of)
+    spaces = mixed_spaces(condense(mesh, Form(free=free)), partition)
+    load = by_parts(mesh, of)
     trace = spaces.condensed.solve(load)[mesh.boundary]
     return Both(on_levels(mesh, partition, g, free), with_load(spaces, load, trace, g))
 
@@ -96,7 +97,8 @@ def waves(partition: Partition, zones: float) -> Array:
 
 def wide(mesh: Mesh) -> Partition:
     """Cells of two to five edges, at random; each side ends with what is left."""
-    rng, chosen = np.random.default_rng(0), [0]
+    rng = np.random.default_rng(0)
+    chosen = [0]
     corners = np.searchsorted(mesh.s, mesh.polygon.starts)
     for last in corners[1:].tolist():
         while last - chosen[-1] > 5:
@@ -134,7 +136,8 @@ def uniform(first: Mesh, refinements: int, edges: int) -> Pair:
 
 def adapted_to(first: Mesh, corner: int, times: int, share: float = 1.0) -> Pair:
     """Refined again and again near a corner of the polygon, so that its cells stay stable."""
-    rng, of = np.random.default_rng(7), adapted_meshes.adapted(alone(first))
+    rng = np.random.default_rng(7)
+    of = adapted_meshes.adapted(alone(first))
     place = first.polygon.vertices[corner]
     for k in range(times):
         distance = np.hypot(*(of.mesh.points - place).T)[of.mesh.triangles].min(axis=1)
@@ -191,7 +194,8 @@ def test_it_finds_the_solution_of_the_condensed_problem(number: int) -> None:
     Adapted meshes have one level with cells, which starts from 0 with all of them active.
     """
     of_both = problem(number)
-    found, (u, lambda_H) = of_both.grids.solve(1e-11), of_both.exact
+    found = of_both.grids.solve(1e-11)
+    (u, lambda_H) = of_both.exact
     size = max(1.0, float(lambda_H.max()))
     adapted = number >= N_UNIFORM
     assert of_both.discrete.mesh.adapted == adapted
@@ -219,7 +223,8 @@ def test_no_contact_full_contact_and_no_cells(adapted: bool) -> None:
     one = np.ones(partition.n_cells)
     for g, active in ((100 * one, len(one)), (-100 * one, 0)):
         of_both = both(mesh, partition, g)
-        found, (u, lambda_H) = of_both.grids.solve(1e-10), of_both.exact
+        found = of_both.grids.solve(1e-10)
+        (u, lambda_H) = of_both.exact
         assert np.count_nonzero(found.active) == np.count_nonzero(lambda_H) == active
         assert np.abs(found.u - u).max() < SAME * max(1.0, float(np.abs(u).max()))
     without = on_levels(mesh, partition, one, (0, 1, 2, 3)).solve(1e-10)
@@ -230,8 +235,10 @@ def test_no_contact_full_contact_and_no_cells(adapted: bool) -> None:
 def guesses(of_both: Both) -> list[tuple[Array, Array]]:
     """Solved roughly, perturbed, on wrong sets, and what has nothing to do with the solution."""
     rng = np.random.default_rng(2)
-    (u, lambda_H), discrete = of_both.exact, of_both.discrete
-    lifted, hat = lambda_H + rng.uniform(0, 0.1, len(lambda_H)), np.zeros_like(u)
+    (u, lambda_H) = of_both.exact
+    discrete = of_both.discrete
+    lifted = lambda_H + rng.uniform(0, 0.1, len(lambda_H))
+    hat = np.zeros_like(u)
     hat[of_both.grids.finest.cells.inside[lambda_H > 0]] = 1e-3
     rough = of_both.grids.solve(1e-2)
 
@@ -263,7 +270,9 @@ def test_the_bound_is_one_for_any_guess(number: int) -> None:
 
 def test_a_bound_of_half_the_size_or_without_the_defect_is_none() -> None:
     """Without it u - w would be u."""
-    of_both, halves, without = problem(0), [], []
+    of_both = problem(0)
+    halves = []
+    without = []
     finest = of_both.grids.finest
     for u, lambda_H in guesses(of_both):
         worst = max(of_both.errors(u, lambda_H))
@@ -280,14 +289,14 @@ def test_a_gap_at_the_end_of_its_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
     v is 1 + doubt there and not 1, so ||v||_1 + ||u - v||_1 is 2 (1 + doubt) ||hat||_1. That is attained
     up to rounding; with the doubt counted once it would be missed.
     """
-    doubt, A = 0.25, sp.csr_array(np.array([[2.0, -1.0, 0.0], [-1.0, 3.0, -1.0], [0.0, -1.0, 2.0]]))
+    doubt = 0.25
+    A = sp.csr_array(np.array([[2.0, -1.0, 0.0], [-1.0, 3.0, -1.0], [0.0, -1.0, 2.0]]))
     gap = residual_rounding.Rounded(np.array([-1.0]), np.array([doubt]))
     monkeypatch.setattr(residual_rounding, "constrained", lambda *_: gap)
-    B, zero = sp.csr_array(np.array([[0.0, 1.0, 0.0]])), np.zeros(3)
-    of, cells = (
-        SimpleNamespace(A=A, sums=A.sum(axis=1), mass=A.sum(axis=1)),
-        SimpleNamespace(B=B, inside=np.array([1])),
-    )
+    B = sp.csr_array(np.array([[0.0, 1.0, 0.0]]))
+    zero = np.zeros(3)
+    of = SimpleNamespace(A=A, sums=A.sum(axis=1), mass=A.sum(axis=1))
+    cells = SimpleNamespace(B=B, inside=np.array([1]))
     grid = SimpleNamespace(of=of, cells=cells, load=zero, d=np.ones(1))
     residual, norm = feasible(grid, zero, np.zeros(1))
     dual = np.sqrt(residual.values @ np.linalg.solve(A.toarray(), residual.values))
@@ -362,7 +371,8 @@ def test_they_grow_without_smoothing_on_coarser_levels(monkeypatch: pytest.Monke
 def test_it_goes_on_from_what_was_found() -> None:
     """On the set of the solution it takes one step, from all cells active it takes more."""
     grids = problem(0).grids
-    first, cold = grids.solve(1e-3), grids.solve(1e-10)
+    first = grids.solve(1e-3)
+    cold = grids.solve(1e-10)
     second = grids.solve(1e-10, (first.u, first.active))
     assert second.converged
     assert len(second.counts) == 1 < len(cold.counts)
@@ -390,7 +400,8 @@ def test_a_load_that_is_no_number_ends_at_once() -> None:
 def test_scaled_data_have_the_scaled_solution(factor: float) -> None:
     grids = problem(0).grids
     scaled = Multigrid([replace(g, load=factor * g.load, d=factor * g.d) for g in grids.grids])
-    expected, found = grids.solve(1e-10), scaled.solve(1e-10 * factor)
+    expected = grids.solve(1e-10)
+    found = scaled.solve(1e-10 * factor)
     assert found.counts == expected.counts
     assert np.array_equal(found.active, expected.active)
     assert np.allclose(found.u, factor * expected.u, rtol=0, atol=1e-13 * factor)

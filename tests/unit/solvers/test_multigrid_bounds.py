@@ -67,7 +67,8 @@ def test_doubts_of_neighbours_may_have_opposite_signs(monkeypatch):
 
 def test_the_rounding_of_v_is_a_doubt(monkeypatch):
     """u = 1 less a fifth of half a unit in the last place is 1 again: v is off by w, which counts twice."""
-    small, u = 0.2 * UNIT, np.array([0.0, 1.0, 0.0])
+    small = 0.2 * UNIT
+    u = np.array([0.0, 1.0, 0.0])
     gap = Rounded(np.array([small]), np.zeros(1))
     assert 1.0 - small == 1.0
     assert norm_of_w(monkeypatch, gap, np.ones(1), MIDDLE, u) >= (small + 2 * small) * HAT

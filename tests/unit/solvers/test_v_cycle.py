@@ -37,7 +37,8 @@ def fixed(mesh: str, case: str) -> np.ndarray:
 def truncated_products(mesh: str, case: str) -> list[np.ndarray]:
     """(T P)^T A (T P) and so on, from the finest level down."""
     of = nested(mesh).of
-    S, found = of.A.toarray(), []
+    S = of.A.toarray()
+    found = []
     S[fixed(mesh, case)] = 0
     S[:, fixed(mesh, case)] = 0
     for level in of.levels[::-1]:
@@ -55,8 +56,10 @@ def nodes_of(level: FinerSpace) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize(("mesh", "case"), ALL)
 def test_matrices_are_those_of_the_truncated_functions(mesh: str, case: str) -> None:
-    of, cycle = nested(mesh).of, Truncated(nested(mesh).of, fixed(mesh, case))
-    cut_away, products = 0, truncated_products(mesh, case)
+    of = nested(mesh).of
+    cycle = Truncated(nested(mesh).of, fixed(mesh, case))
+    cut_away = 0
+    products = truncated_products(mesh, case)
     for S, found, level in zip(products, cycle.matrices[::-1], of.levels[-2::-1], strict=False):
         rows, columns = nodes_of(level)
         before = level.rows.diagonal() if level.columns is None else level.rows[:, : len(rows)].diagonal()
@@ -74,7 +77,8 @@ def test_matrices_are_those_of_the_truncated_functions(mesh: str, case: str) -> 
 
 @pytest.mark.parametrize(("mesh", "case"), ALL)
 def test_the_coarsest_one_is_solved_with(mesh: str, case: str) -> None:
-    S, of = truncated_products(mesh, case)[-1], nested(mesh).of
+    S = truncated_products(mesh, case)[-1]
+    of = nested(mesh).of
     S = S + np.diag(np.where(np.diag(S) < 1e-10 * of.A_0.diagonal(), of.A_0.diagonal(), 0))
     b = np.random.default_rng(1).standard_normal(len(S))
     assert np.allclose(S @ Truncated(of, fixed(mesh, case)).coarsest.solve(b), b, rtol=0, atol=1e-10)
@@ -93,7 +97,8 @@ def test_the_levels_matrices_stay_as_they_are(mesh: str) -> None:
 def correction(mesh: str, case: str) -> np.ndarray:
     """T P C P^T T (n, n)."""
     of = nested(mesh).of
-    cycle, columns = Truncated(of, fixed(mesh, case)), []
+    cycle = Truncated(of, fixed(mesh, case))
+    columns = []
     for r in np.eye(of.n):
         z = np.zeros(of.n)
         cycle.correct(of.A, z, r)
@@ -103,7 +108,8 @@ def correction(mesh: str, case: str) -> np.ndarray:
 
 @pytest.mark.parametrize(("mesh", "case"), ALL)
 def test_corrections_are_symmetric_and_never_too_long(mesh: str, case: str) -> None:
-    C, A = correction(mesh, case), nested(mesh).of.A.toarray()
+    C = correction(mesh, case)
+    A = nested(mesh).of.A.toarray()
     assert np.abs(C - C.T).max() < 1e-12
     assert np.abs(C[fixed(mesh, case)]).max(initial=0) == 0
     # Of C A, in exact arithmetic between 0 and 1; the others belong to what coarse functions do not reach.
@@ -116,7 +122,9 @@ def test_corrections_are_symmetric_and_never_too_long(mesh: str, case: str) -> N
 def test_corrections_reach_what_coarse_functions_do(mesh: str) -> None:
     """Without truncation, of functions of the level before nothing is lost but what smoothing leaves."""
     of = nested(mesh).of
-    C, A, P = correction(mesh, "nothing"), of.A.toarray(), prolongation(of.levels[-1]).toarray()
+    C = correction(mesh, "nothing")
+    A = of.A.toarray()
+    P = prolongation(of.levels[-1]).toarray()
     inner = P.T @ A @ P
     values = eigh(P.T @ A @ C @ A @ P, inner, eigvals_only=True)
     assert values[0] > 0.2
@@ -126,10 +134,12 @@ def test_corrections_reach_what_coarse_functions_do(mesh: str) -> None:
 @pytest.mark.parametrize("mesh", MESHES)
 def test_a_correction_starts_from_z(mesh: str) -> None:
     of = nested(mesh).of
-    cycle, A = Truncated(of, fixed(mesh, "islands")), of.A
+    cycle = Truncated(of, fixed(mesh, "islands"))
+    A = of.A
     rng = np.random.default_rng(1)
     z, r = rng.standard_normal((2, of.n))
-    expected, found = np.zeros_like(z), z.copy()
+    expected = np.zeros_like(z)
+    found = z.copy()
     cycle.correct(A, expected, r - A @ z)
     cycle.correct(A, found, r)
     assert np.allclose(found, z + expected)
@@ -142,8 +152,10 @@ def test_hats_that_are_one_after_they_were_cut_are_no_obstacle() -> None:
     """
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     of = hierarchy(meshes.refine(meshes.from_arrays(named("square"), corners, [[0, 1, 2], [0, 2, 3]])))
-    cycle, middle = Truncated(of, np.sort(of.boundary)), np.setdiff1d(np.arange(of.n), of.boundary)
-    z, u = np.zeros(of.n), np.zeros(of.n)
+    cycle = Truncated(of, np.sort(of.boundary))
+    middle = np.setdiff1d(np.arange(of.n), of.boundary)
+    z = np.zeros(of.n)
+    u = np.zeros(of.n)
     u[middle] = 1
     cycle.correct(of.A, z, of.A @ u)
     assert len(middle) == 1

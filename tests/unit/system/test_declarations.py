@@ -167,7 +167,8 @@ def test_a_case_has_precedence_over_a_folder_and_no_path_leads_out_of_the_catalo
 
 def test_a_schema_is_parsed_once(tmp_path, monkeypatch):
     """The second declaration is refused as it would be at first."""
-    schema, parsed = tmp_path / "schema.yaml", []
+    schema = tmp_path / "schema.yaml"
+    parsed = []
     schema.write_text("{ type: object, properties: { a: { type: integer } } }")
     parse = declarations.own
     monkeypatch.setattr(declarations, "own", lambda file: parsed.append(file) or parse(file))

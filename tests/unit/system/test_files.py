@@ -193,7 +193,8 @@ def test_handlers_that_a_library_written_in_c_resets_are_set_again(kept):
     try:
         with signals.keeping_handlers() if kept else nullcontext():
             reset = ctypes.CDLL(None).signal
-            reset.argtypes, reset.restype = (ctypes.c_int, ctypes.c_void_p), ctypes.c_void_p
+            reset.argtypes = (ctypes.c_int, ctypes.c_void_p)
+            reset.restype = ctypes.c_void_p
             reset(sent, None)  # SIG_DFL
             assert sent not in caught()
         assert (sent in caught()) == kept
@@ -248,7 +249,8 @@ def test_a_write_protected_file_is_kept(tmp_path, name):
 def test_a_link_stays_and_the_file_behind_it_is_replaced(tmp_path, name):
     """As a shell's redirection does; the file behind it may have another ending, and may not be there yet."""
     (tmp_path / "elsewhere").mkdir()
-    behind, link = tmp_path / "elsewhere" / "data", tmp_path / name
+    behind = tmp_path / "elsewhere" / "data"
+    link = tmp_path / name
     link.symlink_to(behind)
     WRITERS[name](link)
     first = behind.read_bytes()

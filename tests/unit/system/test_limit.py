@@ -31,7 +31,8 @@ def test_what_a_function_returns_or_raises_is_handed_on():
 
 @pytest.mark.parametrize("in_a_thread", [False, True])
 def test_what_does_not_end_is_ended(in_a_thread):
-    started, seen = [], []
+    started = []
+    seen = []
 
     def wait():
         try:

@@ -13,14 +13,18 @@ from study import style, tables
 from study.scenes import is_clamped
 
 COLUMNS = ["case", "kind", "level", "unknowns", "error", "bound", "beta", "beta_of_edges"]
-LEFT, WIDTH, HEIGHT = (1.25, 6.95, 12.65), 4.15, 4.3
-BOTTOM, ROW = 2.65, 6.1
+LEFT = (1.25, 6.95, 12.65)
+WIDTH = 4.15
+HEIGHT = 4.3
+BOTTOM = 2.65
+ROW = 6.1
 KINDS: dict[str, style.Look] = {
     "uniform": {"color": style.COLOURS[1], "marker": "s"},
     "adapted": {"color": style.COLOURS[0], "marker": "o"},
 }
 BOUND: style.Look = {"ls": style.LINES[1], "mfc": "white"}
-OPTIMAL, SPAN = -0.5, 8.0
+OPTIMAL = -0.5
+SPAN = 8.0
 """The slope that the triangles show, and the factor by which unknowns grow along their base."""
 
 
@@ -30,7 +34,8 @@ def table(errors: style.FilePath, infsup: style.FilePath) -> pd.DataFrame:
     Cases with clamped sides are left out. `beta_of_edges` is an upper bound on beta with the edges as cells.
     What is not known is NaN.
     """
-    measured, constants = tables.load(errors), tables.load(infsup)
+    measured = tables.load(errors)
+    constants = tables.load(infsup)
     of = xr.Dataset(
         {
             "unknowns": measured["unknowns"],
@@ -95,7 +100,8 @@ def _slope(axes: Axes, rows: pd.DataFrame) -> None:
     near = rows[rows["unknowns"] < SPAN * left]
     values = np.fmin(near["error"], near["bound"])
     top = 0.6 * float((values * (near["unknowns"] / left) ** -OPTIMAL).min())
-    right, base = SPAN * left, top * SPAN**OPTIMAL
+    right = SPAN * left
+    base = top * SPAN**OPTIMAL
     axes.fill([left, right, left], [top, base, base], fc="0.88", ec="0.25", lw=0.7)
     beside: style.Look = {"textcoords": "offset points", "fontsize": style.SMALL}
     axes.annotate("$2$", (np.sqrt(left * right), base), (0, -2), ha="center", va="top", **beside)

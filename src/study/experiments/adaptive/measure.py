@@ -56,11 +56,14 @@ def measure_adaptive(
     """Write the tables of all cases, and of the problems in the files `examples`."""
     problems: list[Problem] = [*(case.problem for scene in study["scenes"] for case in scenes.cases(scene))]
     problems += map(problem_file.load, examples)
-    h, limits, measured = real(study["h"], "adaptive.h"), MostUnknowns(**study["most"]), []
+    h = real(study["h"], "adaptive.h")
+    limits = MostUnknowns(**study["most"])
+    measured = []
     for problem in problems:
         measured.append(measure(problem, h, limits, Stop(**stop)))
         print(f"{problem.name} measured")
-    names, given = [problem.name for problem in problems], {"adaptive": study, "stop": stop}
+    names = [problem.name for problem in problems]
+    given = {"adaptive": study, "stop": stop}
     for parts, path in zip(zip(*measured, strict=True), (errors, infsup, timings), strict=True):
         tables.save(together(parts, "case", names), path, "adaptive", given)
     tables.save(rates_over(tables.load(errors), study["factor"]), rates, "adaptive", given)
@@ -87,12 +90,18 @@ def measure(
     Where no solution is known the error is NaN, and so is the number of unknowns from which it is asymptotic.
     """
     first = first_mesh(problem.polygon, h)
-    by_kind = [zip(*_rows(problem, first, kind, limits, stop), strict=True) for kind in KINDS]
-    errors, constants, timings = (
-        together([_levels(rows) for rows in of_kinds], "kind", list(KINDS))
-        for of_kinds in zip(*by_kind, strict=True)
+    errors, constants, timings = [], [], []
+    for kind in KINDS:
+        error_rows, constant_rows, timing_rows = zip(*_rows(problem, first, kind, limits, stop), strict=True)
+        errors.append(_levels(error_rows))
+        constants.append(_levels(constant_rows))
+        timings.append(_levels(timing_rows))
+    kinds = list(KINDS)
+    return (
+        together(errors, "kind", kinds).assign(asymptotic_from=asymptotic_from(problem)),
+        together(constants, "kind", kinds),
+        together(timings, "kind", kinds),
     )
-    return errors.assign(asymptotic_from=asymptotic_from(problem)), constants, timings
 
 
 def first_mesh(polygon: Polygon, h: float) -> Mesh:
@@ -114,7 +123,8 @@ def _rows(
     problem: Problem, first: Mesh, kind: str, limits: MostUnknowns, stop: Stop
 ) -> Iterator[tuple[Row, Row, Row]]:
     """What is measured on each level; its time includes that of the bound and of all levels before."""
-    spent, begin = 0.0, process_time()
+    spent = 0.0
+    begin = process_time()
     for solution in refinements(problem, first, stop, KINDS[kind], limits.unknowns):
         solution.bound()
         spent += process_time() - begin
@@ -143,12 +153,13 @@ def stability(solution: DiscreteSolution) -> Row:
 
     P0 of the cells lies in that of the edges, and so one Gram matrix serves both.
     """
-    mesh, form = solution.mesh, solution.form._replace(free=())
-    edges, condensed = from_points(mesh.polygon, mesh.s), condense(mesh, form)
+    mesh = solution.mesh
+    form = solution.form._replace(free=())
+    edges = from_points(mesh.polygon, mesh.s)
+    condensed = condense(mesh, form)
     gram = dual_norm(edges, form=form).gram()
-    of_cells, of_edges = (
-        constants(mixed_spaces(condensed, of), gram.on(of).p0) for of in (solution.partition, edges)
-    )
+    of_cells = constants(mixed_spaces(condensed, solution.partition), gram.on(solution.partition).p0)
+    of_edges = constants(mixed_spaces(condensed, edges), gram.on(edges).p0)
     return of_cells | {"beta_of_edges": of_edges["beta_upper"]}
 
 
@@ -170,7 +181,8 @@ def rates_over(errors: xr.Dataset, factor: float) -> xr.Dataset:
     given from there on. `index` is the bound over the error, and `share` the algebraic bound over the error.
     """
     errors = errors.transpose("case", "kind", "level")
-    N, order = errors["unknowns"].values, ("case", "kind", "level")
+    N = errors["unknowns"].values
+    order = ("case", "kind", "level")
     later = np.argmax(N[..., None, :] >= factor * N[..., None], axis=-1)
     # the fall of a value against the growth of N; NaN where there is no later level
     growth = np.where(later > 0, np.log(np.take_along_axis(N, later, axis=-1) / N), 1.0)

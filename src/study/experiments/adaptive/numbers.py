@@ -77,7 +77,8 @@ def savings(errors: xr.Dataset) -> pd.DataFrame:
     for case in errors["case"].values:
         of = errors.sel(case=case)
         target = _last(of["h1_bound"].sel(kind="uniform"))
-        uniform, adapted = (_until(of.sel(kind=kind), target) for kind in ("uniform", "adapted"))
+        uniform = _until(of.sel(kind="uniform"), target)
+        adapted = _until(of.sel(kind="adapted"), target)
         rows.append(
             {
                 "problem": f"`{case}`",

@@ -34,7 +34,8 @@ def formulation(mesh: Mesh, partition: Partition, cases: Sequence[ExactSolution]
     The numbers of the spaces alone are for (4.3), the constant M of (4.2) and, for the flux 1 on the unit
     square, (3.7).
     """
-    rng, rows = np.random.default_rng(0), []
+    rng = np.random.default_rng(0)
+    rows = []
     for of in known(mesh, partition, cases):
         in_K = _in_K(of, of.lambda_H, "") | _in_K(of, of.lambda_H + 1, "_elsewhere")
         rows.append(_weak(of, rng) | in_K)
@@ -51,7 +52,9 @@ def _weak(of: SolvedCase, rng: np.random.Generator) -> dict[str, float]:
     ||u||_1 ||w||_1 for v = u + w, with w in V_h as small on the boundary as v >= g allows, or larger, and
     `..._elsewhere` with -w.
     """
-    spaces, case, boundary = of.spaces, of.exact.ritz.case, of.spaces.mesh.boundary
+    spaces = of.spaces
+    case = of.exact.ritz.case
+    boundary = of.spaces.mesh.boundary
     f, of_u, _, square = moments(case, spaces.mesh, np.zeros(spaces.mesh.n_nodes), None)
     slack = of_u - f
     residual = slack.copy()
@@ -76,7 +79,8 @@ def _dual(spaces: MixedSpaces, values: Array) -> float:
 
 def _least_gaps(case: ExactSolution, mesh: Mesh) -> Array:
     """(nb,) the least gap on both edges at each boundary node."""
-    polygon, ends = mesh.polygon, mesh.s
+    polygon = mesh.polygon
+    ends = mesh.s
     side = np.searchsorted(polygon.starts, 0.5 * (ends[1:] + ends[:-1])) - 1
     s = ends[:-1] - polygon.starts[side] + np.linspace(0, 1, PER_EDGE)[:, None] * np.diff(ends)
     least = case.gap(np.tile(side, PER_EDGE), s.ravel()).reshape(s.shape).min(axis=0)
@@ -88,7 +92,9 @@ def _in_K(of: SolvedCase, multiplier: Array, suffix: str) -> dict[str, float]:
 
     u_h is that of the multiplier. The cell means of v - g are 0 for the first v, and >= 0 for the others.
     """
-    spaces, load, H_i = of.spaces, of.discrete.load, of.spaces.partition.lengths
+    spaces = of.spaces
+    load = of.discrete.load
+    H_i = of.spaces.partition.lengths
     u_h = spaces.response(load, multiplier)
     gap = spaces.operator.gap(multiplier, of.discrete.offset)
     excess = np.random.default_rng(0).random((len(H_i), DIRECTIONS))
@@ -105,10 +111,13 @@ def _forms(spaces: MixedSpaces, rng: np.random.Generator) -> dict[str, float]:
     The latter is for ||.||_{-1/2,h} in (4.1), and for U and V of one function and its flux, where it is
     largest. `..._elsewhere` the first has the wrong sign of <lambda, v>, and the second lacks <mu, u>.
     """
-    boundary, A, m = spaces.mesh.boundary, spaces.condensed.A, len(spaces.cells)
+    boundary = spaces.mesh.boundary
+    A = spaces.condensed.A
+    m = len(spaces.cells)
 
     def terms(U: tuple[Array, Array], V: tuple[Array, Array]) -> Array:
-        (u, of_u), (v, of_v) = U, V
+        (u, of_u) = U
+        (v, of_v) = V
         return np.array([u @ (A @ v), of_u @ (spaces.B @ v[boundary]), of_v @ (spaces.B @ u[boundary])])
 
     on_diagonal = [
@@ -120,7 +129,8 @@ def _forms(spaces: MixedSpaces, rng: np.random.Generator) -> dict[str, float]:
     flux = np.full(m, 1 / math.sqrt(spaces.operator.D.sum()))
     of_flux = spaces.response(np.zeros(len(spaces.mesh.points)), flux)
     left, _, right = np.linalg.svd([[1.0, 1.0], [-1.0, 0.0]])
-    U, V = ((share[0] * of_flux, share[1] * flux) for share in (left[:, 0], right[0]))
+    U = (left[:, 0][0] * of_flux, left[:, 0][1] * flux)
+    V = (right[0][0] * of_flux, right[0][1] * flux)
     largest = terms(U, V)
     return {
         "diagonal": _farthest_from_1(np.array(on_diagonal) @ [1, -1, 1]),
@@ -140,7 +150,8 @@ def _galerkin(spaces: MixedSpaces) -> dict[str, float]:
     v = (cosh(x - 1/2) + cosh(y - 1/2)) / sinh(1/2) has the flux 1 on the unit square, and
     ||v||_1^2 = 8 + 4 coth(1/2). `..._elsewhere` v_h is the interpolant of v.
     """
-    mesh, A = spaces.mesh, spaces.condensed.A
+    mesh = spaces.mesh
+    A = spaces.condensed.A
     square = 8 + 4 / np.tanh(0.5)
     galerkin = spaces.response(np.zeros(mesh.n_nodes), np.ones(len(spaces.cells)))
     defects = {}

@@ -28,7 +28,8 @@ from unilateral.problems.case import ExactSolution
 from unilateral.solvers.active_set import active_set
 from unilateral.solvers.uzawa import energy_bound, residual_bound
 
-DIRECTIONS, NEAR = 200, 1e-6
+DIRECTIONS = 200
+NEAR = 1e-6
 """How many random directions are tried, and how near to u_h: there a slope of L in v, if there were one,
 outweighs its curvature."""
 BOUNDED = 1e6
@@ -67,7 +68,8 @@ def algorithm(
     same with lambda_H + 1, and for the Lagrangian of section 5.
     """
     rng = np.random.default_rng(0)
-    distances, of_cases = [], []
+    distances = []
+    of_cases = []
     for of in known(mesh, partition, cases):
         distances.append([[_distance(of, share, steps, variant) for share in shares] for variant in VARIANTS])
         of_cases.append(
@@ -86,7 +88,8 @@ def algorithm(
 
 
 def _distance(of: SolvedCase, share: float, steps: int, variant: str) -> float:
-    operator, H_i = of.spaces.operator, of.spaces.partition.lengths
+    operator = of.spaces.operator
+    H_i = of.spaces.partition.lengths
     last = iterate(operator, of.discrete.offset, share * 2 / operator.lambda_max, steps, variant)
     difference = np.where(np.isfinite(last), np.clip(last - of.lambda_H, -1e100, 1e100), 1e100)
     return min(float(np.sqrt(H_i @ difference**2 / (H_i @ of.lambda_H**2))), BOUNDED)
@@ -94,7 +97,8 @@ def _distance(of: SolvedCase, share: float, steps: int, variant: str) -> float:
 
 def _factor(of: SolvedCase, share: float) -> float:
     """The norm in L2 of the stationary multiplier with that share of D, over that of lambda_H."""
-    spaces, H_i = of.spaces, of.spaces.partition.lengths
+    spaces = of.spaces
+    H_i = of.spaces.partition.lengths
     scaled = replace(spaces.operator, half=spaces.operator.half * np.sqrt(share))
     other = active_set(scaled, of.discrete.offset, np.inf).lambda_H
     return float(np.sqrt(H_i @ other**2 / (H_i @ of.lambda_H**2)))
@@ -107,8 +111,12 @@ def _saddle(of: SolvedCase, multiplier: Array, rng: np.random.Generator, suffix:
     lambda_H, and L(v, mu) = ||v||_1^2 / 2 - (f, v) - <mu, v - g>. The excess is
     A(U_h, V - U_h) - F(V - U_h), V = (v, mu).
     """
-    spaces, load, g_means = of.spaces, of.discrete.load, of.exact.means.g_means
-    H_i, boundary, A = spaces.partition.lengths, spaces.mesh.boundary, spaces.condensed.A
+    spaces = of.spaces
+    load = of.discrete.load
+    g_means = of.exact.means.g_means
+    H_i = spaces.partition.lengths
+    boundary = spaces.mesh.boundary
+    A = spaces.condensed.A
     u_h = spaces.response(load, multiplier)
     weak = A @ u_h - load
     weak[boundary] -= spaces.B.T @ multiplier
@@ -116,11 +124,13 @@ def _saddle(of: SolvedCase, multiplier: Array, rng: np.random.Generator, suffix:
     def L(v: Array, mu: Array) -> float:
         return float(0.5 * v @ (A @ v) - load @ v - mu @ (spaces.B @ v[boundary] - H_i * g_means))
 
-    at, size = L(u_h, multiplier), np.abs(u_h).max()
+    at = L(u_h, multiplier)
+    size = np.abs(u_h).max()
     gap = spaces.B @ u_h[boundary] - H_i * g_means
     differences: dict[str, list[float]] = {"saddle_in_v": [], "saddle_in_mu": [], "inequality": []}
     for _ in range(DIRECTIONS):
-        w, mu = NEAR * size * rng.standard_normal(len(u_h)), multiplier.max() * rng.random(len(multiplier))
+        w = NEAR * size * rng.standard_normal(len(u_h))
+        mu = multiplier.max() * rng.random(len(multiplier))
         differences["saddle_in_v"].append(L(u_h + w, multiplier) - at)
         differences["saddle_in_mu"].append(at - L(u_h, mu))
         differences["inequality"].append(float(weak @ w + (mu - multiplier) @ gap))
@@ -129,7 +139,9 @@ def _saddle(of: SolvedCase, multiplier: Array, rng: np.random.Generator, suffix:
 
 def _off_cells(of: SolvedCase) -> float:
     """The part of u_h - g, in L2, that is not constant on the cells; relative."""
-    mesh, partition, case = of.spaces.mesh, of.spaces.partition, of.exact.ritz.case
+    mesh = of.spaces.mesh
+    partition = of.spaces.partition
+    case = of.exact.ritz.case
     trace = of.spaces.response(of.discrete.load, of.lambda_H)[mesh.boundary]
     rule = boundary_rule(mesh.polygon, np.union1d(mesh.s, partition.points), case.singular())
     u, _, gap = case.boundary(rule.side, rule.s, rule.near)
@@ -137,7 +149,8 @@ def _off_cells(of: SolvedCase) -> float:
     values = np.interp(s, mesh.s, np.append(trace, trace[0])) - (u - gap)
     cell = np.clip(np.searchsorted(partition.points, s, side="right") - 1, 0, partition.n_cells - 1)
     means = np.bincount(cell, rule.weight * values, partition.n_cells) / partition.lengths
-    rest, whole = rule.weight @ (values - means[cell]) ** 2, rule.weight @ values**2
+    rest = rule.weight @ (values - means[cell]) ** 2
+    whole = rule.weight @ values**2
     return float(np.sqrt(rest / whole))
 
 
@@ -155,7 +168,8 @@ def certificates(
 
 
 def _bounds(of: SolvedCase, steps: int) -> dict[str, float]:
-    operator, offset = of.spaces.operator, of.discrete.offset
+    operator = of.spaces.operator
+    offset = of.discrete.offset
     rho = 0.9 / operator.lambda_max
     mu = iterate(operator, offset, rho, steps, AS_MEANT)
     error = float(np.linalg.norm(operator.half @ (mu - of.lambda_H)))
@@ -175,7 +189,8 @@ def split(mesh: Mesh, partition: Partition, cases: Sequence[ExactSolution]) -> x
     """
     defects = []
     for of in known(mesh, partition, cases):
-        ritz, lambda_H = of.exact.ritz, of.lambda_H
+        ritz = of.exact.ritz
+        lambda_H = of.lambda_H
         left = h1_distance(ritz.case, mesh, of.spaces.response(of.discrete.load, lambda_H)) ** 2
         seconds = (
             ritz.discrete_dual(of.exact.boundary_load(of.spaces, lambda_H)) ** 2,
@@ -217,8 +232,11 @@ def elimination(meshes: Sequence[Mesh], partitions: Sequence[Partition], steps: 
     counts = np.empty((3, len(meshes)))
     for k, (mesh, partition) in enumerate(zip(meshes, partitions, strict=True)):
         condensed = condense(mesh)
-        spaces, alone = mixed_spaces(condensed, partition), dissected(condensed.A)
-        m, nb, nnz = partition.n_cells, len(mesh.boundary), spaces.B.nnz
+        spaces = mixed_spaces(condensed, partition)
+        alone = dissected(condensed.A)
+        m = partition.n_cells
+        nb = len(mesh.boundary)
+        nnz = spaces.B.nnz
         counts[:, k] = (
             operations.apply_A(m, nb, nnz, operations.factors(alone.lu)),
             operations.apply_A_3(m, nb, nnz),
@@ -234,15 +252,17 @@ def elimination(meshes: Sequence[Mesh], partitions: Sequence[Partition], steps: 
 
 def _by_both_ways(alone: Sparse, spaces: MixedSpaces, steps: int) -> float:
     """The difference of u^n by both ways, with f = 0 and g = 1, where there is contact everywhere."""
-    H_i, condensed = spaces.partition.lengths, spaces.condensed
+    H_i = spaces.partition.lengths
+    condensed = spaces.condensed
     boundary = condensed.mesh.boundary
     rho = 1 / spaces.operator.lambda_max
-    full, small = np.zeros(len(H_i)), np.zeros(len(H_i))
+    full = np.zeros(len(H_i))
+    small = np.zeros(len(H_i))
     for _ in range(steps):
         load = np.zeros(condensed.mesh.n_nodes)
         load[boundary] = spaces.B.T @ full
-        u, v = alone.solve(load)[boundary], condensed.solve_boundary(spaces.B.T @ small)
-        full, small = (
-            np.maximum(0, mu - rho * (spaces.B @ w / H_i - 1)) for mu, w in ((full, u), (small, v))
-        )
+        u = alone.solve(load)[boundary]
+        v = condensed.solve_boundary(spaces.B.T @ small)
+        full = np.maximum(0, full - rho * (spaces.B @ u / H_i - 1))
+        small = np.maximum(0, small - rho * (spaces.B @ v / H_i - 1))
     return float(np.abs(u - v).max() / np.abs(v).max())

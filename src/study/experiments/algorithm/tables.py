@@ -25,10 +25,15 @@ def try_algorithm(
     formulation: str,
 ) -> None:
     """Write all of them. Those of two files differ in H: that of the configuration, and h, where beta = 0."""
-    polygon, cases = scenes.domain(study), scenes.cases(study)
-    h, H = (real(study[name], f"algorithm.{name}") for name in ("h", "H"))
-    mesh, cells, finest = structured(polygon, h), uniform(polygon, H), uniform(polygon, h)
-    shares, recorded = [float(share) for share in study["shares"]], study["recorded_steps"]
+    polygon = scenes.domain(study)
+    cases = scenes.cases(study)
+    h = real(study["h"], "algorithm.h")
+    H = real(study["H"], "algorithm.H")
+    mesh = structured(polygon, h)
+    cells = uniform(polygon, H)
+    finest = uniform(polygon, h)
+    shares = [float(share) for share in study["shares"]]
+    recorded = study["recorded_steps"]
     sizes = [real(size, "algorithm.eliminated") for size in study["eliminated"]]
     meshes = [structured(polygon, size) for size in sizes]
     partitions = [uniform(polygon, size * H / h) for size in sizes]

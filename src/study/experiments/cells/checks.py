@@ -39,7 +39,8 @@ def consistency(tables: Tables, table: str, most: float) -> Evidence:
 def sharp(tables: Tables, table: str, cases: Sequence[str], most: float) -> Evidence:
     """How far the exponent of D is from that of Theorem 1, the smaller of sigma + 1/2 and (sigma + tau)/2."""
     data = tables[table].sel(case=list(cases))
-    sigma, tau = data["flux_order"], data["gap_order"]
+    sigma = data["flux_order"]
+    tau = data["gap_order"]
     distance = abs(exponent(data, "discrete_error") - np.minimum(sigma + 0.5, (sigma + tau) / 2))
     quantity = "the distance of the exponent of $D$ from that of Theorem 1"
     return provided(worst(in_rows(distance, "{case}"), quantity, most, False), _faults(data))
@@ -56,7 +57,8 @@ def attained(tables: Tables, table: str, gamma: float, most: float) -> Evidence:
 def beyond_theorem(tables: Tables, table: str, cases: Sequence[str], least: float) -> Evidence:
     """The place of the exponent of D on a scale that is 0 at (sigma + tau)/2 and 1 at sigma + 1/2."""
     data = tables[table].sel(case=list(cases))
-    proved, best = (data["flux_order"] + data["gap_order"]) / 2, data["flux_order"] + 0.5
+    proved = (data["flux_order"] + data["gap_order"]) / 2
+    best = data["flux_order"] + 0.5
     found = in_rows((exponent(data, "discrete_error") - proved) / (best - proved), "{case}")
     quantity = r"the exponent of $D$, on the way from $(\sigma + \tau)/2$ to $\sigma + 1/2$"
     return provided(worst(found, quantity, least, True), _faults(data))
@@ -64,13 +66,15 @@ def beyond_theorem(tables: Tables, table: str, cases: Sequence[str], least: floa
 
 def rates(data: xr.Dataset) -> xr.DataArray:
     """The rates of D from each partition to the next finer one."""
-    error, H = (xr.ufuncs.log(data[name]) for name in ("discrete_error", "H"))
+    error = xr.ufuncs.log(data["discrete_error"])
+    H = xr.ufuncs.log(data["H"])
     return error.diff("partition", label="lower") / H.diff("partition", label="lower")
 
 
 def exponent(data: xr.Dataset, variable: str) -> xr.DataArray:
     """The exponent of a variable over H by case, the mean over the starts."""
-    values, sizes = (xr.ufuncs.log(data[name]).diff("level") for name in (variable, "H"))
+    values = xr.ufuncs.log(data[variable]).diff("level")
+    sizes = xr.ufuncs.log(data["H"]).diff("level")
     return (values / sizes).mean(["start", "level"], skipna=False)
 
 

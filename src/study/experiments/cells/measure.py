@@ -44,13 +44,18 @@ INSET = Fraction(1, 4)
 
 def measure_cells(study: Mapping[str, Any], stop: Mapping[str, Any], errors: str, alternating: str) -> None:
     """Write the errors at a Cantor set, and those with a transition in each cell."""
-    domain, chosen = scenes.domain(study), Stop(**stop, algorithm=study["algorithm"])
-    given, of = {"cells": study, "stop": stop}, study["alternating"]
-    mesh, sizes = structured(domain, real(study["h"], "cells.h")), [real(H, "cells.H") for H in study["H"]]
+    domain = scenes.domain(study)
+    chosen = Stop(**stop, algorithm=study["algorithm"])
+    given = {"cells": study, "stop": stop}
+    of = study["alternating"]
+    mesh = structured(domain, real(study["h"], "cells.h"))
+    sizes = [real(H, "cells.H") for H in study["H"]]
     table = measure(mesh, scenes.cases(study), sizes, study["period"], chosen)
     tables.save(table, errors, "cells", given)
-    mesh, where = structured(domain, real(of["h"], "cells.alternating.h")), "cells.alternating"
-    exact, gammas = ([fraction(x, where) for x in of[name]] for name in ("H", "gammas"))
+    mesh = structured(domain, real(of["h"], "cells.alternating.h"))
+    where = "cells.alternating"
+    exact = [fraction(x, where) for x in of["H"]]
+    gammas = [fraction(x, where) for x in of["gammas"]]
     table = measure_alternating(mesh, exact, fraction(of["alpha"], where), gammas, chosen)
     tables.save(table, alternating, "cells", given)
 
@@ -98,7 +103,8 @@ def on_partition(
     stop: Stop,
 ) -> Array:
     """(case, MEASURED) on one partition."""
-    spaces, rows = mixed_spaces(condensed, partition), []
+    spaces = mixed_spaces(condensed, partition)
+    rows = []
     for case, cells in zip(cases, cell_means_of_gaps(cases, partition), strict=True):
         exact = Exact(replace(ritz, case=case), cells)
         result = solve(with_solution(spaces, exact), stop).result
@@ -133,7 +139,8 @@ def measure_alternating(
     mesh: Mesh, sizes: Sequence[Fraction], alpha: Fraction, gammas: Sequence[Fraction], stop: Stop
 ) -> xr.Dataset:
     """Errors over (partition, gamma), on one mesh."""
-    condensed, rows = condense(mesh), []
+    condensed = condense(mesh)
+    rows = []
     for H in sizes:
         cases = alternating(mesh.polygon, H, alpha, gammas)
         ritz = ritz_projection(cases[0], condensed)

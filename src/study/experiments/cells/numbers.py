@@ -13,10 +13,8 @@ def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, A
 
     `alternating` is the least rate where each cell has contact and a gap.
     """
-    over_H, rough = (
-        exponent(results["cells/errors"], "discrete_error"),
-        results["cells/errors"].sel(case="violates_jj_jjj"),
-    )
+    over_H = exponent(results["cells/errors"], "discrete_error")
+    rough = results["cells/errors"].sel(case="violates_jj_jjj")
     return {
         "cells": {
             "cantor": float(over_H.sel(case=["cantor_2", "cantor_1.5"]).min()),

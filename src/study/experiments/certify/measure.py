@@ -36,7 +36,8 @@ ROUNDS = 100
 
 def measure_certify(study: Mapping[str, Any], solutions: str) -> None:
     """Write the table of all cases, sizes and methods."""
-    sizes, of_cases = [real(h, "certify.h") for h in study["h"]], []
+    sizes = [real(h, "certify.h") for h in study["h"]]
+    of_cases = []
     for case in chain.from_iterable(map(scenes.cases, study["scenes"])):
         levels = [measure(case, structured(case.polygon, h), study) for h in sizes]
         of_cases.append(xr.concat(levels, "mesh").assign_coords(case=case.name))
@@ -60,7 +61,8 @@ def others(case: ExactSolution, mesh: Mesh, penalties: Sequence[int], sweeps: in
     linear = nodal_problem(case, mesh, skfem.ElementTriP1())
     quadratic = nodal_problem(case, mesh, skfem.ElementTriP2())
     # a penalty's force per length, by the trapezoidal rule: each node has half of both edges beside it
-    lengths, half = np.diff(mesh.s), np.zeros(mesh.n_nodes)
+    lengths = np.diff(mesh.s)
+    half = np.zeros(mesh.n_nodes)
     half[mesh.boundary] = 0.5 * (lengths + np.roll(lengths, 1))
     return {
         "nodal constraints": active_set(linear),
@@ -93,8 +95,10 @@ def nodal_problem(case: ExactSolution, mesh: Mesh, element: skfem.Element) -> No
     def load(v: Any, w: Any) -> Any:
         return case.source(w.x.reshape(2, -1).T).reshape(w.x.shape[1:]) * v
 
-    facets, clamped = boundary_facets(of_skfem, mesh), np.isin(mesh.side, case.clamped_sides)
-    g, fixed = np.full(basis.N, -np.inf), np.zeros(basis.N, dtype=bool)
+    facets = boundary_facets(of_skfem, mesh)
+    clamped = np.isin(mesh.side, case.clamped_sides)
+    g = np.full(basis.N, -np.inf)
+    fixed = np.zeros(basis.N, dtype=bool)
     ends = [basis.nodal_dofs[0][nodes] for nodes in (mesh.boundary, np.roll(mesh.boundary, -1))]
     places = [(ends[0], 0.0), (ends[1], 1.0), *((dofs[facets], 0.5) for dofs in basis.facet_dofs)]
     for dofs, part in places:
@@ -111,15 +115,18 @@ def active_set(problem: NodalProblem, springs: Array | None = None) -> Array:
     With `springs` (n,) the forces springs (g - x)_+ are in place of the constraint: the penalty method.
     """
     A, load, g, fixed = problem
-    diagonal, active = A.diagonal(), np.isfinite(g) & ~fixed
+    diagonal = A.diagonal()
+    active = np.isfinite(g) & ~fixed
     for _ in range(ROUNDS):
         prescribed = fixed | active if springs is None else fixed
         push = np.zeros_like(load) if springs is None else np.where(active, springs, 0.0)
-        matrix, x = (A + sp.diags_array(push)).tocsr(), np.where(prescribed, g, 0.0)
+        matrix = (A + sp.diags_array(push)).tocsr()
+        x = np.where(prescribed, g, 0.0)
         rest = load + push * np.where(active, g, 0.0) - matrix @ x
         x[~prescribed] = spsolve(matrix[~prescribed][:, ~prescribed].tocsc(), rest[~prescribed])
         # next a node is active where the reaction is larger than the gap, times the diagonal
-        before, active = active, ~fixed & (A @ x - load > diagonal * (x - g))
+        before = active
+        active = ~fixed & (A @ x - load > diagonal * (x - g))
         if np.array_equal(active, before):
             break
     return x
@@ -128,7 +135,8 @@ def active_set(problem: NodalProblem, springs: Array | None = None) -> Array:
 def gauss_seidel(problem: NodalProblem, sweeps: int) -> Array:
     """x after some sweeps of the projected Gauss-Seidel iteration, from g on the boundary and 0 inside."""
     A, load, g, fixed = problem
-    diagonal, x = A.diagonal(), np.where(np.isfinite(g), g, 0.0)
+    diagonal = A.diagonal()
+    x = np.where(np.isfinite(g), g, 0.0)
     for node in np.tile(np.flatnonzero(~fixed), sweeps):
         row = slice(A.indptr[node], A.indptr[node + 1])
         residual = load[node] - A.data[row] @ x[A.indices[row]]

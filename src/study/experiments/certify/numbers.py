@@ -37,7 +37,8 @@ def solutions(table: xr.Dataset) -> pd.DataFrame:
     rows = []
     for case in table["case"].values:
         for scheme in table["scheme"].values:
-            row, of = {"case": f"`{case}`", "method": str(scheme)}, table.sel(case=case, scheme=scheme)
+            row = {"case": f"`{case}`", "method": str(scheme)}
+            of = table.sel(case=case, scheme=scheme)
             for k, h in enumerate(table["h"].values):
                 at = f"h = {shown(float(h), '1/n')}"
                 row[f"error, {at}"] = f"{float(of['certified_error'][k]):.3g}"

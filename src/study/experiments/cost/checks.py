@@ -84,7 +84,8 @@ def economy(tables: Tables, least: float) -> Evidence:
     quantity = (
         r"growth of the operations with $A$ over those with $S$, over that of $\log n$, for half of $h$"
     )
-    with_A, with_S = (algebra["steps"].sel(algebra=name) for name in ("A", "S"))
+    with_A = algebra["steps"].sel(algebra="A")
+    with_S = algebra["steps"].sel(algebra="S")
     ran = np.isfinite(with_A)
     same = bool(ran.any()) and bool((with_A == with_S).where(ran, True).all())
     faults = [] if same else ["steps with A are not known to be as many as those with S"]

@@ -143,7 +143,8 @@ def _row(posed: Posed, variant: Variant, stops: Sequence[float], max_steps: int)
         "algebraic_bound": [each.bound for each in reached],
     }
     missing = [math.nan] * (len(stops) - len(reached))
-    spaces, operator = posed.spaces, posed.spaces.operator
+    spaces = posed.spaces
+    operator = posed.spaces.operator
     row: Row = {name: [*values, *missing] for name, values in at_levels.items()}
     row |= {
         "h": spaces.mesh.h,

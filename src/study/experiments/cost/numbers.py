@@ -87,7 +87,8 @@ def recommend(cases: xr.Dataset, H_over_h: float, coarsest: float) -> dict[str, 
     """Over all cases: the loss against the best H/h, that H/h, the stop that `natural` needs, the work that
     Uzawa adds to the set-up, and the factor of work for half the error.
     """
-    lost, both = losses(cases, coarsest), ("h1", "hm12")
+    lost = losses(cases, coarsest)
+    both = ("h1", "hm12")
     by_norm = prices(by_case(cases), H_over_h, coarsest)
     added = [price.over_setup - 1 for price in by_norm["h1"].values()]
     return {
@@ -129,9 +130,11 @@ def losses(cases: xr.Dataset, coarsest: float) -> dict[str, dict[str, Spans]]:
     """
     spans: dict[str, dict[str, Spans]] = {}
     for norm in NORMS:
-        of_setup, of_uzawa = [], []
+        of_setup = []
+        of_uzawa = []
         for case in by_case(cases).values():
-            error, work = trade.relative(case, norm), case["operations"]
+            error = trade.relative(case, norm)
+            work = case["operations"]
             discrete = (error / trade.excess(case, norm)).isel(stop=-1)
             of_setup.append(trade.losses(discrete, case["setup_operations"]))
             stop = trade.enough(case, norm, coarsest)
@@ -213,7 +216,8 @@ def tabulate_algorithms(crossed: xr.Dataset, H_over_h: float) -> pd.DataFrame:
     """The steps of each algorithm to some levels, and its work over that of the cheapest."""
     rows = [{"algorithm": title} for title in NAMES.values()]
     for stop in LEVELS:
-        here, level = compare_at(crossed, H_over_h, stop), shown(stop, "10^")
+        here = compare_at(crossed, H_over_h, stop)
+        level = shown(stop, "10^")
         for row, name in zip(rows, NAMES, strict=True):
             run = here.sel(algorithm=name)
             row[f"steps to {level}"] = shown(float(f"{run['steps'].item():.2g}"), "space")
@@ -259,8 +263,10 @@ def growth(crossed: xr.Dataset, coarsest: float) -> dict[str, Any]:
 
 def weigh_elimination(crossed: xr.Dataset, algebra: xr.Dataset, H_over_h: float) -> dict[str, Any]:
     """What the partial elimination saves in a step, what it costs, and when it has paid."""
-    step, setup = algebra["step_operations"], algebra["setup_operations"].isel(H=-1)
-    over_S, h = step / step.sel(algebra="S"), algebra["h"].sel(algebra="S")
+    step = algebra["step_operations"]
+    setup = algebra["setup_operations"].isel(H=-1)
+    over_S = step / step.sel(algebra="S")
+    h = algebra["h"].sel(algebra="S")
     over_A = {
         name: float(trade.by_A_over_by_S(algebra, crossed, name, H_over_h).sel(stop=LEVELS[0]).isel(H=-1))
         for name in ("uzawa", "barzilai_borwein")
@@ -276,7 +282,8 @@ def weigh_elimination(crossed: xr.Dataset, algebra: xr.Dataset, H_over_h: float)
 
 def judge_precision(precision: xr.Dataset) -> dict[str, Any]:
     """The lowest level that is reached on the finest mesh, in single precision and refined."""
-    steps, per_step = precision["steps"].isel(H=-1), precision["step_operations"].isel(H=-1)
+    steps = precision["steps"].isel(H=-1)
+    per_step = precision["step_operations"].isel(H=-1)
     adds = float(per_step.sel(precision="refined") / per_step.sel(precision="float64") - 1)
     lowest = steps["stop"].where(np.isfinite(steps)).min("stop")
     reached = {name: float(lowest.sel(precision=name)) for name in ("float32", "refined")}

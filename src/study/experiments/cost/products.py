@@ -31,7 +31,8 @@ def product(algebra: str, precision: str, spaces: MixedSpaces, factors: Sparse) 
 
 def by_A(factors: Sparse, spaces: MixedSpaces) -> Apply:
     """y -> S y with a solve on all nodes: u of (5.1) without the partial elimination."""
-    root, boundary = np.sqrt(spaces.operator.H_i), spaces.mesh.boundary
+    root = np.sqrt(spaces.operator.H_i)
+    boundary = spaces.mesh.boundary
     load = np.zeros(spaces.mesh.n_nodes)
 
     def apply(y: Array, out: Array) -> None:
@@ -71,8 +72,10 @@ def refined(operator: DualOperator) -> Apply:
 
     Iterative refinement, see N. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., chapter 12.
     """
-    S, single = operator.S, by_S32(operator)
-    anchor, product = np.zeros(len(S)), np.zeros(len(S))
+    S = operator.S
+    single = by_S32(operator)
+    anchor = np.zeros(len(S))
+    product = np.zeros(len(S))
     count = 0
 
     def apply(y: Array, out: Array) -> None:

@@ -113,8 +113,11 @@ class History:
     def __init__(
         self, operator: DualOperator, offset: Array, method: str, rho: float, tolerances: Sequence[float]
     ) -> None:
-        self.operator, self.offset, self.method = operator, offset, method
-        self.rho, self.tolerances = rho, tolerances
+        self.operator = operator
+        self.offset = offset
+        self.method = method
+        self.rho = rho
+        self.tolerances = tolerances
         self.root = np.sqrt(operator.H_i)
         self.per_residual = 1 / (rho * np.sqrt(operator.lambda_min))
         self.reached: list[Reached] = []
@@ -168,7 +171,8 @@ def method_and_step(algorithm: str, spaces: MixedSpaces) -> tuple[str, float]:
 
 def reach(posed: Posed, variant: Variant, stops: Sequence[float], max_steps: int) -> list[Reached]:
     """What is reached at each of the falling levels, as long as they are met."""
-    operator, offset = posed.spaces.operator, posed.discrete.offset
+    operator = posed.spaces.operator
+    offset = posed.discrete.offset
     method, rho = method_and_step(variant.algorithm, posed.spaces)
     tolerances = [stop * posed.discrete_errors[0] for stop in stops]
     apply = product(variant.algebra, variant.precision, posed.spaces, posed.factors)

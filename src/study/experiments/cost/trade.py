@@ -54,7 +54,8 @@ def excess(table: xr.Dataset, norm: str) -> xr.DataArray:
 
 def front(work: Array, error: Array) -> Index:
     """(k,) the points that no cheaper one beats, each with a gain, by rising work; NaN takes no part."""
-    kept, least = [], np.inf
+    kept = []
+    least = np.inf
     for i in np.lexsort((error, work)):
         if np.isfinite(work[i]) and error[i] < GAIN * least:
             kept.append(int(i))
@@ -106,11 +107,13 @@ def losses(error: xr.DataArray, work: xr.DataArray) -> dict[float, float]:
     """
     lines: dict[float, tuple[Array, Array]] = {}
     for ratio in error["H_over_h"].values:
-        x, y = (np.log(each.sel(H_over_h=ratio).values) for each in (work, error))
+        x = np.log(work.sel(H_over_h=ratio).values)
+        y = np.log(error.sel(H_over_h=ratio).values)
         known = np.isfinite(x) & np.isfinite(y)
         if np.count_nonzero(known) > SIZES:
             lines[float(ratio)] = (x[known], y[known])
-    first, last = max(x.min() for x, _ in lines.values()), min(x.max() for x, _ in lines.values())
+    first = max(x.min() for x, _ in lines.values())
+    last = min(x.max() for x, _ in lines.values())
     common = np.linspace(first, last, WORKS)
     means = {ratio: float(np.mean(np.interp(common, x, y))) for ratio, (x, y) in sorted(lines.items())}
     return {ratio: float(np.exp(mean - min(means.values()))) for ratio, mean in means.items()}
@@ -119,7 +122,8 @@ def losses(error: xr.DataArray, work: xr.DataArray) -> dict[float, float]:
 def price(runs: xr.Dataset, norm: str, stop: float, coarsest: float) -> Price:
     """What an error costs at a level, by runs over (H, stop) with H <= `coarsest`."""
     at = runs.sel(H=runs["H"] <= coarsest, stop=stop).dropna("H", subset=["operations"])
-    error, last = relative(at, norm), at.isel(H=-1)
+    error = relative(at, norm)
+    last = at.isel(H=-1)
     work = last["operations"].item()
     return Price(
         stop,
@@ -134,12 +138,14 @@ def price(runs: xr.Dataset, norm: str, stop: float, coarsest: float) -> Price:
 def cheapest(crossed: xr.Dataset, norm: str, target: float) -> dict[str, float] | None:
     """Uzawa's run and level below 1 of least work with at most this relative error, if there is one."""
     runs = crossed.sel(algorithm="uzawa", stop=crossed["stop"] < 1)
-    error, work = relative(runs, norm), runs["operations"]
+    error = relative(runs, norm)
+    work = runs["operations"]
     good = work.where(error <= target)
     if not bool(good.notnull().any()):
         return None
     place = good.fillna(np.inf).argmin(...)
-    at, names = runs[["h", "operations"]].isel(place), ("H_over_h", "stop", "h", "operations")
+    at = runs[["h", "operations"]].isel(place)
+    names = ("H_over_h", "stop", "h", "operations")
     return {**{name: at[name].item() for name in names}, "error": float(error.isel(place))}
 
 
@@ -160,7 +166,8 @@ def by_A_over_by_S(algebra: xr.Dataset, crossed: xr.Dataset, algorithm: str, H_o
 
     Both are without the spectrum and the checks of the bound, that is, without the guarantee.
     """
-    runs, of = crossed.sel(algorithm=algorithm, H_over_h=H_over_h), algebra.sel(algebra="A")
+    runs = crossed.sel(algorithm=algorithm, H_over_h=H_over_h)
+    of = algebra.sel(algebra="A")
     spectrum = xr.apply_ufunc(operations.spectrum, runs["multipliers"])
     residuals = runs["steps"] + 1
     by_S = runs["setup_operations"] - spectrum + residuals * runs["step_operations"]

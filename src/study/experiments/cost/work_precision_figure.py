@@ -40,7 +40,9 @@ MATRICES: dict[str, tuple[str, style.Look]] = {
     "setup_A": ("set-up, with $A$", style.look(0) | DASHED),
     "setup_S": ("set-up, with $S$", style.look(2) | DASHED),
 }
-LEFT, ACROSS, TALL = (1.35, 6.95, 12.55), 4.25, 4.3
+LEFT = (1.35, 6.95, 12.55)
+ACROSS = 4.25
+TALL = 4.3
 THIN: style.Look = {"lw": 0.9, "ms": 3.6}
 FRONT: style.Look = {"color": "0.75", "lw": 3.0, "marker": "", "solid_joinstyle": "round"}
 LAST_STOP = 1e-5
@@ -61,8 +63,11 @@ def table(
     the exponent fitted up to the `coarsest` H; step: work of one, or of the set-up, by matrix; stop: the
     largest excess at a level.
     """
-    runs, of_cases, of_matrix = (tables.load(path) for path in (crossed, cases, algebra))
-    ratio, largest = real(base["H_over_h"], "H_over_h"), real(coarsest, "coarsest")
+    runs = tables.load(crossed)
+    of_cases = tables.load(cases)
+    of_matrix = tables.load(algebra)
+    ratio = real(base["H_over_h"], "H_over_h")
+    largest = real(coarsest, "coarsest")
     parts = [_of_norm(runs, of_cases, norm, largest) for norm in style.NORMS]
     parts += [_of_steps(runs, ratio, largest), _of_matrices(of_matrix)]
     return pd.concat(parts, ignore_index=True)[list(COLUMNS)]

@@ -53,7 +53,8 @@ def abstract_bound(tables: Tables, scenes: Sequence[str], cases: Sequence[str]) 
             assert np.isclose(float(data["H"]), cells.H)
             for case in sorted(set(cases) & set(names)):
                 run = data.sel(case=case)
-                E, L = run["h1_error"].values, run["hm12_error_upper"].values
+                E = run["h1_error"].values
+                L = run["hm12_error_upper"].values
                 m = gram.error(names.index(case), np.zeros((1, gram.n_cells))).upper[0]
                 right = (E + L) * run["ritz_error"].values + m * E + float(run["consistency"])
                 ratio = (E**2 / right)[np.isfinite(L)]
@@ -74,7 +75,8 @@ def by_inverse_estimate(tables: Tables, scenes: Sequence[str]) -> Evidence:
     The constants are those of its proof, 1 and C of (4.9). Everything on the right is taken from below. The
     lines have the c of (4.7) as printed.
     """
-    found, as_printed = {}, []
+    found = {}
+    as_printed = []
     for name, data, cells, gram in _runs(tables, scenes):
         dual = (data["hm12_error_lower"] + data["projection_lower"]) / np.sqrt(cells.H)
         left = data["l2_error"].where(data["l2_error"] > ZERO * data["u_norm"])
@@ -110,7 +112,8 @@ def quasi_optimal(tables: Tables, scenes: Sequence[str], most_cells: int) -> Evi
     are the two terms of the infimum. beta is taken from above, the infimum from below, on partitions of up to
     so many cells. The lines are the constants that were needed.
     """
-    found, needed = {}, []
+    found = {}
+    needed = []
     for name, data, cells, gram in _runs(tables, scenes):
         if gram.n_cells <= most_cells and (data["beta_upper"] > 0).any():
             beta = data["beta_upper"].where(data["beta_upper"] > 0)
@@ -127,12 +130,16 @@ def infima(table: xr.Dataset, cells: Partition, gram: Gram) -> Array:
     Each is a least-squares problem with mu >= 0, solved by the algorithm of Lawson and Hanson (1974); `table`
     has the gaps on a finer partition.
     """
-    m, G, points = gram.n_cells, gram.p0.lower, table["points"].values
+    m = gram.n_cells
+    G = gram.p0.lower
+    points = table["points"].values
     gaps = table["gap_means"].values * np.diff(points)
     inside = cells.cells_of(points)
-    root, found = cholesky(G), []
+    root = cholesky(G)
+    found = []
     for c, (means, gap) in enumerate(zip(gram.means, gaps, strict=True)):
-        mixed, weight = gram.lower[:m, m + c], np.bincount(inside, gap, m)
+        mixed = gram.lower[:m, m + c]
+        weight = np.bincount(inside, gap, m)
         mu = nnls(root, solve_triangular(root, G @ means + mixed - weight / 2, trans="T"))[0]
         x = means - mu
         found.append(x @ (G @ x) + 2 * x @ mixed + gram.lower[m + c, m + c] + weight @ mu)
@@ -144,7 +151,8 @@ def closed_form(tables: Tables, scene: str) -> Evidence:
     gram = Gram.of_table(tables[f"{scene}/dual_norm"])
     one = np.ones(gram.n_cells)
     exact = np.sqrt(8 + 4 / np.tanh(0.5))
-    lower, upper = (np.sqrt(one @ form @ one) for form in gram.p0)
+    lower = np.sqrt(one @ gram.p0.lower @ one)
+    upper = np.sqrt(one @ gram.p0.upper @ one)
     lines = [f"  {lower:.10g} <= {exact:.10g} <= {upper:.10g}"]
     outside = max(lower / exact - 1, 1 - upper / exact, upper / lower - 1)
     return Evidence("how far the bounds are from it and apart", float(outside), 5e-3, False, lines)
@@ -155,13 +163,15 @@ def inverse_estimate(tables: Tables, scenes: Sequence[str], H_over_h: float) -> 
 
     C is computed with the norm's lower bound, and so is not too small. The lines are the constants.
     """
-    found, constants = {}, []
+    found = {}
+    constants = []
     for scene in scenes:
         errors = tables[f"{scene}/errors"]
         for k, (cells, gram) in enumerate(forms(tables, scene)):
             at = np.isclose(errors["h_over_H"].values[:, k], 1 / H_over_h)
             if at.any():
-                C, name = inverse_constant(cells, gram.p0.lower), f"{scene}, H = {cells.H:g}"
+                C = inverse_constant(cells, gram.p0.lower)
+                name = f"{scene}, H = {cells.H:g}"
                 found[name] = C * float(errors["beta_0"].values[at, k].max())
                 constants.append(f"  {name}: C = {C:.4g}")
     quantity = rf"the largest $C\beta_0$ at $H = {H_over_h:g}h$"

@@ -27,7 +27,8 @@ from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.case import ExactSolution
 from unilateral.problems.polar_atoms import Polar
 
-HEIGHT, MARKER = 10.7, 4.4
+HEIGHT = 10.7
+MARKER = 4.4
 PROVED: style.Look = {"color": "0.72", "lw": 3.2, "solid_capstyle": "butt"}
 MEANS = {"gap_mean": (style.COLOURS[1], "$u-g$"), "lambda_mean": (style.COLOURS[0], r"$\lambda$")}
 TERM = r"\langle\Pi_H\lambda,\,u-g\rangle"
@@ -58,7 +59,8 @@ def first_transition(case: ExactSolution) -> Transition:
 
 def leading(transition: Transition, partition: Partition) -> tuple[float, float]:
     """The term of that transition alone, by the formula of this module, and theta."""
-    polygon, (side, t, alpha, gamma) = partition.polygon, transition
+    polygon = partition.polygon
+    (side, t, alpha, gamma) = transition
     s = polygon.starts[side] + t * polygon.lengths[side]
     cell = int(np.searchsorted(partition.points, s, side="right")) - 1
     theta = float((s - partition.points[cell]) / partition.lengths[cell])
@@ -91,8 +93,10 @@ def table(
 
 
 def _of_side(case: ExactSolution, partition: Partition) -> pd.DataFrame:
-    side, means = first_transition(case).side, cell_means(case, partition)
-    here, start = partition.side == side, partition.polygon.starts[side]
+    side = first_transition(case).side
+    means = cell_means(case, partition)
+    here = partition.side == side
+    start = partition.polygon.starts[side]
     of_cells = {
         "s": partition.points[:-1] - start,
         "end": partition.points[1:] - start,
@@ -105,10 +109,12 @@ def _of_side(case: ExactSolution, partition: Partition) -> pd.DataFrame:
 
 def _of_sizes(case: ExactSolution, errors: xr.Dataset) -> pd.DataFrame:
     """Three rows for each H, from coarse to fine."""
-    transition, H = first_transition(case), errors["H"].values
+    transition = first_transition(case)
+    H = errors["H"].values
     predicted, theta = zip(*(leading(transition, uniform(case.polygon, size)) for size in H), strict=True)
     same = {"case": case.name, "H": H, "theta": theta, "rate": transition.rate}
-    total, elsewhere = errors["consistency"], errors["consistency_elsewhere"]
+    total = errors["consistency"]
+    elsewhere = errors["consistency_elsewhere"]
     terms = pd.DataFrame({**same, "total": total, "elsewhere": elsewhere, "predicted": predicted})
     rows = terms.melt([*same], var_name="kind", value_name="term")
     rows = rows.sort_values("H", ascending=False, kind="stable")
@@ -122,7 +128,9 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     of the others over_H2, theta and rate.
     """
     data = style.read(csv_path)
-    cells, rows = (part.sort_values(["H", "s"]) for _, part in data.groupby(data["kind"] != "cell"))
+    sorted_data = data.sort_values(["H", "s"])
+    cells = sorted_data[sorted_data["kind"] == "cell"]
+    rows = sorted_data[sorted_data["kind"] != "cell"]
     with style.figure_in(svg_path, HEIGHT) as figure:
         _means(style.axes_at(figure, 1.7, 5.95, 5.9, 4.0), cells)
         _terms(style.axes_at(figure, 1.7, 1.15, 5.9, 4.2), cells)
@@ -146,7 +154,8 @@ def _means(axes: Axes, cells: pd.DataFrame) -> None:
 
 def _terms(axes: Axes, cells: pd.DataFrame) -> None:
     """Draw a marker per cell on a logarithmic scale; those of terms that are 0 stand at its foot."""
-    middles, positive = 0.5 * (cells["s"] + cells["end"]), cells["term"] > 0
+    middles = 0.5 * (cells["s"] + cells["end"])
+    positive = cells["term"] > 0
     powers = np.floor(np.log10(cells.loc[positive, "term"]))
     ticks = 10.0 ** np.arange(powers.min() - 1, powers.max() + 2)
     axes.set_yscale("log")
@@ -172,9 +181,11 @@ def _totals(axes: Axes, rows: pd.DataFrame) -> None:
     """Markers: totals, filled for the first theta; lines: predicted, one for each theta."""
     axes.set_xscale("log", base=2)
     axes.set_yscale("log")
-    cases, thetas = list(_by_rate(rows)["case"]), sorted(rows["theta"].unique())
+    cases = list(_by_rate(rows)["case"])
+    thetas = sorted(rows["theta"].unique())
     for (case, theta, kind), part in rows.groupby(["case", "theta", "kind"]):
-        i, k = cases.index(case), thetas.index(theta)
+        i = cases.index(case)
+        k = thetas.index(theta)
         if kind == "predicted":
             line: style.Look = {"color": style.COLOURS[i], "lw": 0.9, "ls": style.LINES[k % len(style.LINES)]}
             axes.plot(part["H"], part["over_H2"], **line)

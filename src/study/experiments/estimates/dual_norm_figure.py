@@ -34,24 +34,30 @@ def table(
 
     `norm` holds the forms of the dual norm on the scene's partitions. Errors that are 0 are left out.
     """
-    gram, cells = Gram.of_table(tables.load(norm)), partitions(scene)
+    gram = Gram.of_table(tables.load(norm))
+    cells = partitions(scene)
     runs = tables.along_ratio(tables.load(errors), real(h_over_H, "h_over_H"))
     bounds = {bound: tables.error_in(runs, "hm12", bound) for bound in ("lower", "upper")}
     norms = xr.Dataset({**bounds, "l2": tables.error_in(runs, "l2"), "u_norm": runs["u_norm"]})
     errors_of_runs = norms.to_dataframe(["case", "run"]).reset_index().assign(kind="error")
     known = errors_of_runs[errors_of_runs["upper"] > NEGLIGIBLE * errors_of_runs["u_norm"]]
     rows = pd.concat([known, *(_of_functions(gram, cells[k]) for k in normed(scene))])
-    lower, upper, l2 = rows["lower"], rows["upper"], rows["l2"]
-    mean, shortcut = np.sqrt(0.5 * (lower**2 + upper**2)), np.sqrt(rows["H"]) * l2
+    lower = rows["lower"]
+    upper = rows["upper"]
+    l2 = rows["l2"]
+    mean = np.sqrt(0.5 * (lower**2 + upper**2))
+    shortcut = np.sqrt(rows["H"]) * l2
     return rows.assign(mean=mean, gap=upper / lower - 1, shortcut=shortcut)[COLUMNS]
 
 
 def _of_functions(gram: Gram, partition: Partition) -> pd.DataFrame:
     """Rows of mu = 1 and of mu = +-1, in turn from cell to cell."""
-    m, p0 = partition.n_cells, gram.on(partition).p0
+    m = partition.n_cells
+    p0 = gram.on(partition).p0
     rows = []
     for kind, mu in zip(FUNCTIONS, (np.ones(m), (-1.0) ** np.arange(m)), strict=True):
-        lower, upper = (np.sqrt(mu @ form @ mu) for form in p0)
+        lower = np.sqrt(mu @ p0.lower @ mu)
+        upper = np.sqrt(mu @ p0.upper @ mu)
         l2 = np.sqrt(partition.lengths @ mu**2)
         rows.append({"kind": kind, "case": "", "H": partition.H, "lower": lower, "upper": upper, "l2": l2})
     return pd.DataFrame(rows)
@@ -71,7 +77,9 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     numbers = style.numbered([*FUNCTIONS, *cases])  # the functions take what the familiar cases leave
     looks = {of: {**style.look(numbers[of]), "ms": 4.6, "lw": 1.1} for of in [*cases, *FUNCTIONS]}
     with style.figure_in(svg_path, 9.0) as figure:
-        errors, gaps, norms = (style.axes_at(figure, left, 2.9, 4.4, 5.2) for left in (1.25, 7.05, 12.45))
+        errors = style.axes_at(figure, 1.25, 2.9, 4.4, 5.2)
+        gaps = style.axes_at(figure, 7.05, 2.9, 4.4, 5.2)
+        norms = style.axes_at(figure, 12.45, 2.9, 4.4, 5.2)
         for of, look in looks.items():
             rows = lines[of]
             if of in cases:

@@ -14,7 +14,9 @@ LIMITS = ("predicted_limit", "measured_limit"), ("predicted_tool_limit", "measur
 def outcomes(tables: Tables, table: str) -> Evidence:
     """How many points are called wrong, or are tried but have no finite bound plus allowance that holds."""
     data = tables[table]
-    outcome, error, bound = (data[name].values for name in ("outcome", "true_error", "guaranteed"))
+    outcome = data["outcome"].values
+    error = data["true_error"].values
+    bound = data["guaranteed"].values
     allowed = bound + data["allowance"].values
     valid = np.isfinite(allowed) & (error <= allowed)
     untried = (outcome == "refused") & np.isnan(error) & np.isnan(bound)
@@ -29,7 +31,8 @@ def no_earlier(tables: Tables, table: str) -> Evidence:
 
     NaN stands for a prediction that all is right everywhere.
     """
-    data, rows = tables[table], {}
+    data = tables[table]
+    rows = {}
     for name in data["axis"].values:
         values = data["value"].values[data["axis_of"].values == name]
         sign = 1 if values[-1] > values[0] else -1
@@ -45,7 +48,9 @@ def step_limit(tables: Tables, table: str, nearest: Mapping[str, float]) -> Evid
     `nearest` has, by axis, the relative distance from the limit at which values have to be tried. Raises
     Unjudged if on either side of a limit none was.
     """
-    data, rows, untried = tables[table], {}, []
+    data = tables[table]
+    rows = {}
+    untried = []
     for axis, distance in nearest.items():
         here = data["axis_of"].values == axis
         share = data["value"].values[here] / float(data["predicted_limit"].sel(axis=axis))
@@ -63,7 +68,8 @@ def step_limit(tables: Tables, table: str, nearest: Mapping[str, float]) -> Evid
 def power(tables: Tables, table: str, axis: str, below: float, exponent: float, most: float) -> Evidence:
     """How far the slope of the numbers over the values, both as logarithms, is from an exponent."""
     data = tables[table]
-    value, number = data["value"].values, data["measured"].values
+    value = data["value"].values
+    number = data["measured"].values
     kept = (data["axis_of"].values == axis) & (value <= below) & np.isfinite(number)
     if np.count_nonzero(kept) < 2:
         raise Unjudged(f"fewer than two numbers are known on the axis {axis}")
@@ -78,7 +84,9 @@ def floor(tables: Tables, table: str, axis: str, factor: float) -> Evidence:
     The numbers themselves are round-off, which differs between CPUs; they are among the lines.
     """
     data = tables[table].isel(point=tables[table]["axis_of"].values == axis)
-    value, number, expected = (data[name].values for name in ("value", "measured", "predicted"))
+    value = data["value"].values
+    number = data["measured"].values
+    expected = data["predicted"].values
     beyond = ~(np.abs(np.log(number / expected)) <= np.log(factor))
     slope = float(np.polyfit(np.log(expected), np.log(number), 1)[0])
     rows = {

@@ -118,7 +118,8 @@ def touching(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 def shrinking(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """f = 0, and g = -1 but for a hat 4 high, of that width over H: from H/2 downwards no cell is loaded."""
-    mesh, partition = structured_square(h), uniform(square(), H)
+    mesh = structured_square(h)
+    partition = uniform(square(), H)
     D = mixed_spaces(condensed(mesh), partition).operator.D
     unit = square().area / square().perimeter
 
@@ -196,7 +197,8 @@ def local_limit(problem: ExtremeProblem) -> float:
 
     The loaded cells alone decide once no other cell is loaded again.
     """
-    loaded, S = np.flatnonzero(problem.lambda_H), problem.spaces.operator.S
+    loaded = np.flatnonzero(problem.lambda_H)
+    S = problem.spaces.operator.S
     return problem.spaces.operator.lambda_max / float(np.linalg.eigvalsh(S[np.ix_(loaded, loaded)])[-1])
 
 
@@ -274,7 +276,8 @@ def _floors(values: Array, h_over_H: float, budget: Budget, precision: DTypeLike
 
 def operator_in(problem: ExtremeProblem, precision: DTypeLike) -> DualOperator:
     """The dual operator of A rounded to that precision, its factors, A_3, D and S computed in it."""
-    spaces, boundary = problem.spaces, problem.spaces.mesh.boundary
+    spaces = problem.spaces
+    boundary = problem.spaces.mesh.boundary
     A = spaces.condensed.A.astype(precision)
     cholesky = last_block(factorise(A, elimination_order(A, boundary)), len(boundary))
     half = solve_triangular(cholesky, spaces.B.T.toarray().astype(precision), trans="T")
@@ -294,7 +297,8 @@ def bound_of_floor(problem: ExtremeProblem) -> float:
 def iterate_in(problem: ExtremeProblem, operator: DualOperator, steps: int) -> Array:
     """Uzawa's last iterate lambda (m,), every operation in the operator's precision."""
     root = np.sqrt(operator.H_i)
-    S, b = operator.S, (root * problem.discrete.offset).astype(root.dtype)
+    S = operator.S
+    b = (root * problem.discrete.offset).astype(root.dtype)
     rho = root.dtype.type(1.9 / operator.lambda_max)
     y = np.zeros_like(b)
     for _ in range(steps):

@@ -21,14 +21,19 @@ LIMITS = {
     "log10_limit": (style.COLOURS[2], (0, 1), "predicted limit of plain Uzawa"),
     "log10_tool_limit": ("black", (-1, 0), "predicted limit of unilateral solve"),
 }
-STEP, STRIP, TOP, FOOT = 1.32, 0.44, 0.1, 1.6
-LEFT, STRIP_WIDTH = (0.35, 8.85), 7.8
+STEP = 1.32
+STRIP = 0.44
+TOP = 0.1
+FOOT = 1.6
+LEFT = (0.35, 8.85)
+STRIP_WIDTH = 7.8
 MARGIN = 0.07
 TICKS = 6
 STEPS = (1, 2, 3, 5, 10, 20, 50, 100)
 """The distances that ticks may have, in powers of 10."""
 EXACT = 1e-6
-CROWDED, APART = 0.03, 0.06
+CROWDED = 0.03
+APART = 0.06
 """Two shares of an axis: points nearer than the first are drawn one above the other, and ticks on a short
 axis are farther apart than the second."""
 BROKEN = tuple(kind for kind in KINDS if not kind.startswith("right"))
@@ -79,7 +84,8 @@ def _edge(colour: str) -> str:
 
 def _strip(axes: Axes, of: pd.DataFrame) -> None:
     values = of["log10_value"].to_numpy()
-    low, high = values.min(), values.max()
+    low = values.min()
+    high = values.max()
     pad = MARGIN * (high - low)
     axes.set_xlim(low - pad, high + pad)
     if values[-1] < values[0]:
@@ -103,7 +109,8 @@ def _strip(axes: Axes, of: pd.DataFrame) -> None:
 
 def _ticks(values: Array) -> Array:
     """Powers of 10 or, on a short axis, the values themselves where they are apart."""
-    low, width = values.min(), np.ptp(values)
+    low = values.min()
+    width = np.ptp(values)
     if width <= 2:
         ticks = np.unique(values)
         return ticks[np.diff(ticks, prepend=-np.inf) > APART * width]
@@ -116,7 +123,8 @@ def _heights(values: Array, broken: Mask, near: float) -> Array:
 
     Where all in a run are alike they are up and down in turn.
     """
-    height, runs = np.zeros(len(values)), np.cumsum(np.abs(np.diff(values, prepend=values[0])) >= near)
+    height = np.zeros(len(values))
+    runs = np.cumsum(np.abs(np.diff(values, prepend=values[0])) >= near)
     for run in np.unique(runs):
         here = np.flatnonzero(runs == run)
         mixed = 0 < np.count_nonzero(broken[here]) < len(here)

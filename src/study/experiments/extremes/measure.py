@@ -66,7 +66,9 @@ def survey(study: Mapping[str, Any]) -> xr.Dataset:
     for name, declared in study["axes"].items():
         field = f"extremes.axes.{name}"
         values = np.array([read_value(value, field) for value in declared["values"]])
-        h, H, accuracy = (real(declared.get(size, study[size]), field) for size in ("h", "H", "accuracy"))
+        h = real(declared.get("h", study["h"]), field)
+        H = real(declared.get("H", study["H"]), field)
+        accuracy = real(declared.get("accuracy", study["accuracy"]), field)
         budget = Budget(accuracy, study["max_steps"])
         axis = AXES[name](values, h, H, budget)
         predicted = np.broadcast_to(axis.predicted, values.shape)

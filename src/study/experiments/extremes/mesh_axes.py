@@ -69,7 +69,8 @@ def shift(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 def short(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """One cell at a mesh vertex has that length, in units of a side: lambda_min(S) is like that length."""
-    mesh, points = structured_square(h), uniform(square(), H).points
+    mesh = structured_square(h)
+    points = uniform(square(), H).points
 
     def pose(length: float) -> ExtremeProblem:
         return posed(mesh, from_points(square(), np.sort(np.append(points, 0.5 + length))), waves)
@@ -92,7 +93,8 @@ def near(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
     D changes by at most twice that distance over H.
     """
-    mesh, aligned = structured_square(h), uniform(square(), H)
+    mesh = structured_square(h)
+    aligned = uniform(square(), H)
     inside = ~np.isin(aligned.points, square().starts)
     there = posed(mesh, aligned, waves).spaces.operator.D
 
@@ -184,7 +186,8 @@ def slit(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """A square with a slit of that width, half as long as a side."""
 
     def slit_square(w: float) -> Polygon:
-        a, b = 0.5 - w / 2, 0.5 + w / 2
+        a = 0.5 - w / 2
+        b = 0.5 + w / 2
         corners = [[0, 0], [a, 0], [a, 0.5], [b, 0.5], [b, 0], [1, 0], [1, 1], [0, 1]]
         return Polygon(np.array(corners), "slit")
 
@@ -203,7 +206,8 @@ def side(values: Array, h: float, H: float, budget: Budget) -> Axis:
 
 def aspect(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """Strips of triangles of that aspect ratio along two sides of the square; cond(S) stays as it is."""
-    n, partition = square().counts(h)[0], uniform(square(), H)
+    n = square().counts(h)[0]
+    partition = uniform(square(), H)
 
     def mesh(ratio: float) -> Mesh:
         return tensor(np.unique(np.append(np.arange(n + 1) / n, 1 / (n * ratio))))

@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 from study.formats import shown
 
 RESCUED = "right, but not by plain Uzawa"
-ALWAYS, NEVER, NO_TOOL = "–", "none", "not offered"
+ALWAYS = "–"
+NEVER = "none"
+NO_TOOL = "not offered"
 TOLD = {RESCUED: "by another algorithm only"}
 SPARE = 3
 """The allowance for rounding is told with this factor, since the digits of rounding are not reproducible."""
@@ -27,7 +29,8 @@ LAWS = ("odd", "shift", "short", "short_loaded", "scale_down", "scale_up", "angl
 
 def kinds(table: xr.Dataset) -> NDArray[np.str_]:
     """(point,) the outcome of plain Uzawa, or that the library's own choice is right where that is not."""
-    outcome, tool = table["outcome"].values, table["tool"].values
+    outcome = table["outcome"].values
+    tool = table["tool"].values
     return np.where((outcome != "right") & (tool == "right"), RESCUED, outcome)
 
 
@@ -52,7 +55,8 @@ def limits(table: xr.Dataset) -> pd.DataFrame:
     """
     rows = []
     for name in [each for each in table["axis"].values if each not in dull(table)]:
-        of, points = table.sel(axis=name), table["axis_of"].values == name
+        of = table.sel(axis=name)
+        points = table["axis_of"].values == name
         tooled = np.all(table["tool"].values[points] != "")
         count = Counter(kinds(table)[points].tolist())
         row = _axis(table, name)
@@ -92,7 +96,8 @@ def _limits(of: xr.Dataset, what: str) -> str:
 
 def outcomes(table: xr.Dataset) -> dict[str, Any]:
     """How many points there are, what became of them, what rounding explains, how far rho may go."""
-    count, solved = Counter(kinds(table).tolist()), table["u_norm"].values > 0
+    count = Counter(kinds(table).tolist())
+    solved = table["u_norm"].values > 0
     share = (table["allowance"] / table["u_norm"]).values[solved]
     over_law = (table["measured"] / table["predicted"]).values[np.isin(table["axis_of"].values, LAWS)]
     return {
@@ -111,7 +116,8 @@ def outcomes(table: xr.Dataset) -> dict[str, Any]:
 
 def _last_and_first(table: xr.Dataset, axis: str) -> dict[str, Any]:
     """The last value before the first that is not right, that one, and the local limit."""
-    of, values = table.sel(axis=axis), table["value"].values[table["axis_of"].values == axis]
+    of = table.sel(axis=axis)
+    values = table["value"].values[table["axis_of"].values == axis]
     first = float(of["measured_limit"])
     return {"right": float(values[values < first].max()), "fails": first, "local": float(of["local_limit"])}
 

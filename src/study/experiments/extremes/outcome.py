@@ -22,12 +22,17 @@ from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult, uzawa
 from unilateral.solvers.uzawa_steps import STEPS
 
-RIGHT, NOT_CONVERGED, REFUSED, WRONG = ("right", "not converged", "refused", "wrong")
+RIGHT = "right"
+NOT_CONVERGED = "not converged"
+REFUSED = "refused"
+WRONG = "wrong"
 NO_TOOL = ""
 """The outcome of the library's own choice where the library offers no such thing."""
 NEVER_RIGHT = np.inf
 """The limit on an axis with falling values where nothing is predicted to be right by plain Uzawa."""
-PLAIN, EXACT, TOOL = "uzawa", "active_set", "the tool"
+PLAIN = "uzawa"
+EXACT = "active_set"
+TOOL = "the tool"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -164,8 +169,10 @@ def _verdicts(
     problem: ExtremeProblem, budget: Budget, start: Array, share: float | None
 ) -> dict[str, Verdict]:
     """The verdicts on all algorithms by name, and on the library's choice, one of them with its own rho."""
-    operator, offset = problem.spaces.operator, problem.discrete.offset
-    steps, tolerance = budget.max_steps, budget.tolerance(problem)
+    operator = problem.spaces.operator
+    offset = problem.discrete.offset
+    steps = budget.max_steps
+    tolerance = budget.tolerance(problem)
     tool = _verdict(
         problem, partial(iterate, operator, offset, tolerance, Stop(max_steps=steps), start), tolerance
     )
@@ -192,7 +199,9 @@ def _verdict(problem: ExtremeProblem, run: Callable[[], DualResult], tolerance: 
 
 def judge(problem: ExtremeProblem, result: DualResult, tolerance: float) -> Verdict:
     """The verdict by the true error. A result that says more than is true, or nothing, is always wrong."""
-    error, allowance, bound = problem.error(result.lambda_H), problem.allowance, result.bound
+    error = problem.error(result.lambda_H)
+    allowance = problem.allowance
+    bound = result.bound
     outcome = RIGHT if result.converged else NOT_CONVERGED
     if not error <= bound + allowance < np.inf or result.converged != (bound <= tolerance):
         outcome = WRONG
@@ -225,7 +234,8 @@ def crossing(values: Array, numbers: Array, limit: float) -> float:
 
     Infinite, before all values, if the first number is beyond it.
     """
-    x, y = np.log(values), np.log(numbers)
+    x = np.log(values)
+    y = np.log(numbers)
     above = np.flatnonzero(y > np.log(limit))
     if not above.size:
         return np.nan

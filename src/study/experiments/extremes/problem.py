@@ -93,7 +93,8 @@ def made(mesh: Mesh, partition: Partition, lambda_H: Array, gap: Array, times: f
 
     lambda_H is measured in units of |Omega| / |boundary|, with which u(1) is about 1.
     """
-    polygon, spaces = mesh.polygon, mixed_spaces(condensed(mesh), partition)
+    polygon = mesh.polygon
+    spaces = mixed_spaces(condensed(mesh), partition)
     lambda_H = times * polygon.area / polygon.perimeter * lambda_H
     slope = times * min(1.0, 1 / polygon.diameter)
     u = times + slope * (mesh.points - polygon.vertices[0]).sum(axis=1)

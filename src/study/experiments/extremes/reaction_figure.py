@@ -10,8 +10,10 @@ from matplotlib.ticker import NullLocator
 from study import style, tables
 from study.formats import shown
 
-LEFT, WIDTH = (1.25, 5.15, 9.05, 12.95), 3.45
-BOTTOM, HEIGHT = 2.1, 4.6
+LEFT = (1.25, 5.15, 9.05, 12.95)
+WIDTH = 3.45
+BOTTOM = 2.1
+HEIGHT = 4.6
 """The left ends of the panels, their width, their lower end and their height, in cm."""
 TICKS = (1, 1.2, 1.5, 2, 3, 5, 10)
 POWERS = (-8, 0, 8, 16)

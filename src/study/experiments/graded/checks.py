@@ -24,7 +24,8 @@ def order(tables: Tables, table: str, norms: Sequence[str], tolerance: float) ->
 
     Raises Unjudged if it would pass, but the algebraic error counts, or a run has too few pairs.
     """
-    data, faults = tables[table], list[str]()
+    data = tables[table]
+    faults = list[str]()
     found: dict[str, float] = {}
     share = float((data["algebraic_bound"] / data["discrete_error"]).max())
     if not share <= SHARE:

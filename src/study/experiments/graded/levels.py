@@ -29,7 +29,8 @@ def far_apart(unknowns: Array, values: Array, factor: float) -> Array:
     `unknowns` and `values` are (k,) of levels, coarse to fine; levels beyond the last are NaN.
     """
     known = np.isfinite(unknowns)
-    N, of = unknowns[known], values[known]
+    N = unknowns[known]
+    of = values[known]
     first = [int(np.argmax(factor * n <= N)) for n in N]
     pairs = [(i, j) for i, j in enumerate(first) if j]
     return np.array([2 * np.log(of[i] / of[j]) / np.log(N[j] / N[i]) for i, j in pairs])

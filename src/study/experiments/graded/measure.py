@@ -43,7 +43,8 @@ WHERE = "graded mesh"
 
 def measure_graded(study: Mapping[str, Any], stop: Mapping[str, Any], errors: str, adapted: str) -> None:
     """Write the table of all scenes, cases and gradings, and that of the meshes that the bound refines."""
-    chosen, normed = Stop(**stop, algorithm=study["algorithm"]), study["normed"]
+    chosen = Stop(**stop, algorithm=study["algorithm"])
+    normed = study["normed"]
     measured = [run for scene in study["scenes"] for run in measure(scene, normed, chosen)]
     given = {"graded": study, "stop": stop}
     tables.save(xr.concat(measured, "run"), errors, "graded", given)
@@ -80,7 +81,7 @@ def graded(mesh: Mesh, vertex: int, radius: float, kappa: float) -> Mesh:
 
 def singular_atom(case: ExactSolution) -> Polar:
     """The case's only atom at a vertex."""
-    (atom,) = (atom for atom in case.atoms if isinstance(atom, Polar))
+    (atom,) = [atom for atom in case.atoms if isinstance(atom, Polar)]
     return atom
 
 
@@ -97,7 +98,8 @@ def on_levels(levels: Sequence[Mesh], case: ExactSolution, normed: int, stop: St
     """
     spaces = [mixed_spaces(condense(mesh), cells_of(mesh)) for mesh in levels]
     finest = [each.partition for each in spaces if each.partition.n_cells <= normed][-1]
-    gram, atom = dual_norm(finest, [case]).gram([case]), singular_atom(case)
+    gram = dual_norm(finest, [case]).gram([case])
+    atom = singular_atom(case)
     rows = [_errors(each, case, gram, stop) | resolved(each) for each in spaces]
     for row, each in zip(rows, spaces, strict=True):
         row["singular_error"] = alone(replace(case, atoms=(atom,)), each)
@@ -163,7 +165,8 @@ def resolved(spaces: MixedSpaces) -> Row:
 def least_angle(mesh: Mesh) -> float:
     """The smallest angle of all triangles, in degrees."""
     corners = mesh.points[mesh.triangles]
-    before, after = ((np.roll(corners, shift, axis=1) - corners).reshape(-1, 2) for shift in (1, -1))
+    before = (np.roll(corners, 1, axis=1) - corners).reshape(-1, 2)
+    after = (np.roll(corners, -1, axis=1) - corners).reshape(-1, 2)
     return float(np.degrees(np.arctan2(cross(after, before), np.sum(after * before, axis=1)).min()))
 
 

@@ -44,7 +44,8 @@ def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd
 
 def orders(errors: xr.Dataset) -> pd.DataFrame:
     """The orders in h of the finest pair of levels on which an error is known, by case and kappa."""
-    data, rows = errors.assign(hm12_error=error_in(errors, "hm12")), []
+    data = errors.assign(hm12_error=error_in(errors, "hm12"))
+    rows = []
     for run in range(data.sizes["run"]):
         of = data.isel(run=run)
         rates = {title: float(halved(of[name].dropna("level"))[-1]) for title, name in GRADED.items()}

@@ -52,7 +52,8 @@ def table(polygon: str, f: str, h: str, H: str, reference: str) -> pd.DataFrame:
     sizes = {"computed": (real(h, "h"), real(H, "H")), "reference": (fine, 2 * fine)}
     parts = []
     for of, (edge, cell) in sizes.items():
-        mesh, cells = structured(domain, edge), uniform(domain, cell)
+        mesh = structured(domain, edge)
+        cells = uniform(domain, cell)
         solution = solve(discretise(problem, mesh, cells))
         parts += [each.assign(of=of) for each in _along_boundary(domain, mesh, cells, solution)]
         if of == "computed":
@@ -73,7 +74,8 @@ def _along_boundary(
     x, y = mesh.points[node].T
     of_edges = {"s": position, "side": np.repeat(mesh.side, 2), "x": x, "y": y, "value": solution.u_h[node]}
     nodes = pd.DataFrame({"kind": "node", **of_edges}).drop_duplicates(["side", "s"])
-    s, end = cells.points[:-1], cells.points[1:]
+    s = cells.points[:-1]
+    end = cells.points[1:]
     x, y = polygon.at(cells.side, (s + end) / 2 - polygon.starts[cells.side]).T
     of_cells = {"s": s, "end": end, "side": cells.side, "x": x, "y": y, "value": solution.lambda_H}
     return nodes, pd.DataFrame({"kind": "cell", **of_cells})
@@ -89,7 +91,8 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     data = style.read(csv_path)
     with style.figure_in(svg_path, HEIGHT) as figure:
         _surface(figure, data)
-        upper, lower = (style.axes_at(figure, 9.75, bottom, 7.05, 2.2) for bottom in (3.45, 1.05))
+        upper = style.axes_at(figure, 9.75, 3.45, 7.05, 2.2)
+        lower = style.axes_at(figure, 9.75, 1.05, 7.05, 2.2)
         _multiplier(upper, data)
         _trace(lower, data)
         ends = data[data["kind"] == "node"].groupby("side")["s"].agg(start="min", end="max")
@@ -110,7 +113,8 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
 
 def _surface(figure: Figure, data: pd.DataFrame) -> None:
     """u_h above the mesh, its boundary values, the rim g = 0 and the contact set on it."""
-    mesh, contact = data[data["kind"] == "mesh"], _contact(data)
+    mesh = data[data["kind"] == "mesh"]
+    contact = _contact(data)
     # The table has the corners of each triangle; the surface needs each node once
     corners = mesh[["x", "y", "value"]].to_numpy()
     nodes, number = np.unique(corners, axis=0, return_inverse=True)
@@ -165,7 +169,8 @@ def _multiplier(axes: Axes, data: pd.DataFrame) -> None:
 
 def _trace(axes: Axes, data: pd.DataFrame) -> None:
     """u_h with its nodes, the reference, and the contact set at the foot."""
-    computed, reference = _nodes(data, "computed"), _nodes(data, "reference")
+    computed = _nodes(data, "computed")
+    reference = _nodes(data, "reference")
     axes.plot(computed["s"], computed["value"], marker=".", markersize=3.5, **COMPUTED)
     axes.plot(reference["s"], reference["value"], **REFERENCE)
     contact = _contact(data)

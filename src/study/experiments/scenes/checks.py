@@ -138,6 +138,8 @@ def exactness(
 
 def rate_of_excess(totals: xr.Dataset) -> xr.DataArray:
     """The rate at which the sharp bound over the error of u, less 1, falls on the last two halvings of h."""
-    excess, h = totals["total_index_u"].isel(mesh=[-3, -1]) - 1, totals["h"].isel(mesh=[-3, -1])
-    of_excess, of_h = (xr.DataArray(np.log(a.isel(mesh=0) / a.isel(mesh=1))) for a in (excess, h))
+    excess = totals["total_index_u"].isel(mesh=[-3, -1]) - 1
+    h = totals["h"].isel(mesh=[-3, -1])
+    of_excess = xr.DataArray(np.log(excess.isel(mesh=0) / excess.isel(mesh=1)))
+    of_h = xr.DataArray(np.log(h.isel(mesh=0) / h.isel(mesh=1)))
     return of_excess / of_h

@@ -39,8 +39,11 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     """
     data = style.read(csv_path)
     cases = data["case"].unique()
-    h, H = (np.sort(data[name].unique())[::-1] for name in ("h", "H"))
-    width, height, gap = 4.6, 0.53 * len(H), 0.62
+    h = np.sort(data["h"].unique())[::-1]
+    H = np.sort(data["H"].unique())[::-1]
+    width = 4.6
+    height = 0.53 * len(H)
+    gap = 0.62
     with style.figure_in(svg_path, 3.55 + (height + gap) * len(cases)) as figure:
         top = 2.05 + (height + gap) * len(cases)
         for left, (norm, title) in zip((1.62, 6.74, 11.86), style.NORMS.items(), strict=True):
@@ -83,7 +86,8 @@ def _error_map(axes: Axes, rows: pd.DataFrame, h: np.ndarray, H: np.ndarray, sca
     axes.xaxis.tick_top()
     axes.xaxis.set_label_position("top")
     axes.add_patch(Rectangle((-0.5, -0.5), len(h), len(H), lw=0, **BLANK))
-    column, row = (dict(zip(sizes, range(len(sizes)), strict=True)) for sizes in (h, H))
+    column = dict(zip(h, range(len(h)), strict=True))
+    row = dict(zip(H, range(len(H)), strict=True))
     places = np.column_stack([rows["h"].map(column), rows["H"].map(row)])
     for (j, i), error, beta_zero in zip(places.tolist(), rows["error"], rows["beta_zero"], strict=True):
         _cell(axes, j, i, error, bool(beta_zero), scale)

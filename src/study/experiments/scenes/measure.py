@@ -64,13 +64,19 @@ def solve_scene(
     `norm` is the file of the dual norm's forms, if errors are measured in it anywhere.
     """
     gram = Gram.of_table(tables.load(norm)) if norm else None
-    cases, partitions, levels = scenes.cases(scene), scenes.partitions(scene), []
+    cases = scenes.cases(scene)
+    partitions = scenes.partitions(scene)
+    solved_levels = []
+    timed_levels = []
     coarsest = scenes.coarsest_mesh(scene)
     write_mesh(coarsest, mesh)
     for refined in scenes.refinements(coarsest, scene["mesh"]["levels"]):
-        levels.append(sweep(refined, cases, partitions, gram, scenes.limits(scene), Stop(**stop)))
+        solved, timed = sweep(refined, cases, partitions, gram, scenes.limits(scene), Stop(**stop))
+        solved_levels.append(solved)
+        timed_levels.append(timed)
         print(f"h = {refined.h:.4g} solved")
-    solved, timed = (tables.along_mesh(each) for each in zip(*levels, strict=True))
+    solved = tables.along_mesh(solved_levels)
+    timed = tables.along_mesh(timed_levels)
     given = {f"scenes.{name}": scene, "stop": stop}
     tables.save(solved, solutions, name, given)
     tables.save(solved.drop_vars("lambda_H"), errors, name, given)
@@ -150,10 +156,13 @@ def sweep(
 
 
 def _empty(mesh: Mesh, cases: Sequence[ExactSolution], partitions: Sequence[Partition]) -> xr.Dataset:
-    n, p = len(cases), len(partitions)
+    n = len(cases)
+    p = len(partitions)
     H = np.array([partition.H for partition in partitions])
-    largest, clamped = max(partition.n_cells for partition in partitions), cases[0].clamped_sides
-    run, grid = ("case", "mesh", "partition"), ("mesh", "partition")
+    largest = max(partition.n_cells for partition in partitions)
+    clamped = cases[0].clamped_sides
+    run = ("case", "mesh", "partition")
+    grid = ("mesh", "partition")
 
     def unknown(*shape: int) -> np.ndarray:
         return np.full(shape, np.nan)

@@ -142,7 +142,8 @@ def totals(scenes: Mapping[str, xr.Dataset]) -> pd.DataFrame:
                 head = f"{title}, h = {shown(float(table['h'][k]), '1/n')}"
                 rows.append((name, f"`{case}`", head, "λ_H exact" if np.isnan(value) else f"{value:.2f}"))
     long = pd.DataFrame(rows, columns=["scene", "case", "at", "index"])
-    heads, cases = long["at"].unique(), pd.MultiIndex.from_frame(long[["scene", "case"]]).unique()
+    heads = long["at"].unique()
+    cases = pd.MultiIndex.from_frame(long[["scene", "case"]]).unique()
     return long.pivot(index=["scene", "case"], columns="at", values="index").loc[cases, heads].reset_index()
 
 
@@ -150,12 +151,14 @@ def exactness(scenes: Mapping[str, xr.Dataset], claimed: Mapping[str, Any]) -> p
     """How fast the sharp bound's index falls to 1, and eta over the error of u on the finest level."""
     rows = []
     for name, table in scenes.items():
-        rates, orders = rate_of_excess(table), claimed["orders"] if name in claimed["scenes"] else {}
+        rates = rate_of_excess(table)
+        orders = claimed["orders"] if name in claimed["scenes"] else {}
         h = shown(float(table["h"][-1]), "1/n")
         for case in table["case"].values:
             finest = table.sel(case=case).isel(mesh=-1)
             # Proposition S9: the rate 2 (p - 1); for p = 1 it is only proved that the index falls to 1
-            proved, order = NOTHING, orders.get(case)
+            proved = NOTHING
+            order = orders.get(case)
             if order is not None:
                 proved = f"{2 * (order - 1):.2f}" if order > 1 else "falls to 0"
             rows.append(

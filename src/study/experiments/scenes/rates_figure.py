@@ -24,7 +24,8 @@ def table(errors: style.FilePath, rates: style.FilePath) -> pd.DataFrame:
 
     A ratio h/H at which nothing was solved has no rows. Raises InputError if no ratio has any.
     """
-    solved, fitted = tables.load(errors), tables.load(rates)
+    solved = tables.load(errors)
+    fitted = tables.load(rates)
     all_parts = [_along(solved, fitted.sel(h_over_H=ratio)) for ratio in fitted["h_over_H"].values]
     parts = [part for part in all_parts if part["error"].notna().any()]
     if not parts:
@@ -53,7 +54,8 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     expected.
     """
     data = style.read(csv_path)
-    cases, ratios = style.numbered(data["case"]), sorted(data["h_over_H"].unique(), reverse=True)
+    cases = style.numbered(data["case"])
+    ratios = sorted(data["h_over_H"].unique(), reverse=True)
     bottom = 2.6 + ROW * len(cases)
     with style.figure_in(svg_path, bottom + 5.9) as figure:
         key = style.axes_at(figure, 0, 0, style.WIDTH, bottom - 0.9)
@@ -100,7 +102,8 @@ def _dashes(j: int) -> str | tuple[float, tuple[float, float]]:
 
 def _slope(axes: Axes, rows: pd.DataFrame) -> None:
     """The triangle of the proved slope, at the right, below all lines."""
-    proved, drawn = float(rows["proved"].iloc[0]), rows[rows["error"] > 0]
+    proved = float(rows["proved"].iloc[0])
+    drawn = rows[rows["error"] > 0]
     right = rows["h"].max() / 1.25
     left = right / 3
     near = drawn[drawn["h"] > left / 2]
@@ -108,7 +111,8 @@ def _slope(axes: Axes, rows: pd.DataFrame) -> None:
     top = base * (right / left) ** proved
     axes.add_patch(Polygon([(left, base), (right, base), (right, top)], fc="0.88", ec="0.25", lw=0.7))
     beside: style.Look = {"textcoords": "offset points", "fontsize": style.SMALL}
-    middle_x, middle_y = np.sqrt(left * right), np.sqrt(base * top)
+    middle_x = np.sqrt(left * right)
+    middle_y = np.sqrt(base * top)
     axes.annotate("$1$", (middle_x, base), (0, -2), ha="center", va="top", **beside)
     axes.annotate(f"${style.as_fraction(proved)}$", (right, middle_y), (2, 0), va="center", **beside)
     low, high = axes.get_ylim()
@@ -129,7 +133,8 @@ def _rate_columns(
         key.text(x, top - 0.75, f"${style.as_fraction(ratio)}$", **text)
         key.plot([x - 0.62, x], [top - 1.02] * 2, color="black", lw=1.0, ls=_dashes(j))
     for place, (case, i) in enumerate(cases.items()):
-        y, of_case = top - 1.35 - ROW * place, rows[rows["case"] == case]
+        y = top - 1.35 - ROW * place
+        of_case = rows[rows["case"] == case]
         start = 0.1 if left < 2 else left
         key.plot([start, start + 0.5], [y, y], **_line(i))
         key.plot([start + 0.25], [y], ls="", **style.marked(i, True, MARKER))

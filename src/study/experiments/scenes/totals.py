@@ -38,7 +38,8 @@ def bound_totals(
     totals: str,
 ) -> None:
     """Write the table of the wanted cases on a scene's coarser levels, at the judged h/H."""
-    H_over_h, solved = 1 / real(ratio, "judged_ratio"), tables.load(solutions)
+    H_over_h = 1 / real(ratio, "judged_ratio")
+    solved = tables.load(solutions)
     partitions = scenes.partitions(scene)
     cases = [case for case in scenes.cases(scene) if case.name in wanted]
     meshes = scenes.refinements(scenes.stored_mesh(mesh, scene), levels)
@@ -65,7 +66,9 @@ def over_errors(
     """
     k = int(np.argmin([abs(partition.H / mesh.h - H_over_h) for partition in partitions]))
     spaces = mixed_spaces(condense(mesh, form_of(cases[0].problem, mesh)), partitions[k])
-    cells, form, partition = spaces.cells, spaces.condensed.form, spaces.partition
+    cells = spaces.cells
+    form = spaces.condensed.form
+    partition = spaces.partition
     indices = np.full((len(NAMES), len(cases), 1), np.nan)
     for c, case in enumerate(cases):
         of = solved.sel(case=case.name).isel(mesh=0, partition=k)
@@ -78,7 +81,8 @@ def over_errors(
         lambda_H = spaces.extended(mu)
         sharp = sharp_bound(data, partition, u_h, lambda_H, form)
         cheap = local_bound(data, partition, u_h, lambda_H, form)
-        of_u, of_lambda = float(error_in(of, "h1")), float(error_in(of, "hm12", "upper"))
+        of_u = float(error_in(of, "h1"))
+        of_lambda = float(error_in(of, "hm12", "upper"))
         of_lambda = of_lambda if of_lambda > ZERO * float(of["u_norm"]) else np.nan
         of_sharp = sharp.u / of_u, sharp.lambda_ / of_lambda, sharp.eta / of_u
         indices[:, c, 0] = *of_sharp, cheap.u / of_u, cheap.lambda_ / of_lambda

@@ -45,9 +45,12 @@ def lemma_1(tables: Tables, scenes: Sequence[str]) -> Evidence:
 
 def _over_lemma_1(runs: xr.Dataset, m: xr.DataArray) -> Array:
     """(case, mesh) D over the bound, for m = ||lambda - mu||_{-1/2}, (case,); NaN where beta or D is 0."""
-    D, c, H = runs["discrete_error"], runs["consistency"], float(runs["H"])
+    D = runs["discrete_error"]
+    c = runs["consistency"]
+    H = float(runs["H"])
     known = (runs["beta_lower"] > 0) & (D / runs["u_norm"] > ZERO)
-    beta, beta_0 = (runs[name].where(known) for name in ("beta_upper", "beta_0"))
+    beta = runs["beta_upper"].where(known)
+    beta_0 = runs["beta_0"].where(known)
     k = np.minimum(runs["ritz_error"] / beta, runs["ritz_means"] / H**0.5 / beta_0)
     bound = 0.5 * (m + k + np.sqrt((m + k) ** 2 + 4 * (m * k + c)))
     return np.asarray((D / bound).transpose("case", "mesh").values, dtype=float)
@@ -83,7 +86,8 @@ def released(tables: Tables, table: str, norms: Sequence[str], most: float) -> E
 
     It is taken on the two finest levels, for alpha > 0.
     """
-    data, rows = tables[table].isel(level=slice(-2, None)), dict[str, float]()
+    data = tables[table].isel(level=slice(-2, None))
+    rows = dict[str, float]()
     freest = data.sel(gamma=data["gamma"].min(), drop=True)
     for norm in norms:
         share = error_in(data, norm) / error_in(freest, norm)
@@ -118,8 +122,10 @@ def proposition_3(
     """
     found = {}
     for name, run in by_case(tables, "{scene}/errors", scenes, exponents).items():
-        h, error = (run[of].values[[-3, -1]] for of in ("h", "ritz_boundary_error"))
-        nu, rate = exponents[str(run["case"].values)], np.log(error[0] / error[1]) / np.log(h[0] / h[1])
+        h = run["h"].values[[-3, -1]]
+        error = run["ritz_boundary_error"].values[[-3, -1]]
+        nu = exponents[str(run["case"].values)]
+        rate = np.log(error[0] / error[1]) / np.log(h[0] / h[1])
         taken = float(logarithm(nu)) * surfaces.taken_by_logarithm(h)[0]
         found[name] = float(rate + taken - min(2.0, 1.5 + nu))
     quantity = r"the rate over the last factor of 4 with its logarithm, less $\min(2, 3/2 + \nu)$"

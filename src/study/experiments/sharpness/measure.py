@@ -38,7 +38,8 @@ from unilateral.problems.case import ExactSolution
 from unilateral.problems.polar_atoms import harmonic
 from unilateral.solvers.stop import Stop
 
-START, CUTOFF = Fraction(1, 4), Fraction(1, 4)
+START = Fraction(1, 4)
+CUTOFF = Fraction(1, 4)
 END = Fraction(3, 2)
 """The exponent of the gap beyond the cutoff. Since lambda ends there like s^4, that transition adds nothing
 of lower order."""
@@ -113,8 +114,12 @@ def seen(
 
 def measure(condensed: Condensed, of: SeenFamily, stop: Stop) -> xr.Dataset:
     """Errors over (alpha, gamma, position) on one mesh and one partition, and what they depend on."""
-    (alphas, gammas), at, partition, gram = of.exponents, of.at, of.partition, of.gram
-    mesh, polygon = condensed.mesh, condensed.mesh.polygon
+    (alphas, gammas) = of.exponents
+    at = of.at
+    partition = of.partition
+    gram = of.gram
+    mesh = condensed.mesh
+    polygon = condensed.mesh.polygon
     spaces = mixed_spaces(condensed, partition)
     beta = infsup(spaces.operator, gram.p0).beta_lower
     measured = {name: np.full((len(alphas), len(gammas), len(at)), np.nan) for name in MEASURED}
@@ -157,11 +162,12 @@ def measure_sharpness(
     fixed_rates: str,
 ) -> None:
     """Write errors and rates along h/H, and along H at one h. A pair that both have is solved once."""
-    domain, fixed = named(study["polygon"]), study["fixed"]
-    alphas, gammas = (
-        [fraction(each, f"sharpness.{name}") for each in study[name]] for name in ("alphas", "gammas")
-    )
-    chosen, given = Stop(**stop, algorithm=study["algorithm"]), {"sharpness": study, "stop": stop}
+    domain = named(study["polygon"])
+    fixed = study["fixed"]
+    alphas = [fraction(each, "sharpness.alphas") for each in study["alphas"]]
+    gammas = [fraction(each, "sharpness.gammas") for each in study["gammas"]]
+    chosen = Stop(**stop, algorithm=study["algorithm"])
+    given = {"sharpness": study, "stop": stop}
 
     @cache
     def on_mesh(h: Fraction) -> Condensed:

@@ -31,7 +31,9 @@ def exceptions(found: xr.Dataset, tolerances: Mapping[str, float]) -> pd.DataFra
     many positions of the transition have a multiplier in its cell on the finest level.
     """
     missing = (found["predicted"] - found["rate"].isel(pair=-1)).where(found["alpha"] > 0, drop=True)
-    taken, held, rows = 0.5 * taken_by_logarithm(found["H"].values)[-1], found["held"].isel(level=-1), []
+    taken = 0.5 * taken_by_logarithm(found["H"].values)[-1]
+    held = found["held"].isel(level=-1)
+    rows = []
     for alpha, gamma in itertools.product(missing["alpha"].values, missing["gamma"].values):
         here = {norm: float(missing.sel(norm=norm, alpha=alpha, gamma=gamma)) for norm in tolerances}
         if any(here[norm] > tolerances[norm] for norm in tolerances):

@@ -22,7 +22,9 @@ TITLES = {
     **{norm: f"{style.NORMS[norm]}, at $H=2h$" for norm in ("hm12", "l2")},
 }
 COLUMNS = ["kind", "norm", "alpha", "gamma", "rate"]
-BOTTOM, WIDTH, PANEL = 2.9, 4.4, 4.6
+BOTTOM = 2.9
+WIDTH = 4.4
+PANEL = 4.6
 LEFT = {"discrete": 1.25, "hm12": 6.85, "l2": 12.45}
 """The left ends of the panels; these and their size are in cm."""
 LOOKS: dict[str, style.Look] = {
@@ -42,7 +44,8 @@ def table(rates: style.FilePath, fixed: style.FilePath) -> pd.DataFrame:
     of lambda's largest error over gamma, per alpha; `predicted`: points of the predicted line; `left`: points
     of what the choice Pi_H lambda leaves of D for the least gamma; `proved`: ends of Theorem 4.1's line.
     """
-    stored, parts = tables.load(rates), []
+    stored = tables.load(rates)
+    parts = []
     for norm in TITLES:
         theory = _theory(norm, stored["alpha"].values, float(stored["gamma"].min()))
         parts.append(pd.concat([*_measured(norm, stored, tables.load(fixed)), *theory]).assign(norm=norm))
@@ -101,7 +104,8 @@ def _panel(axes: Axes, rows: pd.DataFrame) -> None:
         of = rows[rows["kind"] == kind]
         for _, line in of.groupby("alpha") if kind == "measured" else [("", of)] * (not of.empty):
             axes.plot(line["alpha"], line["rate"], **look)
-    first, last = rows["alpha"].min(), rows["alpha"].max()
+    first = rows["alpha"].min()
+    last = rows["alpha"].max()
     axes.set_xlim(first - 0.06 * (last - first), last + 0.06 * (last - first))
     axes.axvspan(axes.get_xlim()[0], 0, zorder=0, **FAILS)
     axes.set_xlabel(r"$\alpha$", labelpad=1)

@@ -82,14 +82,19 @@ def rates_over(errors: xr.Dataset) -> xr.Dataset:
     H^{-1/2} ||Pi_H(u - z_h)||_0 of Theorem 4, on which gamma has no influence, and `t_rate` its rate. `held`
     is the share of positions at which the transition's cell has a multiplier.
     """
-    H, alpha, gamma = (errors[name].values for name in ("H", "alpha", "gamma"))
+    H = errors["H"].values
+    alpha = errors["alpha"].values
+    gamma = errors["gamma"].values
     error = np.stack([_mean(error_in(errors, norm) ** 2) ** 0.5 for norm in MEASURED])
     t = _mean(errors["ritz_means"] ** 2 / errors["H"]) ** 0.5
     consistency = _mean(errors["consistency"])
     rate = _rates(error, H)
-    by_norm, surface, pairs = ("norm", "alpha", "gamma"), ("alpha", "gamma"), ("pair", "alpha", "gamma")
+    by_norm = ("norm", "alpha", "gamma")
+    surface = ("alpha", "gamma")
+    pairs = ("pair", "alpha", "gamma")
     levels = ("level", "alpha", "gamma")
-    a, c = alpha[:, None], gamma[None]
+    a = alpha[:, None]
+    c = gamma[None]
     return xr.Dataset(
         {
             "error": (("norm", *levels), error),
@@ -121,14 +126,16 @@ def rates_over(errors: xr.Dataset) -> xr.Dataset:
 
 def over_all_levels(rates: xr.Dataset, norm: str) -> xr.DataArray:
     """(alpha, gamma) the rate of an error from the coarsest to the finest H."""
-    error, H = rates["error"].sel(norm=norm, drop=True), rates["H"].values
+    error = rates["error"].sel(norm=norm, drop=True)
+    H = rates["H"].values
     return np.log(error.isel(level=0) / error.isel(level=-1)) / np.log(H[0] / H[-1])
 
 
 def of_largest(rates: xr.Dataset, norm: str) -> xr.DataArray:
     """(pair, alpha) rates of the largest error over gamma: the constant of Theorem 4 is one for all."""
     largest = rates["error"].sel(norm=norm, drop=True).max("gamma", skipna=False)
-    error, H = (xr.ufuncs.log(each).diff("level") for each in (largest, rates["H"]))
+    error = xr.ufuncs.log(largest).diff("level")
+    H = xr.ufuncs.log(rates["H"]).diff("level")
     return (error / H).rename(level="pair")
 
 
@@ -148,7 +155,8 @@ def _rates(error: Array, H: Array) -> Array:
 
 def _share(errors: xr.Dataset, norm: str) -> Array:
     """The share as rates are judged: the bound turned into that norm, over the error's lower bound."""
-    beta, lambda_min = errors["beta_lower"], errors["lambda_min"]
+    beta = errors["beta_lower"]
+    lambda_min = errors["lambda_min"]
     one = xr.ones_like(beta)
     to_norm = {"h1": one, "hm12": beta, "l2": lambda_min**0.5, "discrete": one}[norm]
     share = errors["algebraic_bound"] / to_norm / error_in(errors, norm, "lower")

@@ -40,7 +40,8 @@ def pairing(tables: Tables, scenes: Sequence[str]) -> Evidence:
 def near_ends(tables: Tables, scene: str, tolerance: float) -> Evidence:
     """How far the orders of beta from one H to the next are from 1: at delta = H, and at the least delta."""
     data = tables[f"{scene}/infsup"]
-    H, delta = data["H"].values, data["delta"].values
+    H = data["H"].values
+    delta = data["delta"].values
     found: dict[str, float] = {}
     for name, mesh in (
         ("delta = H", np.abs(delta - H).argmin(axis=0)),

@@ -25,7 +25,9 @@ PER_PAIR = [
     "beta_upper",
     "beta_fortin",
 ]
-LEFT, WIDTH, HEIGHT = (1.25, 6.5, 12.25), 4.4, 4.9
+LEFT = (1.25, 6.5, 12.25)
+WIDTH = 4.4
+HEIGHT = 4.9
 """The left ends of the panels, their width and their height, in cm."""
 LOOKS: dict[str, style.Look] = {
     "irregular": {"marker": "o", "ms": 3.2, "mew": 0.6, "ls": "", "color": "0.55", "mfc": "white"},
@@ -74,7 +76,9 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     data = data.assign(look=look)
     bottom = 3.0
     with style.figure_in(svg_path, bottom + HEIGHT + 0.65) as figure:
-        ratio, inner, unsolved = (style.axes_at(figure, x, bottom, WIDTH, HEIGHT) for x in LEFT)
+        ratio = style.axes_at(figure, LEFT[0], bottom, WIDTH, HEIGHT)
+        inner = style.axes_at(figure, LEFT[1], bottom, WIDTH, HEIGHT)
+        unsolved = style.axes_at(figure, LEFT[2], bottom, WIDTH, HEIGHT)
         _marks(ratio, data, "h_over_H", "beta_lower")
         _marks(inner, data, "delta", "beta_lower")
         _marks(unsolved, data[data["beta_fortin"] > 0], "beta_lower", "beta_fortin")

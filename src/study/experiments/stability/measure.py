@@ -135,7 +135,8 @@ def worst_multiplier(D: Array, G: Array, symmetries: Sequence[Index] = ()) -> Ar
     that are equally bad it is the first, beginning with the symmetric.
     """
     m = len(D)
-    least, mu = 0.0, np.empty(0)
+    least = 0.0
+    mu = np.empty(0)
     for signs in product((1.0, -1.0), repeat=len(symmetries)):
         projector = np.eye(m)
         for sign, image in zip(signs, symmetries, strict=True):
@@ -146,7 +147,8 @@ def worst_multiplier(D: Array, G: Array, symmetries: Sequence[Index] = ()) -> Ar
             continue
         value, x = eigh(basis.T @ D @ basis, basis.T @ G @ basis, subset_by_index=[0, 0])
         if not mu.size or value[0] < least - TIE * abs(least):
-            least, mu = float(value[0]), basis @ x[:, 0]
+            least = float(value[0])
+            mu = basis @ x[:, 0]
     size = np.abs(mu)
     return mu / mu[np.flatnonzero(size >= (1 - TIE) * size.max())[0]]
 
@@ -180,7 +182,8 @@ def meshes_of(partitions: Sequence[Partition], specs: Sequence[Spec], size: obje
     {kind: structured}, its h = H / size; or a mesh by gmsh with the boundary nodes of `spec`.
     Raises InputError for nodes that are out of order, or without the vertices.
     """
-    by_nodes, made = cache(with_boundary), []
+    by_nodes = cache(with_boundary)
+    made = []
     for partition, spec in zip(partitions, specs, strict=True):
         polygon = partition.polygon
         if spec.get("kind") == "structured":
@@ -226,7 +229,8 @@ def _inner(partition: Partition, delta: float, spec: Spec) -> Array:
 
 
 def _graded(polygon: Polygon, counts: Counts, spec: Spec) -> Array:
-    q, (side, index) = real(spec["grading"], "grading"), _indices(counts)
+    q = real(spec["grading"], "grading")
+    (side, index) = _indices(counts)
     t = index / counts[side]
     share = np.where(t <= 0.5, 0.5 * (2 * t) ** q, 1 - 0.5 * (2 - 2 * t) ** q)
     return np.append(polygon.starts[side] + polygon.lengths[side] * share, polygon.perimeter)

@@ -14,7 +14,10 @@ from study import style, tables
 from unilateral.errors import InputError
 from unilateral.formulas.formula import real
 
-STRIP, GAP, LEFT, FOOT = 2.15, 0.45, 1.25, 1.1
+STRIP = 2.15
+GAP = 0.45
+LEFT = 1.25
+FOOT = 1.1
 
 
 def table(survey: style.FilePath, h_over_H: Sequence[object]) -> pd.DataFrame:
@@ -30,7 +33,8 @@ def _worst(of: xr.Dataset, ratio: float) -> pd.DataFrame:
     same = np.flatnonzero(np.isclose(of["h_over_H"].values, ratio, rtol=1e-9))
     if not same.size:
         raise InputError(f"survey '{of.attrs['scene']}' has no mesh with h/H = {ratio:g} to draw")
-    mesh, points = of.isel(mesh=int(same[0])), of["points"].values
+    mesh = of.isel(mesh=int(same[0]))
+    points = of["points"].values
     points = points[np.isfinite(points)]
     m = len(points) - 1
     beta = 0.5 * (mesh["beta_lower"] + mesh["beta_upper"])
@@ -47,7 +51,8 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     strips = [rows.sort_values("s") for _, rows in style.read(csv_path).groupby("h_over_H")]
     with style.figure_in(svg_path, FOOT + len(strips) * (STRIP + GAP) + 0.15) as figure:
         for i, rows in enumerate(strips):
-            bottom, width = FOOT + i * (STRIP + GAP), style.WIDTH - LEFT - 2.3
+            bottom = FOOT + i * (STRIP + GAP)
+            width = style.WIDTH - LEFT - 2.3
             axes = style.axes_at(figure, LEFT, bottom, width, STRIP)
             _steps(axes, rows)
             ends = rows.groupby("side").agg(start=("s", "min"), end=("end", "max"))

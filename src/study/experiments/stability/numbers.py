@@ -67,9 +67,11 @@ def correlations(pairs: pd.DataFrame, smallest_angle: float) -> pd.DataFrame:
 def beta(pairs: pd.DataFrame, cell_over_edge: float, smallest_angle: float) -> dict[str, Any]:
     """How many pairs keep the rule; the worst one with flat triangles; the angle of the worst of a search."""
     few = cell_over_edge * (1 - ROUNDED)
-    flat_ones, fine = pairs["smallest_angle"] < smallest_angle, pairs["cell_over_edge"] >= few
+    flat_ones = pairs["smallest_angle"] < smallest_angle
+    fine = pairs["cell_over_edge"] >= few
     searched = pairs[(pairs["kind"] == "worst") & (pairs["edges_per_cell"] >= few)]
-    flat, edges = (of.nsmallest(1, "beta_upper").iloc[0] for of in (pairs[fine & flat_ones], searched))
+    flat = pairs[fine & flat_ones].nsmallest(1, "beta_upper").iloc[0]
+    edges = searched.nsmallest(1, "beta_upper").iloc[0]
     return {
         "kept": len(pairs[fine & ~flat_ones]),
         "flat": {"beta": float(flat["beta_upper"]), "mesh": flat["label"]},
@@ -79,7 +81,8 @@ def beta(pairs: pd.DataFrame, cell_over_edge: float, smallest_angle: float) -> d
 
 def uniform_beta(pairs: pd.DataFrame) -> dict[str, Any]:
     """The least beta on uniform meshes with h < H; and that of an odd number of edges at H = h."""
-    ratio, equal = pairs["h_over_H"], np.isclose(pairs["h_over_H"], 1, rtol=ROUNDED)
+    ratio = pairs["h_over_H"]
+    equal = np.isclose(pairs["h_over_H"], 1, rtol=ROUNDED)
     below = (pairs["kind"] == "uniform") & (ratio < 1) & ~equal
     odd = pairs.loc[(pairs["scene"] == "betaodd") & equal, "beta_lower"]
     return {"uniform": float(pairs.loc[below, "beta_lower"].min()), "odd": odd.item()}

@@ -49,7 +49,8 @@ def test_both_kinds_start_from_one_mesh_and_keep_the_limit(measured):
 
 def test_errors_are_those_of_the_condensed_problem_and_below_their_bounds(measured):
     """On the finer uniform mesh, by active sets on the boundary; quadrature agrees to its accuracy."""
-    errors, case = measured[0], load("thirds")
+    errors = measured[0]
+    case = load("thirds")
     mesh = structured(square(), 1 / 8)
     cells = uniform(square(), 1 / 4)
     alone = discretise(case.problem, mesh, cells)
@@ -74,7 +75,8 @@ def test_one_gram_matrix_serves_the_cells_and_their_edges():
 
     At H = h, with an even number of edges, beta is 0.
     """
-    mesh, cells = structured(square(), 1 / 4), uniform(square(), 1 / 2)
+    mesh = structured(square(), 1 / 4)
+    cells = uniform(square(), 1 / 2)
     found = adaptive.stability(SimpleNamespace(mesh=mesh, partition=cells, form=H1))
     spaces = mixed_spaces(condense(mesh), cells)
     own = infsup(spaces.operator, dual_norm(cells).gram().p0)
@@ -112,7 +114,8 @@ def test_tables_are_put_together(measured):
 
 def levels(unknowns, error, bound, start):
     """A table of one case, the same on both kinds of meshes but for its length."""
-    order, shape = ("case", "kind", "level"), (1, 2, len(unknowns))
+    order = ("case", "kind", "level")
+    shape = (1, 2, len(unknowns))
     values = {"unknowns": unknowns, "h1_error": error, "h1_bound": bound, "algebraic_bound": 0.01 * error}
     table = {name: (order, np.broadcast_to(each, shape).copy()) for name, each in values.items()}
     table |= {name: table["h1_error"] for name in ("multipliers", "diameter", "shortest_edge")}

@@ -28,7 +28,8 @@ def test_the_table(tmp_path):
 
 def test_every_error_and_bound_stands_over_its_unknowns():
     """In the panel of its case; a problem without a known solution has bounds only."""
-    rows, panels = table("adaptive"), page("adaptive")[0].axes
+    rows = table("adaptive")
+    panels = page("adaptive")[0].axes
     cases = list(dict.fromkeys(rows["case"]))
     assert [axes.get_title() for axes in panels[:-1]] == cases
     for case, axes in zip(cases, panels[:-1], strict=True):
@@ -38,7 +39,8 @@ def test_every_error_and_bound_stands_over_its_unknowns():
 
 
 def test_beta_stands_over_the_unknowns_of_adapted_meshes():
-    rows, axes = table("adaptive"), page("adaptive")[0].axes[-1]
+    rows = table("adaptive")
+    axes = page("adaptive")[0].axes[-1]
     assert points(axes) == pairs(rows, "unknowns", "beta") | pairs(rows, "unknowns", "beta_of_edges")
     assert set(rows["case"]) <= set(said(page("adaptive")[0]))
 

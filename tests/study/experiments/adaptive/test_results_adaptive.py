@@ -21,7 +21,8 @@ def levels(case, kind):
 def test_unknowns_grow_up_to_the_limit_and_bounds_fall(case, kind):
     """On uniform meshes h is halved, so there are nearly four times the unknowns."""
     of = levels(case, kind)
-    unknowns, shortest = of["unknowns"].values, of["shortest_edge"].values
+    unknowns = of["unknowns"].values
+    shortest = of["shortest_edge"].values
     assert unknowns[-1] <= STUDY["most"]["unknowns"]
     assert np.all(of["converged"] == 1)
     assert np.all(np.diff(of["h1_bound"]) < 0)
@@ -61,7 +62,8 @@ def test_beta_is_known_to_half_a_percent_on_all_small_adapted_meshes(case):
     of = stored("adaptive/infsup").sel(case=case, kind="adapted").dropna("level", subset=["beta_lower"])
     assert np.array_equal(of["level"], small["level"])
     assert of.sizes["level"] > 4
-    lower, upper = of["beta_lower"].values, of["beta_upper"].values
+    lower = of["beta_lower"].values
+    upper = of["beta_upper"].values
     assert np.all((lower > 0) & (lower <= upper) & (upper <= 1.005 * lower))
     assert np.all(of["cell_over_edge"] >= RULE.cell_over_edge * (1 - 1e-9))
     np.testing.assert_allclose(of["delta"], 0.5, rtol=1e-9)

@@ -23,14 +23,16 @@ STEPS = 400
 @cache
 def tried():
     cases = [load(name) for name in ("full_contact", "natural")]
-    mesh, cells = structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8)
+    mesh = structured(square(), 1 / 16)
+    cells = partitions.uniform(square(), 1 / 8)
     return experiments.algorithm(mesh, cells, cases, SHARES, STEPS)
 
 
 @cache
 def spectrum():
     """Eigenvalues of S, ascending, and the share of each eigenvector in lambda_H of full contact."""
-    both, case = coupled("square", 16, 8), load("full_contact")
+    both = coupled("square", 16, 8)
+    case = load("full_contact")
     problem = ritz_projection(case, condensed("square", 16))
     offset = both.B @ problem.trace / both.partition.lengths - cell_means(case, both.partition).g_means
     values, vectors = np.linalg.eigh(both.operator.S)
@@ -50,7 +52,8 @@ def test_in_full_contact_the_distance_is_that_of_the_linear_iteration(share):
 def test_the_printed_index_gives_the_quadratic_recursion():
     """z^2 - z + rho sigma = 0, from lambda^0 = lambda^(-1) = 0."""
     sigma, y = spectrum()
-    now, before = -y, -y
+    now = -y
+    before = -y
     for _ in range(STEPS):
         now, before = now - 0.25 * 2 / sigma[-1] * sigma * before, now
     found = float(tried()["distance"].sel(case="full_contact", variant="as printed", rho_share=0.25))
@@ -60,7 +63,8 @@ def test_the_printed_index_gives_the_quadratic_recursion():
 def test_the_ranges_of_rho():
     """Full contact: 2/lambda_max(S) as meant, half of it as printed; on both sides of either limit."""
     of = tried()["distance"].sel(case="full_contact")
-    meant, printed = of.sel(variant="as meant"), of.sel(variant="as printed")
+    meant = of.sel(variant="as meant")
+    printed = of.sel(variant="as printed")
     assert np.all(meant.sel(rho_share=[0.45, 0.49, 0.51, 0.99]) < 0.05)
     assert float(meant.sel(rho_share=1.01)) > 0.5
     assert np.all(printed.sel(rho_share=[0.25, 0.45, 0.49]) < 0.05)
@@ -88,7 +92,9 @@ def test_the_pair_is_a_saddle_point_and_no_other_is():
 def test_what_is_not_constant_on_the_cells_by_a_finer_sum():
     """natural: midpoints of 2000 pieces a cell, u_h from the solve of the pair."""
     made = discrete("natural", 16, 8)
-    solution, case, mesh = solve(made), load("natural"), condensed("square", 16).mesh
+    solution = solve(made)
+    case = load("natural")
+    mesh = condensed("square", 16).mesh
     n = 2000 * made.spaces.partition.n_cells
     s = (np.arange(n) + 0.5) * 4 / n
     side = np.floor(s).astype(int)
@@ -125,9 +131,12 @@ def test_the_counts_and_the_iterates_of_both_ways():
     np.testing.assert_array_equal(found["with_S"], [16 * 31, 32 * 63])
     for k, n in enumerate((8, 16)):
         lu = dissected(condensed("square", n).A).lu
-        m, nb, nnz = 2 * n, 4 * n, coupled("square", n, n // 2).B.nnz
+        m = 2 * n
+        nb = 4 * n
+        nnz = coupled("square", n, n // 2).B.nnz
         coupling = (2 * nnz - nb) + (2 * nnz - m) + 2 * m
-        below, above = lu.L.nnz - lu.shape[0], lu.U.nnz - lu.shape[0]
+        below = lu.L.nnz - lu.shape[0]
+        above = lu.U.nnz - lu.shape[0]
         assert float(found["with_A"][k]) == 2 * below + 2 * above + lu.shape[0] + coupling
         assert float(found["with_A_3"][k]) == 2 * nb**2 + coupling
 
@@ -148,7 +157,8 @@ def test_the_bounds_bound_and_say_nothing_where_beta_is_0():
 def test_the_distances_of_the_certificates_are_those_of_the_linear_iteration():
     """In full contact, in the energy: half of S's square root is A_3^{-1/2} B^T, so sigma^{1/2} weighs y."""
     case = [load("full_contact")]
-    mesh, cells = structured(square(), 1 / 16), partitions.uniform(square(), 1 / 8)
+    mesh = structured(square(), 1 / 16)
+    cells = partitions.uniform(square(), 1 / 8)
     found = experiments.certificates(mesh, cells, case, [50])
     sigma, y = spectrum()
     weighted = np.sqrt(sigma) * y

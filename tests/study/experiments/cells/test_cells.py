@@ -54,7 +54,8 @@ def test_errors_are_those_of_the_cases_solved_one_by_one(table):
 
 def integrals(family, power, n, carried):
     """(n,) integrals over n cells of s^power bumps: of lambda (carried 0) or of the gap (1)."""
-    found, ends = np.zeros(n), np.arange(n + 1) / n
+    found = np.zeros(n)
+    ends = np.arange(n + 1) / n
     for a, b in ((float(a), float(b)) for a, b in family.divided()[carried]):
         shapes = (
             lambda t, a=a, b=b: (t - a) ** power * (1 - ((t - a) / (b - a)) ** 2) ** 4,
@@ -73,7 +74,8 @@ def test_the_consistency_term_by_an_independent_sum(name, gamma):
     What is left carries a hundredth of a gap: 128 pieces, each with 0.01/3^(gamma + 1) of the integral of one
     of the sixth generation's 32 gaps. Control: the sum for another exponent is not within 1 %.
     """
-    n, case = 8, load(name)
+    n = 8
+    case = load(name)
     atom = case.atoms[0]
     flux = integrals(atom.family, float(atom.alpha), n, 0)
     expected = n * flux @ integrals(atom.family, gamma, n, 1)

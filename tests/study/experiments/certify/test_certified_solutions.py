@@ -34,7 +34,8 @@ def test_bounds_are_those_that_users_get_and_errors_are_those_of_the_functions(m
 
     Controls: the bound for another function differs, and so does its error.
     """
-    case, mesh = load("natural"), structured(square(), 1 / 8)
+    case = load("natural")
+    mesh = structured(square(), 1 / 8)
     found = measure.others(case, mesh, **GIVEN)
     assert list(measured["scheme"].values) == SCHEMES
     assert list(found) == SCHEMES[1:]
@@ -46,7 +47,8 @@ def test_bounds_are_those_that_users_get_and_errors_are_those_of_the_functions(m
     def square_of_error(w):
         places = w.x.reshape(2, -1)
         u, slope = (of.reshape(*w.x.shape[1:], -1) for of in case.value_and_gradient(places.T))
-        v, grad = w["v_h"], w["v_h"].grad
+        v = w["v_h"]
+        grad = w["v_h"].grad
         return (u[..., 0] - v) ** 2 + (slope[..., 0] - grad[0]) ** 2 + (slope[..., 1] - grad[1]) ** 2
 
     for scheme in ("nodal constraints", "half the load"):

@@ -68,7 +68,9 @@ def operations_of(work, *arguments):
 def counted_step(method, m, cut=True):
     """Operations of the second step of a method on m cells."""
     rng = np.random.default_rng(1)
-    y, F, R = (rng.random(m) + 1 for _ in range(3))
+    y = rng.random(m) + 1
+    F = rng.random(m) + 1
+    R = rng.random(m) + 1
     step = acceleration.STEPS[method](np.eye(m), np.zeros(m), 0.5, Counted.of(0.5 * y))
     if isinstance(step, acceleration.BarzilaiBorwein):
         step.old_F = Counted.of(0.5 * F)
@@ -131,11 +133,13 @@ def test_dense_algebra_by_brute_force(n):
 @pytest.mark.parametrize(("n", "band"), [(6, 6), (8, 1), (9, 3)])
 def test_sparse_factors_by_brute_force(n, band):
     options = {"permc_spec": "NATURAL", "diag_pivot_thresh": 0.0, "options": {"SymmetricMode": True}}
-    found, a = operations.factors(splu(sp.csc_array(spd(n, band)), **options)), spd(n, band)
+    found = operations.factors(splu(sp.csc_array(spd(n, band)), **options))
+    a = spd(n, band)
     assert found.factorise == operations_of(brute_lu, a)
     brute_lu(a)
     assert found.nonzeros == np.count_nonzero(a) + n
-    below, above = np.count_nonzero(np.tril(a, -1)), np.count_nonzero(np.triu(a, 1))
+    below = np.count_nonzero(np.tril(a, -1))
+    above = np.count_nonzero(np.triu(a, 1))
     assert found.solve == 2 * below + 2 * above + n
 
 
@@ -152,7 +156,8 @@ def test_sparse_factors_by_brute_force(n, band):
 def test_every_way_to_S_y_gives_it(algebra, precision, least, most):
     spaces = coupled("square", 16, 8)
     y = np.random.default_rng(2).random(len(spaces.operator.H_i))
-    exact, out = spaces.operator.S @ y, np.empty_like(y)
+    exact = spaces.operator.S @ y
+    out = np.empty_like(y)
     products.product(algebra, precision, spaces, condensed("square", 16))(y, out)
     assert least <= np.abs(out - exact).max() / np.abs(exact).max() <= most
 
@@ -176,10 +181,12 @@ def test_refinement_errs_like_the_increment():
 @pytest.mark.parametrize("case", ["natural", "thirds"])
 def test_levels_read_off_are_those_of_runs_of_their_own(case, method):
     of = problem(case, 16, 2)
-    operator, offset = of.spaces.operator, of.offset
+    operator = of.spaces.operator
+    offset = of.offset
     tolerances = [0.01 * stop for stop in STOPS]
     rho = acceleration.STEPS[method].share / operator.lambda_max
-    seen, apply = History(operator, offset, method, rho, tolerances), products.by_S(operator)
+    seen = History(operator, offset, method, rho, tolerances)
+    apply = products.by_S(operator)
     uzawa(operator, offset, tolerances[-1], rho, method=method, apply=apply, observe=seen)
     assert len(seen.reached) == len(tolerances)
     for tolerance, found in zip(tolerances, seen.reached, strict=True):
@@ -191,8 +198,10 @@ def test_levels_read_off_are_those_of_runs_of_their_own(case, method):
 
 def steps_with_rounding(method, seed):
     """To each level, every product S y changed by two units in its last place, at random."""
-    of, rng = problem("thirds", 32, 2), np.random.default_rng(seed)
-    operator, offset = of.spaces.operator, of.offset
+    of = problem("thirds", 32, 2)
+    rng = np.random.default_rng(seed)
+    operator = of.spaces.operator
+    offset = of.offset
     signs = np.array([-4e-16, 4e-16])
 
     def apply(y, out):
@@ -219,7 +228,8 @@ def test_steps_that_are_shown_do_not_change_with_rounding(method):
 def test_in_single_precision_no_level_is_claimed_that_is_not_met():
     """The loop's own bound, of its rounded products, ends below the last tolerance; the true one does not."""
     of = problem("natural", 16, 2)
-    operator, offset = of.spaces.operator, of.offset
+    operator = of.spaces.operator
+    offset = of.offset
     rho = 1.9 / operator.lambda_max
     seen = History(operator, offset, "uzawa", rho, [1e-4, 1e-12])
     with warnings.catch_warnings():
@@ -305,7 +315,8 @@ def test_operations_are_the_sum_of_their_parts():
     """Of plain Uzawa: steps + 1 residuals, steps updates, and a product for every other application."""
     table = measured()[0].sel(algorithm="uzawa", H_over_h=2, H=1 / 8)
     m = int(table["multipliers"])
-    once, steps = float(table["setup_operations"]), table["steps"].values
+    once = float(table["setup_operations"])
+    steps = table["steps"].values
     product = m * (2 * m - 1)
     checks = table["operator_applications"].values - steps - 1
     parts = (steps + 1) * (product + 4 * m) + steps * m + checks * (product + 2 * m)
@@ -316,7 +327,8 @@ def of_laws(sizes):
     """Steps digits / H by Uzawa's, digits / H^(1/2) by Nesterov's."""
     H = 2.0 ** -np.arange(2, 2 + sizes)
     digits = -np.log10(STOPS)
-    plain, fast = (digits / H[:, None] ** p for p in (1.0, 0.5))
+    plain = digits / H[:, None] ** 1.0
+    fast = digits / H[:, None] ** 0.5
     coords = {"algorithm": ["uzawa", "nesterov"], "H_over_h": [2.0], "H": H, "stop": STOPS}
     return xr.Dataset({"steps": (tuple(coords), np.stack([plain, fast])[:, None])}, coords=coords)
 
@@ -364,7 +376,8 @@ def test_the_level_that_is_enough_has_no_worse_one_below(errors, stop):
 
 def at_ratios(factors):
     """Errors h times a factor of each H/h, with a set-up of h^-3: at the same work as far apart as these."""
-    ratios, H = np.array([2.0, 3.0, 4.0]), 2.0 ** -np.arange(3, 7)
+    ratios = np.array([2.0, 3.0, 4.0])
+    H = 2.0 ** -np.arange(3, 7)
     coords = {"H_over_h": ratios, "H": H, "stop": [1.0]}
     h = H / ratios[:, None]
     error = h[..., None] * np.reshape(factors, (3, 1, 1))

@@ -70,7 +70,9 @@ def test_no_level_is_claimed_above_its_tolerance_and_a_lower_one_takes_no_fewer_
 
 def triangle(table):
     """Whether |error - discrete error| <= bound, in L2 <= bound / lambda_min^{1/2}, everywhere."""
-    bound, discrete, in_L2 = table["algebraic_bound"], table["h1_discrete"], table["l2_discrete"]
+    bound = table["algebraic_bound"]
+    discrete = table["h1_discrete"]
+    in_L2 = table["l2_discrete"]
     in_h1 = abs(table["h1_error"] - discrete) <= bound + ROUNDING * discrete
     in_l2 = abs(table["l2_error"] - in_L2) <= bound / table["lambda_min"] ** 0.5 + ROUNDING * in_L2
     met = np.isfinite(table["steps"])
@@ -89,7 +91,8 @@ def test_errors_are_as_far_from_the_discrete_ones_as_the_bound_allows(axis, name
 
 def test_refinement_takes_the_steps_of_double_precision_and_another_algebra_the_same():
     stored_steps = stored("precision")["steps"].sel(stop=NOT_ROUNDING)
-    double, refined = (stored_steps.sel(precision=name) for name in ("float64", "refined"))
+    double = stored_steps.sel(precision="float64")
+    refined = stored_steps.sel(precision="refined")
     assert double.sizes["stop"] >= 9
     assert (abs(double - refined) <= 1 + 1e-3 * double).all()
     steps = stored("algebra")["steps"]
@@ -118,7 +121,8 @@ def test_half_an_error_costs_no_more_than_theory_says(norm):
 def test_the_front_beats_every_run(norm):
     crossed = stored("algorithm").sel(stop=stored("algorithm")["stop"] < 1)
     front = work_precision.front(stored("algorithm"), norm)
-    work, error = crossed["operations"].values.ravel(), trade.relative(crossed, norm).values.ravel()
+    work = crossed["operations"].values.ravel()
+    error = trade.relative(crossed, norm).values.ravel()
     for w, e in zip(work[np.isfinite(work)], error[np.isfinite(work)], strict=True):
         assert ((front["work"] <= w) & (front["error"] * trade.GAIN <= e)).any()
     assert (np.diff(front["work"]) > 0).all()

@@ -20,7 +20,8 @@ from unilateral.norms.dual import Gram
 
 def levels(**errors):
     """Errors at H = 2h on three levels; at H = h they grow."""
-    h, H = 0.5 ** np.arange(3), np.array([2, 1, 0.5, 0.25])
+    h = 0.5 ** np.arange(3)
+    H = np.array([2, 1, 0.5, 0.25])
     of = {name: np.full((2, 3, 4), NAN) for name in errors}
     for name, values in errors.items():
         of[name][:, np.arange(3), np.arange(3)] = values
@@ -224,15 +225,20 @@ def test_the_infimum_over_multipliers_is_a_quadratic_programme():
     """Against Clarabel, another method, with a form that is not diagonal and random data."""
     rng = np.random.default_rng(0)
     half = rng.standard_normal((17, 17))
-    form, w, means = half.T @ half, rng.random(16), rng.random((1, 16))
+    form = half.T @ half
+    w = rng.random(16)
+    means = rng.random((1, 16))
     of = forms_of(17 * [1.0], 17 * [1.0], lambda_means=means, gap_means=[w], norm_lower=form)
     dual = table(**of)["dual_norm"]
-    gram, cells = Gram.of_table(dual), uniform(square(), 1 / 4)
-    P, q = 2 * form[:16, :16], -2 * (form[:16, :16] @ means[0] + form[:16, 16]) + w / 4
+    gram = Gram.of_table(dual)
+    cells = uniform(square(), 1 / 4)
+    P = 2 * form[:16, :16]
+    q = -2 * (form[:16, :16] @ means[0] + form[:16, 16]) + w / 4
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     cone = [clarabel.NonnegativeConeT(16)]
-    upper, minus = sp.csc_matrix(np.triu(P)), sp.csc_matrix(-np.eye(16))
+    upper = sp.csc_matrix(np.triu(P))
+    minus = sp.csc_matrix(-np.eye(16))
     mu = clarabel.DefaultSolver(upper, q, minus, np.zeros(16), cone, settings).solve().x
     x = np.append(means[0] - np.array(mu), 1.0)
     assert estimates.infima(dual, cells, gram)[0] == pytest.approx(x @ form @ x + w @ mu / 4, rel=1e-7)

@@ -12,7 +12,8 @@ from unilateral.geometry.polygon import named
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems import case as cases
 
-SQUARE, LSHAPE = named("square"), named("lshape")
+SQUARE = named("square")
+LSHAPE = named("lshape")
 REGULAR = ("smooth", "natural", "thirds", "vertex", "borderline_0.1", "violates_jj", "singular", "rough")
 DRAWN = config("figures")["figures"]["consistency"]["cases"]
 ZERO = 1e-15
@@ -25,7 +26,8 @@ def test_transitions_as_declared_are_the_ends_of_contact_as_it_is_found(name, po
     if polygon not in cases.declared(name)[0]["polygons"] and cases.declared(name)[0]["polygons"] != "any":
         polygon = home(name).name
     case = load(name, polygon)
-    starts, lengths = case.polygon.starts, case.polygon.lengths
+    starts = case.polygon.starts
+    lengths = case.polygon.lengths
     ends = [
         starts[i] + t * lengths[i] for i, *both in certified(name, polygon).contact for t in both if 0 < t < 1
     ]
@@ -80,7 +82,8 @@ def test_totals_are_those_predicted_at_the_first_transition(name, m):
     At its end 1 - (s/R)^2 <= 2 H/R, to the fourth power, beside a gap with the same gamma and a factor
     below 1; s^alpha is about R^alpha there, against H^alpha: relative 16 (H/R)^(4 - alpha), for alpha <= 1/2.
     """
-    case, cells = load(name), uniform(SQUARE, 1 / m)
+    case = load(name)
+    cells = uniform(SQUARE, 1 / m)
     transition = first_transition(case)
     predicted, _ = leading(transition, cells)
     size = 4 / m
@@ -90,7 +93,8 @@ def test_totals_are_those_predicted_at_the_first_transition(name, m):
 
 def test_other_exponents_would_be_seen():
     """Control."""
-    cells, found = uniform(SQUARE, 1 / 256), cell_means(load("thirds"), uniform(SQUARE, 1 / 256)).consistency
+    cells = uniform(SQUARE, 1 / 256)
+    found = cell_means(load("thirds"), uniform(SQUARE, 1 / 256)).consistency
     for alpha, gamma in ((1.5, 0.5), (0.45, 1.5), (0.5, 1.45)):
         assert leading(Transition(0, 1 / 3, alpha, gamma), cells)[0] != pytest.approx(found, rel=0.05)
 

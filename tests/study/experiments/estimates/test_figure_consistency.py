@@ -31,8 +31,10 @@ def test_both_means_stand_on_their_cells():
 
 
 def test_every_cell_s_term_is_marked_and_zeros_stand_at_the_foot():
-    axes, rows = page("consistency")[0].axes[1], cells().assign(x=lambda of: 0.5 * (of["s"] + of["end"]))
-    foot, some = axes.get_ylim()[0], rows["term"] > 0
+    axes = page("consistency")[0].axes[1]
+    rows = cells().assign(x=lambda of: 0.5 * (of["s"] + of["end"]))
+    foot = axes.get_ylim()[0]
+    some = rows["term"] > 0
     positive, zero = lines(axes, markers=True)
     assert positive == list(zip(rows["x"][some].round(9), rows["term"][some].round(9), strict=True))
     assert zero == [(round(x, 9), round(foot, 9)) for x in rows["x"][~some]]
@@ -43,7 +45,8 @@ def test_every_cell_s_term_is_marked_and_zeros_stand_at_the_foot():
 
 def test_totals_are_marked_and_what_is_predicted_is_a_line_per_theta():
     """Marks are filled for the first theta; cases are named with their powers."""
-    figure, rows = page("consistency")[0], table("consistency")
+    figure = page("consistency")[0]
+    rows = table("consistency")
     axes = figure.axes[2]
     for kind, markers in (("total", True), ("predicted", False)):
         groups = rows[rows["kind"] == kind].sort_values("H").groupby(["case", "theta"])
@@ -78,7 +81,8 @@ def test_the_table(tmp_path):
     case = load("thirds")
     kinds = {kind: rows for kind, rows in frame.groupby("kind")}
     assert set(kinds) == {"cell", "total", "elsewhere", "predicted"}
-    found, of_cells = cell_means(case, uniform(named("square"), 1 / 16)), kinds["cell"]
+    found = cell_means(case, uniform(named("square"), 1 / 16))
+    of_cells = kinds["cell"]
     assert len(of_cells) == 16
     np.testing.assert_array_equal(of_cells["term"], found.consistency_terms[:16])
     np.testing.assert_allclose(of_cells["lambda_mean"] * of_cells["gap_mean"] / 16, of_cells["term"])

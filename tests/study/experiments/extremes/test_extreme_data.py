@@ -39,14 +39,16 @@ def test_every_method_scales_with_the_data(method, H, size):
     whose number does not depend on the size, were said to have diverged.
     """
     of = problem(H=H)
-    operator, offset = of.spaces.operator, of.discrete.offset
+    operator = of.spaces.operator
+    offset = of.discrete.offset
 
     def solved(factor):
         if method == "active_set":
             return active_set(operator, factor * offset, factor * 1e-5)
         return uzawa.uzawa(operator, factor * offset, factor * 1e-6, method=method)
 
-    ours, scaled = solved(1.0), solved(size)
+    ours = solved(1.0)
+    scaled = solved(size)
     assert scaled.converged
     difference = np.linalg.norm(operator.half @ (scaled.lambda_H / size - ours.lambda_H))
     assert difference <= ours.bound + scaled.bound / size
@@ -110,9 +112,11 @@ def scaled_case(case_like):
 @pytest.mark.parametrize("name", ["thirds", "full_contact", "no_contact"])
 def test_cases_of_any_size_are_certified_and_solved_alike(name, factor, scaled_case):
     """At 1e-13 lambda counted as 0, at 1e13 round-off of a flux as negative; contact was said to vanish."""
-    case, spaces = scaled_case(name, factor), problem(h=1 / 16, H=1 / 8).spaces
+    case = scaled_case(name, factor)
+    spaces = problem(h=1 / 16, H=1 / 8).spaces
     assert certify(case).contact == certified(name).contact
-    steps, errors = [], []
+    steps = []
+    errors = []
     for each in (case, load(name)):
         discrete = with_solution(spaces, exact(each, spaces))
         solution = solve(discrete, beta=0.5)

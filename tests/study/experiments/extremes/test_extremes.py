@@ -163,7 +163,8 @@ def test_crossings_by_hand():
 
 def test_the_tool_is_what_the_library_takes_and_there_is_none_with_a_given_rho():
     """Few plain steps: Uzawa; too many: Nesterov; S singular: the active set. With a rho it keeps Uzawa."""
-    known, singular = problem(), problem(H=1 / 8)
+    known = problem()
+    singular = problem(H=1 / 8)
     given = [tried(lambda _: known, value=share, sets_rho=True) for share in (0.5, 2.5)]
     assert [(each["outcome"], each["tool"]) for each in given] == [(RIGHT, NO_TOOL), (NOT_CONVERGED, NO_TOOL)]
     for posed, steps in ((known, 100), (singular, 10)):
@@ -176,7 +177,8 @@ def count(monkeypatch):
     """The calls of a function of a module or class, from now on."""
 
     def counted(place, name):
-        calls, own = [], getattr(place, name)
+        calls = []
+        own = getattr(place, name)
         monkeypatch.setattr(place, name, lambda *given: calls.append(given) or own(*given))
         return calls
 
@@ -185,7 +187,8 @@ def count(monkeypatch):
 
 def test_what_the_tool_takes_is_run_once(count):
     """The four kinds of steps; a given rho makes a run of plain Uzawa that the tool's is not."""
-    known, runs = problem(), count(uzawa._Iteration, "run")
+    known = problem()
+    runs = count(uzawa._Iteration, "run")
     tried(lambda _: known)
     assert len(runs) == len(STEPS)
     runs.clear()
@@ -202,7 +205,8 @@ def survey(**axes):
 def test_an_axis_makes_and_condenses_a_mesh_once(count):
     """Short cells lie on one mesh, the squares of three sizes on three; the mildest is posed twice."""
     condensed.cache_clear()
-    eliminated, made_by_gmsh = count(problems, "condense"), count(meshes, "unstructured")
+    eliminated = count(problems, "condense")
+    made_by_gmsh = count(meshes, "unstructured")
     survey(short=[0.1, 0.01, 0.001])
     assert (len(eliminated), len(made_by_gmsh)) == (1, 0)
     survey(scale_down=[1, 0.5, 0.25])
@@ -212,7 +216,8 @@ def test_an_axis_makes_and_condenses_a_mesh_once(count):
 def test_in_partial_contact_the_held_cells_decide_near_the_solution_only():
     """Below the local limit rho converges from nearby, above it no more; from 0 not even below it."""
     known = problem()
-    limit, operator = data_axes.local_limit(known), known.spaces.operator
+    limit = data_axes.local_limit(known)
+    operator = known.spaces.operator
     for share, near in ((0.97 * limit, True), (1.03 * limit, False)):
         rho = share * 2 / operator.lambda_max
         with nullcontext() if near else pytest.warns(RuntimeWarning):
@@ -312,7 +317,8 @@ def test_all_of_the_single_precision_is_single():
 
 def test_the_allowance_scales_with_the_data():
     """At 5e307 twice the norm of u was infinite, and so would have been what is allowed."""
-    of, huge = problem(), problem(times=5e307)
+    of = problem()
+    huge = problem(times=5e307)
     assert huge.allowance == pytest.approx(5e307 * of.allowance, rel=1e-6)
     assert huge.error(0 * huge.lambda_H) == pytest.approx(5e307 * of.size, rel=1e-9)
 
@@ -330,7 +336,8 @@ def test_the_precision_s_floor_is_the_unit_round_off_times_the_condition():
     table = survey(single=[1 / 4], double=[1 / 4])
     for predicted, digits in zip(table["predicted"].values, (24, 53), strict=True):
         assert predicted == pytest.approx(2.0**-digits * problem(contact=full).condition, rel=1e-12)
-    of, rng = problem(contact=full), np.random.default_rng(0)
+    of = problem(contact=full)
+    rng = np.random.default_rng(0)
     operator = of.spaces.operator
     in_L2 = np.sqrt(operator.H_i @ of.lambda_H**2)
     _, vectors = np.linalg.eigh(operator.S)
@@ -342,7 +349,8 @@ def test_the_precision_s_floor_is_the_unit_round_off_times_the_condition():
 
 def floor_of(of, operator):
     """The relative error in L2 after 20 000 steps, over the unit round-off of float32 times cond(S)."""
-    H_i, error = of.spaces.operator.H_i, data_axes.iterate_in(of, operator, 20_000) - of.lambda_H
+    H_i = of.spaces.operator.H_i
+    error = data_axes.iterate_in(of, operator, 20_000) - of.lambda_H
     return float(np.sqrt(H_i @ error**2 / (H_i @ of.lambda_H**2)) / (2.0**-24 * of.condition))
 
 
@@ -352,10 +360,13 @@ def test_what_the_floor_has_above_its_prediction_is_the_rounding_of_the_factors(
     With factors in float32 it grows faster; and the exact solution with that S is as far off, so that the
     iteration is not to blame.
     """
-    sizes, rounded, computed = np.array([1 / 4, 1 / 8, 1 / 16, 1 / 32]), [], []
+    sizes = np.array([1 / 4, 1 / 8, 1 / 16, 1 / 32])
+    rounded = []
+    computed = []
     for H in sizes:
         of = on_square(H / 2, H, full)
-        exact, single = of.spaces.operator, data_axes.operator_in(of, np.float32)
+        exact = of.spaces.operator
+        single = data_axes.operator_in(of, np.float32)
         after = replace(single, half=exact.half.astype(np.float32))
         rounded.append(floor_of(of, after))
         computed.append(floor_of(of, single))

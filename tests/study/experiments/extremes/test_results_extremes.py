@@ -79,7 +79,9 @@ def test_what_bounds_are_allowed_is_small():
     """
     names = ("true_error", "guaranteed", "allowance", "tolerance", "u_norm")
     error, bound, allowance, tolerance, u_norm = (stored()[name].values for name in names)
-    tried, solved, printed = np.isfinite(error), u_norm > 0, outcomes()["allowed"]
+    tried = np.isfinite(error)
+    solved = u_norm > 0
+    printed = outcomes()["allowed"]
     assert np.all(allowance[tried] <= 0.1 * np.maximum(bound, tolerance)[tried])
     assert np.all(of("moved")["allowance"].values[:6] < 1e-10)
     assert 2 <= printed / np.max(allowance[solved] / u_norm[solved]) <= 100
@@ -99,7 +101,9 @@ def test_the_tolerance_is_that_of_the_axis():
 def test_data_and_starts_are_right_up_to_their_limits_and_refused_beyond():
     """Values on both sides of the limit, less than a factor of 10 from it."""
     for name, factor in (("data_up", 10), ("start", 1.1)):
-        outcome, value, limit = of(name)["outcome"].values, of(name)["value"], of(name)["predicted_limit"]
+        outcome = of(name)["outcome"].values
+        value = of(name)["value"]
+        limit = of(name)["predicted_limit"]
         np.testing.assert_array_equal(outcome, np.where(value < limit, "right", "refused"))
         assert limit / factor < value[value < limit].max()
         assert value[value > limit].min() < limit * factor
@@ -109,7 +113,8 @@ def test_data_and_starts_are_right_up_to_their_limits_and_refused_beyond():
 
 def test_short_cells_hardly_matter_from_0_and_do_from_a_start_that_loads_them():
     """Then plain Uzawa fails wherever it does from 0, and the tool does where S is just regular."""
-    plain, harder = (of(axis)["outcome"].values == "right" for axis in ("short", "short_loaded"))
+    plain = of("short")["outcome"].values == "right"
+    harder = of("short_loaded")["outcome"].values == "right"
     assert np.all(plain | ~harder)
     assert np.count_nonzero(plain) > np.count_nonzero(harder) > 0
     tool, measured, bound, tolerance = numbers_of(
@@ -229,11 +234,13 @@ def outcomes():
 
 def test_every_axis_is_in_one_of_two_tables_and_every_point_counted_once():
     """In the second those without limits, on which all is right."""
-    limited, others = (f(stored()) for f in (extremes_tables.limits, extremes_tables.unlimited))
+    limited = extremes_tables.limits(stored())
+    others = extremes_tables.unlimited(stored())
     labels = {axis["label"] for axis in AXES.values()}
     assert sorted([*limited["axis"], *others["axis"]]) == sorted(labels)
     for name in AXES:
-        label, right = of(name)["label"].item(), set(of(name)["outcome"].values) == {"right"}
+        label = of(name)["label"].item()
+        right = set(of(name)["outcome"].values) == {"right"}
         limits = [of(name)[limit].item() for limit in ("predicted_limit", "predicted_tool_limit")]
         assert (label in list(others["axis"])) == (right and bool(np.isnan(limits).all()))
     assert (limited["limit of `unilateral solve`: predicted, met at"] == "not offered").sum() == len(

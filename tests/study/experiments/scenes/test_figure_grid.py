@@ -22,7 +22,8 @@ def test_the_table(tmp_path):
 
 
 def test_every_error_stands_in_its_cell():
-    rows, texts = table("grid"), said(page("grid")[0])
+    rows = table("grid")
+    texts = said(page("grid")[0])
     numbers = [float(text) for text in texts if re.fullmatch(r"\d\.\de-\d", text)]
     assert sorted(numbers) == sorted(float(f"{error:.1e}") for error in rows["error"].dropna())
     assert texts.count("$\\beta=0$") == np.sum(rows["error"].isna() & (rows["beta_zero"] == 1)) > 0

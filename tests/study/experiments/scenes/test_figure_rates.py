@@ -62,7 +62,8 @@ def test_a_study_without_levels_to_draw_is_refused(stored):
 
 def test_rates_are_those_of_the_table():
     """The table's rates are not the slopes of its errors: nothing is fitted here."""
-    texts, rows = said(page("rates")[0]), table("rates")
+    texts = said(page("rates")[0])
+    rows = table("rates")
     runs = rows.groupby(["case", "norm", "h_over_H"])["rate"].first()
     expected = rows.groupby(["case", "norm"])["expected"].first()
     numbers = [f"{x:.2f}" for x in [*runs, *expected] if np.isfinite(x)]
@@ -80,7 +81,8 @@ def test_a_case_without_a_rate_says_why(errors, why):
     rows = committed("rates")
     of_case = (rows["case"] == "smooth") & (rows["norm"] == "l2")
     rows.loc[of_case, ["error", "rate", "expected"]] = [errors, np.nan, np.nan]
-    before, after = said(page("rates")[0]), said(drawn("rates", rows)[0])
+    before = said(page("rates")[0])
+    after = said(drawn("rates", rows)[0])
     assert after.count(why) == before.count(why) + 1
 
 

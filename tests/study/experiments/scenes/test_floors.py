@@ -60,7 +60,8 @@ def test_too_few_sizes_are_refused(kept):
 
 def table():
     """A case with an exact law, but wrong on coarse levels and unknown on a pair; one with lambda = 0."""
-    h, H = 2.0 ** -np.arange(3, 9), 2.0 ** -np.arange(2, 9)
+    h = 2.0 ** -np.arange(3, 9)
+    H = 2.0 ** -np.arange(2, 9)
     error = law(0.3, 2.0, 1.25).reshape(6, 7).copy()
     error[0] *= 3
     error[:, 0] *= 3

@@ -24,7 +24,8 @@ CELLS = (2, 4, 8, 16)
 
 
 def swept(names=NAMES, **options):
-    cells, cases = [partition.uniform(SQUARE, 1 / m) for m in CELLS], [load(name) for name in names]
+    cells = [partition.uniform(SQUARE, 1 / m) for m in CELLS]
+    cases = [load(name) for name in names]
     return sweep(structured(SQUARE, 1 / 8), cases, cells, gram(names), **options)
 
 
@@ -100,7 +101,8 @@ def test_a_run_is_the_solve_of_its_case_mesh_and_partition(tables, c, name, k, m
     for variable, value in values.items():
         np.testing.assert_allclose(run[variable], value, rtol=1e-9, err_msg=variable)
     for variable in ("iterations", "operator_applications", "converged", "algorithm"):
-        expected, found = getattr(solution.result, variable), run[variable].item()
+        expected = getattr(solution.result, variable)
+        found = run[variable].item()
         assert found == expected or (np.isnan(found) and np.isnan(expected)), variable
     np.testing.assert_allclose(run["lambda_H"][: 4 * m], solution.lambda_H, rtol=1e-9, atol=1e-12)
     assert np.isnan(run["lambda_H"][4 * m :]).all()
@@ -112,13 +114,16 @@ def test_a_run_is_the_solve_of_its_case_mesh_and_partition(tables, c, name, k, m
 @pytest.mark.parametrize("name", ["clamped", "clamped_90"])
 def test_beside_a_clamped_side_a_run_is_the_solve_of_its_problem(name):
     """With its form, in beta and in the dual norm, too: c is 0 in one of the cases."""
-    case, mesh, cells = load(name), structured(SQUARE, 1 / 8), partition.uniform(SQUARE, 1 / 4)
+    case = load(name)
+    mesh = structured(SQUARE, 1 / 8)
+    cells = partition.uniform(SQUARE, 1 / 4)
     norm = dual_norm(cells, [case])
     table, _ = sweep(mesh, [case], [cells], norm.gram([case]))
     alone = discretise(case.problem, mesh, cells)
     chosen = np.flatnonzero(cells.side != case.clamped_sides[0])
     beta = infsup(alone.spaces.operator, dual_norm(cells, form=alone.form).gram().p0)
-    solution, run = solve(alone, beta=beta.beta_lower), table.isel(case=0, mesh=0, partition=0)
+    solution = solve(alone, beta=beta.beta_lower)
+    run = table.isel(case=0, mesh=0, partition=0)
     lower, upper = norm.of_error(case, solution.lambda_H[None])
     errors = exact_errors(alone, solution)
     values = {

@@ -17,7 +17,8 @@ from unilateral.norms.dual import dual_norm
 @pytest.fixture(scope="module")
 def solved():
     """All that `totals` is given, of two cases on two partitions of which one counts."""
-    mesh, cases = structured(square(), 1 / 8), [load(name) for name in ("natural", "no_contact")]
+    mesh = structured(square(), 1 / 8)
+    cases = [load(name) for name in ("natural", "no_contact")]
     cells = [partitions.uniform(square(), H) for H in (1 / 2, 1 / 4)]
     gram = dual_norm(cells[1], cases).gram(cases)
     return mesh, cells, cases, sweep(mesh, cases, cells, gram, (2.0, 2.0))[0], 2.0

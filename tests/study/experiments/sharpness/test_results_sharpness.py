@@ -17,7 +17,9 @@ from unilateral.formulas.formula import real
 from unilateral.problems import case as cases
 
 STUDY = config("study")["sharpness"]
-ALPHA, GAMMA, H = (np.array([float(Fraction(x)) for x in STUDY[name]]) for name in ("alphas", "gammas", "H"))
+ALPHA = np.array([float(Fraction(x)) for x in STUDY["alphas"]])
+GAMMA = np.array([float(Fraction(x)) for x in STUDY["gammas"]])
+H = np.array([float(Fraction(x)) for x in STUDY["H"]])
 BEST = {
     "h1": np.minimum(1, 1 + ALPHA),
     "hm12": np.minimum(1.5, 1 + ALPHA),
@@ -123,7 +125,8 @@ def enough(error, norm):
 def test_no_average_falls_to_what_the_proof_leaves(norm):
     """For every alpha and gamma: H^((alpha + gamma + 1) / 2), the consistency term's root, is not seen."""
     least = stored("sharpness/rates")["left_by_proof"].sel(norm=norm).transpose("alpha", "gamma").values
-    rate, visible = rates_in(norm), least <= BEST[norm][:, None] - 0.2 + 1e-9
+    rate = rates_in(norm)
+    visible = least <= BEST[norm][:, None] - 0.2 + 1e-9
     assert np.all(rate >= least - TOLERANCE[norm])
     assert visible.any()
     assert np.all(rate[:, visible] >= least[visible] + 0.1)
@@ -136,7 +139,8 @@ def test_the_theorem_s_rates_hold_with_j_whether_jj_holds_or_not_and_fail_withou
     At alpha = -1/4 in the end every rate lies below the proved one, so (j) is not there for nothing.
     """
     table = stored("sharpness/rates").sel(norm=norm)
-    last, least = table["rate"].isel(pair=slice(-2, None)), float(table["proved"]) - TOLERANCE[norm]
+    last = table["rate"].isel(pair=slice(-2, None))
+    least = float(table["proved"]) - TOLERANCE[norm]
     for jj in (0, 1):
         rate = last.where((table["j"] == 1) & (table["jj"] == jj))
         assert rate.notnull().any()
@@ -149,7 +153,8 @@ def test_floors():
 
     5 %: the coarsest h of the fits is that far from its limit.
     """
-    found, errors = stored("square/floors"), stored("square/errors")
+    found = stored("square/floors")
+    errors = stored("square/errors")
     assert sorted(found["case"].values) == ["full_contact", "natural", "smooth", "thirds"]
     assert np.all(found["pairs"] >= 10)
     declared = {name: cases.declared(name)[0]["asymptotic"]["h1"]["from"] for name in errors["case"].values}

@@ -102,7 +102,9 @@ EXPONENTS = [(-1 / 4, 1 / 2), (1 / 20, 5 / 2), (1 / 2, 1.0), (9 / 10, 1 / 10), (
 
 def without_cutoff(a, c, theta):
     """The consistency term of one transition, at theta of a cell with H = 1/16, the gap before it."""
-    alpha, gamma, place = (R(exact).limit_denominator(20) for exact in (a, c, theta))
+    alpha = R(a).limit_denominator(20)
+    gamma = R(c).limit_denominator(20)
+    place = R(theta).limit_denominator(20)
     at = R(3, 8) + place / 16
     gaps = (pos(at - T, gamma), *[ZERO] * 3)
     case = ExactSolution("no cutoff", {}, SQUARE, (harmonic(SQUARE, 0, float(at), alpha),), gaps)
@@ -129,19 +131,22 @@ def test_the_consistency_term_knows_from_which_end_theta_is_measured():
 
 
 AT = places(R(1, 4), 2)
-ALPHAS, GAMMAS = [R(1, 20), R(1, 2)], [R(1), R(5, 2)]
+ALPHAS = [R(1, 20), R(1, 2)]
+GAMMAS = [R(1), R(5, 2)]
 
 
 @cache
 def measured():
-    on, cells = condensed("square", 8), partitions.uniform(SQUARE, 1 / 4)
+    on = condensed("square", 8)
+    cells = partitions.uniform(SQUARE, 1 / 4)
     return measure(on, seen(cells, AT, (ALPHAS, GAMMAS)), Stop())
 
 
 @pytest.mark.parametrize(("a", "c", "k"), [(0, 0, 1), (1, 0, 0), (1, 1, 1)])
 def test_a_measurement_is_the_solve_of_its_member(a, c, k):
     """By the same arithmetic, so rtol leaves room for the order of sums; the dual norm without its forms."""
-    spaces, case = coupled("square", 8, 4), transitions(SQUARE, AT[k], ALPHAS[a], GAMMAS)[c]
+    spaces = coupled("square", 8, 4)
+    case = transitions(SQUARE, AT[k], ALPHAS[a], GAMMAS)[c]
     discrete = with_solution(spaces, exact(case, spaces))
     found = measured().isel(alpha=a, gamma=c, position=k)
     solution = solve(discrete, beta=float(found["beta_lower"]))
@@ -168,7 +173,8 @@ def test_a_measurement_is_the_solve_of_its_member(a, c, k):
 
 def test_what_depends_on_u_is_found_once_for_all_gaps(monkeypatch):
     """Of 4 u with 2 gaps each: their flux is for the means, the load, and two parts of the dual norm."""
-    names, found = [], ExactSolution.boundary
+    names = []
+    found = ExactSolution.boundary
     monkeypatch.setattr(ExactSolution, "boundary", lambda *of: names.append(of[0].name) or found(*of))
     measured.__wrapped__()
     assert len(names) == 4 * len(ALPHAS) * len(AT)
@@ -179,7 +185,8 @@ def made_up(alphas, gammas):
 
     ||Pi_H(u - z_h)||_0 is like H^(1/2 + alpha). 2 positions, 4 levels.
     """
-    H, position = np.array([1 / 4, 1 / 8, 1 / 16, 1 / 32]), np.array([0.6, 0.8])
+    H = np.array([1 / 4, 1 / 8, 1 / 16, 1 / 32])
+    position = np.array([0.6, 0.8])
     dims = ("level", "alpha", "gamma", "position")
     h, a, c, p = np.ix_(H, alphas, gammas, position)
     zero = 0 * (h + a + c + p)
@@ -203,7 +210,8 @@ def made_up(alphas, gammas):
 
 def test_rates_of_errors_with_known_rates():
     """Positions have the errors 0.6 and 0.8 of one law: their r.m.s. mean is 0.5^(1/2) of it."""
-    alphas, gammas = [0.25, 0.75], [0.5, 1.5, 2.5]
+    alphas = [0.25, 0.75]
+    gammas = [0.5, 1.5, 2.5]
     errors = made_up(alphas, gammas)
     found = surfaces.rates_over(errors)
     both = found["alpha"] + found["gamma"]

@@ -236,7 +236,8 @@ def test_one_mesh_serves_all_partitions_with_its_boundary_nodes():
 
 def test_a_survey_condenses_each_mesh_once_and_tells_of_every_partition(monkeypatch):
     """Two numbers of edges make two meshes; each partition's values are those of its own survey."""
-    condensed, own = [], stability.condense
+    condensed = []
+    own = stability.condense
     monkeypatch.setattr(stability, "condense", lambda mesh: condensed.append(mesh) or own(mesh))
     polygon = square()
     cells = [partition_of(polygon, spec) for spec in SAME_NUMBERS]

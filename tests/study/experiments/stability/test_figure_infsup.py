@@ -12,7 +12,8 @@ def test_beta_stands_over_the_ratio_and_over_delta_and_below_it_the_bound_withou
     """Lower bounds of all pairs, and the bound where there is one; besides them lines, and no point else."""
     rows = table("infsup")
     ratio, inner, unsolved = page("infsup")[0].axes
-    of_ratio, line = pairs(rows, "h_over_H", "beta_lower"), {(1, 0), (1, 1)}
+    of_ratio = pairs(rows, "h_over_H", "beta_lower")
+    line = {(1, 0), (1, 1)}
     assert points(ratio) | line == of_ratio | line
     curve = {(x, y) for x, y in points(inner) if abs(y - x * (1 - x)) < 1e-8}
     assert len(curve) >= 50

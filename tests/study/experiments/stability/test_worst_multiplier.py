@@ -41,13 +41,15 @@ def test_where_beta_is_zero_it_spans_the_kernel(name):
     mesh = EQUAL_POINTS[name]()
     cells = own_cells(mesh)
     kernel = (-1.0) ** np.arange(cells.n_cells) / cells.lengths
-    worst, largest = worst_multiplier(operator(mesh, cells).D, gram(cells).lower), np.abs(kernel).argmax()
+    worst = worst_multiplier(operator(mesh, cells).D, gram(cells).lower)
+    largest = np.abs(kernel).argmax()
     assert_allclose(worst, kernel / kernel[largest] * worst[largest], rtol=0, atol=1e-6)
 
 
 def test_the_worst_of_equally_bad_multipliers_is_the_symmetric_one():
     """D = 1, G = 1: every mu is; then the one that only the second symmetry turns into -mu made the worst."""
-    one, both = np.eye(8), symmetries(2)
+    one = np.eye(8)
+    both = symmetries(2)
     mu = worst_multiplier(one, one, both)
     assert_allclose(mu[both[0]], mu, rtol=0, atol=1e-14)
     assert_allclose(mu[both[1]], mu, rtol=0, atol=1e-14)
