@@ -37,9 +37,9 @@ STIFFNESS = np.einsum("ef,eac,fbd->abcd", HATS, AT_NODES, AT_NODES)
 
 def linear_squares(areas: Array, values: Array) -> Array:
     """(k,) squared L2 norms of functions linear on triangles, from the values (k, 3, ...) at the nodes."""
-    values = values.reshape(len(values), 3, -1)
-    own = (values**2).sum(axis=(1, 2))
-    of_sums = (values.sum(axis=1) ** 2).sum(axis=1)
+    axes = tuple(range(1, values.ndim))
+    own = (values**2).sum(axis=axes)
+    of_sums = (values.sum(axis=1) ** 2).sum(axis=axes[:-1])
     return np.asarray(areas / 12 * (own + of_sums))
 
 

@@ -250,7 +250,10 @@ def curve(a: Expression) -> list[Kink]:
     if of is None:
         raise ValueError(WANTED)
     of = _scaled(of)
-    *slope, c, square, other = (of.pop(at, ZERO) for at in ((1, 0), (0, 1), (0, 0), (2, 0), (0, 2)))
+    slope = [of.pop((1, 0), ZERO), of.pop((0, 1), ZERO)]
+    c = of.pop((0, 0), ZERO)
+    square = of.pop((2, 0), ZERO)
+    other = of.pop((0, 2), ZERO)
     if of or sign(square - other):
         raise ValueError(WANTED)
     if square == ZERO:
