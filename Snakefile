@@ -16,7 +16,7 @@ PARAMETERS = [
 ]
 
 try:
-    given, sources = configuration.read(PARAMETERS)
+    given, sources = configuration.read_configuration(PARAMETERS)
     update_config(given, config)  # by what the option --config says
     configuration.check(given, sources, "workflow/schemas/study.schema.yaml")
 except InputError as fault:

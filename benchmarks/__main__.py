@@ -146,7 +146,7 @@ def main(sizes: list[str]) -> int:
     if sizes and records:
         print(summary.rows(records).to_string(index=False))
     elif not sizes:
-        tables.save(summary.dataset(records, machine), FOLDER / "results.nc", "benchmarks")
+        tables.save_table(summary.dataset(records, machine), FOLDER / "results.nc", "benchmarks")
     return 0
 
 

@@ -20,9 +20,9 @@ SOLVERS: dict[str, tuple[str, style.Look]] = {
     "getfem": ("GetFEM, not nested ($H=4h$)", {"color": GREY, "marker": "X"}),
 }
 ALGORITHMS: dict[str, tuple[str, style.Look]] = {
-    "uzawa": ("Uzawa", {"ls": style.LINES[2]}),
-    "nesterov": ("accelerated Uzawa", {"ls": style.LINES[1]}),
-    "newton": ("active set", {"ls": style.LINES[0]}),
+    "uzawa": ("Uzawa", {"ls": style.LINE_STYLES[2]}),
+    "nesterov": ("accelerated Uzawa", {"ls": style.LINE_STYLES[1]}),
+    "newton": ("active set", {"ls": style.LINE_STYLES[0]}),
 }
 BY: dict[str, tuple[str, style.Look]] = {
     "sparse": ("sparse elimination", {"color": style.COLOURS[5], "marker": "D"}),
@@ -51,7 +51,7 @@ def table(results: style.FilePath) -> pd.DataFrame:
     Above: processor seconds from nothing, or for each further problem, and memory, of `natural`. Below: the
     error of u in H1 over both, as ratios to a linear solve from nothing on the finest mesh with errors.
     """
-    runs = tables.load(results).to_dataframe()
+    runs = tables.load_table(results).to_dataframe()
     parts = [part for way in SOLVERS for part in _of_solver(runs, way)]
     of_linear = judge.along(runs, judge.LINEAR)
     unit = of_linear.loc[judge.along(runs, judge.MULTIGRID)["h1_error"].last_valid_index()]
@@ -93,23 +93,23 @@ def _line(panel: str, label: str, x: pd.Series, of_way: pd.DataFrame) -> pd.Data
 
 def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     """Columns: panel (seconds, memory, work, space), label, x, y. Raises InputError without the table."""
-    data = style.read(csv_path)
-    with style.figure_in(svg_path, HEIGHT) as figure:
+    data = style.read_figure_table(csv_path)
+    with style.open_figure(svg_path, HEIGHT) as figure:
         for (panel, (title, below)), place in zip(PANELS.items(), PLACES, strict=True):
-            axes = style.axes_at(figure, *place, ACROSS, TALL)
+            axes = style.add_axes(figure, *place, ACROSS, TALL)
             for label, line in data[data["panel"] == panel].groupby("label", sort=False):
-                style.log_line(axes, line["x"], line["y"], **{**THIN, **_look(panel, str(label))})
+                style.draw_log_line(axes, line["x"], line["y"], **{**THIN, **_look(panel, str(label))})
             axes.set(title=title, xlabel=below)
             for axis in (axes.xaxis, axes.yaxis):
                 low, high = axis.get_view_interval()
                 axis.set_minor_locator(NullLocator())
                 if high < SHORT * low:
-                    style.few_powers(axis)
-        solvers = [style.key(name, lw=1.0, ms=4.0, **look) for name, look in SOLVERS.values()]
-        ways = [style.key(name, lw=1.0, color=GREY, **look) for name, look in ALGORITHMS.values()]
-        ways += [style.key(name, lw=1.0, ms=4.0, **look) for name, look in BY.values()]
+                    style.set_plain_ticks(axis)
+        solvers = [style.legend_entry(name, lw=1.0, ms=4.0, **look) for name, look in SOLVERS.values()]
+        ways = [style.legend_entry(name, lw=1.0, color=GREY, **look) for name, look in ALGORITHMS.values()]
+        ways += [style.legend_entry(name, lw=1.0, ms=4.0, **look) for name, look in BY.values()]
         for handles, top, columns in ((solvers, 9.1, 3), (ways, 1.2, 3)):
-            style.legend(figure, handles, 1.45, top, ncols=columns, labelspacing=0.4, columnspacing=1.3)
+            style.add_legend(figure, handles, 1.45, top, ncols=columns, labelspacing=0.4, columnspacing=1.3)
 
 
 def _look(panel: str, label: str) -> style.Look:

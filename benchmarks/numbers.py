@@ -9,8 +9,8 @@ import pandas as pd
 
 from benchmarks import side_by_side
 from benchmarks.side_by_side import NAMES, two_digits
-from study.formats import shown
-from unilateral.formulas.formula import real
+from study.formats import format_value
+from unilateral.formulas.formula import parse_real
 
 OURS = "unilateral"
 LARGE = 1024
@@ -29,7 +29,7 @@ def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, A
         "benchmarks": side_by_side.numbers(results["benchmarks/results"]),
         "commands": of_commands(results["benchmarks/commands"]),
         "trust": of_trust(results["benchmarks/trust"]),
-        "scores": {name: real(results["benchmarks/scores"][name].iloc[0], name) for name in ("h", "H")},
+        "scores": {name: parse_real(results["benchmarks/scores"][name].iloc[0], name) for name in ("h", "H")},
     }
 
 
@@ -69,11 +69,13 @@ def _command(row: Mapping[str, Any]) -> dict[str, str]:
     seconds = f"{two_digits(row['cpu_seconds'])} s"
     return {
         "command, or solver": f"`{row['typed']}`" if "typed" in row else NAMES[row["solver"]],
-        "unknowns": shown(row["unknowns"], "space"),
+        "unknowns": format_value(row["unknowns"], "space"),
         "processor seconds": seconds,
         "per unknown": f"{two_digits(1e6 * row['cpu_seconds'] / row['unknowns'])} µs",
         "memory": f"{row['peak_mb']:.0f} MB",
-        "guaranteed error of u": shown(row["relative_bound"], "up.2g%") if "relative_bound" in row else "–",
+        "guaranteed error of u": format_value(row["relative_bound"], "up.2g%")
+        if "relative_bound" in row
+        else "–",
     }
 
 
@@ -98,7 +100,7 @@ def trust(told: Mapping[str, Any]) -> pd.DataFrame:
     table = pd.DataFrame({"part": TRUST.values()})
     for mesh in told["rows"]:
         seconds = [f"{two_digits(mesh[part]['seconds'])} s" for part in TRUST]
-        table[f"{shown(mesh['triangles'], 'space')} triangles"] = seconds
+        table[f"{format_value(mesh['triangles'], 'space')} triangles"] = seconds
     largest = told["rows"][-1]
     table["each"] = [f"{two_digits(1e6 * largest[p]['seconds'] / largest['triangles'])} µs" for p in TRUST]
     return table.assign(memory=[f"{largest[part]['mb']:.0f} MB" for part in TRUST])

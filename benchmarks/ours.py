@@ -1,7 +1,7 @@
 """This project's ways to solve a problem whose load and cell means of g are given.
 
-`multigrid`: from nothing, then a further problem, on other cells, on the same hierarchy. `linear`: A u = load
-by the same multigrid, without constraints, as a yardstick. `bound`: multigrid from nothing, then the
+`build_multigrid`: from nothing, then a further problem, on other cells, on the same hierarchy. `linear`: A u
+= load by the same multigrid, without constraints, as a yardstick. `bound`: multigrid from nothing, then the
 guaranteed bound on its error; f, which is enclosed for the load and for the bound, counts for neither.
 `recursive`, `sparse`: the interior eliminated by macro-elements or by sparse factors, then the algorithms on
 the boundary, each from 0.
@@ -18,19 +18,19 @@ from benchmarks.peers.driver import Clock, order, report
 from benchmarks.plan import OTHER
 from benchmarks.problem import grid, mesh_of, partition
 from unilateral.arrays import Array
+from unilateral.bounds.enclosed_data import enclose_data
 from unilateral.bounds.local_bounds import local_bound
-from unilateral.bounds.mesh_data import enclose_data
-from unilateral.discrete.condensed import with_load
-from unilateral.fem.condense import Condensed, by_sparse, condense, matrix
+from unilateral.discrete.condensed import build_condensed_problem
+from unilateral.fem.condense import CondensedMatrix, condense, condense_factors, form_matrix
 from unilateral.fem.form import H1, Form
-from unilateral.fem.hierarchy import Hierarchy, hierarchy
-from unilateral.fem.linear_systems import dissected
-from unilateral.fem.macro_elements import Recursive
+from unilateral.fem.hierarchy import Hierarchy, build_hierarchy
+from unilateral.fem.linear_systems import factorise_by_dissection
+from unilateral.fem.macro_elements import MacroElementFactors
 from unilateral.fem.nested_cells import nested_cells
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems import problem_file
-from unilateral.solvers.multigrid import MultigridResult, multigrid
+from unilateral.solvers.multigrid import MultigridResult, build_multigrid
 from unilateral.solvers.uzawa import uzawa
 
 ALGORITHMS = ("uzawa", "nesterov", "newton")
@@ -68,7 +68,7 @@ def from_nothing(
     clock.skip()
     mesh = mesh_of(of)
     clock.lap("mesh")
-    levels = hierarchy(mesh)
+    levels = build_hierarchy(mesh)
     clock.lap("assembly")
     found = grid(mesh, levels, load, means, H).solve(tolerance)
     clock.lap("solve")
@@ -82,18 +82,18 @@ def linear(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
     clock.skip()
     mesh = mesh_of(of)
     clock.lap("mesh")
-    levels = hierarchy(mesh, form=Form(free=tuple(range(mesh.polygon.n_sides))))
+    levels = build_hierarchy(mesh, form=Form(free=tuple(range(mesh.polygon.n_sides))))
     clock.lap("assembly")
     cells = nested_cells(levels, partition(mesh, of["H_over_h"]))
     assert cells is not None
-    found = multigrid(levels, cells, load, none).solve(tolerance_of(data, of))
+    found = build_multigrid(levels, cells, load, none).solve(tolerance_of(data, of))
     clock.lap("solve")
     return mesh.points, [{"way": "linear", "phases": clock.only(clock.phases), **counts(found)}], []
 
 
 def bound(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
     """From nothing, and the bound, of a problem file."""
-    problem = problem_file.load(of["case"])
+    problem = problem_file.load_problem(of["case"])
     (mesh, _, found) = from_nothing(clock, data, of)
     enclosed = enclose_data(problem, mesh, H1)
     cells = partition(mesh, of["H_over_h"])
@@ -111,11 +111,16 @@ def recursive(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
 
 def sparse(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
     """By sparse factors."""
-    return eliminated(clock, data, of, lambda mesh: by_sparse(mesh, dissected(matrix(mesh), mesh.boundary)))
+    return eliminated(
+        clock,
+        data,
+        of,
+        lambda mesh: condense_factors(mesh, factorise_by_dissection(form_matrix(mesh), mesh.boundary)),
+    )
 
 
 def eliminated(
-    clock: Clock, data: Mapping[str, Array], of: Order, condense: Callable[[Mesh], Condensed]
+    clock: Clock, data: Mapping[str, Array], of: Order, condense: Callable[[Mesh], CondensedMatrix]
 ) -> Told:
     """All algorithms, each from nothing, and further: the load eliminated, and the steps."""
     load = data["load"]
@@ -132,19 +137,19 @@ def eliminated(
     us = []
     for algorithm in ALGORITHMS:
         clock.skip()
-        discrete = with_load(spaces, load, condensed.solve(load)[mesh.boundary], means)
+        discrete = build_condensed_problem(spaces, load, condensed.solve(load)[mesh.boundary], means)
         found = uzawa(spaces.operator, discrete.offset, tolerance_of(data, of), method=algorithm)
         us.append(spaces.response(load, found.lambda_H))
         clock.lap("solve")
         told = {"H_over_h": of["H_over_h"], "iterations": found.iterations, "sets": found.iterations}
         for way, phases in ((algorithm, [*FIRST, "solve"]), (f"further {algorithm}", ["solve"])):
             results.append({"way": f"{of['way']} {way}", "phases": clock.only(phases), **told})
-    if isinstance(condensed.factors, Recursive):
+    if isinstance(condensed.factors, MacroElementFactors):
         results[0]["operations"] = operations(condensed.factors)
     return mesh.points, results, [u for u in us for _ in range(2)]
 
 
-def operations(factors: Recursive) -> float:
+def operations(factors: MacroElementFactors) -> float:
     """Of eliminating i nodes with o beside them, i^3 / 3 + 2 i^2 o + 2 i o^2 each, and the last ones."""
     shapes, i, o = np.array([stage.W.shape for stage in factors.stages], dtype=float).T
     return float(shapes @ (i**3 / 3 + 2 * i**2 * o + 2 * i * o**2) + len(factors.A_3) ** 3 / 3)
@@ -157,7 +162,7 @@ def tolerance_of(data: Mapping[str, Array], of: Order) -> float:
 
 def counts(found: MultigridResult) -> dict[str, int]:
     """Iterations on the finest level, and the sets that were tried there."""
-    finest = [count for level, count in found.counts if level == found.counts[-1][0]]
+    finest = [count for level, count in found.iteration_counts if level == found.iteration_counts[-1][0]]
     return {"iterations": sum(finest), "sets": len(finest)}
 
 

@@ -40,7 +40,7 @@ class Run(NamedTuple):
 def read(path: Path) -> dict[str, Any]:
     """The file's fields. Raises InputError for what the schema does not allow, and for unknown names."""
     plan = declarations.validate(
-        declarations.read(path, path.name, floats=True), FOLDER / "schema.yaml", path.name
+        declarations.read_declaration(path, path.name, floats=True), FOLDER / "schema.yaml", path.name
     )
     for where, entries in {"runs": plan["runs"], "commands.beside": plan["commands"]["beside"]}.items():
         for i, entry in enumerate(entries):

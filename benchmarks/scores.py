@@ -22,9 +22,9 @@ from benchmarks.plan import FOLDER, ROOT
 from unilateral import api
 from unilateral.errors import InputError
 from unilateral.exchange import score as scores
-from unilateral.exchange.export import export
-from unilateral.exchange.exported_folder import exported, foreign
-from unilateral.formulas.formula import real
+from unilateral.exchange.export import export_case
+from unilateral.exchange.exported_folder import read_exported_folder, read_foreign_solution
+from unilateral.formulas.formula import parse_real
 from unilateral.system.files import replacing
 
 DIGITS = 4
@@ -46,22 +46,30 @@ def solutions(python: str, driver: Path, case: str) -> list[tuple[str, str | Non
 
 def scored(python: str, driver: Path, name: str, sizes: dict[str, Any]) -> dict[str, Any]:
     """How a driver does on a case: ratios on the finest level, the rates beside this project's, a verdict."""
-    h = real(sizes["h"], "h")
-    H = real(sizes["H"], "H")
+    h = parse_real(sizes["h"], "h")
+    H = parse_real(sizes["H"], "H")
     levels = sizes["levels"]
     case = api.case(name)
     with TemporaryDirectory() as folder, chdir(folder):
-        export(case, api.KINDS["structured"](case.polygon, h * 2 ** (levels - 1)), H, levels, name)
-        known, meshes = exported(name)
-        given = [foreign(meshes, *files) for files in solutions(python, driver, name)]
-    found = [scores.score(known, each) for each in given]
-    rates = scores.rates(known, found)
-    finest = min(found, key=lambda each: each.given.level.mesh.h)
-    row: dict[str, Any] = {"case": name, "h": sizes["h"], "H": sizes["H"], "multiplier": finest.given.kind}
+        export_case(case, api.MESH_KINDS["structured"](case.polygon, h * 2 ** (levels - 1)), H, levels, name)
+        known, meshes = read_exported_folder(name)
+        given = [read_foreign_solution(meshes, *files) for files in solutions(python, driver, name)]
+    found = [scores.score_solution(known, each) for each in given]
+    rates = scores.compute_rates(known, found)
+    finest = min(found, key=lambda each: each.solution.level.mesh.h)
+    row: dict[str, Any] = {
+        "case": name,
+        "h": sizes["h"],
+        "H": sizes["H"],
+        "multiplier": finest.solution.multiplier_kind,
+    }
     for norm, rate in rates.items():
-        ratio = scores.error_in(finest.errors, norm) / scores.error_in(finest.own, norm)
+        ratio = scores.select_error(finest.errors, norm) / scores.select_error(finest.reference_errors, norm)
         row |= {f"{norm}_over_own": ratio, f"{norm}_rate": rate.observed, f"{norm}_own_rate": rate.own}
-    return row | {"faults": sum(len(each.faults) for each in found), "verdict": scores.verdict(found, rates)}
+    return row | {
+        "faults": sum(len(each.faults) for each in found),
+        "verdict": scores.state_verdict(found, rates),
+    }
 
 
 def rows(given: dict[str, Any]) -> Iterator[dict[str, Any]]:

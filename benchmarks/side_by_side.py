@@ -9,8 +9,8 @@ import pandas as pd
 import xarray as xr
 
 from benchmarks import ratios as judge
-from study.formats import shown
-from unilateral.discrete.choice import PAYS
+from study.formats import format_value
+from unilateral.discrete.choice import MIN_MULTIGRID_UNKNOWNS
 
 SHOWN = (256, 512, 1024)
 NAMES = {
@@ -60,10 +60,10 @@ def _solver(runs: pd.DataFrame, way: str) -> dict[str, str]:
             seconds = f"{two_digits(of['cpu_seconds'][n])} s"
             alone = way in (judge.MULTIGRID, *judge.OTHERS)
             cell = seconds if alone else f"× {two_digits(ratio[n])} ({seconds})"
-        row[f"{shown((n + 1) ** 2, 'space')} unknowns"] = cell
+        row[f"{format_value((n + 1) ** 2, 'space')} unknowns"] = cell
     last = of.index[of.index <= SHOWN[-1]].max()
-    at = "" if last == SHOWN[-1] else f" (at {shown((last + 1) ** 2, 'space')})"
-    row["peak memory"] = f"{shown(float(of['peak_mb'][last]), '.0f')} MB{at}"
+    at = "" if last == SHOWN[-1] else f" (at {format_value((last + 1) ** 2, 'space')})"
+    row["peak memory"] = f"{format_value(float(of['peak_mb'][last]), '.0f')} MB{at}"
     return row
 
 
@@ -92,7 +92,7 @@ def phases(table: xr.Dataset) -> pd.DataFrame:
 
 
 def _count(value: float) -> str:
-    return "–" if pd.isna(value) else shown(value, "space")
+    return "–" if pd.isna(value) else format_value(value, "space")
 
 
 def problems(table: xr.Dataset) -> pd.DataFrame:
@@ -128,7 +128,7 @@ def numbers(table: xr.Dataset) -> dict[str, Any]:
         "grows_from": SHOWN[1],
         "largest": {"n": int(largest), "unknowns": int(largest + 1) ** 2}
         | {name: float(multigrid[name][largest]) for name in ("cpu_seconds", "peak_mb")},
-        "pays": PAYS,
+        "pays": MIN_MULTIGRID_UNKNOWNS,
         "worst": float(runs.loc[comparable(runs), "over_discrete"].max() - 1),
         "zones": float((counts["zones_37"] / counts["natural"]).max()),
         "slivers": int(counts["slivers"].max()),

@@ -3,7 +3,7 @@
 import numpy as np
 from conftest import coupled
 
-from unilateral.solvers.active_set import active_set
+from unilateral.solvers.active_set import solve_by_active_set
 
 
 def operator(n, ratio, polygon="square"):
@@ -36,4 +36,4 @@ def distance(of, mu, nu):
 
 
 def exact(of, offset):
-    return active_set(of, offset, 1e-5).lambda_H
+    return solve_by_active_set(of, offset, 1e-5).lambda_H

@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-MOST_SHOWN = 5
+MAX_SHOWN_DIFFERENCES = 5
 """So many differences of one file are printed."""
 
 
@@ -46,10 +46,10 @@ def main() -> int:
             else [*compare(options.before / name, options.after / name, options.within)]
         )
         unequal += bool(differences)
-        for difference in differences[:MOST_SHOWN]:
+        for difference in differences[:MAX_SHOWN_DIFFERENCES]:
             print(f"{name}: {difference}")
-        if len(differences) > MOST_SHOWN:
-            print(f"{name}: and {len(differences) - MOST_SHOWN} more differences")
+        if len(differences) > MAX_SHOWN_DIFFERENCES:
+            print(f"{name}: and {len(differences) - MAX_SHOWN_DIFFERENCES} more differences")
     total = len(files[0] | files[1])
     print(f"{total} files compared: {f'{unequal} differ' if unequal else 'all are equal'}")
     return 1 if unequal else 0

@@ -24,11 +24,11 @@ from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.fem.condense import condense
 from unilateral.fem.spaces import mixed_spaces
-from unilateral.geometry.mesh import Mesh, with_boundary
+from unilateral.geometry.mesh import Mesh, triangulate_from_boundary
 from unilateral.geometry.partition import Partition, from_points
 from unilateral.geometry.polygon import square
-from unilateral.norms.dual import Bracket, dual_norm
-from unilateral.norms.infsup import infsup
+from unilateral.norms.dual import Bracket, build_dual_norm
+from unilateral.norms.infsup import infsup_constants
 from unilateral.system.files import replacing
 
 FINDS = Path(__file__).parent / "config" / "worst_infsup.yaml"
@@ -100,13 +100,13 @@ class Family:
         if self.nested:
             cell = np.repeat(np.arange(self.cells), self.per_cell.astype(int))
             in_cell = np.add.reduceat(lengths, np.flatnonzero(np.diff(cell, prepend=-1)), axis=1)
-            ends = _cumulative(self.cell_ratio**cells)
-            nodes = _cumulative(lengths / in_cell[:, cell] * np.diff(ends)[:, cell])
+            ends = _cumulative_shares(self.cell_ratio**cells)
+            nodes = _cumulative_shares(lengths / in_cell[:, cell] * np.diff(ends)[:, cell])
         else:
             spare = self.n_edges - self.per_cell.sum()
-            nodes = _cumulative(lengths)
+            nodes = _cumulative_shares(lengths)
             shares = (cells + 1e-3) / (cells + 1e-3).sum(axis=1, keepdims=True)
-            places = _cumulative(self.per_cell + spare * shares) * self.n_edges
+            places = _cumulative_shares(self.per_cell + spare * shares) * self.n_edges
             ends = np.stack(
                 [np.interp(t, np.arange(self.n_edges + 1), s) for t, s in zip(places, nodes, strict=True)]
             )
@@ -124,7 +124,7 @@ class Family:
                 yield np.concatenate([np.resize(letters, 4 * self.n_edges), np.resize(pair, 4 * self.cells)])
 
 
-def _cumulative(lengths: Array) -> Array:
+def _cumulative_shares(lengths: Array) -> Array:
     """(4, n + 1) from 0 to 1, in the proportion of the lengths (4, n) or (n,)."""
     sums = np.cumsum(np.atleast_2d(lengths), axis=1)
     return np.pad(sums / sums[:, -1:], ((0, 0), (1, 0)))
@@ -133,7 +133,7 @@ def _cumulative(lengths: Array) -> Array:
 @lru_cache(maxsize=64)
 def _reference(points: tuple[float, ...]) -> tuple[Partition, Bracket]:
     partition = from_points(square(), points)
-    return partition, dual_norm(partition).gram().p0
+    return partition, build_dual_norm(partition).gram().p0
 
 
 def smallest_angle(mesh: Mesh) -> float:
@@ -148,9 +148,9 @@ def smallest_angle(mesh: Mesh) -> float:
 def measure(candidate: Candidate) -> tuple[float, float]:
     """beta (its upper bound) and the mesh's smallest angle."""
     partition, gram = _reference(tuple(candidate.points.tolist()))
-    mesh = with_boundary(square(), candidate.nodes)
+    mesh = triangulate_from_boundary(square(), candidate.nodes)
     operator = mixed_spaces(condense(mesh), partition).operator
-    return infsup(operator, gram).beta_upper, smallest_angle(mesh)
+    return infsup_constants(operator, gram).beta_upper, smallest_angle(mesh)
 
 
 def search(family: Family, rng: np.random.Generator, n_random: int, changes: int) -> tuple[float, Candidate]:
@@ -168,7 +168,7 @@ def search(family: Family, rng: np.random.Generator, n_random: int, changes: int
     best = min(values)
     x = starts[int(np.argmin(values))]
     for _ in range(changes):
-        moved = _changed(x, rng)
+        moved = _change_randomly(x, rng)
         value = beta(moved)
         if value < best:
             best = value
@@ -176,7 +176,7 @@ def search(family: Family, rng: np.random.Generator, n_random: int, changes: int
     return best, family.candidate(x)
 
 
-def _changed(x: Array, rng: np.random.Generator) -> Array:
+def _change_randomly(x: Array, rng: np.random.Generator) -> Array:
     """One to four neighbouring components made extreme, or all of some moved a little."""
     moved = x.copy()
     size = len(x)
@@ -188,7 +188,7 @@ def _changed(x: Array, rng: np.random.Generator) -> Array:
     return np.clip(moved + np.where(some, 0.2 * rng.standard_normal(size), 0.0), 0, 1)
 
 
-def described(family: Family) -> str:
+def describe_family(family: Family) -> str:
     edges = " or ".join(f"{n:g}" for n in family.edges)
     ratio = f"whose lengths differ by a factor of at most {family.edge_ratio:g}"
     if not family.nested:
@@ -197,18 +197,18 @@ def described(family: Family) -> str:
     return f"{cells}, each cut into {edges} edges {ratio} in a cell."
 
 
-def find(number: int, given: dict) -> dict:
+def find(number: int, fields: dict) -> dict:
     """The worst candidate of a family, as it is stored."""
-    family = Family(**given, cells=SEARCH["cells_per_side"], digits=SEARCH["digits"])
+    family = Family(**fields, cells=SEARCH["cells_per_side"], digits=SEARCH["digits"])
     rng = np.random.default_rng([SEARCH["seed"], number])
     beta, worst = search(family, rng, SEARCH["random"], SEARCH["changes"])
-    print(f"{number + 1}/{len(SEARCH['families'])} {described(family)} beta = {beta:.3f}", flush=True)
+    print(f"{number + 1}/{len(SEARCH['families'])} {describe_family(family)} beta = {beta:.3f}", flush=True)
     k = float(np.mean(family.edges))
     return {
         "name": f"k{k:g}_R{family.edge_ratio:g}"
         + (f"_cells{family.cell_ratio:g}" if family.cell_ratio > 1 else "")
         + ("" if family.nested else "_free"),
-        "what": described(family),
+        "what": describe_family(family),
         "polygon": "square",
         "edges_per_cell": k,
         "edge_ratio": family.edge_ratio,

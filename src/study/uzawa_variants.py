@@ -16,7 +16,7 @@ UNCLIPPED = "without the clip"
 VARIANTS = (AS_MEANT, AS_PRINTED, UNCLIPPED)
 
 
-def iterate(operator: DualOperator, offset: Array, rho: float, steps: int, variant: str) -> Array:
+def iterate_variant(operator: DualOperator, offset: Array, rho: float, steps: int, variant: str) -> Array:
     """The iterate lambda^steps, from lambda^0 = 0 and, in the variant that uses it, lambda^(-1) = 0."""
     now = before = np.zeros(len(offset))
     with np.errstate(over="ignore", invalid="ignore"):

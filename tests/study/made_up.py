@@ -51,7 +51,7 @@ def table(**variables):
 
 def observes(check, given, expected):
     """Assert what a check, or a claim's, observes: a number and perhaps whether it holds; or the reason."""
-    measure = claims.find(check).measure if isinstance(check, str) else check
+    measure = claims.find_claim(check).measure if isinstance(check, str) else check
     if isinstance(expected, str):
         with pytest.raises(Unjudged, match=expected):
             measure(given)

@@ -23,7 +23,7 @@ def project(tmp_path_factory):
 def digest_of_change(project, monkeypatch):
     """The digest of the script `cells` where a text in one file is another one, which alone is read anew."""
     monkeypatch.chdir(project)
-    read = code._read
+    read = code._digest_source
 
     def change(name, old, new, first):
         file = Path(name)
@@ -33,9 +33,9 @@ def digest_of_change(project, monkeypatch):
         try:
             with monkeypatch.context() as changed:
                 changed.setattr(
-                    code, "_read", lambda each: (read.__wrapped__ if each == file else read)(each)
+                    code, "_digest_source", lambda each: (read.__wrapped__ if each == file else read)(each)
                 )
-                return code.digest(CELLS)
+                return code.digest_program(CELLS)
         finally:
             file.write_text(text)  # all tests share the project
 
@@ -75,13 +75,13 @@ CHANGED = {
 
 @pytest.mark.parametrize("name", UNCHANGED)
 def test_what_no_result_of_a_script_depends_on_leaves_its_digest(digest_of_change, name):
-    assert digest_of_change(*UNCHANGED[name]) == code.digest(CELLS)
+    assert digest_of_change(*UNCHANGED[name]) == code.digest_program(CELLS)
 
 
 @pytest.mark.parametrize("name", CHANGED)
 def test_what_a_script_runs_or_reads_changes_its_digest(digest_of_change, name):
     """Control."""
-    assert digest_of_change(*CHANGED[name], 0) != code.digest(CELLS)
+    assert digest_of_change(*CHANGED[name], 0) != code.digest_program(CELLS)
 
 
 @cache

@@ -14,11 +14,11 @@ import scipy.sparse.linalg as spla
 import sentences
 
 import unilateral as ul
-from unilateral.bounds.mesh_data import enclose_data
-from unilateral.discrete.loads import form_of
-from unilateral.fem.condense import matrix
+from unilateral.bounds.enclosed_data import enclose_data
+from unilateral.discrete.problem_data import problem_form
+from unilateral.fem.condense import form_matrix
 from unilateral.fem.p1 import edge_load
-from unilateral.solution.certification import edge_pairs
+from unilateral.solution.certification import pair_boundary_edges
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -31,15 +31,15 @@ class OtherSolver:
 
     def __init__(self, problem, mesh):
         self.mesh = mesh
-        form = form_of(problem, self.mesh)
-        self.A = matrix(self.mesh, form._replace(clamped=())).tocsr()
+        form = problem_form(problem, self.mesh)
+        self.A = form_matrix(self.mesh, form._replace(clamped=())).tocsr()
         enclosed = enclose_data(problem, self.mesh, form)
         self.F = enclosed.load
         self.u_D = enclosed.constraint.clamped_values
-        self.fixed = form.fixed(self.mesh)
+        self.fixed = form.clamped_nodes(self.mesh)
         first = self.mesh.boundary
         last = np.roll(self.mesh.boundary, -1)
-        contact = form.held(self.mesh.side)
+        contact = form.has_multiplier(self.mesh.side)
         on_edges = problem.enclosed_obstacle.on_edges(self.mesh.s, self.mesh.side, contact, parts=1)
         at_ends = on_edges.ends[contact]
         self.g = np.full(self.mesh.n_nodes, -np.inf)
@@ -268,9 +268,9 @@ def test_the_potential_of_a_multiplier_solves_the_linear_problem():
 def test_cells_have_two_edges_or_three_at_the_end_of_a_side_and_one_if_there_is_no_more():
     points = [(0, 0), (0.2, 0), (0.5, 0), (1, 0), (1, 0.4), (1, 1)]
     mesh = ul.mesh(points, [(0, 1, 5), (1, 2, 5), (2, 4, 5), (2, 3, 4)])
-    assert edge_pairs(mesh).points == pytest.approx([0, 1, 2, 2 + math.sqrt(2)])
+    assert pair_boundary_edges(mesh).points == pytest.approx([0, 1, 2, 2 + math.sqrt(2)])
     finer = ul.mesh(mesh, halvings=1)
-    assert edge_pairs(finer).points[:7] == pytest.approx([0, 0.2, 0.5, 1, 1.4, 2, 2 + math.sqrt(2)])
+    assert pair_boundary_edges(finer).points[:7] == pytest.approx([0, 0.2, 0.5, 1, 1.4, 2, 2 + math.sqrt(2)])
 
 
 def test_a_side_of_one_edge_is_told_of_and_bounds_hold(natural):

@@ -2,10 +2,10 @@ import re
 from functools import cache
 from pathlib import Path
 
-from study.code import digest
+from study.code import digest_program
 from study.documents import marks
-from study.ledger.entries import entries
-from study.scenes import normed
+from study.ledger.entries import read_entries
+from study.scenes import dual_norm_partitions
 
 SCENES = config["scenes"]
 JUDGED = [name for name, scene in SCENES.items() if scene["judged"]]
@@ -23,7 +23,7 @@ def code(script):
 
     So a change of that code reruns the rule's jobs, and an edit of docstrings or of other code does not.
     """
-    return lambda wildcards: digest(f"workflow/scripts/{script}.py")
+    return lambda wildcards: digest_program(f"workflow/scripts/{script}.py")
 
 
 def asked(mem_mb, minutes):
@@ -58,7 +58,7 @@ def cases_on_polygons(scenes):
 @cache
 def has_norm(scene):
     """Whether errors of lambda are measured in the dual norm somewhere in a scene."""
-    return bool(normed(SCENES[scene]))
+    return bool(dual_norm_partitions(SCENES[scene]))
 
 
 def files_by_rule(scenes):
@@ -93,7 +93,7 @@ def claimed():
     """The tables that the ledger's claims read."""
     names = [
         name.format(scene=scene)
-        for claim in entries()
+        for claim in read_entries()
         for name in claim.get("reads", ())
         for scene in claim.get("parameters", {}).get("scenes", [""])
     ]

@@ -80,7 +80,7 @@ rule totals:
         code=code("totals"),
         scene=scene_of,
         levels=config["totals"]["levels"],
-        wanted=lambda wildcards: config["totals"]["scenes"][wildcards.scene],
+        case_names=lambda wildcards: config["totals"]["scenes"][wildcards.scene],
         ratio=config["rates"]["judged_ratio"],
     message:
         "{wildcards.scene}: the guaranteed total errors"

@@ -24,34 +24,34 @@ ORIGINS = {
     "after": "set after values had been seen",
 }
 """The origin of a required number, by a short name; a claim's source begins with such a text and a colon."""
-LEAST = 1e-4
-PLENTY = 10.0
+MIN_TOLD_MARGIN = 1e-4
+MAX_TOLD_MARGIN = 10.0
 """A margin below the first number or above the second is told as lying below or above it."""
 
 
-def percent(margin: float) -> str:
+def format_margin(margin: float) -> str:
     """A margin for readers: no more than two digits, and none beyond LEAST and PLENTY."""
     margin = float(f"{margin:.2g}")
-    if abs(margin) >= PLENTY:
-        return f"> {100 * PLENTY:.0f} %" if margin > 0 else f"< -{100 * PLENTY:.0f} %"
-    if 0 <= margin < LEAST:
-        return f"< {100 * LEAST:g} %"
+    if abs(margin) >= MAX_TOLD_MARGIN:
+        return f"> {100 * MAX_TOLD_MARGIN:.0f} %" if margin > 0 else f"< -{100 * MAX_TOLD_MARGIN:.0f} %"
+    if 0 <= margin < MIN_TOLD_MARGIN:
+        return f"< {100 * MIN_TOLD_MARGIN:g} %"
     digits = 2 if abs(margin) < 0.01 else 0
     return f"{100 * margin:.{digits}f} %"
 
 
-def holds(verdict: str) -> bool:
+def verdict_holds(verdict: str) -> bool:
     """Whether a sentence may rest on a claim with that verdict."""
     return not verdict.startswith((FAILS, UNJUDGED, UNMEASURED))
 
 
-def counts_against(verdict: str) -> bool:
+def verdict_counts_against(verdict: str) -> bool:
     """Whether there is something to measure and it does not hold."""
     return verdict.startswith((FAILS, UNJUDGED))
 
 
-def read(path: str | os.PathLike[str]) -> Any:
-    """What is stored as JSON, such as the records of `results/claims.json`.
+def read_records(path: str | os.PathLike[str]) -> Any:
+    """Content of a JSON file, such as the claims' records. Raises StorageError if it is damaged.
 
     Raises StorageError for a file that is damaged.
     """
@@ -61,12 +61,12 @@ def read(path: str | os.PathLike[str]) -> Any:
         raise StorageError(f"{path} is damaged; 'snakemake -j2 -f {path}' makes it anew") from None
 
 
-def origin(source: str) -> str:
+def source_origin(source: str) -> str:
     """The short name of where the number comes from. Raises KeyError if it is unknown."""
     return {text: name for name, text in ORIGINS.items()}[source.partition(":")[0]]
 
 
-def listed(folder: str | os.PathLike[str]) -> dict[str, str]:
+def read_listed_digests(folder: str | os.PathLike[str]) -> dict[str, str]:
     """The SHA-256 of the files in a folder of results, by their paths in it; empty without a manifest.
 
     Raises StorageError for a manifest that is none.
@@ -74,7 +74,7 @@ def listed(folder: str | os.PathLike[str]) -> dict[str, str]:
     manifest = Path(folder, MANIFEST)
     if not manifest.is_file():
         return {}
-    found = read(manifest)
+    found = read_records(manifest)
     try:
         return {of["path"].partition("/")[2]: of["sha256"] for of in found["files"]}
     except (KeyError, TypeError, AttributeError) as error:
@@ -83,11 +83,11 @@ def listed(folder: str | os.PathLike[str]) -> dict[str, str]:
         ) from error
 
 
-def check_listed(folder: str | os.PathLike[str], name: str, by: Mapping[str, str]) -> None:
+def check_listed_digest(folder: str | os.PathLike[str], name: str, listed_digests: Mapping[str, str]) -> None:
     """Raises StorageError for a file in the folder of which another SHA-256 is listed."""
     path = Path(folder, name)
     found = sha256(path.read_bytes()).hexdigest()
-    if (wanted := by.get(name, found)) != found:
+    if (wanted := listed_digests.get(name, found)) != found:
         raise StorageError(
             f"{path} is another version than the study ended with: its SHA-256 is {found[:16]}..., and "
             f"{Path(folder, MANIFEST)} has {wanted[:16]}...; 'snakemake -j2 -f {path}' makes it anew"

@@ -42,40 +42,40 @@ from typing import NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Int32, blocks
+from unilateral.arrays import Array, Index, Int32, row_blocks
 from unilateral.fem.form import H1, Form
 from unilateral.geometry.mesh import Mesh
 
-CHUNK = 4096
+PATCHES_PER_BLOCK = 4096
 """This many patches, or twice as many triangles, are treated together.
 
 Their numbers fit into a processor's cache.
 """
-BALANCE = 45.0
+PATCH_REACTION_RATIO = 45.0
 """c |a| / k of a patch above which q_0 counts, too. On many meshes |a| is 3 h^2."""
 
 
-class _Numbers(NamedTuple):
+class _Patches(NamedTuple):
     """Numbers of the triangles T_j (k, p) of p patches.
 
-    `area` is T, `d` is the integral of div q_1. With b and c for b_j and b_{j+1}, `bb`, `cc` and `bc` are T
-    times |grad psi_b|^2, |grad psi_c|^2 and grad psi_b . grad psi_c, and `through_b`, `through_c` are T k
-    times the products of grad psi_b and of grad psi_c with grad u_h. `slope` (k + 1, p) is
-    k (u_h(b_j) - u_h(a)). `weight` (p,) is w.
+    `area` is T, `divergence` is the integral of div q_1. With b and c for b_j and b_{j+1}, `bb`, `cc` and
+    `bc` are T times |grad psi_b|^2, |grad psi_c|^2 and grad psi_b . grad psi_c, and `through_b`, `through_c`
+    are T k times the products of grad psi_b and of grad psi_c with grad u_h. `rise` (k + 1, p) is k (u_h(b_j)
+    - u_h(a)). `weight` (p,) is w.
     """
 
     area: Array
-    d: Array
+    divergence: Array
     bb: Array
     cc: Array
     bc: Array
     through_b: Array
     through_c: Array
-    slope: Array
+    rise: Array
     weight: Array
 
 
-def equilibrated(
+def equilibrate_flux(
     mesh: Mesh, u_h: Array, moments: Callable[[slice], Array], sigma: Array, form: Form = H1
 ) -> Array:
     """q on the edges of the `triangulation`, (2, E): their flows (E,) and tilts (E,).
@@ -86,17 +86,19 @@ def equilibrated(
     edges of q.n, which is linear there. They are NaN where it is not given.
     """
     ends = mesh.triangulation.ends.ravel()
-    boundary = mesh.triangulation.boundary
-    after, f = around(mesh, moments)
+    boundary = mesh.triangulation.boundary_edges
+    after, f = order_spokes(mesh, moments)
     flow, tilt = q = np.zeros((2, len(ends) // 2))
-    for edge, spokes in fans(mesh, after):
+    for edge, spokes in gather_patches(mesh, after):
         left = spokes[:-1]
-        numbers = _numbers(mesh, u_h, ends.take(spokes[0]), ends.take(spokes ^ 1), f.take(left), form)
+        numbers = _assemble_patches(
+            mesh, u_h, ends.take(spokes[0]), ends.take(spokes ^ 1), f.take(left), form
+        )
         if edge.size:
             left = spokes
-            (F, z) = _at_the_boundary(numbers, *_given(mesh, sigma, edge))
+            (F, z) = _solve_boundary_patches(numbers, *_outer_spoke_fluxes(mesh, sigma, edge))
         else:
-            F, z = _inside(numbers)
+            F, z = _solve_inner_patches(numbers)
         at = (left >> 1).ravel()
         sign = 1 - 2 * (left & 1)
         np.add.at(flow, at, (F * sign).ravel())
@@ -106,13 +108,15 @@ def equilibrated(
     return q
 
 
-def flows(mesh: Mesh, q: Array, of: Index | slice) -> tuple[Array, Array]:
-    """(3, k), (3, k) what flows into triangles through the edges opposite to their nodes, at both ends.
+def triangle_inflows(mesh: Mesh, q: Array, triangles: Index | slice) -> tuple[Array, Array]:
+    """The flow into triangles through the edge opposite to each node, at the first and at the second end of that edge.
+
+    Returns arrays of the shapes (3, k), (3, k).
 
     The ends are the two nodes after the opposite one, in this order.
     """
-    edge = mesh.opposite_edges[of].T
-    start = mesh.triangles[of].T[[1, 2, 0]]
+    edge = mesh.opposite_edges[triangles].T
+    start = mesh.triangles[triangles].T[[1, 2, 0]]
     left = mesh.triangulation.ends.ravel().take(2 * edge) == start
     flow = q[0].take(edge)
     tilt = q[1].take(edge)
@@ -120,18 +124,20 @@ def flows(mesh: Mesh, q: Array, of: Index | slice) -> tuple[Array, Array]:
     return flow + tilt, flow - tilt
 
 
-def around(mesh: Mesh, of_corners: Callable[[slice], Array]) -> tuple[Int32, Array]:
-    """(2 E,), (2 E,) for each spoke the next one anticlockwise and `of_corners` (k, 3) at the corner between.
+def order_spokes(mesh: Mesh, corner_values: Callable[[slice], Array]) -> tuple[Int32, Array]:
+    """For each spoke the next one anticlockwise, and the value at the corner between both.
+
+    Returns arrays of the shapes (2 E,), (2 E,).
 
     Behind spokes that run back along the boundary there is neither: both are 0.
     """
     ends = mesh.triangulation.ends
     after = np.zeros(2 * len(ends), dtype=np.int32)
     found = np.zeros(2 * len(ends))
-    for of in blocks(len(mesh.triangles), 2 * CHUNK):
+    for of in row_blocks(len(mesh.triangles), 2 * PATCHES_PER_BLOCK):
         node = mesh.triangles[of].T
         edge = mesh.opposite_edges[of].T
-        values = of_corners(of).T
+        values = corner_values(of).T
         spokes = [2 * e + (ends[e, 0] != a) for e, a in zip(edge[[2, 0, 1]], node, strict=True)]
         for i, spoke in enumerate(spokes):
             found[spoke] = values[i]
@@ -139,7 +145,7 @@ def around(mesh: Mesh, of_corners: Callable[[slice], Array]) -> tuple[Int32, Arr
     return after, found
 
 
-def fans(mesh: Mesh, after: Int32) -> Iterator[tuple[Int32, Int32]]:
+def gather_patches(mesh: Mesh, next_spoke: Int32) -> Iterator[tuple[Int32, Int32]]:
     """The spokes (k + 1, p) of p nodes with k triangles around each, anticlockwise, one chunk after another.
 
     The last spoke of a node inside is its first one again. Before the spokes come the numbers (p,) of the
@@ -152,21 +158,21 @@ def fans(mesh: Mesh, after: Int32) -> Iterator[tuple[Int32, Int32]]:
     number = np.empty(n, dtype=np.int32)
     kind = 2 * np.bincount(ends, minlength=n)
     first[ends] = np.arange(len(ends), dtype=np.int32)
-    first[mesh.boundary] = 2 * mesh.triangulation.boundary
+    first[mesh.boundary] = 2 * mesh.triangulation.boundary_edges
     number[mesh.boundary] = np.arange(nb)
     kind[mesh.boundary] -= 1
     for which in np.flatnonzero(np.bincount(kind)):
         nodes = np.flatnonzero(kind == which)
         k = which // 2
-        for part in (nodes[of] for of in blocks(len(nodes), CHUNK)):
+        for part in (nodes[of] for of in row_blocks(len(nodes), PATCHES_PER_BLOCK)):
             fan = np.empty((k + 1, len(part)), dtype=np.int32)
             fan[0] = first[part]
             for j in range(k):
-                fan[j + 1] = after.take(fan[j])
+                fan[j + 1] = next_spoke.take(fan[j])
             yield number[part[: len(part) * (which % 2)]], fan
 
 
-def _numbers(mesh: Mesh, u_h: Array, a: Int32, b: Int32, moments: Array, form: Form) -> _Numbers:
+def _assemble_patches(mesh: Mesh, u_h: Array, a: Int32, b: Int32, moments: Array, form: Form) -> _Patches:
     """The numbers for nodes a (p,), nodes b (k + 1, p) around them, and `moments` (k, p) of f with psi_a."""
     points = mesh.points.ravel()
     x = points.take(2 * b + 0) - points.take(2 * a + 0)
@@ -184,12 +190,14 @@ def _numbers(mesh: Mesh, u_h: Array, a: Int32, b: Int32, moments: Array, form: F
     through_b = bb * slope[:-1] + bc * slope[1:]
     through_c = bc * slope[:-1] + cc * slope[1:]
     d -= through_b + through_c
-    weight = 1 / np.maximum(1.0, form.c / (BALANCE * form.k) * area.sum(axis=0)) ** 2
-    return _Numbers(area, d, bb, cc, bc, through_b, through_c, slope, weight)
+    weight = 1 / np.maximum(1.0, form.c / (PATCH_REACTION_RATIO * form.k) * area.sum(axis=0)) ** 2
+    return _Patches(area, d, bb, cc, bc, through_b, through_c, slope, weight)
 
 
-def _given(mesh: Mesh, sigma: Array, edge: Int32) -> tuple[Array, Array]:
-    """(2, p), (2, p) F and z on the first and on the last spoke of nodes at which boundary edges begin.
+def _outer_spoke_fluxes(mesh: Mesh, sigma: Array, edge: Int32) -> tuple[Array, Array]:
+    """F and z on the first and on the last spoke of the patches at the nodes where boundary edges begin, from sigma.
+
+    Returns arrays of the shapes (2, p), (2, p).
 
     They are those of the flux of q_a into the first triangle and out of the last one. On an edge a, b
 
@@ -202,83 +210,93 @@ def _given(mesh: Mesh, sigma: Array, edge: Int32) -> tuple[Array, Array]:
     return found[0], found[1]
 
 
-def _terms(of: _Numbers, S: Array) -> tuple[Array, Array, Array]:
+def _quadratic_terms(patches: _Patches, S: Array) -> tuple[Array, Array, Array]:
     """Derivatives of half of what is minimised on each triangle, with F_j = S_j + F_0.
 
     These are the second derivative by z_j, which is also that by z_{j+1}, and minus the first derivatives by
     z_j and by z_{j+1} where these and F_0 are 0. The mixed second derivative is `bc`.
     """
     middle = S[:-1] + S[1:]
-    twist = 0.25 * (of.slope[:-1] + of.slope[1:])
-    mixed = 2 * of.bc
-    load = of.cc * middle + mixed * S[:-1]
-    load_next = of.bb * middle + mixed * S[1:]
+    twist = 0.25 * (patches.rise[:-1] + patches.rise[1:])
+    mixed = 2 * patches.bc
+    load = patches.cc * middle + mixed * S[:-1]
+    load_next = patches.bb * middle + mixed * S[1:]
     load += twist
     load_next -= twist
-    return of.bb + of.cc + of.bc, load, load_next
+    return patches.bb + patches.cc + patches.bc, load, load_next
 
 
-def _sums(of: _Numbers, into: Array | float, out: Array | float) -> Array:
-    """(k + 1, p) F_j on the spokes, from the first and the last one."""
-    found = np.empty_like(of.slope)
-    found[0] = into
-    lacking = (of.d.sum(axis=0) - (out - into)) / of.area.sum(axis=0)
-    for j, (d, area) in enumerate(zip(of.d, of.area, strict=True)):
+def _accumulate_flows(patches: _Patches, first_flow: Array | float, last_flow: Array | float) -> Array:
+    """F_j on the spokes, from F on the first and on the last one.
+
+    The shape is (k + 1, p).
+    """
+    found = np.empty_like(patches.rise)
+    found[0] = first_flow
+    lacking = (patches.divergence.sum(axis=0) - (last_flow - first_flow)) / patches.area.sum(axis=0)
+    for j, (d, area) in enumerate(zip(patches.divergence, patches.area, strict=True)):
         np.add(found[j], d - area * lacking, out=found[j + 1])
     return found
 
 
-def _inside(of: _Numbers) -> Array:
-    """(2, k, p) F and z on the spokes of p nodes with k triangles around each.
+def _solve_inner_patches(patches: _Patches) -> Array:
+    """F and z on the spokes of patches inside the domain.
+
+    The shape is (2, k, p).
 
     The unknown of the border is 2 F_0.
     """
-    S = _sums(of, 0.0, 0.0)
-    with_b = of.bb + of.bc
-    with_c = of.cc + of.bc
-    (own, load, load_next) = _terms(of, S)
+    S = _accumulate_flows(patches, 0.0, 0.0)
+    with_b = patches.bb + patches.bc
+    with_c = patches.cc + patches.bc
+    (own, load, load_next) = _quadratic_terms(patches, S)
     both = with_b + with_c
     of_F = with_b * S[:-1] + with_c * S[1:] + both * (S[:-1] + S[1:])
     columns = np.zeros((3, *own.shape))
-    columns[1] = -_joined(with_c, with_b)
-    columns[2] = _joined(load, load_next)
-    z, F = _periodic(_joined(own, own), of.bc, columns, 1.5 * both.sum(axis=0), -of_F.sum(axis=0))
-    mean = 0.5 * _joined(of.through_c, -of.through_b)
-    return mean + of.weight * (np.stack([S[:-1] + 0.5 * F, z]) - mean)
+    columns[1] = -_sum_at_spokes(with_c, with_b)
+    columns[2] = _sum_at_spokes(load, load_next)
+    z, F = _solve_bordered_periodic(
+        _sum_at_spokes(own, own), patches.bc, columns, 1.5 * both.sum(axis=0), -of_F.sum(axis=0)
+    )
+    mean = 0.5 * _sum_at_spokes(patches.through_c, -patches.through_b)
+    return mean + patches.weight * (np.stack([S[:-1] + 0.5 * F, z]) - mean)
 
 
-def _joined(after: Array, before: Array) -> Array:
-    """(k, p) on the spokes, from the triangles after and before them."""
-    found = after.copy()
-    found[0] += before[-1]
-    found[1:] += before[:-1]
+def _sum_at_spokes(following: Array, preceding: Array) -> Array:
+    """The sums at each spoke of the values of the triangles after and before it.
+
+    The shape is (k, p).
+    """
+    found = following.copy()
+    found[0] += preceding[-1]
+    found[1:] += preceding[:-1]
     return found
 
 
-def _periodic(
-    diagonal: Array, off: Array, columns: Array, corner: Array, last_load: Array
+def _solve_bordered_periodic(
+    diagonal: Array, off_diagonal: Array, columns: Array, border_diagonal: Array, border_load: Array
 ) -> tuple[Array, Array]:
-    """z (k, p) and F (p,) of p systems: periodic, tridiagonal, `off` between z_j and z_{j+1}, and a border.
+    """The solutions z and F of systems that are periodic and tridiagonal, with one border.
 
     z_0, .., z_{k-2} are eliminated, which leaves two unknowns, z_{k-1} and F. Their columns, of which the
     first one is made here, and the load are `columns` (3, k, p). These and `diagonal` are overwritten.
     """
     m = len(diagonal) - 1
     (last, border, load) = columns
-    last[0] = off[m]
-    last[m - 1] += off[m - 1]
+    last[0] = off_diagonal[m]
+    last[m - 1] += off_diagonal[m - 1]
     for j in range(m - 1):
-        factor = off[j] / diagonal[j]
-        diagonal[j + 1] -= factor * off[j]
+        factor = off_diagonal[j] / diagonal[j]
+        diagonal[j + 1] -= factor * off_diagonal[j]
         columns[:, j + 1] -= factor * columns[:, j]
     inverse = 1 / diagonal[:m]
     over = columns[:, :m] * inverse
-    factors = off[:m] * inverse
-    a = diagonal[m] - _dot(over[0], last[:m])
-    b = border[m] - _dot(over[0], border[:m])
-    r = load[m] - _dot(over[0], load[:m])
-    c = corner - _dot(over[1], border[:m])
-    s = last_load - _dot(over[1], load[:m])
+    factors = off_diagonal[:m] * inverse
+    a = diagonal[m] - _column_dots(over[0], last[:m])
+    b = border[m] - _column_dots(over[0], border[:m])
+    r = load[m] - _column_dots(over[0], load[:m])
+    c = border_diagonal - _column_dots(over[1], border[:m])
+    s = border_load - _column_dots(over[1], load[:m])
     z = np.empty_like(diagonal)
     determinant = a * c - b * b
     z[m] = (c * r - b * s) / determinant
@@ -289,30 +307,38 @@ def _periodic(
     return z, F
 
 
-def _dot(a: Array, b: Array) -> Array:
-    """(p,) sums of the products of (m, p)."""
+def _column_dots(a: Array, b: Array) -> Array:
+    """The sums of the products of two arrays, column by column.
+
+    The shape is (p,).
+    """
     return np.asarray((a * b).sum(axis=0))
 
 
-def _at_the_boundary(of: _Numbers, into: Array, out: Array) -> Array:
-    """(2, k + 1, p) F and z on the spokes of p nodes at the boundary, from those (2, p) on the outer spokes.
+def _solve_boundary_patches(patches: _Patches, first_spoke: Array, last_spoke: Array) -> Array:
+    """F and z on the spokes of patches at boundary nodes, from those on the outer spokes.
+
+    The shape is (2, k + 1, p).
 
     Where the flux through an outer spoke is not given these are NaN, and F_0, if neither is, is an unknown.
     """
-    given = ~np.isnan([into[0], out[0]])
-    whole = of.d.sum(axis=0)
-    start = np.where(given[0], into[0], np.where(given[1], out[0] - whole, -0.5 * whole))
-    S = _sums(of, start, np.where(given[1], out[0], start + whole))
-    own, load, load_next = _terms(of, S)
-    with_b = of.bb + of.bc
-    with_c = of.cc + of.bc
+    given = ~np.isnan([first_spoke[0], last_spoke[0]])
+    whole = patches.divergence.sum(axis=0)
+    start = np.where(given[0], first_spoke[0], np.where(given[1], last_spoke[0] - whole, -0.5 * whole))
+    S = _accumulate_flows(patches, start, np.where(given[1], last_spoke[0], start + whole))
+    own, load, load_next = _quadratic_terms(patches, S)
+    with_b = patches.bb + patches.bc
+    with_c = patches.cc + patches.bc
     none = np.zeros((1, S.shape[1]))
     columns = np.zeros((3, *S.shape))
     diagonal = np.concatenate([own, none]) + np.concatenate([none, own])
     columns[1] = np.concatenate([(-with_c), none]) + np.concatenate([none, (-with_b)])
     columns[2] = np.concatenate([load, none]) + np.concatenate([none, load_next])
-    off = np.concatenate([of.bc, none])
-    for held, j, beside, next_, z in ((given[0], 0, 0, 1, into[1]), (given[1], -1, -2, -2, out[1])):
+    off = np.concatenate([patches.bc, none])
+    for held, j, beside, next_, z in (
+        (given[0], 0, 0, 1, first_spoke[1]),
+        (given[1], -1, -2, -2, last_spoke[1]),
+    ):
         columns[2, next_] -= np.where(held, off[beside] * z, 0.0)
         off[beside, held] = 0.0
         diagonal[j, held] = 1.0
@@ -322,12 +348,14 @@ def _at_the_boundary(of: _Numbers, into: Array, out: Array) -> Array:
     both = with_b + with_c
     columns[1, :, ~free] = 0.0
     of_F = with_b * S[:-1] + with_c * S[1:] + both * (S[:-1] + S[1:])
-    load_of_F = 0.5 * (of.slope[-1] - of.slope[0]) - of_F.sum(axis=0)  # inside the domain slopes cancel
+    load_of_F = 0.5 * (patches.rise[-1] - patches.rise[0]) - of_F.sum(
+        axis=0
+    )  # inside the domain slopes cancel
     corner = np.where(free, 1.5 * both.sum(axis=0), 1.0)
-    z, F = _periodic(diagonal, off, columns, corner, np.where(free, load_of_F, 0.0))
-    mean = 0.5 * (np.concatenate([of.through_c, none]) - np.concatenate([none, of.through_b]))
+    z, F = _solve_bordered_periodic(diagonal, off, columns, corner, np.where(free, load_of_F, 0.0))
+    mean = 0.5 * (np.concatenate([patches.through_c, none]) - np.concatenate([none, patches.through_b]))
     mean[[0, -1]] *= 2
     average = np.stack([mean, mean])
-    for held, j, spoke in ((given[0], 0, into), (given[1], -1, out)):
+    for held, j, spoke in ((given[0], 0, first_spoke), (given[1], -1, last_spoke)):
         average[:, j] = np.where(held, spoke, average[:, j])
-    return average + of.weight * (np.stack([S + 0.5 * F, z]) - average)
+    return average + patches.weight * (np.stack([S + 0.5 * F, z]) - average)

@@ -14,29 +14,37 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Mask, blocks
-from unilateral.bounds.source_ancestors import FEW, AncestorSearch, Seen, Sums, resolution, sums_of, values
+from unilateral.arrays import Array, Index, Mask, row_blocks
+from unilateral.bounds.source_ancestors import (
+    TRIANGLES_PER_BLOCK,
+    Ancestors,
+    AncestorSearch,
+    PieceSums,
+    project_polynomials,
+    relative_mesh_size,
+    sum_pieces,
+)
 from unilateral.bounds.source_pieces import (
     TrianglePieces,
-    averages,
+    attainable_squares,
+    coordinate_scale,
+    enclose_pieces,
     hat_means,
-    known_at_points,
-    polynomials,
-    rounded_size,
-    with_gaps,
+    polynomial_means,
+    widen_areas,
 )
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import linear_moments, load_vector
-from unilateral.fem.p2 import linear_squares
+from unilateral.fem.p2 import linear_square_norms
 from unilateral.fem.splitting import quarter
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems.problem import SourceFunction
 
-IN_VAIN = 16.0
+MIN_QUARTERING_RATIO = 16.0
 """A piece is not quartered if its E^2 is at most this times what rounding leaves."""
-RESOLVED = 4.0
+MAX_RESOLVED_RATIO = 4.0
 """f counts as resolved if the sum of E^2 is at most this times the wanted sum."""
-MOST_PIECES = 200_000
+MAX_SOURCE_PIECES = 200_000
 """At most this many pieces are looked at, or four times the number of triangles of the mesh if that is more.
 
 Triangles of coarser levels are not counted.
@@ -48,136 +56,165 @@ class Source:
     """f_h (m, 3) at the triangles' vertices, and what is left of f on each triangle.
 
     f - f_h is the sum of p - f_h, which is orthogonal to linear functions on triangles, of a function with
-    mean 0 that jumps leave, and of another one. Their norms are at most `oscillation`, `jumps` and `rest`
-    (m,), the last of which is E_T. `resolved` says whether `rest` is as small as wanted, and `seen` where p
-    was found.
+    mean 0 that jumps leave, and of another one. Their norms are at most `oscillation`, `jumps` and
+    `remainder` (m,), the last of which is E_T. `is_resolved` says whether `remainder` is as small as wanted,
+    and `ancestors` where p was found.
     """
 
     mesh: Mesh
     f_h: Array
     oscillation: Array
     jumps: Array
-    rest: Array
-    resolved: bool = True
-    seen: Seen | None = None
+    remainder: Array
+    is_resolved: bool = True
+    ancestors: Ancestors | None = None
 
     @property
     def load(self) -> Array:
-        """(n,) values of (f_h, phi_i)."""
+        """The load vector (f_h, phi_i).
+
+        The shape is (n,).
+        """
         return load_vector(self.mesh, self.moments())
 
-    def moments(self, of: slice = slice(None)) -> Array:
-        """(k, 3) the moments of f_h, and so of p, with the hats of some triangles, or of all."""
-        return linear_moments(self.mesh.areas[of], self.f_h[of])
+    def moments(self, triangles: slice = slice(None)) -> Array:
+        """The moments of f_h, and so of p, with the hats of some triangles, or of all.
+
+        The shape is (k, 3).
+        """
+        return linear_moments(self.mesh.areas[triangles], self.f_h[triangles])
 
     @property
-    def unknown(self) -> float:
+    def remainder_norm(self) -> float:
         """A bound on the L2 norm of f - p, the part of f that the polynomials miss."""
-        return float(np.linalg.norm(self.rest))
+        return float(np.linalg.norm(self.remainder))
 
     @property
-    def irreducible(self) -> float:
+    def irreducible_remainder(self) -> float:
         """The part of that norm that hardly falls on finer meshes."""
-        return 0.0 if self.resolved else self.unknown
+        return 0.0 if self.is_resolved else self.remainder_norm
 
-    def put(self, at: Index | slice, of: Source) -> None:
-        """Put in what is known on the triangles `at` as those of another mesh."""
-        self.f_h[at] = of.f_h
-        self.oscillation[at] = of.oscillation
-        self.jumps[at] = of.jumps
-        self.rest[at] = of.rest
+    def fill_from_source(self, triangles: Index | slice, source: Source) -> None:
+        """Put in what is known on the triangles `triangles` as those of another mesh."""
+        self.f_h[triangles] = source.f_h
+        self.oscillation[triangles] = source.oscillation
+        self.jumps[triangles] = source.jumps
+        self.remainder[triangles] = source.remainder
 
-    def put_polynomials(self, at: Index, seen: Seen) -> None:
-        """Put in what the polynomials say on the triangles `at` (k,)."""
+    def fill_from_ancestors(self, triangles: Index, ancestors: Ancestors) -> None:
+        """Put in what the polynomials say on the triangles `triangles` (k,)."""
         mesh = self.mesh
-        size = rounded_size(self.mesh)
+        size = coordinate_scale(self.mesh)
         places = np.ascontiguousarray(mesh.points.T)
-        for some in (at[of] for of in blocks(len(at), FEW)):
+        for some in (triangles[of] for of in row_blocks(len(triangles), TRIANGLES_PER_BLOCK)):
             area = mesh.areas[some]
-            of = seen.of[some]
-            f_h, squares = values(places[:, mesh.triangles[some].T], seen.known, of)
-            outer = with_gaps(area, 3 * mesh.longest_edges[some], size)
+            of = ancestors.numbers[some]
+            f_h, squares = project_polynomials(places[:, mesh.triangles[some].T], ancestors.polynomials, of)
+            outer = widen_areas(area, 3 * mesh.longest_edges[some], size)
             self.f_h[some] = f_h.T
             self.oscillation[some] = np.sqrt(area * squares)
             self.jumps[some] = 0.0
-            self.rest[some] = np.sqrt(outer) * seen.known.rad[of]
+            self.remainder[some] = np.sqrt(outer) * ancestors.polynomials.remainder[of]
 
-    def sums(self, of: Mask) -> Sums:
+    def piece_sums(self, triangles: Mask) -> PieceSums:
         """The sums over some of the triangles."""
-        area = self.mesh.areas[of]
-        means = self.f_h[of].mean(axis=1)
-        squares = linear_squares(area, self.f_h[of]) + (self.oscillation[of] + self.jumps[of]) ** 2
-        unknown = float(np.sum(self.rest[of] ** 2))
-        return Sums(unknown, float(squares.sum()), float(area @ means), float(area.sum()), len(area))
+        area = self.mesh.areas[triangles]
+        means = self.f_h[triangles].mean(axis=1)
+        squares = (
+            linear_square_norms(area, self.f_h[triangles])
+            + (self.oscillation[triangles] + self.jumps[triangles]) ** 2
+        )
+        unknown = float(np.sum(self.remainder[triangles] ** 2))
+        return PieceSums(unknown, float(squares.sum()), float(area @ means), float(area.sum()), len(area))
 
 
-def enclosed(mesh: Mesh, f: SourceFunction, before: Source | None = None, length: float = 1.0) -> Source:
+def enclose_function(
+    mesh: Mesh, f: SourceFunction, coarser: Source | None = None, length_scale: float = 1.0
+) -> Source:
     """f on the mesh; `rest` is infinite where f has no bound, and large where the pieces did not suffice.
 
-    What is known on a mesh `before`, from which this one was refined, is kept where that is enough. For the
-    `length` see `resolution`.
+    What is known on a mesh `coarser`, from which this one was refined, is kept where that is enough. For the
+    `length_scale` see `relative_mesh_size`.
     """
     n = len(mesh.triangles)
     source = Source(mesh, np.empty((n, 3)), *np.empty((3, n)))
     seen = None
-    sums = Sums()
-    if before:
-        source.put(slice(len(before.f_h)), before)
-    if before and before.seen:
-        seen = before.seen
-        sums = before.sums(np.ones(len(before.f_h), dtype=bool))
-    first = before.mesh if before else mesh.coarse or mesh
-    search = AncestorSearch(mesh, f, resolution(mesh, length), first, seen, sums)
-    wide = search.new & search.wide()
-    source.put_polynomials(np.flatnonzero(search.new & ~wide), search.seen)
+    sums = PieceSums()
+    if coarser:
+        source.fill_from_source(slice(len(coarser.f_h)), coarser)
+    if coarser and coarser.ancestors:
+        seen = coarser.ancestors
+        sums = coarser.piece_sums(np.ones(len(coarser.f_h), dtype=bool))
+    first = coarser.mesh if coarser else mesh.coarse or mesh
+    search = AncestorSearch(mesh, f, relative_mesh_size(mesh, length_scale), first, seen, sums)
+    wide = search.is_new & search.find_coarse_triangles()
+    source.fill_from_ancestors(np.flatnonzero(search.is_new & ~wide), search.ancestors)
     sums = search.sums
     if wide.any():
         left = np.flatnonzero(wide)
-        pieces, sums = _in_pieces(mesh.part(left), f, length, source.sums(~wide), max(MOST_PIECES, 4 * n))
-        source.put(left, pieces)
-    resolved = float(source.rest @ source.rest) <= RESOLVED * sums.wanted(resolution(mesh, length))
-    return replace(source, resolved=resolved, seen=search.seen)
+        pieces, sums = _enclose_by_quartering(
+            mesh.select_triangles(left),
+            f,
+            length_scale,
+            source.piece_sums(~wide),
+            max(MAX_SOURCE_PIECES, 4 * n),
+        )
+        source.fill_from_source(left, pieces)
+    resolved = float(source.remainder @ source.remainder) <= MAX_RESOLVED_RATIO * sums.target(
+        relative_mesh_size(mesh, length_scale)
+    )
+    return replace(source, is_resolved=resolved, ancestors=search.ancestors)
 
 
-def enclose_source(mesh: Mesh, f: SourceFunction | Array, form: Form, before: Source | None = None) -> Source:
-    """f on the mesh, `enclosed`, or linear if it is given at the nodes (n,)."""
-    return linear(mesh, f) if isinstance(f, np.ndarray) else enclosed(mesh, f, before, form.length)
+def enclose_source(
+    mesh: Mesh, f: SourceFunction | Array, form: Form, coarser: Source | None = None
+) -> Source:
+    """f on the mesh, `enclose_function`, or linear if it is given at the nodes (n,)."""
+    return (
+        linear_source(mesh, f)
+        if isinstance(f, np.ndarray)
+        else enclose_function(mesh, f, coarser, form.length_scale)
+    )
 
 
-def linear(mesh: Mesh, f: Array) -> Source:
+def linear_source(mesh: Mesh, f: Array) -> Source:
     """f with the values (n,) at the nodes, linear on every triangle: all of it is known."""
     return Source(mesh, f[mesh.triangles], *np.zeros((3, len(mesh.triangles))))
 
 
-def _in_pieces(mesh: Mesh, f: SourceFunction, length: float, sums: Sums, left: int) -> tuple[Source, Sums]:
-    """f on a part of a mesh; `sums` are over the rest of the mesh, and `left` pieces may be looked at."""
+def _enclose_by_quartering(
+    mesh: Mesh, f: SourceFunction, length_scale: float, sums: PieceSums, max_pieces: int
+) -> tuple[Source, PieceSums]:
+    """f on a part of a mesh, from pieces that are quartered until the sum of E^2 meets its target, and the sums over all pieces."""
     n = len(mesh.triangles)
     corners = np.broadcast_to(np.eye(3), (n, 3, 3))
     parent = np.arange(n)
     done = []
     while parent.size:
-        pieces, owner = polynomials(mesh, corners, parent, f)
-        left -= len(owner)
+        pieces, owner = enclose_pieces(mesh, corners, parent, f)
+        max_pieces -= len(owner)
         # E^2, where what may lack in the integral is spread over the piece's triangle
-        rest = pieces.squares + pieces.integral**2 / mesh.areas[pieces.parent]
+        rest = pieces.remainder_squares + pieces.jump_integral**2 / mesh.areas[pieces.parent]
         area = pieces.area
-        of_p = averages(pieces.c)
+        of_p = polynomial_means(pieces.c)
         squares = np.bincount(owner, rest, len(parent)).astype(float)
-        total = sums + sums_of(of_p, area, rest)
-        enough = total.wanted(resolution(mesh, length))
-        wide = squares > (0.5 * enough / total.count if total.unknown > enough else np.inf)
-        wide[wide] = squares[wide] > IN_VAIN * known_at_points(mesh, corners[wide], parent[wide], f)
-        if 4 * np.count_nonzero(wide) > left:
-            wide &= np.argsort(np.argsort(-squares)) < left // 4
+        total = sums + sum_pieces(of_p, area, rest)
+        enough = total.target(relative_mesh_size(mesh, length_scale))
+        wide = squares > (0.5 * enough / total.count if total.remainder_squares > enough else np.inf)
+        wide[wide] = squares[wide] > MIN_QUARTERING_RATIO * attainable_squares(
+            mesh, corners[wide], parent[wide], f
+        )
+        if 4 * np.count_nonzero(wide) > max_pieces:
+            wide &= np.argsort(np.argsort(-squares)) < max_pieces // 4
         kept = ~wide[owner]
-        done.append(pieces.of(kept))
-        sums += sums_of(of_p[:, kept], area[kept], rest[kept])
+        done.append(pieces.select(kept))
+        sums += sum_pieces(of_p[:, kept], area[kept], rest[kept])
         corners = quarter(corners[wide])
         parent = np.repeat(parent[wide], 4)
-    return _projected(mesh, done), sums
+    return _project_pieces(mesh, done), sums
 
 
-def _projected(mesh: Mesh, done: list[TrianglePieces]) -> Source:
+def _project_pieces(mesh: Mesh, piece_blocks: list[TrianglePieces]) -> Source:
     """f_h and what is left of f, from pieces that cover the mesh."""
     n = len(mesh.triangles)
     moments = np.zeros((n, 3))
@@ -185,22 +222,22 @@ def _projected(mesh: Mesh, done: list[TrianglePieces]) -> Source:
     rest = np.zeros(n)
     jumping = np.zeros(n)
     integral = np.zeros(n)
-    for pieces in done:
+    for pieces in piece_blocks:
         own = pieces.area[:, None] * (hat_means() @ pieces.c).T
         np.add.at(moments, pieces.parent, np.einsum("ki,kib->kb", own, pieces.corners))
-        rest += np.bincount(pieces.parent, pieces.squares, n)
-        jumping += np.bincount(pieces.parent, pieces.jumping**2, n)
-        integral += np.bincount(pieces.parent, pieces.integral, n)
+        rest += np.bincount(pieces.parent, pieces.remainder_squares, n)
+        jumping += np.bincount(pieces.parent, pieces.jump_norm**2, n)
+        integral += np.bincount(pieces.parent, pieces.jump_integral, n)
     f_h = (12 * moments - 3 * moments.sum(axis=1, keepdims=True)) / mesh.areas[:, None]
-    for pieces in done:
+    for pieces in piece_blocks:
         a, b, c = np.einsum("kib,kb->ik", pieces.corners, f_h[pieces.parent])
         left = pieces.c.copy()
         left[:3] -= 0.5 * np.stack([b + c, c - a, b - a])  # of degree 1: (0, 1), (1, 0)
-        squares += np.bincount(pieces.parent, pieces.outer * averages(left)[1], n)
+        squares += np.bincount(pieces.parent, pieces.outer_area * polynomial_means(left)[1], n)
     return Source(
         mesh,
         f_h,
         oscillation=np.sqrt(squares),
         jumps=np.sqrt(jumping),
-        rest=np.sqrt(rest) + integral / np.sqrt(mesh.areas),
+        remainder=np.sqrt(rest) + integral / np.sqrt(mesh.areas),
     )

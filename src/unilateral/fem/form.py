@@ -45,22 +45,31 @@ class Form(NamedTuple):
         return self.coercivity**-0.5
 
     @property
-    def length(self) -> float:
-        """(k / m)^{1/2} for the m of `coercivity`: at most (k/c)^{1/2} and Friedrichs' constant."""
+    def length_scale(self) -> float:
+        """The length (k / m)^{1/2} for the coercivity m, at most (k/c)^{1/2} and Friedrichs' constant."""
         return math.sqrt(self.k / self.coercivity)
 
-    def held(self, side: Index) -> Mask:
-        """(k,) on which of these sides (k,) there are multipliers."""
-        return ~np.isin(side, self.clamped + self.free)
+    def has_multiplier(self, sides: Index) -> Mask:
+        """Whether each of these sides carries a multiplier: it is neither clamped nor free.
 
-    def edges(self, mesh: Mesh) -> Mask:
-        """(nb,) which boundary edges are clamped."""
+        The shape is (k,).
+        """
+        return ~np.isin(sides, self.clamped + self.free)
+
+    def clamped_edges(self, mesh: Mesh) -> Mask:
+        """Whether each boundary edge lies on a clamped side.
+
+        The shape is (nb,).
+        """
         return np.isin(mesh.side, self.clamped)
 
-    def fixed(self, mesh: Mesh) -> Mask:
-        """(n,) which nodes lie on clamped sides."""
+    def clamped_nodes(self, mesh: Mesh) -> Mask:
+        """Whether each node lies on a clamped side.
+
+        The shape is (n,).
+        """
         fixed = np.zeros(mesh.n_nodes, dtype=bool)
-        edges = self.edges(mesh)
+        edges = self.clamped_edges(mesh)
         fixed[mesh.boundary[edges | np.roll(edges, 1)]] = True
         return fixed
 
@@ -69,7 +78,7 @@ H1 = Form()
 """The form (., .)_1 on H^1."""
 
 
-def decoupled(A: sp.csr_array, fixed: Mask) -> sp.csr_array:
+def decouple_nodes(A: sp.csr_array, fixed: Mask) -> sp.csr_array:
     """A (n, n) with 0 in the rows and columns of the `fixed` (n,), but for the diagonal."""
     if not fixed.any():
         return A
@@ -78,7 +87,10 @@ def decoupled(A: sp.csr_array, fixed: Mask) -> sp.csr_array:
     return sp.csr_array((np.where(off, 0.0, A.data), A.indices, A.indptr), shape=A.shape)
 
 
-def row_sums(A: sp.csr_array, whole: Array, fixed: Mask) -> Array:
-    """(n,) the sums of the rows of a `decoupled` A, from those (n,) of the whole matrix."""
+def decoupled_row_sums(A: sp.csr_array, full_row_sums: Array, fixed: Mask) -> Array:
+    """The sums of the rows of a decoupled matrix, from those of the matrix before it was decoupled.
+
+    The shape is (n,).
+    """
     beside = np.add.reduceat(fixed[A.indices], A.indptr[:-1], dtype=int) > 0
-    return np.where(beside, A.sum(axis=1), whole)
+    return np.where(beside, A.sum(axis=1), full_row_sums)

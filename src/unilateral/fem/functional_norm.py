@@ -15,7 +15,7 @@ the cotangent of a right angle is 0, so |v|_1^2 has differences along legs only,
     sum of w_e^2 over the halved edges of t <= C |I_l v|_{1,t}^2                                    (2)
 
 with C = 1, 1.4473, 2 where t is green, blue, red, the largest eigenvalues of 3 to 6 unknowns, and M_k as in
-`growth`, computed like those: the largest eigenvalue on two values, the others eliminated. Used twice, (1)
+`interpolation_constant`, computed like those: the largest eigenvalue on two values, the others eliminated. Used twice, (1)
 gives M_{j+k} <= M_j M_k. Both are Proposition S13 of the supplement. The map from these variables, with the
 ratio r_T <= 1 of its singular values, the same for all descendants of the triangle T of level 0, changes
 |v|_1^2 by a factor between r_T and 1 / r_T, and w_e not at all. So, summed over the triangles t of a level,
@@ -50,99 +50,119 @@ from unilateral.fem import residual_rounding
 from unilateral.fem.hierarchy import Hierarchy
 from unilateral.formulas.taylor import EPS
 
-CONSTANT = np.array([1, 1, 1.0001, 1.4473, 2.0001])
+CHILDREN_CONSTANTS = np.array([1, 1, 1.0001, 1.4473, 2.0001])
 """CONSTANT[k] is an upper bound on C for a triangle with k children."""
-GROWTH = (2.0001, 2.6667, 3.4959, 4.3659, 5.2453, 6.1271, 7.0094, 7.8919)
+INTERPOLATION_CONSTANTS = (2.0001, 2.6667, 3.4959, 4.3659, 5.2453, 6.1271, 7.0094, 7.8919)
 """These are upper bounds on M_0, M_1, ..., M_7."""
 
 
-def growth(halvings: int) -> float:
+def interpolation_constant(halvings: int) -> float:
     """A bound on M for triangles whose areas were halved so often."""
     if halvings == 0:
         return 1.0
-    times, rest = divmod(halvings // 2, len(GROWTH) - 1)
-    return float(GROWTH[-1] ** times * (GROWTH[rest] if rest or not times else 1.0))
+    times, rest = divmod(halvings // 2, len(INTERPOLATION_CONSTANTS) - 1)
+    return float(
+        INTERPOLATION_CONSTANTS[-1] ** times * (INTERPOLATION_CONSTANTS[rest] if rest or not times else 1.0)
+    )
 
 
-def dual_norm(of: Hierarchy, R: Array, doubt: Array | float = 0.0) -> float:
-    """A bound on ||R||, for R (n,) on the hats of the last level, which is known up to the `doubt` (n,)."""
-    z = downwards(of, R)
-    A_z = residual_rounding.product(of.A, of.sums, z)
-    norm_of_z = residual_rounding.root(z, A_z.values)
+def multilevel_dual_norm_bound(hierarchy: Hierarchy, R: Array, rounding: Array | float = 0.0) -> float:
+    """An upper bound on ||R|| for a functional R on the hats of the last level, by ||z|| + (3)."""
+    z = apply_presmoothing_cycle(hierarchy, R)
+    A_z = residual_rounding.product_with_rounding(hierarchy.A, hierarchy.row_sums, z)
+    norm_of_z = residual_rounding.product_root(z, A_z.values)
     left = R - A_z.values
-    doubt = doubt + 2 * A_z.doubt + _of_restriction(of, left)  # of R - A z, and of ||z||
-    of_doubt = residual_rounding.dual_norm(doubt, of.mass)
-    return residual_rounding.SLACK * norm_of_z + without_coarsest(of, left) + of_doubt
+    rounding = (
+        rounding + 2 * A_z.rounding + _bound_coarse_remainder(hierarchy, left)
+    )  # of R - A z, and of ||z||
+    of_doubt = residual_rounding.lumped_dual_norm_bound(rounding, hierarchy.nodal_weights)
+    return (
+        residual_rounding.NORM_ROUNDING_FACTOR * norm_of_z
+        + norm_bound_beyond_coarsest(hierarchy, left)
+        + of_doubt
+    )
 
 
-def _of_restriction(of: Hierarchy, R: Array) -> Array:
-    """(n,) what R has on V_0, and the rounding of its numbers on all levels, at the nodes of these."""
+def _bound_coarse_remainder(hierarchy: Hierarchy, R: Array) -> Array:
+    """Bounds, node by node, on what R has left on V_0 and on the rounding of its restrictions to all levels.
+
+    The shape is (n,).
+    """
     sizes = np.abs(R)
     R = R.copy()
     found = EPS * sizes
-    for level in reversed(of.levels):
+    for level in reversed(hierarchy.levels):
         level.restrict(R)
         level.restrict(sizes)
-        found[level.ends] += EPS * level.met * sizes[level.ends]
-    n = of.A_0.shape[0]
+        found[level.ends] += EPS * level.max_summands * sizes[level.ends]
+    n = hierarchy.A_0.shape[0]
     found[:n] += np.abs(R[:n])
     return found
 
 
-def downwards(of: Hierarchy, R: Array) -> Array:
+def apply_presmoothing_cycle(hierarchy: Hierarchy, R: Array) -> Array:
     """z (n,) of the V-cycle, with one sweep of Gauss and Seidel on each level."""
     g = R.copy()
     z = np.zeros_like(R)
-    n = of.A_0.shape[0]
+    n = hierarchy.A_0.shape[0]
     swept: list[Array] = []
-    if of.levels:
-        _sweep(of, z, R)
-        g -= of.A @ z
-        of.levels[-1].restrict(g)
-    for level in reversed(of.levels[:-1]):
+    if hierarchy.levels:
+        _sweep_last_level(hierarchy, z, R)
+        g -= hierarchy.A @ z
+        hierarchy.levels[-1].restrict(g)
+    for level in reversed(hierarchy.levels[:-1]):
         assert level.rows is not None
         swept.append(level.sweep_down(level.rows, g)[0])
         level.restrict(g)
     e = np.zeros_like(R)
-    e[:n] = of.coarsest.solve(g[:n])
-    for level in of.levels[:-1]:
+    e[:n] = hierarchy.coarse_factors.solve(g[:n])
+    for level in hierarchy.levels[:-1]:
         level.prolong(e)
-        e[slice(level.n) if level.smoothed is None else level.smoothed] += swept.pop()
-    if of.levels:
-        of.levels[-1].prolong(e)
+        e[slice(level.n) if level.smoothed_nodes is None else level.smoothed_nodes] += swept.pop()
+    if hierarchy.levels:
+        hierarchy.levels[-1].prolong(e)
     return z + e
 
 
-def _sweep(of: Hierarchy, z: Array, R: Array) -> None:
+def _sweep_last_level(hierarchy: Hierarchy, z: Array, R: Array) -> None:
     """One sweep of Gauss and Seidel for z, over the nodes whose hats the last level changed."""
-    A = of.A
-    smoothed = of.levels[-1].smoothed
+    A = hierarchy.A
+    smoothed = hierarchy.levels[-1].smoothed_nodes
     if smoothed is None:
-        smoothed = np.arange(of.n, dtype=np.int32)
+        smoothed = np.arange(hierarchy.n, dtype=np.int32)
     gauss_seidel_indexed(A.indptr, A.indices, A.data, z, R, smoothed, 0, len(smoothed), 1)
 
 
-def without_coarsest(of: Hierarchy, R: Array) -> float:
+def norm_bound_beyond_coarsest(hierarchy: Hierarchy, R: Array) -> float:
     """The bound (3), for an R (n,) that vanishes on V_0."""
     R = R.copy()
     found = 0.0
-    for level, rho in zip(reversed(of.levels), weights(of), strict=True):
-        found += float(dnrm2(R[level.before : level.n] / np.sqrt(rho)))
+    for level, rho in zip(reversed(hierarchy.levels), edge_weights(hierarchy), strict=True):
+        found += float(dnrm2(R[level.n_coarse : level.n] / np.sqrt(rho)))
         level.restrict(R)
-    return residual_rounding.SLACK * found
+    return residual_rounding.NORM_ROUNDING_FACTOR * found
 
 
-def weights(of: Hierarchy) -> Iterator[Array]:
-    """(k,) rho_e of the edges that each level has halved, from the last level on."""
-    deepest = of.halved
-    of_halvings = np.array([growth(k) for k in range(int(deepest.max()) + 1)])
-    for level in reversed(of.levels):
+def edge_weights(hierarchy: Hierarchy) -> Iterator[Array]:
+    """The weights rho_e of the edges that each level has halved, from the last level to the first.
+
+    The shape is (k,).
+    """
+    deepest = hierarchy.area_halvings
+    of_halvings = np.array([interpolation_constant(k) for k in range(int(deepest.max()) + 1)])
+    for level in reversed(hierarchy.levels):
         step = level.step
         deep = deepest[level.step.triangles]
-        below = np.zeros(step.before, dtype=np.int16)
-        deepest = deepest[: step.before].copy()
-        np.maximum.at(below, step.parent, deep - level.halved)
+        below = np.zeros(step.n_old_triangles, dtype=np.int16)
+        deepest = deepest[: step.n_old_triangles].copy()
+        np.maximum.at(below, step.parent, deep - level.area_halvings)
         np.maximum.at(deepest, step.parent, deep)
-        children = np.bincount(step.parent, minlength=step.before)
-        rho = of.form.k * of.roundness[of.root[: step.before]] / (CONSTANT[children] * of_halvings[below])
-        yield rho[step.at[:, 0]] + np.where(step.at[:, 1] >= 0, rho[step.at[:, 1]], 0)
+        children = np.bincount(step.parent, minlength=step.n_old_triangles)
+        rho = (
+            hierarchy.form.k
+            * hierarchy.roundness[hierarchy.coarse_triangle[: step.n_old_triangles]]
+            / (CHILDREN_CONSTANTS[children] * of_halvings[below])
+        )
+        yield rho[step.edge_triangles[:, 0]] + np.where(
+            step.edge_triangles[:, 1] >= 0, rho[step.edge_triangles[:, 1]], 0
+        )

@@ -21,17 +21,17 @@ try:
 except ModuleNotFoundError:  # there are no wheels for Windows
     pymetis = None  # type: ignore[assignment]
 
-NONE = np.empty(0, dtype=np.intp)
-DIRECT = 10_000
+NO_UNKNOWNS = np.empty(0, dtype=np.intp)
+MAX_FACTORISED_UNKNOWNS = 10_000
 """A matrix with at most this many unknowns is factorised."""
-SYMMETRIC = {"SymmetricMode": True}
-SMOOTHING = ("jacobi", {"omega": 4 / 3, "weighting": "local"})
+SUPERLU_OPTIONS = {"SymmetricMode": True}
+PROLONGATION_SMOOTHER = ("jacobi", {"omega": 4 / 3, "weighting": "local"})
 """How PyAMG smooths prolongations; its default begins with random numbers."""
-MOST_STEPS = 200
+MAX_CG_STEPS = 200
 
 
 @dataclass(frozen=True, eq=False)
-class Sparse:
+class SparseFactors:
     """A matrix (n, n) factorised in the order `order` (n,) of its unknowns."""
 
     lu: SuperLU
@@ -44,19 +44,23 @@ class Sparse:
         return solution
 
 
-def dissected(A: sp.csr_array, boundary: Index = NONE) -> Sparse:
+def factorise_by_dissection(A: sp.csr_array, boundary: Index = NO_UNKNOWNS) -> SparseFactors:
     """A (n, n) factorised in its `elimination_order`."""
     order = elimination_order(A, boundary)
-    return Sparse(factorise(A, order), order)
+    return SparseFactors(factorise(A, order), order)
 
 
 def factorise(A: sp.csr_array, order: Index) -> SuperLU:
     """The factors of A (n, n), in its precision, with the unknowns in that order."""
-    return splu(A[order][:, order].tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0, options=SYMMETRIC)
+    return splu(
+        A[order][:, order].tocsc(), permc_spec="NATURAL", diag_pivot_thresh=0.0, options=SUPERLU_OPTIONS
+    )
 
 
-def elimination_order(A: sp.csr_array, boundary: Index = NONE) -> Index:
-    """(n,) node numbers: the interior by nested dissection, then the boundary, if any, as it is listed.
+def elimination_order(A: sp.csr_array, boundary: Index = NO_UNKNOWNS) -> Index:
+    """The order in which unknowns are eliminated: the interior by nested dissection, then the boundary as it is listed.
+
+    The shape is (n,).
 
     Without METIS the interior has SuperLU's order of minimum degree, for which it is factorised once more.
 
@@ -70,7 +74,7 @@ def elimination_order(A: sp.csr_array, boundary: Index = NONE) -> Index:
     if not np.any(off):
         return np.concatenate([interior, boundary])
     if not pymetis:
-        first = splu(inner.tocsc(), permc_spec="MMD_AT_PLUS_A", options=SYMMETRIC)
+        first = splu(inner.tocsc(), permc_spec="MMD_AT_PLUS_A", options=SUPERLU_OPTIONS)
         return np.concatenate([interior[np.argsort(first.perm_c)], boundary])
     rows = graph.row[off]
     neighbours = graph.col[off]
@@ -79,7 +83,7 @@ def elimination_order(A: sp.csr_array, boundary: Index = NONE) -> Index:
     return np.concatenate([interior[np.asarray(dissection)], boundary])
 
 
-def last_block(lu: SuperLU, size: int) -> Array:
+def schur_factor(lu: SuperLU, size: int) -> Array:
     """R (size, size) upper triangular with R^T R the Schur complement on the last `size` unknowns.
 
     A = L U with U = diag(pivots) L^T, so R is the last block of U with its rows over the pivots' roots.
@@ -92,7 +96,7 @@ def last_block(lu: SuperLU, size: int) -> Array:
     return block / np.sqrt(np.diag(block))[:, None]
 
 
-def half_solved(A: sp.csr_array, F: sp.csc_array, order: Index) -> sp.csr_array:
+def half_solve(A: sp.csr_array, F: sp.csc_array, order: Index) -> sp.csr_array:
     """X (n, k) with X^T X = F^T A^{-1} F, for a symmetric positive definite A (n, n) and a sparse F (n, k).
 
     A factorisation of A bordered by F, its unknowns last, leaves L^{-1} F beside the factors of A = L U,
@@ -108,19 +112,22 @@ def half_solved(A: sp.csr_array, F: sp.csc_array, order: Index) -> sp.csr_array:
     return sp.csr_array(lu.U[:, lu.perm_c[n:]].tocsr()[of_A] / np.sqrt(pivots[of_A])[:, None])
 
 
-class Factor(NamedTuple):
+class OrderedMatrix(NamedTuple):
     """A symmetric positive definite matrix (n, n), and the order (n,) in which it is eliminated."""
 
     A: sp.csr_array
     order: Index
 
-    def products(self, F: sp.csc_array) -> Array:
-        """(k, k) F^T A^{-1} F for a sparse F (n, k)."""
-        half = half_solved(self.A, F, self.order)
+    def inverse_products(self, F: sp.csc_array) -> Array:
+        """The matrix F^T A^{-1} F for a sparse F.
+
+        The shape is (k, k).
+        """
+        half = half_solve(self.A, F, self.order)
         return (half.T @ half).toarray()
 
 
-class Descent:
+class ConjugateGradients:
     """An iterate x (n,) for A x = b, with a positive definite A (n, n), and its residual r (n,).
 
     `precondition` takes r to z; it is symmetric and positive definite. `rz` is r . z.
@@ -153,26 +160,28 @@ class Descent:
         return alpha * old
 
 
-def rough_inverse(A: sp.csr_array) -> Callable[[Array], Array]:
+def approximate_inverse(A: sp.csr_array) -> Callable[[Array], Array]:
     """A^{-1} (n, n) itself where that is cheap, else a symmetric cycle of algebraic multigrid."""
-    if A.shape[0] <= DIRECT:
-        return dissected(A).solve if A.shape[0] else np.copy
+    if A.shape[0] <= MAX_FACTORISED_UNKNOWNS:
+        return factorise_by_dissection(A).solve if A.shape[0] else np.copy
     import pyamg  # whose import takes longer than small systems
 
-    levels = pyamg.smoothed_aggregation_solver(sp.csr_matrix(A), smooth=SMOOTHING)
+    levels = pyamg.smoothed_aggregation_solver(sp.csr_matrix(A), smooth=PROLONGATION_SMOOTHER)
     return levels.aspreconditioner().matvec  # type: ignore[no-any-return]
 
 
-def solved(A: sp.csr_array, b: Array, x: Array, mass: Array, least: float) -> tuple[Array, int]:
+def solve_sparse(
+    A: sp.csr_array, b: Array, start: Array, weights: Array, max_residual_square: float
+) -> tuple[Array, int]:
     """x (n,) with A x = b, and the number of steps.
 
-    They begin at the given x (n,) and end when sum r_i^2 / mass_i is at most `least`.
+    They begin at the given x (n,) and end when sum r_i^2 / mass_i is at most `max_residual_square`.
     """
-    if len(b) <= DIRECT:
-        return dissected(A).solve(b), 1
-    run = Descent(A, b, x, rough_inverse(A))
+    if len(b) <= MAX_FACTORISED_UNKNOWNS:
+        return factorise_by_dissection(A).solve(b), 1
+    run = ConjugateGradients(A, b, start, approximate_inverse(A))
     steps = 0
-    while run.r @ (run.r / mass) > least and steps < MOST_STEPS and run.rz > 0:
+    while run.r @ (run.r / weights) > max_residual_square and steps < MAX_CG_STEPS and run.rz > 0:
         run.step()
         steps += 1
     return run.x, steps

@@ -12,69 +12,72 @@ from unilateral.arrays import Array, Index, Mask
 from unilateral.fem.hierarchy import Hierarchy
 from unilateral.geometry.partition import VERTEX_TOLERANCE, Partition
 
-LEAST = 2
+MIN_EDGES_PER_CELL = 2
 """A cell has at least this many edges: a node then lies inside it, and the rows of B are independent."""
 
 
 @dataclass(frozen=True, eq=False)
-class Cells:
+class LevelCells:
     """The m cells of a level on which there are multipliers, each a union of boundary edges.
 
-    `B` (m, n): the integrals of the hats over the cells, 0 at fixed nodes; `inside` (m,): a node inside each
-    cell; `parent` (m,): the cell of the level before that contains it, None if that level has no cells.
+    `B` (m, n): the integrals of the hats over the cells, 0 at fixed nodes; `inner_node` (m,): a node inside
+    each cell; `parent` (m,): the cell of the level before that contains it, None if that level has no cells.
     """
 
     B: sp.csr_array
-    inside: Index
+    inner_node: Index
     parent: Index | None
 
     @cached_property
     def lengths(self) -> Array:
-        """(m,) the cells' lengths H_i."""
+        """The lengths H_i of the cells.
+
+        The shape is (m,).
+        """
         return np.asarray(self.B.sum(axis=1))
 
-    def nodes(self, chosen: Mask) -> Index:
+    def nodes(self, selection: Mask) -> Index:
         """The nodes of the chosen cells (m,), increasing."""
-        return np.unique(self.B[chosen].indices)
+        return np.unique(self.B[selection].indices)
 
 
-def nested_cells(of: Hierarchy, partition: Partition) -> list[Cells] | None:
+def nested_cells(hierarchy: Hierarchy, partition: Partition) -> list[LevelCells] | None:
     """The cells of the last levels, for as many levels as have cells, on sides where there are multipliers.
 
     A level's cells are the smallest unions of finer ones with at least two of its edges; where refinement was
     not uniform only the last level has cells. None where a point of the partition is no node, or a cell has
     one edge only.
     """
-    s = of.s
-    chosen = of.form.held(partition.side)
+    s = hierarchy.s
+    chosen = hierarchy.form.has_multiplier(partition.side)
     place = np.searchsorted(0.5 * (s[1:] + s[:-1]), partition.points)
     ends = np.column_stack([place[:-1], place[1:]])[chosen]
     side = partition.side[chosen]
     apart = float(np.max(np.abs(s[place] - partition.points)))
-    if apart > VERTEX_TOLERANCE * partition.polygon.perimeter or np.any(np.diff(ends) < LEAST):
+    if apart > VERTEX_TOLERANCE * partition.polygon.perimeter or np.any(np.diff(ends) < MIN_EDGES_PER_CELL):
         return None
-    found: list[Cells] = []
+    found: list[LevelCells] = []
     while True:
-        first = _first_of_unions(ends, side) if of.coarser else None
-        found.insert(0, _cells(of, ends, first))
-        if first is None or of.coarser is None:
+        first = _group_cells(ends, side) if hierarchy.coarser else None
+        found.insert(0, _make_level_cells(hierarchy, ends, first))
+        if first is None or hierarchy.coarser is None:
             return found
         last = np.append(first, len(ends))[1:] - 1
         ends = np.column_stack([ends[first, 0], ends[last, 1]]) // 2
         side = side[first]
-        of = of.coarser
+        hierarchy = hierarchy.coarser
 
 
-def _first_of_unions(ends: Index, side: Index) -> Index | None:
+def _group_cells(ends: Index, side: Index) -> Index | None:
     """The first cell of each union that is a cell of the level before; None if a side has no room."""
     found: list[int] = []
     for one in np.unique(side):
         first, *others = np.flatnonzero(side == one).tolist()
         begins = [first]
         for i in others:
-            if ends[i, 0] % 2 == 0 and ends[i, 0] - ends[begins[-1], 0] >= 2 * LEAST:
+            if ends[i, 0] % 2 == 0 and ends[i, 0] - ends[begins[-1], 0] >= 2 * MIN_EDGES_PER_CELL:
                 begins.append(i)
-        if ends[side == one].max() - ends[begins[-1], 0] < 2 * LEAST:
+        if ends[side == one].max() - ends[begins[-1], 0] < 2 * MIN_EDGES_PER_CELL:
             begins.pop()
         if not begins:
             return None
@@ -82,27 +85,30 @@ def _first_of_unions(ends: Index, side: Index) -> Index | None:
     return np.array(found, dtype=np.intp)
 
 
-def _cells(of: Hierarchy, ends: Index, first: Index | None) -> Cells:
+def _make_level_cells(hierarchy: Hierarchy, ends: Index, first: Index | None) -> LevelCells:
     """The cells from boundary node ends[:, 0] to ends[:, 1]; unions of them begin with the cells `first`."""
     parent = None if first is None else np.searchsorted(first, np.arange(len(ends)), side="right") - 1
-    return Cells(_integrals(of, ends), _inside(of, ends), parent)
+    return LevelCells(_integrate_hats(hierarchy, ends), _choose_inner_nodes(hierarchy, ends), parent)
 
 
-def _inside(of: Hierarchy, ends: Index) -> Index:
-    """(m,) the node inside each cell with the longest edges, or the first of several such nodes."""
-    length = np.diff(of.s)
+def _choose_inner_nodes(hierarchy: Hierarchy, ends: Index) -> Index:
+    """The node inside each cell that has the longest edges beside it.
+
+    The shape is (m,).
+    """
+    length = np.diff(hierarchy.s)
     cell = np.repeat(np.arange(len(ends)), ends[:, 1] - ends[:, 0] - 1)
     node = np.concatenate([np.arange(begin + 1, end) for begin, end in ends] or [cell])
     order = np.lexsort([node, -(length[node] + length[node - 1]), cell])
-    return of.boundary[node[order[np.searchsorted(cell, np.arange(len(ends)))]]].astype(np.intp)
+    return hierarchy.boundary[node[order[np.searchsorted(cell, np.arange(len(ends)))]]].astype(np.intp)
 
 
-def _integrals(of: Hierarchy, ends: Index) -> sp.csr_array:
+def _integrate_hats(hierarchy: Hierarchy, ends: Index) -> sp.csr_array:
     """B (m, n): half of each edge's length, for both of its ends unless these are fixed."""
     count = ends[:, 1] - ends[:, 0]
     cell = np.repeat(np.arange(len(ends)), count)
     edge = np.arange(len(cell)) + (ends[:, 0] - np.cumsum(count) + count)[cell]
-    half = 0.5 * np.diff(of.s)[edge]
-    nodes = np.concatenate([of.boundary[edge], np.roll(of.boundary, -1)[edge]])
-    entries = (np.where(of.fixed[nodes], 0.0, np.tile(half, 2)), (np.tile(cell, 2), nodes))
-    return sp.coo_array(entries, shape=(len(ends), of.n)).tocsr()
+    half = 0.5 * np.diff(hierarchy.s)[edge]
+    nodes = np.concatenate([hierarchy.boundary[edge], np.roll(hierarchy.boundary, -1)[edge]])
+    entries = (np.where(hierarchy.clamped_nodes[nodes], 0.0, np.tile(half, 2)), (np.tile(cell, 2), nodes))
+    return sp.coo_array(entries, shape=(len(ends), hierarchy.n)).tocsr()

@@ -23,9 +23,9 @@ is a sum of at most b + 1 products, so that
 
 (N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002, theorem 10.3; the entries of |R^T| |R|
 are bounded by Cauchy and Schwarz), with b + 4 in place of b + 2 if quotients are products with rounded
-reciprocals. The entries of B are rounded likewise, by less than 20 EPS/2, and then the diagonal of A by
-4 EPS/2. The rounding of areas, which is large on flat triangles, belongs to `Mesh.growth`. There are at most
-2 b + 1 entries in a row. By Gershgorin's theorem for D^{-1/2} E D^{-1/2}, B >= mu if
+reciprocals. The entries of B are rounded likewise, by less than 20 EPS/2, and then the diagonal of A by 4
+EPS/2. The rounding of areas, which is large on flat triangles, belongs to `Mesh.exact_mesh_factor`. There are
+at most 2 b + 1 entries in a row. By Gershgorin's theorem for D^{-1/2} E D^{-1/2}, B >= mu if
 
     shift = (b + 28) (b + 1) EPS.
 
@@ -45,10 +45,10 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from unilateral.arrays import Array
 from unilateral.errors import InputError
-from unilateral.fem.p1 import from_elements, gradients
+from unilateral.fem.p1 import assemble_matrix, gradients
 from unilateral.formulas.taylor import EPS
-from unilateral.geometry.mesh import Mesh, refine, with_boundary
-from unilateral.geometry.partition import balanced, uniform
+from unilateral.geometry.mesh import Mesh, refine_uniformly, triangulate_from_boundary
+from unilateral.geometry.partition import balance_cells, make_uniform_partition
 
 KAPPA = 0.19
 """||w||_{0,T} <= KAPPA d_T |w|_{1,T} if w has the mean 0 on each edge of T; d_T is its longest edge.
@@ -56,9 +56,9 @@ KAPPA = 0.19
 Proved with Proposition S1 in supplement.md; the computation in its proof is tests/unit/fem/test_kappa.py.
 No constant below 0.189 is enough for equilateral triangles.
 """
-MIN_NODES = 250
+MIN_FRIEDRICHS_NODES = 250
 """A mesh is halved until it has so many nodes. A coarser one has a larger constant."""
-MAX_NODES = 10_000
+MAX_FRIEDRICHS_NODES = 10_000
 """A mesh with more nodes is not used. Another one has almost the same constant, and takes less time."""
 EIGENVALUE_SHARE = 1 - 1e-6
 """mu is this part of what is left of the eigenvalue that was computed."""
@@ -67,16 +67,16 @@ MAX_EDGE_RATIO = 4.0
 
 Only the size of the constant depends on it.
 """
-BOUNDARY_PARTS = 8
+MIN_EDGES_PER_DIAMETER = 8
 """No boundary edge of the graded mesh is longer than this fraction of the diameter: 1 / BOUNDARY_PARTS.
 
 None is more than twice as long as its neighbours.
 """
-GROWTH = 0.4
-"""How fast triangles grow with the distance from the boundary in the graded mesh, see `with_boundary`."""
+GRADED_MESH_GROWTH = 0.4
+"""How fast triangles grow with the distance from the boundary in the graded mesh, see `triangulate_from_boundary`."""
 
 
-def friedrichs(mesh: Mesh, clamped: tuple[int, ...]) -> float:
+def friedrichs_constant(mesh: Mesh, clamped: tuple[int, ...]) -> float:
     """A number C with ||v||_0 <= C |v|_1 for functions v that are 0 on some sides of the mesh's polygon.
 
     It is computed on the mesh, or on the one that it was refined from. If that is large, or too coarse beside
@@ -102,7 +102,11 @@ def friedrichs(mesh: Mesh, clamped: tuple[int, ...]) -> float:
     coarse = mesh.coarse or mesh
     polygon = mesh.polygon
     # norms on the exact mesh may be larger by the growth
-    constant = mesh.growth * constant_on(coarse, clamped) if coarse.n_nodes <= MAX_NODES else math.inf
+    constant = (
+        mesh.exact_mesh_factor * crouzeix_raviart_constant(coarse, clamped)
+        if coarse.n_nodes <= MAX_FRIEDRICHS_NODES
+        else math.inf
+    )
 
     # at an end of a clamped side: the length of the boundary edge off it over that of the edge on it
     lengths = np.diff(coarse.s)
@@ -114,14 +118,14 @@ def friedrichs(mesh: Mesh, clamped: tuple[int, ...]) -> float:
 
     needed = f"polygon '{polygon.name}': c = 0 needs Friedrichs' constant for the clamped sides {[*clamped]}"
     try:
-        edges = balanced(uniform(polygon, polygon.diameter / BOUNDARY_PARTS))
-        graded = with_boundary(polygon, edges.points[:-1], GROWTH)
+        edges = balance_cells(make_uniform_partition(polygon, polygon.diameter / MIN_EDGES_PER_DIAMETER))
+        graded = triangulate_from_boundary(polygon, edges.points[:-1], GRADED_MESH_GROWTH)
     except InputError as error:
         if constant < math.inf:
             return constant
         nodes = f"this mesh of {coarse.n_nodes} nodes"
         raise InputError(f"{needed}, which {nodes} does not yield; {error}") from error
-    constant = min(constant, mesh.growth * constant_on(graded, clamped))
+    constant = min(constant, mesh.exact_mesh_factor * crouzeix_raviart_constant(graded, clamped))
     if constant == math.inf:
         height = float((2 * graded.areas / graded.longest_edges).min()) / polygon.diameter
         raise InputError(
@@ -131,26 +135,28 @@ def friedrichs(mesh: Mesh, clamped: tuple[int, ...]) -> float:
     return constant
 
 
-def constant_on(mesh: Mesh, clamped: tuple[int, ...]) -> float:
+def crouzeix_raviart_constant(mesh: Mesh, clamped: tuple[int, ...]) -> float:
     """The least constant by a mesh and by its halves, up to MIN_NODES; infinite if rounding hides all."""
     constant = math.inf
     while True:
-        B, _ = crouzeix_raviart(mesh)
+        B, _ = crouzeix_raviart_matrix(mesh)
         is_free = np.ones(B.shape[0], dtype=bool)
-        is_free[mesh.triangulation.boundary[np.isin(mesh.side, clamped)]] = False
+        is_free[mesh.triangulation.boundary_edges[np.isin(mesh.side, clamped)]] = False
         mu = bound_eigenvalue(B[is_free][:, is_free])
         if mu > 0:
             # C^2 = 1 / lambda_h + KAPPA^2 h^2, and the exact domain is larger by the growth
-            constant = min(constant, mesh.growth * math.sqrt(1 / mu + (KAPPA * mesh.diameter) ** 2))
-        if mesh.n_nodes >= MIN_NODES:
+            constant = min(
+                constant, mesh.exact_mesh_factor * math.sqrt(1 / mu + (KAPPA * mesh.diameter) ** 2)
+            )
+        if mesh.n_nodes >= MIN_FRIEDRICHS_NODES:
             return constant
         try:
-            mesh = refine(mesh)
+            mesh = refine_uniformly(mesh)
         except InputError:  # edges as short as rounding
             return constant
 
 
-def crouzeix_raviart(mesh: Mesh) -> tuple[sp.csr_array, Array]:
+def crouzeix_raviart_matrix(mesh: Mesh) -> tuple[sp.csr_array, Array]:
     """The least quotients |v|_1^2 / ||v||_0^2 of functions that are linear on triangles, with means on edges.
 
     Returns (n, n) B = M^{-1/2} K M^{-1/2} on the n edges and (n,) the diagonal of M^{1/2}: K is the stiffness
@@ -162,7 +168,7 @@ def crouzeix_raviart(mesh: Mesh) -> tuple[sp.csr_array, Array]:
     stiffness = mesh.areas[:, None, None] * (slopes @ slopes.transpose(0, 2, 1))
     mass = np.bincount(edges.ravel(), np.repeat(mesh.areas / 3, 3), n)
     root = sp.diags_array(1 / np.sqrt(mass))
-    return (root @ from_elements(edges, stiffness, n) @ root).tocsr(), np.sqrt(mass)
+    return (root @ assemble_matrix(edges, stiffness, n) @ root).tocsr(), np.sqrt(mass)
 
 
 def bound_eigenvalue(B: sp.csr_array) -> float:

@@ -17,47 +17,50 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, blocks
+from unilateral.arrays import Array, Index, row_blocks
 from unilateral.fem.splitting import split_triangles
-from unilateral.geometry.curves import Singular
+from unilateral.geometry.curves import SingularPoint
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
 
 if TYPE_CHECKING:
     from unilateral.problems.case import ExactSolution
 
-GAUSS = 16
-DEGREE = 8
-FINE_DEGREE = 5
-FINE = 1 / 64
+GAUSS_POINTS = 16
+TRIANGLE_DEGREE = 8
+FINE_MESH_DEGREE = 5
+FINE_MESH_RATIO = 1 / 64
 """A mesh is fine if h is at most this times the shortest side, and this times four times a cutoff's radius.
 
 h^(FINE_DEGREE + 1), in these units, is then below 2e-11.
 """
-STRONG = 2
-TOWARDS = 6
+STRONG_GRADING = 2
+GRADED_CUTS = 6
 """Towards a point whose grading is above STRONG the rule is cut, TOWARDS times on either side."""
 
 
 class BoundaryRule(NamedTuple):
     """Points by their side (Q,) and arc length s (Q,) from its start; their weight (Q,) and interval (Q,).
 
-    The intervals are those between cuts. `near` is the nearest vertex or singular point t (Q,) of the side,
-    in side lengths, and the arc length (Q,) from it, which is rounded in s.
+    The intervals are those between cuts. `nearest_anchor` is the nearest vertex or singular point t (Q,) of
+    the side, in side lengths, and the arc length (Q,) from it, which is rounded in s.
     """
 
     side: Index
     s: Array
     weight: Array
     interval: Index
-    near: tuple[Array, Array]
+    nearest_anchor: tuple[Array, Array]
 
     def integrate(self, values: Array, n_intervals: int) -> Array:
-        """(n_intervals,) integrals of the values (Q,) over the intervals."""
+        """The integrals over the intervals of a function with these values at the points.
+
+        The shape is (n_intervals,).
+        """
         return np.bincount(self.interval, self.weight * values, n_intervals).astype(float, copy=False)
 
 
-def boundary_rule(polygon: Polygon, cuts: Array, singular: Iterable[Singular] = ()) -> BoundaryRule:
+def boundary_rule(polygon: Polygon, cuts: Array, singular: Iterable[SingularPoint] = ()) -> BoundaryRule:
     """A rule on every interval between the arc lengths `cuts` (k + 1,), which contain the vertices.
 
     With a case's singular points it is exact to round-off for the piecewise powers that its lambda and gap
@@ -65,7 +68,9 @@ def boundary_rule(polygon: Polygon, cuts: Array, singular: Iterable[Singular] = 
     """
     anchors, grading, place = _anchors(polygon, singular)
     between = 0.5 * (anchors[1:] + anchors[:-1])
-    edges = np.union1d(cuts, np.concatenate([anchors, between, *_towards(anchors, between, grading)]))
+    edges = np.union1d(
+        cuts, np.concatenate([anchors, between, *_cut_towards_anchors(anchors, between, grading)])
+    )
     edges = edges[(edges >= cuts[0]) & (edges <= cuts[-1])]
     a = edges[:-1]
     b = edges[1:]
@@ -75,7 +80,7 @@ def boundary_rule(polygon: Polygon, cuts: Array, singular: Iterable[Singular] = 
     k = grading[nearest][:, None]
     sign = np.where(middle >= p, 1.0, -1.0)[:, None]
     ends = np.abs(np.stack([a, b]) - p) ** (1 / k[:, 0])
-    x, w = _gauss(GAUSS)
+    x, w = _gauss_rule(GAUSS_POINTS)
     low = ends.min(axis=0)[:, None]
     high = ends.max(axis=0)[:, None]
     tau = low + 0.5 * (high - low) * (x + 1)
@@ -86,15 +91,15 @@ def boundary_rule(polygon: Polygon, cuts: Array, singular: Iterable[Singular] = 
     interval = np.searchsorted(cuts, middle, side="right") - 1
     t = np.where(p == polygon.starts[side], 0.0, np.where(p == polygon.starts[side + 1], 1.0, place[nearest]))
     return BoundaryRule(
-        np.repeat(side, GAUSS),
+        np.repeat(side, GAUSS_POINTS),
         (s - polygon.starts[side][:, None]).ravel(),
         weight.ravel(),
-        np.repeat(interval, GAUSS),
-        (np.repeat(t, GAUSS), offset.ravel()),
+        np.repeat(interval, GAUSS_POINTS),
+        (np.repeat(t, GAUSS_POINTS), offset.ravel()),
     )
 
 
-def _anchors(polygon: Polygon, singular: Iterable[Singular]) -> tuple[Array, Array, Array]:
+def _anchors(polygon: Polygon, singular: Iterable[SingularPoint]) -> tuple[Array, Array, Array]:
     """Arc lengths of the vertices and singular points, increasing, their gradings, and places t on a side."""
     found = {s: (1, 0.0) for s in polygon.starts.tolist()}
     for p in singular:
@@ -105,13 +110,13 @@ def _anchors(polygon: Polygon, singular: Iterable[Singular]) -> tuple[Array, Arr
     return anchors, grading, place
 
 
-def _towards(anchors: Array, between: Array, grading: Array) -> list[Array]:
+def _cut_towards_anchors(anchors: Array, between: Array, grading: Array) -> list[Array]:
     """Points at fractions 2^-j of the way from strongly graded anchors to the middles beside them.
 
     What multiplies the power there is then all but constant on the first interval.
     """
-    shares = 0.5 ** np.arange(1, TOWARDS + 1)
-    strong = grading > STRONG
+    shares = 0.5 ** np.arange(1, GRADED_CUTS + 1)
+    strong = grading > STRONG_GRADING
     after = strong[:-1]
     before = strong[1:]
     return [
@@ -136,7 +141,10 @@ class TriangleRule:
 
     @property
     def points(self) -> Array:
-        """(k q, 2) the places, rounded."""
+        """The points of all pieces in the plane, rounded.
+
+        The shape is (k q, 2).
+        """
         return self.origin + self.offset
 
 
@@ -152,25 +160,25 @@ def triangle_rules(mesh: Mesh, case: ExactSolution, degree: int | None = None) -
         special[apart.parent] = True
     regular = np.flatnonzero(~special)
     radii = [4 * kink.radius for kink in case.kinks() if kink.radius]
-    fine = mesh.h <= FINE * min([mesh.polygon.lengths.min(), *radii])
-    of_whole = degree or (FINE_DEGREE if fine else DEGREE)
-    of_pieces = degree or DEGREE
-    for block in blocks(len(regular)):
+    fine = mesh.h <= FINE_MESH_RATIO * min([mesh.polygon.lengths.min(), *radii])
+    of_whole = degree or (FINE_MESH_DEGREE if fine else TRIANGLE_DEGREE)
+    of_pieces = degree or TRIANGLE_DEGREE
+    for block in row_blocks(len(regular)):
         index = regular[block]
         whole = np.broadcast_to(np.eye(3), (len(index), 3, 3))
-        yield _place(mesh, whole, index, *symmetric(of_whole))
-    for block in blocks(len(parent)):
-        yield _place(mesh, corners[block], parent[block], *symmetric(of_pieces))
+        yield _place_rule(mesh, whole, index, *symmetric_rule(of_whole))
+    for block in row_blocks(len(parent)):
+        yield _place_rule(mesh, corners[block], parent[block], *symmetric_rule(of_pieces))
     for apart in singular:
-        points, weights = collapsed(of_pieces, apart.grading)
-        rule = _place(mesh, apart.corners, apart.parent, points, weights)
+        points, weights = duffy_rule(of_pieces, apart.grading)
+        rule = _place_rule(mesh, apart.corners, apart.parent, points, weights)
         edges = apart.corners[:, 1:] @ mesh.points[mesh.triangles[apart.parent]] - apart.point[:, None]
         offset = (points[:, 1:] @ edges).reshape(-1, 2)
         yield replace(rule, origin=np.repeat(apart.point, len(weights), axis=0), offset=offset)
 
 
 @cache
-def symmetric(degree: int) -> tuple[Array, Array]:
+def symmetric_rule(degree: int) -> tuple[Array, Array]:
     """Barycentric points (q, 3) and weights (q,) with sum 1."""
     from skfem.quadrature import get_quadrature_tri  # which bounds on formulas do not need
 
@@ -179,20 +187,20 @@ def symmetric(degree: int) -> tuple[Array, Array]:
 
 
 @cache
-def _gauss(points: int) -> tuple[Array, Array]:
+def _gauss_rule(n_points: int) -> tuple[Array, Array]:
     """Points (n,) and weights (n,) on [-1, 1]."""
-    return np.polynomial.legendre.leggauss(points)
+    return np.polynomial.legendre.leggauss(n_points)
 
 
 @cache
-def collapsed(n: int, grading: int = 1) -> tuple[Array, Array]:
+def duffy_rule(n_points: int, grading: int = 1) -> tuple[Array, Array]:
     """A rule on a triangle that is graded to its first corner, from which points are a part tau^grading away.
 
     It has n Gauss points across, and n times the grading in tau, but at most 4 n. Not graded it is exact for
-    polynomials of degree 2 n - 2. Barycentric points and weights as `symmetric`.
+    polynomials of degree 2 n - 2. Barycentric points and weights as `symmetric_rule`.
     """
-    x, w = _gauss(n * min(grading, 4))
-    y, v = _gauss(n)
+    x, w = _gauss_rule(n_points * min(grading, 4))
+    y, v = _gauss_rule(n_points)
     tau = 0.5 * (x[:, None] + 1)
     across = 0.5 * (y + 1)
     rho = tau**grading
@@ -201,9 +209,11 @@ def collapsed(n: int, grading: int = 1) -> tuple[Array, Array]:
     return points.reshape(-1, 3), weight.ravel()
 
 
-def _place(mesh: Mesh, corners: Array, index: Index, points: Array, weights: Array) -> TriangleRule:
-    """The rule on the pieces with barycentric corners (k, 3, 3) of the triangles `index` (k,)."""
-    vertices = corners @ mesh.points[mesh.triangles[index]]
+def _place_rule(mesh: Mesh, corners: Array, parent: Index, points: Array, weights: Array) -> TriangleRule:
+    """The rule on the pieces with barycentric corners (k, 3, 3) of the triangles `parent` (k,)."""
+    vertices = corners @ mesh.points[mesh.triangles[parent]]
     a, b, c = np.moveaxis(corners, 1, 0)
-    share = np.abs(np.sum(a * np.cross(b, c), axis=1)) * mesh.areas[index]
-    return TriangleRule(index, points @ corners, np.outer(share, weights), (points @ vertices).reshape(-1, 2))
+    share = np.abs(np.sum(a * np.cross(b, c), axis=1)) * mesh.areas[parent]
+    return TriangleRule(
+        parent, points @ corners, np.outer(share, weights), (points @ vertices).reshape(-1, 2)
+    )

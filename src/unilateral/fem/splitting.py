@@ -18,23 +18,23 @@ import numpy as np
 from unilateral.arrays import Array, Index, Mask
 from unilateral.geometry.curves import Kink
 from unilateral.geometry.mesh import Mesh
-from unilateral.geometry.plane import circles, cross
+from unilateral.geometry.plane import centroid_circles, cross
 
 if TYPE_CHECKING:
     from unilateral.problems.case import ExactSolution
 
-KINK_LEVELS = 2
-KINK_SIZE = 1 / 256
-KINK_SHARE = 1 / 64
-SHORTEST = 1 / 64
+MIN_KINK_QUARTERINGS = 2
+KINK_PIECE_PER_SIDE = 1 / 256
+KINK_PIECE_PER_RADIUS = 1 / 64
+MIN_SIDE_RATIO = 1 / 64
 """No side counts as shorter than this times the longest one: far from it kinks need no finer pieces."""
-NEAR_LEVELS = 24
-NEAR = 3.0
-ON_CORNER = 1e-10
+MAX_PIECE_QUARTERINGS = 24
+NEAR_IN_RADII = 3.0
+BARYCENTRIC_TOLERANCE = 1e-10
 
 
 @dataclass(frozen=True)
-class Apart:
+class SingularPieces:
     """Pieces of the triangles `parent` (k,), by their `corners` (k, 3, 3).
 
     The first corner is a singular `point` (k, 2), which has that `grading`.
@@ -46,36 +46,36 @@ class Apart:
     grading: int
 
 
-def split_triangles(mesh: Mesh, case: ExactSolution) -> tuple[Array, Index, list[Apart]]:
+def split_triangles(mesh: Mesh, case: ExactSolution) -> tuple[Array, Index, list[SingularPieces]]:
     """The pieces of all triangles that a kink crosses or that lie at a singular point of the case.
 
     They are given by their corners (k, 3, 3) in the triangles (k,); those at singular points stand apart, for
     each grading. Every triangle that occurs is covered once; those that do not occur need no splitting.
     """
-    points = _singular_points(case)
+    points = _locate_singular_points(case)
     kinks = case.kinks()
-    parent = _concerned(mesh, [point for point, _ in points], kinks)
+    parent = _find_cut_triangles(mesh, [point for point, _ in points], kinks)
     corners = np.broadcast_to(np.eye(3), (len(parent), 3, 3))
     lengths = case.polygon.lengths
-    smallest = KINK_SIZE * max(lengths.min(), SHORTEST * lengths.max())
+    smallest = KINK_PIECE_PER_SIDE * max(lengths.min(), MIN_SIDE_RATIO * lengths.max())
     apart: dict[int, list[tuple[Array, Index, Array]]] = {}
-    corners, parent = _one_point_each(mesh, corners, parent, [point for point, _ in points])
+    corners, parent = _separate_singular_points(mesh, corners, parent, [point for point, _ in points])
     for point, grading in points:
-        holds = _contains(mesh, corners, parent, point)
-        pieces, of = _at_corner(mesh, corners[holds], parent[holds], point)
+        holds = _pieces_contain(mesh, corners, parent, point)
+        pieces, of = _split_at_point(mesh, corners[holds], parent[holds], point)
         apart.setdefault(grading, []).append((pieces, of, np.tile(point, (len(of), 1))))
         corners = corners[~holds]
         parent = parent[~holds]
     done: list[tuple[Array, Index]] = []
-    for level in range(NEAR_LEVELS):
-        centre, radius = _circle(mesh, corners, parent)
+    for level in range(MAX_PIECE_QUARTERINGS):
+        centre, radius = _piece_circles(mesh, corners, parent)
         marked = np.zeros(len(parent), dtype=bool)
         for point, _ in points:
-            marked |= np.hypot(*(centre - point).T) < NEAR * radius
+            marked |= np.hypot(*(centre - point).T) < NEAR_IN_RADII * radius
         for kink in kinks:
-            fine = min(smallest, KINK_SHARE * kink.radius) if kink.radius else smallest
-            coarse = radius > (0.0 if level < KINK_LEVELS else fine)
-            marked |= coarse & (np.abs(kink.level(centre)) < radius)
+            fine = min(smallest, KINK_PIECE_PER_RADIUS * kink.radius) if kink.radius else smallest
+            coarse = radius > (0.0 if level < MIN_KINK_QUARTERINGS else fine)
+            marked |= coarse & (np.abs(kink.signed_distances(centre)) < radius)
         if level > 0:
             done.append((corners[~marked], parent[~marked]))
         corners = quarter(corners[marked])
@@ -86,31 +86,33 @@ def split_triangles(mesh: Mesh, case: ExactSolution) -> tuple[Array, Index, list
     singular = []
     for grading, parts in apart.items():
         pieces, triangles, first = map(np.concatenate, zip(*parts, strict=True))
-        singular.append(Apart(pieces, triangles, first, grading))
+        singular.append(SingularPieces(pieces, triangles, first, grading))
     return corners, parent, singular
 
 
-def _concerned(mesh: Mesh, points: list[Array], kinks: list[Kink]) -> Index:
+def _find_cut_triangles(mesh: Mesh, points: list[Array], kinks: list[Kink]) -> Index:
     """The triangles that a point is near or a kink may cross; no other one is ever cut."""
-    centre, radius = mesh.circles
+    centre, radius = mesh.enclosing_circles
     concerned = np.zeros(len(radius), dtype=bool)
     for point in points:
-        concerned |= np.hypot(*(centre - point).T) < NEAR * radius
+        concerned |= np.hypot(*(centre - point).T) < NEAR_IN_RADII * radius
     for kink in kinks:
-        concerned |= np.abs(kink.level(centre)) < radius
+        concerned |= np.abs(kink.signed_distances(centre)) < radius
     return np.flatnonzero(concerned)
 
 
-def _one_point_each(mesh: Mesh, corners: Array, parent: Index, points: list[Array]) -> tuple[Array, Index]:
+def _separate_singular_points(
+    mesh: Mesh, corners: Array, parent: Index, points: list[Array]
+) -> tuple[Array, Index]:
     """Pieces quartered until those that contain a point have no other one near."""
-    for _ in range(NEAR_LEVELS):
-        centre, radius = _circle(mesh, corners, parent)
+    for _ in range(MAX_PIECE_QUARTERINGS):
+        centre, radius = _piece_circles(mesh, corners, parent)
         holds = np.zeros(len(parent), dtype=np.intp)
         near = np.zeros(len(parent), dtype=np.intp)
         for point in points:
-            close = np.flatnonzero(np.hypot(*(centre - point).T) < NEAR * radius)
+            close = np.flatnonzero(np.hypot(*(centre - point).T) < NEAR_IN_RADII * radius)
             near[close] += 1
-            holds[close] += _contains(mesh, corners[close], parent[close], point)
+            holds[close] += _pieces_contain(mesh, corners[close], parent[close], point)
         crowded = (holds > 0) & (near > 1)
         if not crowded.any():
             break
@@ -119,36 +121,39 @@ def _one_point_each(mesh: Mesh, corners: Array, parent: Index, points: list[Arra
     return corners, parent
 
 
-def _singular_points(case: ExactSolution) -> list[tuple[Array, int]]:
-    return [(case.polygon.point(p.side, p.t), p.grading) for p in case.flux_singular()]
+def _locate_singular_points(case: ExactSolution) -> list[tuple[Array, int]]:
+    return [(case.polygon.point(p.side, p.t), p.grading) for p in case.flux_singular_points()]
 
 
-def _vertices(mesh: Mesh, corners: Array, parent: Index) -> Array:
+def _piece_corners(mesh: Mesh, corners: Array, parent: Index) -> Array:
     return corners @ mesh.points[mesh.triangles[parent]]
 
 
-def _circle(mesh: Mesh, corners: Array, parent: Index) -> tuple[Array, Array]:
+def _piece_circles(mesh: Mesh, corners: Array, parent: Index) -> tuple[Array, Array]:
     """Centroid (k, 2) and the largest distance (k,) of a corner from it."""
-    return circles(_vertices(mesh, corners, parent))
+    return centroid_circles(_piece_corners(mesh, corners, parent))
 
 
-def _barycentric(mesh: Mesh, corners: Array, parent: Index, point: Array) -> Array:
-    """(k, 3) barycentric coordinates of a point of the plane in the pieces."""
-    a, b, c = np.moveaxis(_vertices(mesh, corners, parent) - point, 1, 0)
+def _barycentric_in_pieces(mesh: Mesh, corners: Array, parent: Index, point: Array) -> Array:
+    """The barycentric coordinates of a point of the plane in each piece.
+
+    The shape is (k, 3).
+    """
+    a, b, c = np.moveaxis(_piece_corners(mesh, corners, parent) - point, 1, 0)
     areas = np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=-1)
     return areas / areas.sum(axis=1, keepdims=True)
 
 
-def _contains(mesh: Mesh, corners: Array, parent: Index, point: Array) -> Mask:
-    return np.all(_barycentric(mesh, corners, parent, point) > -ON_CORNER, axis=1)
+def _pieces_contain(mesh: Mesh, corners: Array, parent: Index, point: Array) -> Mask:
+    return np.all(_barycentric_in_pieces(mesh, corners, parent, point) > -BARYCENTRIC_TOLERANCE, axis=1)
 
 
-def _at_corner(mesh: Mesh, corners: Array, parent: Index, point: Array) -> tuple[Array, Index]:
+def _split_at_point(mesh: Mesh, corners: Array, parent: Index, point: Array) -> tuple[Array, Index]:
     """Up to three parts of each piece, which join the point to an edge; the point is their first corner."""
-    weights = _barycentric(mesh, corners, parent, point)
+    weights = _barycentric_in_pieces(mesh, corners, parent, point)
     apex = (weights[:, None] @ corners)[:, 0]
     pieces = [np.stack([apex, corners[:, i], corners[:, (i + 1) % 3]], axis=1) for i in range(3)]
-    proper = [weights[:, (i + 2) % 3] > ON_CORNER for i in range(3)]
+    proper = [weights[:, (i + 2) % 3] > BARYCENTRIC_TOLERANCE for i in range(3)]
     return (
         np.concatenate([piece[keep] for piece, keep in zip(pieces, proper, strict=True)]),
         np.concatenate([parent[keep] for keep in proper]),
@@ -156,7 +161,10 @@ def _at_corner(mesh: Mesh, corners: Array, parent: Index, point: Array) -> tuple
 
 
 def quarter(corners: Array) -> Array:
-    """(4k, 3, 3) the four congruent parts of each piece."""
+    """The four congruent quarters of each piece.
+
+    The shape is (4k, 3, 3).
+    """
     a, b, c = np.moveaxis(corners, 1, 0)
     ab = 0.5 * (a + b)
     bc = 0.5 * (b + c)

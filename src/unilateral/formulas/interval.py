@@ -13,14 +13,14 @@ import numpy as np
 
 from unilateral.arrays import Array, Mask
 
-Interval = tuple[Array, Array]
-ULPS = 8
-LARGE = 1e308
-PRODUCT = 2.0**-50
+IntervalArrays = tuple[Array, Array]
+ROUNDING_ULPS = 8
+MIN_OVERFLOW = 1e308
+POWER_ERROR_PER_FACTOR = 2.0**-50
 """Each factor of a power adds this to the relative rounding error of the power."""
-EXPONENT = 2.0**-51
+EXPONENT_ERROR = 2.0**-51
 """The relative rounding error of a fractional exponent, and of the logarithm."""
-NEAR_EXTREMUM = 1e-12
+EXTREMUM_TOLERANCE = 1e-12
 """An extremum of sin or cos counts as inside an interval if it is at most this far outside.
 
 The unit is 1 plus the absolute values of the interval's ends.
@@ -30,28 +30,30 @@ QUIET = np.errstate(all="ignore")
 
 
 @QUIET
-def outward(lower: Array, upper: Array) -> Interval:
+def round_outward(lower: Array, upper: Array) -> IntervalArrays:
     """The interval widened by the rounding; a number that overflows is at least LARGE in size."""
-    lower = np.minimum(lower, LARGE)
-    upper = np.maximum(upper, -LARGE)
-    lower = lower - ULPS * np.spacing(np.abs(lower))
-    upper = upper + ULPS * np.spacing(np.abs(upper))
+    lower = np.minimum(lower, MIN_OVERFLOW)
+    upper = np.maximum(upper, -MIN_OVERFLOW)
+    lower = lower - ROUNDING_ULPS * np.spacing(np.abs(lower))
+    upper = upper + ROUNDING_ULPS * np.spacing(np.abs(upper))
     return np.fmax(lower, -np.inf), np.fmin(upper, np.inf)  # NaN, which is inf - inf, becomes infinite
 
 
 @QUIET
-def total(a: Interval, b: Interval) -> Interval:
-    return outward(a[0] + b[0], a[1] + b[1])
+def add_intervals(a: IntervalArrays, b: IntervalArrays) -> IntervalArrays:
+    """The interval of all sums of a number of a and one of b."""
+    return round_outward(a[0] + b[0], a[1] + b[1])
 
 
 @QUIET
-def product(a: Interval, b: Interval) -> Interval:
+def multiply_intervals(a: IntervalArrays, b: IntervalArrays) -> IntervalArrays:
+    """The interval of all products of a number of a and one of b."""
     products = [x * y for x in a for y in b]
-    return outward(reduce(np.minimum, products), reduce(np.maximum, products))
+    return round_outward(reduce(np.minimum, products), reduce(np.maximum, products))
 
 
 @QUIET
-def power(base: Interval, n: int) -> Interval:
+def integer_power(base: IntervalArrays, n: int) -> IntervalArrays:
     """base^n for a whole number n, infinite where n < 0 and the base may be 0."""
     lower, upper = base
     inside = (lower <= 0) & (upper >= 0)
@@ -60,27 +62,27 @@ def power(base: Interval, n: int) -> Interval:
     high = np.maximum(*ends)
     if n % 2 == 0:
         low = np.where(inside, 0.0, low)
-    low, high = outward(low, high)
+    low, high = round_outward(low, high)
     if n > 0:
         return low, high
     positive = (lower > 0) | (n % 2 == 0)  # powers that underflow keep their sign
     low = np.where(positive, np.maximum(low, 0.0), low)
     high = np.where(positive, high, np.minimum(high, -0.0))
-    low, high = outward(1 / high, 1 / low)
+    low, high = round_outward(1 / high, 1 / low)
     return np.where(inside, -np.inf, low), np.where(inside, np.inf, high)
 
 
 @QUIET
-def of_positive_part(base: Interval, k: float) -> Interval:
+def positive_part_power(base: IntervalArrays, k: float) -> IntervalArrays:
     """base_+^k; 0 where the base is 0, whatever the sign of k."""
     if k < 0:
-        low, high = power(of_positive_part(base, -k), -1)
+        low, high = integer_power(positive_part_power(base, -k), -1)
         return np.where(base[0] > 0, np.maximum(low, 0.0), 0.0), np.where(base[1] > 0, high, 0.0)
-    low, high = outward(*(positive_power(end, k) for end in base))
-    spare = [np.full_like(end, PRODUCT * k) for end in base]
+    low, high = round_outward(*(positive_power(end, k) for end in base))
+    spare = [np.full_like(end, POWER_ERROR_PER_FACTOR * k) for end in base]
     if k != int(k):  # its rounding counts log of the base times
         spare = [
-            x + EXPONENT * k * np.abs(np.log(np.where(end > 0, end, 1.0)))
+            x + EXPONENT_ERROR * k * np.abs(np.log(np.where(end > 0, end, 1.0)))
             for x, end in zip(spare, base, strict=True)
         ]
     low = low * (1 - spare[0])
@@ -102,21 +104,23 @@ def positive_power(a: Array, k: float) -> Array:
     return np.where(positive, power, 0.0)
 
 
-def sin(a: Interval) -> Interval:
-    return _wave(np.sin, a, 0.5 * np.pi)
+def sin(a: IntervalArrays) -> IntervalArrays:
+    """The interval of sin."""
+    return _enclose_wave(np.sin, a, 0.5 * np.pi)
 
 
-def cos(a: Interval) -> Interval:
-    return _wave(np.cos, a, 0.0)
+def cos(a: IntervalArrays) -> IntervalArrays:
+    """The interval of cos."""
+    return _enclose_wave(np.cos, a, 0.0)
 
 
 @QUIET
-def _wave(function: np.ufunc, a: Interval, crest: float) -> Interval:
+def _enclose_wave(function: np.ufunc, a: IntervalArrays, crest: float) -> IntervalArrays:
     """sin or cos, whose maxima are at `crest` + 2 pi times whole numbers."""
     lower, upper = a
     ends = function(lower), function(upper)
-    low, high = outward(np.minimum(*ends), np.maximum(*ends))
-    near = NEAR_EXTREMUM * (1 + np.abs(lower) + np.abs(upper))
+    low, high = round_outward(np.minimum(*ends), np.maximum(*ends))
+    near = EXTREMUM_TOLERANCE * (1 + np.abs(lower) + np.abs(upper))
 
     def holds(phase: float) -> Mask:
         first = np.ceil((lower - near - phase) / (2 * np.pi))
@@ -128,25 +132,29 @@ def _wave(function: np.ufunc, a: Interval, crest: float) -> Interval:
 
 
 @QUIET
-def cosh(a: Interval) -> Interval:
+def cosh(a: IntervalArrays) -> IntervalArrays:
+    """The interval of cosh."""
     inside = (a[0] <= 0) & (a[1] >= 0)
     low = np.minimum(*np.cosh(a))
     high = np.maximum(*np.cosh(a))
-    return outward(np.where(inside, 1.0, low), high)
+    return round_outward(np.where(inside, 1.0, low), high)
 
 
 @QUIET
-def exp(a: Interval) -> Interval:
-    low, high = outward(np.exp(a[0]), np.exp(a[1]))
+def exp(a: IntervalArrays) -> IntervalArrays:
+    """The interval of exp."""
+    low, high = round_outward(np.exp(a[0]), np.exp(a[1]))
     return np.maximum(low, 0.0), high
 
 
 @QUIET
-def sinh(a: Interval) -> Interval:
-    return outward(np.sinh(a[0]), np.sinh(a[1]))
+def sinh(a: IntervalArrays) -> IntervalArrays:
+    """The interval of sinh."""
+    return round_outward(np.sinh(a[0]), np.sinh(a[1]))
 
 
 @QUIET
-def tanh(a: Interval) -> Interval:
-    low, high = outward(np.tanh(a[0]), np.tanh(a[1]))
+def tanh(a: IntervalArrays) -> IntervalArrays:
+    """The interval of tanh."""
+    low, high = round_outward(np.tanh(a[0]), np.tanh(a[1]))
     return np.maximum(low, -1.0), np.minimum(high, 1.0)

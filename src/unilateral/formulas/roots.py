@@ -25,7 +25,7 @@ def real_roots(coefficients: Sequence[Fraction]) -> list[float]:
         polynomial = polynomial[:-1]
     degree = len(polynomial) - 1
     # Fujiwara: no root is larger than 2 max |c_i / c_0|^(1 / i); so those of p(scale x) are in (-1, 1]
-    bits = [_bits_of(c / polynomial[0]) / i for i, c in enumerate(polynomial) if i and c]
+    bits = [_log2_bound(c / polynomial[0]) / i for i, c in enumerate(polynomial) if i and c]
     scale = Fraction(2) ** (1 + ceil(max(bits, default=0)))
     chain = _sturm_chain([c * scale ** (degree - i) for i, c in enumerate(polynomial)])
     # (n, k) is the interval from n / 2^k, without it, to (n + 1) / 2^k
@@ -36,13 +36,13 @@ def real_roots(coefficients: Sequence[Fraction]) -> list[float]:
         if _sign_changes(chain, n, k) == _sign_changes(chain, n + 1, k):
             continue
         if abs(n) >> ROOT_BITS:
-            roots.append(_nearest(scale * Fraction(n + 1, 1 << k)))
+            roots.append(_float_or_inf(scale * Fraction(n + 1, 1 << k)))
         else:
             intervals += [(2 * n, k + 1), (2 * n + 1, k + 1)]
     return sorted(roots)
 
 
-def _bits_of(x: Fraction) -> int:
+def _log2_bound(x: Fraction) -> int:
     """A whole number above log2 |x|."""
     return x.numerator.bit_length() - x.denominator.bit_length() + 1
 
@@ -56,14 +56,14 @@ def _sturm_chain(polynomial: Polynomial) -> list[list[int]]:
     degree = len(polynomial) - 1
     chain = [polynomial, [c * (degree - i) for i, c in enumerate(polynomial[:-1])]]
     while chain[-1]:
-        remainder = _divide(chain[-2], chain[-1])[1]
+        remainder = _divide_polynomials(chain[-2], chain[-1])[1]
         chain.append([-c / abs(remainder[0]) for c in remainder])
-    quotients = [_divide(p, chain[-2])[0] for p in chain[:-1]]
+    quotients = [_divide_polynomials(p, chain[-2])[0] for p in chain[:-1]]
     multiples = [lcm(*(c.denominator for c in p)) for p in quotients]
     return [[int(c * m) for c in p] for p, m in zip(quotients, multiples, strict=True)]
 
 
-def _divide(dividend: Polynomial, divisor: Polynomial) -> tuple[Polynomial, Polynomial]:
+def _divide_polynomials(dividend: Polynomial, divisor: Polynomial) -> tuple[Polynomial, Polynomial]:
     """The quotient and the remainder."""
     quotient = []
     rest = [*dividend]
@@ -89,7 +89,7 @@ def _sign_changes(chain: list[list[int]], n: int, k: int) -> int:
     return sum(a != b for a, b in pairwise(positive))
 
 
-def _nearest(x: Fraction) -> float:
+def _float_or_inf(x: Fraction) -> float:
     try:
         return float(x)
     except OverflowError:

@@ -8,37 +8,37 @@ from unilateral.arrays import Array, Index
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.plane import cross
 
-BLOCK = 1 << 16
+MAX_POINTS_LOCATED = 1 << 16
 """At most this many points are located at once."""
-BITS = 26
+Z_ORDER_BITS = 26
 """Triangles are ordered by this many bits of a coordinate; nearer ones are in any order."""
-ROUNDING = 2.0**-48
+ROUNDING_PER_COORDINATE = 2.0**-48
 """Rounding may move a point out of its triangle by this part of the largest coordinate."""
 
 
-def containing(mesh: Mesh, points: Array) -> tuple[Index, Index, Array]:
+def locate_in_triangles(mesh: Mesh, points: Array) -> tuple[Index, Index, Array]:
     """Pairs of points (k, 2) and triangles in which they lie: (p,), (p,) and barycentric coordinates (p, 3).
 
     A point on an edge, up to rounding, has a pair with each triangle there; one outside has none.
     """
     corners = mesh.points[mesh.triangles]
-    reach = ROUNDING * float(np.abs(mesh.points).max())
-    order = _along_plane(corners.mean(axis=1))
+    reach = ROUNDING_PER_COORDINATE * float(np.abs(mesh.points).max())
+    order = _z_order(corners.mean(axis=1))
     boxes = [(corners.min(axis=1)[order] - reach, corners.max(axis=1)[order] + reach)]
     while len(boxes[-1][0]) > 1:
         low, high = boxes[-1]
         pairs = np.arange(0, len(low), 2)
         boxes.append((np.minimum.reduceat(low, pairs), np.maximum.reduceat(high, pairs)))
-    blocks = np.array_split(np.arange(len(points)), 1 + len(points) // BLOCK)
-    pairs_of = [_in_boxes(boxes, points[block]) for block in blocks]
+    blocks = np.array_split(np.arange(len(points)), 1 + len(points) // MAX_POINTS_LOCATED)
+    pairs_of = [_pair_with_boxes(boxes, points[block]) for block in blocks]
     at = np.concatenate([block[of] for block, (of, _) in zip(blocks, pairs_of, strict=True)])
     triangle = order[np.concatenate([box for _, box in pairs_of])]
-    weights, height = _barycentric(corners[triangle], points[at])
+    weights, height = _barycentric_with_heights(corners[triangle], points[at])
     inside = (weights >= -reach / height).all(axis=1)
     return at[inside], triangle[inside], weights[inside]
 
 
-def _in_boxes(boxes: list[tuple[Array, Array]], points: Array) -> tuple[Index, Index]:
+def _pair_with_boxes(boxes: list[tuple[Array, Array]], points: Array) -> tuple[Index, Index]:
     """The pairs of a point and a box of boxes[0] that contains it, as do all boxes about that one."""
     at = np.arange(len(points))
     box = np.zeros(len(points), dtype=np.intp)
@@ -54,21 +54,27 @@ def _in_boxes(boxes: list[tuple[Array, Array]], points: Array) -> tuple[Index, I
     return at, box
 
 
-def _barycentric(corners: Array, points: Array) -> tuple[Array, Array]:
-    """(p, 3) barycentric coordinates of points (p, 2) in triangles (p, 3, 2), and heights (p, 3) of these."""
+def _barycentric_with_heights(corners: Array, points: Array) -> tuple[Array, Array]:
+    """Barycentric coordinates of points in their triangles, and the heights of these, (p, 3) each.
+
+    The shape is (p, 3).
+    """
     edges = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)
     twice = cross(edges[:, 0], edges[:, 1])[:, None]
     away = cross(edges, points[:, None] - np.roll(corners, -1, axis=1))
     return away / twice, twice / np.linalg.norm(edges, axis=2)
 
 
-def _along_plane(points: Array) -> Index:
-    """(m,) the order of points along a Z curve, by the bits of both coordinates in turn."""
+def _z_order(points: Array) -> Index:
+    """The order of points along a Z curve, by the bits of both coordinates in turn.
+
+    The shape is (m,).
+    """
     low = points.min(axis=0)
     size = np.ptp(points, axis=0).max() or 1.0
-    cells = ((points - low) / size * (2**BITS - 1)).astype(np.int64)
+    cells = ((points - low) / size * (2**Z_ORDER_BITS - 1)).astype(np.int64)
     code = np.zeros(len(points), dtype=np.int64)
-    for bit in range(BITS):
+    for bit in range(Z_ORDER_BITS):
         for axis in range(2):
             code |= ((cells[:, axis] >> bit) & 1) << (2 * bit + axis)
     return np.argsort(code, kind="stable")

@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 
-from unilateral.arrays import Array, Index, Mask, blocks
+from unilateral.arrays import Array, Index, Mask, row_blocks
 
 
 def cross(a: Array, b: Array) -> Array:
-    """(...) the areas that the vectors a and b (..., 2) span, positive where b lies to the left of a."""
+    """Signed areas of the parallelograms that the vectors a and b (..., 2) span, positive where b lies to the left of a.
+
+    The shape is (...).
+    """
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
 def segment_distances(points: Array, starts: Array, ends: Array) -> Array:
-    """(k, n) distances of the points (k, 2) from the segments between starts (n, 2) and ends (n, 2)."""
+    """Distances of all points from all segments, (k, n).
+
+    The shape is (k, n).
+    """
     along = ends - starts
     offset = points[:, None] - starts
     t = np.clip(np.sum(offset * along, axis=2) / np.sum(along**2, axis=1), 0, 1)
@@ -21,48 +27,57 @@ def segment_distances(points: Array, starts: Array, ends: Array) -> Array:
 
 
 def signed_areas(points: Array, triangles: Index) -> Array:
-    """(m,) areas of the triangles, negative where the nodes run clockwise."""
+    """Areas of the triangles, negative where the nodes run clockwise, (m,).
+
+    The shape is (m,).
+    """
     areas = np.empty(len(triangles))
-    for some in blocks(len(areas)):
+    for some in row_blocks(len(areas)):
         x, y = points.T[:, triangles[some].T]
         areas[some] = 0.5 * ((x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0]))
     return areas
 
 
 def longest_edges(points: Array, triangles: Index) -> Array:
-    """(m,) the longest edge of each triangle."""
+    """The longest edge of each triangle, (m,).
+
+    The shape is (m,).
+    """
     longest = np.empty(len(triangles))
-    for some in blocks(len(longest)):
+    for some in row_blocks(len(longest)):
         x, y = points.T[:, triangles[some].T]
         longest[some] = np.hypot(x[[1, 2, 0]] - x, y[[1, 2, 0]] - y).max(axis=0)
     return longest
 
 
-def circles(vertices: Array) -> tuple[Array, Array]:
+def centroid_circles(vertices: Array) -> tuple[Array, Array]:
     """The centroids (k, 2) of triangles with `vertices` (k, 3, 2), and how far (k,) a vertex is at most."""
     centre = vertices.mean(axis=1)
     away = vertices - centre[:, None]
     return centre, np.hypot(away[..., 0], away[..., 1]).max(axis=1)
 
 
-def first_crossing(v: Array) -> tuple[int, int] | None:
+def first_crossing(vertices: Array) -> tuple[int, int] | None:
     """The first two sides of a polygon with the vertices (n, 2) that meet elsewhere than in one of them."""
-    after = np.roll(v, -1, axis=0)
-    for i in range(len(v) - 1):
-        crossed = np.flatnonzero(_meets_later(v, after, i))
+    after = np.roll(vertices, -1, axis=0)
+    for i in range(len(vertices) - 1):
+        crossed = np.flatnonzero(_meets_later_sides(vertices, after, i))
         if crossed.size:
             return i, i + 1 + int(crossed[0])
     return None
 
 
-def _meets_later(v: Array, after: Array, i: int) -> Mask:
-    """(n - i - 1,) whether side i meets the sides after it elsewhere than in a vertex they share."""
-    n = len(v)
-    j = np.arange(i + 1, len(v))
-    a = v[i]
-    b = after[i]
-    c = v[j]
-    d = after[j]
+def _meets_later_sides(starts: Array, ends: Array, i: int) -> Mask:
+    """Whether side i meets each later side elsewhere than in a vertex they share, (n - i - 1,).
+
+    The shape is (n - i - 1,).
+    """
+    n = len(starts)
+    j = np.arange(i + 1, len(starts))
+    a = starts[i]
+    b = ends[i]
+    c = starts[j]
+    d = ends[j]
     abc = cross(b - a, c - a)
     abd = cross(b - a, d - a)
     cda = cross(d - c, a - c)

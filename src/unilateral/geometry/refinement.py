@@ -25,15 +25,15 @@ import numpy as np
 
 from unilateral.arrays import Array, Index, Int16, Int32, Mask
 
-Kind = TypeVar("Kind", Array, Int16, Int32, Mask)
+TriangleValues = TypeVar("TriangleValues", Array, Int16, Int32, Mask)
 
-CORNERS = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
+CYCLIC_CORNERS = ((0, 1, 2), (1, 2, 0), (2, 0, 1))
 """Each node of a triangle and the two after it."""
-CONGRUENT = 1e-13
+CONGRUENCE_TOLERANCE = 1e-13
 """Rounding may leave edges of congruent triangles apart by this part of the longest edge of them all."""
-LONGEST = 1e-12
+LONGEST_EDGE_TOLERANCE = 1e-12
 """Because of rounding the reference edge may be shorter than the longest edge by this part of it."""
-FEW = 1000
+PROBE_TRIANGLES = 1000
 """This many triangles are looked at first: if these are not alike, all are not."""
 
 
@@ -41,121 +41,154 @@ FEW = 1000
 class Triangulation:
     """n nodes, the triangles' nodes (T, 3) and opposite edges (T, 3), and the edges' ends (E, 2).
 
-    `sides` (E, 2) are the triangles at each edge, first the one in which it runs from its first end to its
-    second; -1 stands for none. `boundary` (nb,) are the edges along the boundary, which run with it.
-    `alike` says whether all triangles are so, see `turned`.
+    `edge_triangles` (E, 2) are the triangles at each edge, first the one in which it runs from its first end
+    to its second; -1 stands for none. `boundary_edges` (nb,) are the edges along the boundary, which run with
+    it. `all_alike` says whether all triangles are so, see `rotate_to_pattern`.
     """
 
-    n: int
+    n_nodes: int
     nodes: Int32
     edges: Int32
     ends: Int32
-    sides: Int32
-    boundary: Int32
-    alike: bool = False
+    edge_triangles: Int32
+    boundary_edges: Int32
+    all_alike: bool = False
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class RefinementStep:
     """A refinement: `ends` (k, 2) are those of the halved edges, whose midpoints are the nodes n, n + 1, ...
 
-    `at` (k, 2) are the triangles at these edges, the second one -1 if there is none. The new triangles have
-    the `nodes` (c, 3). There were `before` triangles. After a uniform step the triangulation `after` it is
-    known, and the new triangles are all of its triangles, in order. Otherwise `made` has their numbers (c,),
-    those of the triangles that they come from (c,), and how often the areas of these were halved (c,).
+    `edge_triangles` (k, 2) are the triangles at these edges, the second one -1 if there is none. The new
+    triangles have the `nodes` (c, 3). There were `n_old_triangles` triangles. After a uniform step the
+    triangulation `refined_triangulation` it is known, and the new triangles are all of its triangles, in
+    order. Otherwise `children` has their numbers (c,), those of the triangles that they come from (c,), and
+    how often the areas of these were halved (c,).
     """
 
-    n: int
+    n_old_nodes: int
     ends: Int32
-    at: Int32
+    edge_triangles: Int32
     nodes: Int32
-    before: int
-    made: tuple[Int32, Int32, Int16] | None
-    after: Triangulation | None = None
+    n_old_triangles: int
+    children: tuple[Int32, Int32, Int16] | None
+    refined_triangulation: Triangulation | None = None
 
     @property
     def triangles(self) -> Int32:
-        """(c,) the numbers of the new triangles."""
-        return self.made[0] if self.made else np.arange(len(self.nodes), dtype=np.int32)
+        """The numbers of the new triangles, (c,).
+
+        The shape is (c,).
+        """
+        return self.children[0] if self.children else np.arange(len(self.nodes), dtype=np.int32)
 
     @property
     def parent(self) -> Int32:
-        """(c,) the triangles that the new ones come from."""
-        return self.made[1] if self.made else np.tile(np.arange(self.before, dtype=np.int32), RED)
+        """The triangles from which the new ones come, (c,).
+
+        The shape is (c,).
+        """
+        return (
+            self.children[1]
+            if self.children
+            else np.tile(np.arange(self.n_old_triangles, dtype=np.int32), RED_CHILDREN)
+        )
 
     @property
-    def halved(self) -> Int16:
-        """(c,) how often the areas of the triangles that the new ones come from were halved."""
-        return self.made[2] if self.made else np.full(len(self.nodes), 2, dtype=np.int16)
+    def area_halvings(self) -> Int16:
+        """How often the area of each new triangle's parent was halved, (c,).
 
-    def put(self, old: Kind, new: Kind) -> Kind:
-        """(T, ...) the `old` values (before, ...) of triangles with the `new` triangles' (c, ...) put in."""
-        if self.made is None:
+        The shape is (c,).
+        """
+        return self.children[2] if self.children else np.full(len(self.nodes), 2, dtype=np.int16)
+
+    def replace_values(self, old: TriangleValues, new: TriangleValues) -> TriangleValues:
+        """Values of all triangles after the step: the old ones with those of the new triangles put in.
+
+        The shape is (T, ...).
+        """
+        if self.children is None:
             return new
-        more = int(self.made[0].max()) + 1 - self.before
+        more = int(self.children[0].max()) + 1 - self.n_old_triangles
         found = np.concatenate([old, np.empty((more, *old.shape[1:]), old.dtype)])
-        found[self.made[0]] = new
+        found[self.children[0]] = new
         return found
 
-    def inherited(self, values: Kind) -> Kind:
-        """(T, ...) the values of all triangles, where the new ones have the values of their parents."""
-        return self.put(values, values[self.parent])
+    def inherit(self, values: TriangleValues) -> TriangleValues:
+        """Values of all triangles after the step, where the new ones have the values of their parents.
+
+        The shape is (T, ...).
+        """
+        return self.replace_values(values, values[self.parent])
 
 
-def refined(of: Triangulation, chosen: Index | None = None) -> tuple[Triangulation, Step]:
+def refine_triangulation(
+    triangulation: Triangulation, marked: Index | None = None
+) -> tuple[Triangulation, RefinementStep]:
     """The triangulation with the chosen triangles, by default all, cut in four, and others as that needs."""
-    E = len(of.ends)
+    E = len(triangulation.ends)
     # the edges (k,) that are halved: with any edge of a triangle its reference edge
-    cut = np.arange(E, dtype=np.int32) if chosen is None else _closure(of, chosen)
-    n = of.n
+    cut = np.arange(E, dtype=np.int32) if marked is None else _edges_to_halve(triangulation, marked)
+    n = triangulation.n_nodes
     k = len(cut)
     uniform = len(cut) == E
-    ends, at = (of.ends, of.sides) if uniform else (of.ends[cut], of.sides[cut])
+    ends, at = (
+        (triangulation.ends, triangulation.edge_triangles)
+        if uniform
+        else (triangulation.ends[cut], triangulation.edge_triangles[cut])
+    )
     middle = np.full(E, -1, dtype=np.int32)
     middle[cut] = n + np.arange(k, dtype=np.int32)
     second = np.full(E, -1, dtype=np.int32)
     second[cut] = E + np.arange(k, dtype=np.int32)
     # along the refined boundary the first half of an edge comes before the second
-    halved = np.flatnonzero(middle[of.boundary] >= 0)
-    boundary = np.insert(of.boundary, halved + 1, second[of.boundary[halved]])
-    new = _Children(of, middle, second, E + k)
-    made = None if uniform else (new.triangles, new.parent, new.halved)
-    step = Step(n, ends, at, new.nodes, len(of.nodes), made)
+    halved = np.flatnonzero(middle[triangulation.boundary_edges] >= 0)
+    boundary = np.insert(
+        triangulation.boundary_edges, halved + 1, second[triangulation.boundary_edges[halved]]
+    )
+    new = _Children(triangulation, middle, second, E + k)
+    made = None if uniform else (new.triangles, new.parent, new.area_halvings)
+    step = RefinementStep(n, ends, at, new.nodes, len(triangulation.nodes), made)
     found = Triangulation(
         n + k,
-        new.nodes if uniform else step.put(of.nodes, new.nodes),
-        new.edges if uniform else step.put(of.edges, new.edges),
-        np.concatenate([of.ends, np.column_stack([middle[cut], ends[:, 1]]), new.within]),
-        np.concatenate([of.sides, np.full((k + len(new.within), 2), -1, dtype=np.int32)]),
+        new.nodes if uniform else step.replace_values(triangulation.nodes, new.nodes),
+        new.edges if uniform else step.replace_values(triangulation.edges, new.edges),
+        np.concatenate([triangulation.ends, np.column_stack([middle[cut], ends[:, 1]]), new.interior_edges]),
+        np.concatenate(
+            [triangulation.edge_triangles, np.full((k + len(new.interior_edges), 2), -1, dtype=np.int32)]
+        ),
         boundary,
-        of.alike and uniform,
+        triangulation.all_alike and uniform,
     )
     found.ends[cut, 1] = middle[cut]
-    found.sides[cut] = -1
+    found.edge_triangles[cut] = -1
     reverse = found.ends[new.edges, 0] != new.nodes[:, [1, 2, 0]]
-    found.sides[new.edges, reverse.view(np.int8)] = new.triangles[:, None]
-    return found, replace(step, after=found) if uniform else step
+    found.edge_triangles[new.edges, reverse.view(np.int8)] = new.triangles[:, None]
+    return found, replace(step, refined_triangulation=found) if uniform else step
 
 
-def _closure(of: Triangulation, chosen: Index) -> Int32:
-    """(k,) the edges to halve, increasing: those of the chosen triangles, and reference edges as needed."""
-    flag = np.zeros(len(of.ends), dtype=bool)
-    flag[of.edges[chosen]] = True
+def _edges_to_halve(triangulation: Triangulation, marked: Index) -> Int32:
+    """The edges of the marked triangles, and reference edges as conformity needs, increasing, (k,).
+
+    The shape is (k,).
+    """
+    flag = np.zeros(len(triangulation.ends), dtype=bool)
+    flag[triangulation.edges[marked]] = True
     front = np.flatnonzero(flag)
     while front.size:
-        beside = of.sides[front].ravel()
-        reference = of.edges[beside[beside >= 0], 0]
+        beside = triangulation.edge_triangles[front].ravel()
+        reference = triangulation.edges[beside[beside >= 0], 0]
         front = np.unique(reference[~flag[reference]])
         flag[front] = True
     return np.flatnonzero(flag).astype(np.int32)
 
 
-WITHIN = (((3, 0),), ((3, 0), (5, 3)), ((3, 0), (4, 3)), ((4, 5), (5, 3), (3, 4)))
+INTERIOR_EDGES = (((3, 0),), ((3, 0), (5, 3)), ((3, 0), (4, 3)), ((4, 5), (5, 3), (3, 4)))
 """The edges inside a green triangle, a blue one with ab, a blue one with ca, and a red one.
 
 An edge is given by its ends, whose numbers 0 to 5 stand for a, b, c, m_0, m_1, m_2.
 """
-CHILDREN = (
+CHILD_TRIANGLES = (
     (((3, 0, 1), (2, 3, 9)), ((3, 2, 0), (1, 9, 4))),
     (((5, 3, 0), (9, 7, 10)), ((5, 1, 3), (3, 10, 8)), ((3, 2, 0), (1, 9, 4))),
     (((3, 0, 1), (2, 3, 9)), ((4, 3, 2), (4, 5, 10)), ((4, 0, 3), (9, 10, 6))),
@@ -166,46 +199,49 @@ CHILDREN = (
 Edges 0, 1, 2 are whole ones of the parent. Edges 3 to 8 are the halves of edge 0 at b and c, of edge 1 at c
 and a, and of edge 2 at a and b. The others lie inside.
 """
-HALVED = ((1, 1), (2, 2, 1), (1, 2, 2), (2, 2, 2, 2))
+CHILD_AREA_HALVINGS = ((1, 1), (2, 2, 1), (1, 2, 2), (2, 2, 2, 2))
 """How often the parent's area was halved for each child, in the same four triangles."""
-GREEN = 2
-BLUE = 3
-RED = 4
+GREEN_CHILDREN = 2
+BLUE_CHILDREN = 3
+RED_CHILDREN = 4
 """How many children a green, a blue and a red triangle have."""
 
 
 class _Children:
     """All new triangles (c,) with their nodes and edges (c, 3) and their parents (c,).
 
-    The edges `within` lie inside the parents. `halved` (c,) is how often the parents' areas were halved.
+    The edges `interior_edges` lie inside the parents. `area_halvings` (c,) is how often the parents' areas
+    were halved.
     """
 
-    def __init__(self, of: Triangulation, middle: Int32, second: Int32, edges: int) -> None:
-        """Each edge has the new node `middle` (E,) and the second half `second` (E,), or -1 for none."""
-        hit = np.zeros(len(of.nodes), dtype=bool)
-        at = of.sides[middle >= 0]
+    def __init__(
+        self, triangulation: Triangulation, midpoints: Int32, second_halves: Int32, n_edges: int
+    ) -> None:
+        """Each edge has the new node `midpoints` (E,) and the second half `second_halves` (E,), or -1 for none."""
+        hit = np.zeros(len(triangulation.nodes), dtype=bool)
+        at = triangulation.edge_triangles[midpoints >= 0]
         hit[at[at >= 0]] = True
         parents = np.flatnonzero(hit).astype(np.int32)
-        halved = middle[of.edges[parents]] >= 0
+        halved = midpoints[triangulation.edges[parents]] >= 0
         kind = (halved[:, 2] + 2 * halved[:, 1]).astype(np.int8)
-        count = np.array([len(each) for each in WITHIN], dtype=np.int32)[kind]
+        count = np.array([len(each) for each in INTERIOR_EDGES], dtype=np.int32)[kind]
         after = np.cumsum(count, dtype=np.int32) - count
-        self.within = np.empty((int(count.sum()), 2), dtype=np.int32)
-        self.triangles = np.empty(len(parents) + len(self.within), np.int32)
-        self.parent = np.empty(len(parents) + len(self.within), np.int32)
+        self.interior_edges = np.empty((int(count.sum()), 2), dtype=np.int32)
+        self.triangles = np.empty(len(parents) + len(self.interior_edges), np.int32)
+        self.parent = np.empty(len(parents) + len(self.interior_edges), np.int32)
         self.nodes = np.empty((len(self.triangles), 3), np.int32)
         self.edges = np.empty((len(self.triangles), 3), np.int32)
-        self.halved = np.empty(len(self.triangles), np.int16)
+        self.area_halvings = np.empty(len(self.triangles), np.int16)
         begin = 0
-        free = len(of.nodes)
-        for which, (within, children) in enumerate(zip(WITHIN, CHILDREN, strict=True)):
+        free = len(triangulation.nodes)
+        for which, (within, children) in enumerate(zip(INTERIOR_EDGES, CHILD_TRIANGLES, strict=True)):
             here = np.flatnonzero(kind == which)
             some = parents[here]
             first = after[here]
-            nodes, halves = _local(of, some, middle, second)
+            nodes, halves = _local_numbering(triangulation, some, midpoints, second_halves)
             inside = first[:, None] + np.arange(len(within), dtype=np.int32)
-            self.within[inside] = nodes[:, np.array(within)]
-            known = np.concatenate([halves, edges + inside], axis=1)
+            self.interior_edges[inside] = nodes[:, np.array(within)]
+            known = np.concatenate([halves, n_edges + inside], axis=1)
             for number, (of_nodes, of_edges) in enumerate(children):
                 rows = slice(begin, begin + len(some))
                 self.triangles[rows] = np.arange(free, free + len(some)) if number else some
@@ -213,25 +249,30 @@ class _Children:
                 self.nodes[rows] = nodes[:, of_nodes]
                 self.edges[rows] = known[:, of_edges]
                 self.parent[rows] = some
-                self.halved[rows] = HALVED[which][number]
+                self.area_halvings[rows] = CHILD_AREA_HALVINGS[which][number]
                 begin += len(some)
 
 
-def _local(of: Triangulation, some: Int32, middle: Int32, second: Int32) -> tuple[Int32, Int32]:
-    """(p, 6) a, b, c and the midpoints of some triangles, (p, 9) their edges and halves as in CHILDREN."""
-    nodes = of.nodes[some]
-    edges = of.edges[some]
-    ahead = of.ends[edges, 0] == nodes[:, [1, 2, 0]]
-    other = second[edges]
+def _local_numbering(
+    triangulation: Triangulation, parents: Int32, midpoints: Int32, second_halves: Int32
+) -> tuple[Int32, Int32]:
+    """Corners and midpoints (p, 6) of some triangles, and their edges and halves of edges (p, 9), as CHILD_TRIANGLES numbers them.
+
+    The shape is (p, 6).
+    """
+    nodes = triangulation.nodes[parents]
+    edges = triangulation.edges[parents]
+    ahead = triangulation.ends[edges, 0] == nodes[:, [1, 2, 0]]
+    other = second_halves[edges]
     at_next = np.where(ahead, edges, other)
     at_last = np.where(ahead, other, edges)
     halves = np.stack([at_next, at_last], axis=2).reshape(-1, 6)
-    return np.concatenate([nodes, middle[edges]], axis=1), np.concatenate([edges, halves], axis=1)
+    return np.concatenate([nodes, midpoints[edges]], axis=1), np.concatenate([edges, halves], axis=1)
 
 
-def triangulation(points: Array, triangles: Index, boundary: Index) -> Triangulation:
-    """The triangulation of triangles (T, 3) `in_order`, with boundary nodes (nb,), by sorting the edges."""
-    nodes, alike = turned(points, triangles)
+def build_triangulation(points: Array, triangles: Index, boundary: Index) -> Triangulation:
+    """The triangulation of triangles with boundary nodes, whose edges are found by sorting."""
+    nodes, alike = rotate_to_pattern(points, triangles)
     start = nodes[:, [1, 2, 0]].ravel().astype(np.int64)
     end = nodes[:, [2, 0, 1]].ravel().astype(np.int64)
     key = np.minimum(start, end) * len(points) + np.maximum(start, end)
@@ -248,30 +289,36 @@ def triangulation(points: Array, triangles: Index, boundary: Index) -> Triangula
     )
 
 
-def in_order(points: Array, triangles: Index) -> Index:
-    """(T, 3) the same triangles with a longest edge opposite to the first corner, all alike if possible."""
-    found, alike = turned(points, triangles)
-    return found if alike else longest_first(points, triangles)
+def rotate_corners(points: Array, triangles: Index) -> Index:
+    """The triangles with a longest edge opposite to the first corner, all alike if possible, (T, 3).
+
+    The shape is (T, 3).
+    """
+    found, alike = rotate_to_pattern(points, triangles)
+    return found if alike else rotate_to_longest_edge(points, triangles)
 
 
-def longest_first(points: Array, triangles: Index) -> Index:
-    """(T, 3) the same corners, turned until a longest edge is opposite to the first one."""
+def rotate_to_longest_edge(points: Array, triangles: Index) -> Index:
+    """The triangles, each rotated until a longest edge is opposite to the first corner, (T, 3).
+
+    The shape is (T, 3).
+    """
     x, y = points.T[:, triangles.T]
     opposite = np.hypot(x[[2, 0, 1]] - x[[1, 2, 0]], y[[2, 0, 1]] - y[[1, 2, 0]])
-    first = np.argmax(opposite > (1 - LONGEST) * opposite.max(axis=0), axis=0)
+    first = np.argmax(opposite > (1 - LONGEST_EDGE_TOLERANCE) * opposite.max(axis=0), axis=0)
     return np.take_along_axis(triangles, (first[:, None] + np.arange(3)) % 3, axis=1)
 
 
-def turned(points: Array, triangles: Index) -> tuple[Index, bool]:
+def rotate_to_pattern(points: Array, triangles: Index) -> tuple[Index, bool]:
     """Triangles (T, 3), all alike, with a longest edge opposite to the first corner, and True.
 
     If that cannot be, the triangles as they are, and False.
 
     Alike are triangles that a shift, or a turn by 180 degrees and a shift, takes to each other.
     """
-    if len(triangles) > FEW and not turned(points, triangles[:FEW])[1]:
+    if len(triangles) > PROBE_TRIANGLES and not rotate_to_pattern(points, triangles[:PROBE_TRIANGLES])[1]:
         return triangles, False
-    pattern = longest_first(points, triangles[:1])[0]
+    pattern = rotate_to_longest_edge(points, triangles[:1])[0]
     model = np.roll(points[pattern], -1, axis=0) - points[pattern]
     sides = np.roll(points[triangles], -1, axis=1) - points[triangles]
     alike = np.zeros(len(triangles), dtype=bool)
@@ -279,7 +326,7 @@ def turned(points: Array, triangles: Index) -> tuple[Index, bool]:
     for turn in range(3):
         moved = np.roll(sides, -turn, axis=1)
         apart = [np.abs(moved - sign * model).max(axis=(1, 2)) for sign in (1, -1)]
-        new: Mask = ~alike & (np.minimum(*apart) <= CONGRUENT * np.abs(sides).max())
+        new: Mask = ~alike & (np.minimum(*apart) <= CONGRUENCE_TOLERANCE * np.abs(sides).max())
         found[new] = np.roll(triangles, -turn, axis=1)[new]
         alike = alike | new
     return (found, True) if alike.all() else (triangles, False)

@@ -35,7 +35,7 @@ class CellMeans:
     """A case seen from T_H: cell means (m,) of lambda, u - g and g, and norms, NaN if lambda is not in L2.
 
     The norms are ||lambda||_0 and ||lambda - Pi_H lambda||_0. `has_transition` (m,) is as the case declares
-    it; `size` is the largest |u| + |u - g| on the boundary.
+    it; `data_size` is the largest |u| + |u - g| on the boundary.
     """
 
     partition: Partition
@@ -45,11 +45,14 @@ class CellMeans:
     has_transition: Mask
     lambda_norm: float
     projection_error: float
-    size: float
+    data_size: float
 
     @cached_property
     def consistency_terms(self) -> Array:
-        """(m,) the cells' parts of <Pi_H lambda, u - g>, (4.16)."""
+        """The cells' parts of <Pi_H lambda, u - g>, (4.16).
+
+        The shape is (m,).
+        """
         return self.partition.lengths * self.lambda_means * self.gap_means
 
     @property
@@ -70,7 +73,7 @@ class CellMeans:
     @cached_property
     def lambda_is_zero(self) -> bool:
         """Whether lambda is 0 up to round-off of the data, whatever their size."""
-        return self.lambda_norm <= 1e-12 * self.size
+        return self.lambda_norm <= 1e-12 * self.data_size
 
 
 def cell_means(case: ExactSolution, partition: Partition) -> CellMeans:
@@ -83,10 +86,10 @@ def cell_means_of_gaps(cases: Sequence[ExactSolution], partition: Partition) -> 
 
     They are exact to round-off, by quadrature that is split at the singular points of all cases.
     """
-    singular = [point for case in cases for point in case.singular()]
+    singular = [point for case in cases for point in case.singular_points()]
     rule = boundary_rule(partition.polygon, partition.points, singular)
     m = partition.n_cells
-    u, flux, first = cases[0].boundary(rule.side, rule.s, rule.near)
+    u, flux, first = cases[0].trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)
     lambda_means = rule.integrate(flux, m) / partition.lengths
     deviation = flux - lambda_means[rule.interval]
     in_L2 = 1.0 if cases[0].flux_in_L2 else math.nan
@@ -117,42 +120,42 @@ class ExactErrors(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Exact:
+class CaseProjections:
     """The exact solution seen from both spaces: what a discrete one is measured by."""
 
     ritz: RitzProjection
-    means: CellMeans
+    cell_means: CellMeans
 
-    def tolerance(self, spaces: MixedSpaces) -> float:
+    def smallest_error_part(self, spaces: MixedSpaces) -> float:
         """The smallest part of the discretisation error in ||.||_1 that is known before iterating, and not 0.
 
         The parts are ||u - z_h||_1 and lambda_min(S)^{1/2} ||lambda - Pi_H lambda||_0.
         """
-        if spaces.operator.singular or self.means.lambda_is_zero:
+        if spaces.operator.is_singular or self.cell_means.lambda_is_zero:
             return self.ritz.ritz_error
-        of_lambda = math.sqrt(spaces.operator.lambda_min) * self.means.projection_error
+        of_lambda = math.sqrt(spaces.operator.lambda_min) * self.cell_means.projection_error
         return min(x for x in (self.ritz.ritz_error, of_lambda) if x > 0)
 
     def boundary_load(self, spaces: MixedSpaces, mu: Array) -> Array:
         """<lambda - mu, phi_j> (nb,) for mu (m,)."""
-        return self.ritz.flux_load - spaces.B.T @ mu
+        return self.ritz.multiplier_load - spaces.B.T @ mu
 
-    def ritz_means(self, spaces: MixedSpaces) -> float:
+    def ritz_means_norm(self, spaces: MixedSpaces) -> float:
         """||Pi_H(u - z_h)||_0 on the cells with a multiplier."""
-        u_means = (self.means.gap_means + self.means.g_means)[spaces.cells]
+        u_means = (self.cell_means.gap_means + self.cell_means.g_means)[spaces.cells]
         lengths = spaces.operator.H_i
         B = coupling(spaces.mesh, spaces.partition)[spaces.cells]
-        of_z = B @ self.ritz.values / lengths
+        of_z = B @ self.ritz.boundary_values / lengths
         return math.sqrt(lengths @ (u_means - of_z) ** 2)
 
     def errors(self, spaces: MixedSpaces, mu: Array) -> ExactErrors:
         """The errors of (u(mu), mu) for mu (m,); those of lambda are not judged where beta is 0."""
-        h1, share, dual = self.ritz.h1_error(self.boundary_load(spaces, mu))
-        if spaces.operator.singular:
+        h1, share, dual = self.ritz.h1_and_dual_errors(self.boundary_load(spaces, mu))
+        if spaces.operator.is_singular:
             return ExactErrors(h1, math.nan, math.nan, share)
-        return ExactErrors(h1, dual, self.means.l2_error(spaces.extended(mu)), share)
+        return ExactErrors(h1, dual, self.cell_means.l2_error(spaces.extend_by_zero(mu)), share)
 
 
-def exact(case: ExactSolution, spaces: MixedSpaces) -> Exact:
+def project_case(case: ExactSolution, spaces: MixedSpaces) -> CaseProjections:
     """The case's solution seen from the spaces."""
-    return Exact(ritz_projection(case, spaces.condensed), cell_means(case, spaces.partition))
+    return CaseProjections(ritz_projection(case, spaces.condensed), cell_means(case, spaces.partition))

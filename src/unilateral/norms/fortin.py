@@ -30,17 +30,17 @@ from unilateral.fem.p1 import coupling, gradients
 from unilateral.fem.poincare import KAPPA
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition, overlay
-from unilateral.norms.nodal_averages import deviations
+from unilateral.norms.nodal_averages import deviation_matrix
 from unilateral.norms.oscillation import trace_constants
-from unilateral.norms.resolution import ROUND_OFF, inner_nodes
+from unilateral.norms.resolution import CELL_ROUND_OFF, innermost_nodes
 
-STEPS = 8
+COLLATZ_STEPS = 8
 """So often x is replaced by M M^T x. More steps change rho by about a per cent; for n one is enough."""
-LEAST = 1e-2
+COLLATZ_SHIFT = 1e-2
 """Each step adds this part of x, so that x stays positive."""
-LEAST_DELTA = 1e-4
-MOST_ASPECT = 1e5
-SLACK = 1 + 1e-7
+MIN_FORTIN_DELTA = 1e-4
+MAX_FORTIN_ASPECT = 1e5
+FORTIN_ROUNDING_FACTOR = 1 + 1e-7
 """SLACK covers rounding where delta is not smaller, and no d_T^2/|T| larger, than these.
 
 With eps the unit round-off, that of `pairing` is about eps/delta, and that of `gradients` at most 1000 eps
@@ -48,28 +48,28 @@ times d_T^2/|T|. All other sums are of numbers >= 0.
 """
 
 
-def beta_below(mesh: Mesh, partition: Partition, form: Form = H1) -> float:
+def beta_lower_bound(mesh: Mesh, partition: Partition, form: Form = H1) -> float:
     """A guaranteed lower bound on beta for the functions, the norm and the multipliers of the form.
 
     P v vanishes on clamped sides, as v does. The bound is 0, which says nothing, where a cell has no node
     well inside or a triangle is too thin.
     """
-    cells = np.flatnonzero(form.held(partition.side))
+    cells = np.flatnonzero(form.has_multiplier(partition.side))
     if not len(cells):
         return 1.0
-    delta = inner_nodes(mesh.s, partition)[1][cells].min()
+    delta = innermost_nodes(mesh.s, partition)[1][cells].min()
     aspect = mesh.longest_edges**2 / mesh.areas
-    if delta < LEAST_DELTA or aspect.max() > MOST_ASPECT:
+    if delta < MIN_FORTIN_DELTA or aspect.max() > MAX_FORTIN_ASPECT:
         return 0.0
-    of = majorant(mesh, partition, cells, form)
-    most = norm(of, of.gradients, of.W_gradients)
+    of = build_majorant(mesh, partition, cells, form)
+    most = collatz_norm(of, of.gradients, of.W_gradients)
     if form.c:
-        n = norm(of, of.values, of.W_values, steps=1) + KAPPA * mesh.diameter
-        most = of_operator(most, math.sqrt(form.c / form.k) * n)
-    return 1 / (SLACK * mesh.growth**2 * most)
+        n = collatz_norm(of, of.values, of.W_values, steps=1) + KAPPA * mesh.diameter
+        most = operator_norm_bound(most, math.sqrt(form.c / form.k) * n)
+    return 1 / (FORTIN_ROUNDING_FACTOR * mesh.exact_mesh_factor**2 * most)
 
 
-def of_operator(rho: float, n: float) -> float:
+def operator_norm_bound(rho: float, n: float) -> float:
     """A bound on ||P|| if |P v|_1 <= rho |v|_1 and (c/k)^{1/2} ||v - P v||_0 <= n |v|_1 for all v.
 
     With a = k^{1/2} |v|_1 and b = c^{1/2} ||v||_0, ||P v||^2 is at most rho^2 a^2 + (b + n a)^2, a form in a
@@ -84,7 +84,7 @@ class Majorant(NamedTuple):
     All are without signs. `gradients` (2m, 2m) give |T|^{1/2} grad A I v from g, and `values` (3m, 2m) give
     |T|^{1/2} / 3^{1/2} times A I v - I v at corners, whose Euclidean norm is at least the one in L2.
     `W_gradients` (2m, cells) and `W_values` (3m, cells) are the same for the W_i. With the means of v - A I v
-    over cells from `means` (cells, 2m) g and `cut` (cells, k) t, `pairing` (cells, cells) y is at most these;
+    over cells from `means` (cells, 2m) g and `cut_terms` (cells, k) t, `pairing` (cells, cells) y is at most these;
     its inverse has no negative entries.
     """
 
@@ -93,18 +93,18 @@ class Majorant(NamedTuple):
     W_gradients: sp.csr_array
     W_values: sp.csr_array
     means: sp.csr_array
-    cut: sp.csr_array
+    cut_terms: sp.csr_array
     pairing: sp.csc_array
 
 
-def majorant(mesh: Mesh, partition: Partition, cells: Index, form: Form = H1) -> Majorant:
-    """That of a mesh and the multipliers on the `cells` (k,), each with a node inside."""
-    chosen, deltas = inner_nodes(mesh.s, partition)
+def build_majorant(mesh: Mesh, partition: Partition, cells: Index, form: Form = H1) -> Majorant:
+    """The majorant of the Fortin operator for a mesh and the multipliers on some cells, each with a node inside."""
+    chosen, deltas = innermost_nodes(mesh.s, partition)
     knots = np.unique(np.concatenate([chosen[deltas > 0], _ends_at_nodes(mesh, partition)]))
-    W = extended(mesh, knots)[:, np.searchsorted(knots, chosen[cells])]
-    jumped = deviations(mesh, form)
-    slopes = _slopes(mesh)
-    (whole, cut) = _means(mesh, partition)
+    W = extend_hats(mesh, knots)[:, np.searchsorted(knots, chosen[cells])]
+    jumped = deviation_matrix(mesh, form)
+    slopes = _gradient_matrix(mesh)
+    (whole, cut) = _mean_matrices(mesh, partition)
     scale = np.repeat(np.sqrt(mesh.areas / 3), 3)
     at_corners = W[mesh.triangles.ravel()]
     pairing = (coupling(mesh, partition)[cells] @ W[mesh.boundary]).tocsc()
@@ -113,17 +113,17 @@ def majorant(mesh: Mesh, partition: Partition, cells: Index, form: Form = H1) ->
     means = whole[cells] @ jumped
     averaged.setdiag(averaged.diagonal() + 1)
     return Majorant(
-        without_signs(averaged),
-        without_signs(jumped, scale),
-        without_signs(slopes @ at_corners),
-        without_signs(at_corners, scale),
-        without_signs(means),
+        drop_signs(averaged),
+        drop_signs(jumped, scale),
+        drop_signs(slopes @ at_corners),
+        drop_signs(at_corners, scale),
+        drop_signs(means),
         cut[cells],
         pairing.tocsc(),
     )
 
 
-def without_signs(matrix: sp.csr_array, scale: Array | None = None) -> sp.csr_array:
+def drop_signs(matrix: sp.csr_array, scale: Array | None = None) -> sp.csr_array:
     """The matrix without its signs, each row times its `scale` (rows,) > 0; in its own memory."""
     np.abs(matrix.data, out=matrix.data)
     if scale is not None:
@@ -132,23 +132,31 @@ def without_signs(matrix: sp.csr_array, scale: Array | None = None) -> sp.csr_ar
 
 
 def _ends_at_nodes(mesh: Mesh, partition: Partition) -> Array:
-    """(k,) the arc lengths of the nodes that are ends of cells."""
+    """The arc lengths of the nodes that are ends of cells.
+
+    The shape is (k,).
+    """
     nodes = mesh.s[:-1]
     ends = partition.points
     nearest = ends[np.searchsorted(0.5 * (ends[1:] + ends[:-1]), nodes)]
-    return nodes[np.abs(nodes - nearest) <= ROUND_OFF * partition.lengths.min()]
+    return nodes[np.abs(nodes - nearest) <= CELL_ROUND_OFF * partition.lengths.min()]
 
 
-def _slopes(mesh: Mesh) -> sp.csr_array:
-    """(2m, 3m) |T|^{1/2} times the gradient on T from the values at its corners."""
+def _gradient_matrix(mesh: Mesh) -> sp.csr_array:
+    """The matrix from values at the corners of triangles to |T|^{1/2} times the gradient.
+
+    The shape is (2m, 3m).
+    """
     m = len(mesh.triangles)
     entries = (gradients(mesh) * np.sqrt(mesh.areas)[:, None, None]).transpose(0, 2, 1)
     columns = np.repeat(np.arange(3 * m).reshape(m, 3), 2, axis=0)
     return sp.csr_array((entries.ravel(), columns.ravel(), np.arange(0, 6 * m + 1, 3)), shape=(2 * m, 3 * m))
 
 
-def _means(mesh: Mesh, partition: Partition) -> tuple[sp.csr_array, sp.csr_array]:
-    """(cells, 3m) minus the integrals of A I v - I v from its values at corners, and (cells, k) `cut`.
+def _mean_matrices(mesh: Mesh, partition: Partition) -> tuple[sp.csr_array, sp.csr_array]:
+    """The matrices for the integrals of A I v - I v over cells: from its values at corners, and for edges that an end of a cell cuts.
+
+    The shape is (cells, 3m).
 
     With w = v - I v and a part of an edge e that is the share p of it, the integral of w over the part is at
     most (|e| p (1 - p))^{1/2} ||w||_{0,e}, as that over e is 0, and ||w||_{0,e}^2 is at most
@@ -171,34 +179,36 @@ def _means(mesh: Mesh, partition: Partition) -> tuple[sp.csr_array, sp.csr_array
     return whole, cut.tocsr()
 
 
-def norm(of: Majorant, rows: sp.csr_array, W_rows: sp.csr_array, steps: int = STEPS) -> float:
+def collatz_norm(
+    majorant: Majorant, rows: sp.csr_array, W_rows: sp.csr_array, steps: int = COLLATZ_STEPS
+) -> float:
     """The norm of v -> rows g + W_rows y by Collatz's bound."""
-    solve = splu(of.pairing)
+    solve = splu(majorant.pairing)
     x = np.ones(rows.shape[0])
     for _ in range(steps):
         x = x / x.max()
         y = solve.solve(W_rows.T @ x, trans="T")
-        image = rows.T @ x + of.means.T @ y, of.cut.T @ y
-        means = of.means @ image[0] + of.cut @ image[1]
+        image = rows.T @ x + majorant.means.T @ y, majorant.cut_terms.T @ y
+        means = majorant.means @ image[0] + majorant.cut_terms @ image[1]
         square = rows @ image[0] + W_rows @ solve.solve(means)
         quotient = float((square / x).max())
-        x = square + LEAST * x
+        x = square + COLLATZ_SHIFT * x
     return math.sqrt(quotient)
 
 
-def extended(mesh: Mesh, nodes: Array) -> sp.csr_array:
+def extend_hats(mesh: Mesh, knots: Array) -> sp.csr_array:
     """W (n, k): nodal values of functions in V_h whose traces are hats at the boundary nodes (k,) of these s.
 
     Each falls to 0 at the next of them. Inside values fall along edges, from one layer of nodes to the next,
     by 1 over the shorter half of the hat's support.
     """
-    widths = np.diff(nodes, append=nodes[0] + mesh.polygon.perimeter)
-    before = (np.searchsorted(nodes, mesh.s[:-1], side="right") - 1) % len(nodes)
-    t = (mesh.s[:-1] - nodes[before]) % mesh.polygon.perimeter / widths[before]
+    widths = np.diff(knots, append=knots[0] + mesh.polygon.perimeter)
+    before = (np.searchsorted(knots, mesh.s[:-1], side="right") - 1) % len(knots)
+    t = (mesh.s[:-1] - knots[before]) % mesh.polygon.perimeter / widths[before]
     at = np.tile(mesh.boundary, 2)
-    hats = np.concatenate([before, (before + 1) % len(nodes)])
+    hats = np.concatenate([before, (before + 1) % len(knots)])
     values = np.concatenate([1 - t, t])
-    shape = (mesh.n_nodes, len(nodes))
+    shape = (mesh.n_nodes, len(knots))
     W = sp.coo_array((values, (at, hats)), shape=shape).tocsr()
     reach = np.minimum(widths, np.roll(widths, 1))
     ends = mesh.triangulation.ends
@@ -209,9 +219,9 @@ def extended(mesh: Mesh, nodes: Array) -> sp.csr_array:
         lengths = np.linalg.norm(mesh.points[start[onward]] - mesh.points[end[onward]], axis=1)
         of, hats = (near := W[start[onward]].tocoo()).coords
         left = near.data - lengths[of] / reach[hats]
-        places, which = np.unique((end[onward][of] * len(nodes) + hats)[left > 0], return_inverse=True)
+        places, which = np.unique((end[onward][of] * len(knots) + hats)[left > 0], return_inverse=True)
         values = np.zeros(len(places))
         np.maximum.at(values, which, left[left > 0])
-        W = W + sp.coo_array((values, np.divmod(places, len(nodes))), shape=shape).tocsr()
+        W = W + sp.coo_array((values, np.divmod(places, len(knots))), shape=shape).tocsr()
         known[end[onward]] = True
     return W

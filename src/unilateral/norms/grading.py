@@ -13,21 +13,23 @@ from unilateral.geometry.polygon import Polygon
 from unilateral.norms.oscillation import distance_to_other_sides
 
 EDGES_PER_CELL = 8
-HALVINGS = 8
-SHORTEST = 5e-8
+HALVINGS_AT_SINGULARITY = 8
+MIN_EDGE_DIAMETERS = 5e-8
 """The shortest edge, in diameters of the polygon: gmsh tells points apart that are 1e-8 apart."""
-SNAP = 1e-6
+SNAP_DIAMETERS = 1e-6
 """A singular point at most this far from a cell's end, in diameters, counts as that end in the grading."""
-LONGEST = 0.25
-MOST_EDGES = 8_000
+MAX_REFERENCE_EDGE = 0.25
+MAX_REFERENCE_EDGES = 8_000
 """On a large polygon edges may be longer than LONGEST, up to the perimeter divided by this number.
 
 The bounds stay valid.
 """
 
 
-def boundary_nodes(partition: Partition, singular: Iterable[float], edges_per_cell: int) -> Array:
-    """(nb,) arc lengths of the mesh's boundary nodes, nested in T_H and in the singular points.
+def grade_boundary_nodes(partition: Partition, singular: Iterable[float], edges_per_cell: int) -> Array:
+    """Arc lengths of the reference mesh's boundary nodes, nested in T_H and in the singular points.
+
+    The shape is (nb,).
 
     A cell has the given number of edges, at Chebyshev's points: shortest at its ends, where P0 functions
     jump. Singular points inside cut it in parts that share its edges; the edges at them are halved, as are
@@ -36,9 +38,9 @@ def boundary_nodes(partition: Partition, singular: Iterable[float], edges_per_ce
     near to a cell's end as SNAP is to that end. Raises InputError if a cell is shorter than SHORTEST.
     """
     polygon = partition.polygon
-    shortest = SHORTEST * polygon.diameter
-    _check_cells(partition, shortest)
-    points = _singular_points(partition, singular)
+    shortest = MIN_EDGE_DIAMETERS * polygon.diameter
+    _check_cell_lengths(partition, shortest)
+    points = _snap_singular_points(partition, singular)
     cuts = np.union1d(partition.points, points)
     parts = np.diff(cuts)
     cell = np.searchsorted(partition.points, 0.5 * (cuts[1:] + cuts[:-1])) - 1
@@ -51,44 +53,44 @@ def boundary_nodes(partition: Partition, singular: Iterable[float], edges_per_ce
     share = 0.5 - 0.5 * np.cos(np.pi * index / np.repeat(counts, counts))
     nodes = [np.repeat(cuts[:-1], counts) + share * np.repeat(parts, counts)]
     ends = (0.5 - 0.5 * np.cos(np.pi / counts)) * parts
-    halves = 0.5 ** np.arange(1, HALVINGS + 1)
+    halves = 0.5 ** np.arange(1, HALVINGS_AT_SINGULARITY + 1)
     for i, p in zip(np.searchsorted(cuts, points).tolist(), points, strict=True):
         for sign, end in ((1, ends[i % len(ends)]), (-1, ends[i - 1])):
             nodes.append(p + sign * (end * halves)[end * halves >= shortest])
-    nodes += _graded_to_shorter_neighbours(cuts[:-1], ends)
+    nodes += _grade_to_shorter_neighbours(cuts[:-1], ends)
     s = np.unique(np.concatenate(nodes) % polygon.perimeter)
-    return _near_shorter_edges(polygon, _halved(polygon, s))
+    return _halve_near_shorter_edges(polygon, _halve_long_edges(polygon, s))
 
 
-def _check_cells(partition: Partition, shortest: float) -> None:
+def _check_cell_lengths(partition: Partition, shortest: float) -> None:
     i = int(np.argmin(partition.lengths))
     if partition.lengths[i] < shortest:
         raise InputError(
             f"partition: cell {i} has the length {partition.lengths[i]:.3g}; for bounds on the dual norm "
-            f"it has to be {shortest:.3g} or more, {SHORTEST:g} of the polygon's diameter"
+            f"it has to be {shortest:.3g} or more, {MIN_EDGE_DIAMETERS:g} of the polygon's diameter"
         )
 
 
-def _singular_points(partition: Partition, singular: Iterable[float]) -> Array:
+def _snap_singular_points(partition: Partition, singular: Iterable[float]) -> Array:
     """The singular points' arc lengths, increasing; those as near to a cell's end as SNAP are moved to it."""
     perimeter = partition.polygon.perimeter
     given = np.array(sorted({s % perimeter for s in singular}))
     ends = partition.points[np.abs(given[:, None] - partition.points).argmin(axis=1)]
-    snap = SNAP * partition.polygon.diameter
+    snap = SNAP_DIAMETERS * partition.polygon.diameter
     moved = np.unique(np.where(np.abs(given - ends) <= snap, ends, given) % perimeter)
     return moved[np.diff(moved, prepend=-np.inf) > snap]
 
 
-def _halved(polygon: Polygon, s: Array) -> Array:
+def _halve_long_edges(polygon: Polygon, s: Array) -> Array:
     """The nodes s and more (nb,), inside edges too long for functions that decay with the distance 1."""
-    limit = max(LONGEST, polygon.perimeter / MOST_EDGES)
+    limit = max(MAX_REFERENCE_EDGE, polygon.perimeter / MAX_REFERENCE_EDGES)
     ends = np.append(s, polygon.perimeter)
     while np.any(long := np.diff(ends) > limit):
         ends = np.union1d(ends, (0.5 * (ends[1:] + ends[:-1]))[long])
     return ends[:-1]
 
 
-def _near_shorter_edges(polygon: Polygon, s: Array) -> Array:
+def _halve_near_shorter_edges(polygon: Polygon, s: Array) -> Array:
     """The nodes s and more (nb,): no edge is longer than twice one on another side plus the distance."""
     while True:
         ends = np.append(s, polygon.perimeter)
@@ -105,7 +107,7 @@ def _near_shorter_edges(polygon: Polygon, s: Array) -> Array:
         s = np.union1d(s, middle[long])
 
 
-def _graded_to_shorter_neighbours(cuts: Array, ends: Array) -> list[Array]:
+def _grade_to_shorter_neighbours(cuts: Array, ends: Array) -> list[Array]:
     """Nodes beside the cuts, where the last edge of one cell is more than twice as long as its neighbour."""
     before = np.roll(ends, 1)
     after = ends

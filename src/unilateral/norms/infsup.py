@@ -17,7 +17,7 @@ from unilateral.arrays import Array
 from unilateral.fem.spaces import DualOperator
 from unilateral.norms.dual import Bracket
 
-ZERO = 1e-12
+BETA_SQUARED_ROUNDING = 1e-12
 """A beta^2 of at most this is rounding, and counts as 0."""
 
 
@@ -29,7 +29,7 @@ class InfSup(NamedTuple):
     beta_0: float
 
 
-def infsup(operator: DualOperator, gram: Bracket) -> InfSup:
+def infsup_constants(operator: DualOperator, gram: Bracket) -> InfSup:
     """The constants of a mesh and a partition, from the Gram matrices (m, m) of P0(T_H).
 
     beta is at most 1, for V_h is conforming.
@@ -43,4 +43,4 @@ def infsup(operator: DualOperator, gram: Bracket) -> InfSup:
 def _least_root(D: Array, G: Array) -> float:
     """The root of the least eigenvalue of D x = mu G x; 0 if that is rounding."""
     square = float(eigh(D, G, eigvals_only=True, subset_by_index=[0, 0])[0])
-    return math.sqrt(square) if square > ZERO else 0.0
+    return math.sqrt(square) if square > BETA_SQUARED_ROUNDING else 0.0

@@ -11,8 +11,8 @@ import numpy as np
 from unilateral.arrays import Index
 from unilateral.formulas.derivative import derivative
 from unilateral.formulas.expression import Expression
-from unilateral.formulas.taylor import Model, joined, number
-from unilateral.formulas.taylor_enclosures import evaluate
+from unilateral.formulas.taylor import TaylorModel, join_models, number_model
+from unilateral.formulas.taylor_enclosures import enclose_formula
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.nodal import NodalTrace
 
@@ -20,16 +20,18 @@ SideData = Expression | NodalTrace
 """What is given on a side: a formula, or values at nodes."""
 
 
-def places(polygon: Polygon, side: Index, t: Model) -> tuple[Model, Model]:
+def side_coordinates(polygon: Polygon, side: Index, t: TaylorModel) -> tuple[TaylorModel, TaylorModel]:
     """x and y on intervals of the sides (k,), t the arc length in side lengths."""
     start_x, start_y = polygon.vertices[side].T
     along_x, along_y = polygon.edges[side].T
-    x = number(t, start_x) + number(t, along_x) * t
-    y = number(t, start_y) + number(t, along_y) * t
+    x = number_model(t, start_x) + number_model(t, along_x) * t
+    y = number_model(t, start_y) + number_model(t, along_y) * t
     return x, y
 
 
-def on_sides(data: Sequence[SideData], side: Index, variables: Mapping[str, Model]) -> Model:
+def model_side_data(
+    data: Sequence[SideData], side: Index, variables: Mapping[str, TaylorModel]
+) -> TaylorModel:
     """The data, one per side, on intervals of the sides (k,); equal formulas are evaluated together.
 
     Formulas are in the `variables`; values at nodes are over t, the arc length in side lengths.
@@ -40,25 +42,25 @@ def on_sides(data: Sequence[SideData], side: Index, variables: Mapping[str, Mode
     parts = []
     for function, sides in same.items():
         here = np.flatnonzero(np.isin(side, sides))
-        models = {name: model.on(here) for name, model in variables.items()}
+        models = {name: model.select_boxes(here) for name, model in variables.items()}
         if isinstance(function, NodalTrace):
-            parts.append((function.model(models["t"]), here))
+            parts.append((function.value_model(models["t"]), here))
         else:
-            parts.append((evaluate(function, models), here))
-    return joined(parts)
+            parts.append((enclose_formula(function, models), here))
+    return join_models(parts)
 
 
-def slopes_on_sides(data: Sequence[SideData], polygon: Polygon, side: Index, t: Model) -> Model:
+def model_side_slopes(data: Sequence[SideData], polygon: Polygon, side: Index, t: TaylorModel) -> TaylorModel:
     """The derivatives by t of the data, formulas in x and y, on intervals of the sides (k,)."""
     parts = []
     for i in np.unique(side).tolist():
         function = data[i]
         here = np.flatnonzero(side == i)
         if isinstance(function, NodalTrace):
-            parts.append((function.slope_model(t.on(here)), here))
+            parts.append((function.slope_model(t.select_boxes(here)), here))
             continue
-        variables = dict(zip("xy", places(polygon, side[here], t.on(here)), strict=True))
+        variables = dict(zip("xy", side_coordinates(polygon, side[here], t.select_boxes(here)), strict=True))
         along = zip("xy", polygon.edges[i], strict=True)
-        slopes = (evaluate(derivative(function, z), variables).scaled(e) for z, e in along)
+        slopes = (enclose_formula(derivative(function, z), variables).scale(e) for z, e in along)
         parts.append((reduce(add, slopes), here))
-    return joined(parts)
+    return join_models(parts)

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
-from unilateral.arrays import LARGEST_VALUE, Array, Mask, floats, nodal_values
-from unilateral.discrete.choice import condensed_spaces, solve_on
-from unilateral.discrete.condensed import on_spaces
-from unilateral.discrete.loads import form_of
+from unilateral.arrays import MAX_INPUT_VALUE, Array, Mask, read_floats, read_nodal_values
+from unilateral.discrete.choice import condensed_spaces, solve_on_mesh
+from unilateral.discrete.condensed import discretise_on_condensed_spaces
+from unilateral.discrete.problem_data import problem_form
 from unilateral.discrete.solution import DiscreteSolution, replace_u
 from unilateral.errors import InputError
 from unilateral.geometry.mesh import Mesh
@@ -30,20 +30,26 @@ if TYPE_CHECKING:
     from unilateral.problems.problem import Problem
 
 
-def certify(problem: Problem, mesh: Mesh, u: ArrayLike, multiplier: ArrayLike | None) -> Solution:
+def certify_nodal_values(
+    problem: Problem, mesh: Mesh, u: ArrayLike, multiplier: ArrayLike | None
+) -> Solution:
     """Solution with the values `u` (n,) at nodes, `multiplier` (nb,) on boundary edges; as `api.certify`."""
     problem = put_on_mesh(problem, mesh)
-    values = nodal_values(u, "u")
-    _check(values, mesh.n_nodes, "u", "node (of a second-order function: each corner of a triangle)")
+    values = read_nodal_values(u, "u")
+    _check_finite_values(
+        values, mesh.n_nodes, "u", "node (of a second-order function: each corner of a triangle)"
+    )
     if multiplier is None:
-        own = solve_on(problem, mesh, edge_pairs(mesh), Stop())  # the bounds hold for any lambda_H
+        own = solve_on_mesh(
+            problem, mesh, pair_boundary_edges(mesh), Stop()
+        )  # the bounds hold for any lambda_H
     else:
         without = np.isin(mesh.side, (*problem.free_sides, *problem.clamped_sides))
-        own = _solve_linear(problem, mesh, _edge_values(multiplier, without))
+        own = _solve_linear(problem, mesh, _check_edge_multiplier(multiplier, without))
     return Solution(problem, replace_u(own, values))
 
 
-def edge_pairs(mesh: Mesh) -> Partition:
+def pair_boundary_edges(mesh: Mesh) -> Partition:
     """Cells of two boundary edges each; the last cell of a side has three if their number is odd."""
     sides = np.split(mesh.s[:-1], np.flatnonzero(np.diff(mesh.side)) + 1)
     starts = [side[: max(len(side) // 2 * 2, 1) : 2] for side in sides]
@@ -53,35 +59,37 @@ def edge_pairs(mesh: Mesh) -> Partition:
 def _solve_linear(problem: Problem, mesh: Mesh, lambda_H: Array) -> DiscreteSolution:
     """Discrete solution of the linear problem with the flux `lambda_H` (nb,) on sides with contact."""
     cells = Partition(mesh.polygon, mesh.s)
-    discrete = on_spaces(problem, condensed_spaces(mesh, cells, form_of(problem, mesh)))
+    discrete = discretise_on_condensed_spaces(
+        problem, condensed_spaces(mesh, cells, problem_form(problem, mesh))
+    )
     mu = lambda_H[discrete.cells]
     result = DualResult(mu, math.nan, 0, bound=math.nan, converged=True, rho=math.nan, algorithm="given")
-    potential = discrete.held + discrete.spaces.response(discrete.of_rest[0], mu)
+    potential = discrete.dirichlet_lift + discrete.spaces.response(discrete.homogeneous_data[0], mu)
     # The multiplier is given, so it is the only one
-    return replace(discrete.solution(result, math.nan, potential), unique=True)
+    return replace(discrete.make_solution(result, math.nan, potential), unique=True)
 
 
-def _edge_values(multiplier: ArrayLike, without: Mask) -> Array:
-    """Multiplier (nb,) of the user, 0 on the edges `without` (nb,) contact."""
-    values = floats(multiplier, "multiplier")
-    if values.shape == without.shape:
-        values[without & np.isnan(values)] = 0.0
-    _check(values, len(without), "multiplier", "boundary edge")
-    wrong = np.flatnonzero(np.where(without, values != 0, values < 0))
+def _check_edge_multiplier(multiplier: ArrayLike, no_contact: Mask) -> Array:
+    """Multiplier (nb,) of the user, 0 on the edges `no_contact` (nb,) contact."""
+    values = read_floats(multiplier, "multiplier")
+    if values.shape == no_contact.shape:
+        values[no_contact & np.isnan(values)] = 0.0
+    _check_finite_values(values, len(no_contact), "multiplier", "boundary edge")
+    wrong = np.flatnonzero(np.where(no_contact, values != 0, values < 0))
     if wrong.size:
-        wanted = "0 or NaN on free and clamped sides" if without[wrong[0]] else "0 or more"
+        wanted = "0 or NaN on free and clamped sides" if no_contact[wrong[0]] else "0 or more"
         raise InputError(f"multiplier[{wrong[0]}] is {values[wrong[0]]:.6g}; it has to be {wanted}")
     return values
 
 
-def _check(values: Array, count: int, name: str, place: str) -> None:
+def _check_finite_values(values: Array, count: int, name: str, place: str) -> None:
     """Raises InputError unless there are `count` values whose squares are no overflow."""
     if values.shape != (count,):
         raise InputError(
             f"{name} has the shape {values.shape}; it has to be ({count},), a value at each {place}"
         )
-    wrong = np.flatnonzero(~(np.abs(values) < LARGEST_VALUE))
+    wrong = np.flatnonzero(~(np.abs(values) < MAX_INPUT_VALUE))
     if wrong.size:
         raise InputError(
-            f"{name}[{wrong[0]}] is {values[wrong[0]]}; it has to be finite, below {LARGEST_VALUE:g}"
+            f"{name}[{wrong[0]}] is {values[wrong[0]]}; it has to be finite, below {MAX_INPUT_VALUE:g}"
         )

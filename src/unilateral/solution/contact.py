@@ -12,7 +12,7 @@ from unilateral.arrays import Array
 from unilateral.geometry.partition import Partition
 
 
-class Interval(NamedTuple):
+class ContactInterval(NamedTuple):
     """An interval of contact on a side, between two arc lengths from the side's own start.
 
     Its ends are at the places `first` and `last`.
@@ -38,7 +38,7 @@ class Contact:
         return f"Contact: length {self.length:.4g} of {around:.4g}, {n} interval{'s' * (n != 1)}"
 
     @cached_property
-    def intervals(self) -> list[Interval]:
+    def intervals(self) -> list[ContactInterval]:
         """The longest runs of cells with lambda_H > 0 on one side, in the order of the boundary."""
         cells = self.partition
         (places, ends) = self.partition.ends
@@ -50,19 +50,23 @@ class Contact:
         start = cells.points[:-1] - zero
         end = cells.points[1:] - zero
         return [
-            Interval(sides[i], float(start[i]), float(end[k]), _pair(places[i]), _pair(ends[k]))
+            ContactInterval(sides[i], float(start[i]), float(end[k]), _as_pair(places[i]), _as_pair(ends[k]))
             for i, k in zip(begins, lasts, strict=True)
         ]
 
     @cached_property
     def lengths(self) -> Array:
-        """(n,) the length of the contact on each side."""
+        """Length of the contact on each side.
+
+        The shape is (n,).
+        """
         cells = self.partition
         held = np.where(self.lambda_H > 0, cells.lengths, 0.0)
         return np.bincount(cells.side, held, cells.polygon.n_sides).astype(np.float64)
 
     @property
     def length(self) -> float:
+        """Length of the contact on all sides together."""
         return float(self.lengths.sum())
 
     @property
@@ -71,5 +75,5 @@ class Contact:
         return bool((self.lambda_H > 0).all())
 
 
-def _pair(place: Array) -> tuple[float, float]:
-    return float(place[0]), float(place[1])
+def _as_pair(point: Array) -> tuple[float, float]:
+    return float(point[0]), float(point[1])

@@ -45,7 +45,7 @@ class Matrices:
     g: Array
     H: Array
     cells: Index
-    _operator: Callable[[], DualOperator]
+    _make_operator: Callable[[], DualOperator]
 
     def __repr__(self) -> str:
         m, n = self.B.shape
@@ -53,21 +53,27 @@ class Matrices:
 
     @cached_property
     def D(self) -> Array:
-        """(m, m) B A^{-1} B^T, dense. Raises InputError where that takes more memory than is free."""
-        return self._operator().D
+        """The dense matrix B A^{-1} B^T of the dual problem.
+
+        The shape is (m, m).
+        """
+        return self._make_operator().D
 
     @cached_property
     def S(self) -> Array:
-        """(m, m) D with rows and columns divided by H^{1/2}, for H^{1/2} lambda as unknowns."""
+        """D with rows and columns divided by H^{1/2}, for H^{1/2} lambda as unknowns.
+
+        The shape is (m, m).
+        """
         root = np.sqrt(self.H)
         return self.D / root[:, None] / root
 
 
-def matrices(
+def assemble_matrices(
     discrete: DiscreteProblem,
-    operator: Callable[[], DualOperator],
+    make_operator: Callable[[], DualOperator],
 ) -> Matrices:
-    """Those of a discrete problem, whose dual operator the `operator` makes."""
+    """Matrices, load and means of g of a discrete problem."""
     mesh = discrete.mesh
     partition = discrete.partition
     form = discrete.form
@@ -84,5 +90,5 @@ def matrices(
         g=discrete.g_means[cells],
         H=partition.lengths[cells],
         cells=cells,
-        _operator=operator,
+        _make_operator=make_operator,
     )

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from unilateral.solution.solution import Solution
 
-Columns = Mapping[str, Array | Index]
+TableColumns = Mapping[str, Array | Index]
 LONG_NAMES = {
     "u": "u_h at the nodes",
     "x": "x of the nodes",
@@ -37,7 +37,7 @@ LONG_NAMES = {
 }
 
 
-def of_cells(partition: Partition, **values: Array) -> Columns:
+def make_cell_columns(partition: Partition, **values: Array) -> TableColumns:
     """Columns (m,) of the cells: side, the arc lengths and places of both ends, and the `values` on them."""
     s = partition.points
     (start, end) = partition.ends
@@ -53,7 +53,7 @@ def of_cells(partition: Partition, **values: Array) -> Columns:
     }
 
 
-def write_csv(columns: Columns, path: Path) -> None:
+def write_csv(columns: TableColumns, path: Path) -> None:
     """Writes columns (m,), each number with all its digits, and nothing for NaN."""
     rows = zip(*(column.tolist() for column in columns.values()), strict=True)
     with path.open("w", encoding="utf-8", newline="") as file:
@@ -62,20 +62,20 @@ def write_csv(columns: Columns, path: Path) -> None:
         writer.writerows([["" if each != each else each for each in row] for row in rows])
 
 
-def cell_columns(solution: Solution) -> Columns:
+def solution_cell_columns(solution: Solution) -> TableColumns:
     """The columns of the cells of a solution, with lambda_H and the means of u_h - g."""
-    return of_cells(solution.partition, multiplier=solution.multiplier, gap=solution.gap)
+    return make_cell_columns(solution.partition, multiplier=solution.multiplier, gap=solution.gap)
 
 
-def dataset(solution: Solution) -> xr.Dataset:
+def make_dataset(solution: Solution) -> xr.Dataset:
     """u_h on its mesh, and the columns of the cells, by the CF conventions."""
     require("datasets need", "xarray")
     import xarray as xr
 
     mesh = solution.mesh
-    cells = cell_columns(solution)
+    cells = solution_cell_columns(solution)
     attributes = {"h": mesh.h, "H": solution.partition.H}
-    if not solution.solved.foreign:
+    if not solution.solved.is_foreign:
         attributes["algebraic_bound"] = solution.solved.result.bound
     if bounds := bound_errors(solution, sharp=False):
         attributes |= {"h1_bound": bounds.u, "hm12_bound": bounds.multiplier}

@@ -9,29 +9,29 @@ import numpy as np
 from unilateral.arrays import Array
 from unilateral.errors import InputError
 from unilateral.fem.spaces import DualOperator
-from unilateral.solvers.active_set import active_set
+from unilateral.solvers.active_set import solve_by_active_set
 from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult, predicted_steps, residual_bound, uzawa
 
 
-def iterate(
+def run_algorithm(
     operator: DualOperator, offset: Array, tolerance: float, stop: Stop, start: Array | None
 ) -> DualResult:
     """lambda_H (m,) for the offset F(0) (m,), by the algorithm that `stop` asks for."""
     algorithm = stop.algorithm
     if len(offset) == 0:
         return DualResult(np.zeros(0), 0, 0, 0.0, True, math.nan, "direct")
-    if algorithm == "auto" and operator.singular:
+    if algorithm == "auto" and operator.is_singular:
         if stop.rho is not None:
             raise InputError(
                 "rho has no use where S is singular (h/H too large); leave it out, or take smaller h"
             )
         algorithm = "active_set"
     elif algorithm == "auto":
-        algorithm = _plain_or_faster(operator, offset, tolerance, stop, start)
+        algorithm = _choose_algorithm(operator, offset, tolerance, stop, start)
     _check_rho(operator, algorithm, stop.rho)
     if algorithm == "active_set":
-        return active_set(operator, offset, tolerance)
+        return solve_by_active_set(operator, offset, tolerance)
     return uzawa(operator, offset, tolerance, stop.rho, start, stop.max_steps, algorithm)
 
 
@@ -51,7 +51,7 @@ def _check_rho(operator: DualOperator, algorithm: str, rho: float | None) -> Non
     )
 
 
-def _plain_or_faster(
+def _choose_algorithm(
     operator: DualOperator, offset: Array, tolerance: float, stop: Stop, start: Array | None
 ) -> str:
     if stop.rho is not None:

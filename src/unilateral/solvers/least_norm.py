@@ -19,69 +19,88 @@ import numpy as np
 
 from unilateral.arrays import Array, Mask
 
-MOST_STEPS = 10
-NEAR = 1e-300
-FAR = 1e8
+MAX_SET_UPDATES = 10
+MIN_T = 1e-300
+UNBOUNDED_T = 1e8
 """NEAR is the least t, taken where q is 0.
 
 Where nothing bounds t, as |p|_S >= 1, it is FAR times 1 or |q|_S, whichever is larger.
 """
 
 
-def least(S: Array, l: Array, c: Array, active: Mask, exact: Mask) -> Array:  # noqa: E741
+def minimise_linear_plus_norm(
+    S: Array,
+    l: Array,  # noqa: E741
+    lower_bounds: Array,
+    active: Mask,
+    equalities: Mask,
+) -> Array:
     """The best v (n, k) with v >= c, one for each column of c (n, k), which is -inf where there is no bound.
 
-    v = c in the unknowns that are `exact` (n,). S (n, n) is positive definite, and l is (n,). The iteration
-    begins with the `active` sets (n, k), where c is finite. Where they do not settle, v is the best one that
-    was met. A constant is never better, if nothing is exact.
+    v = c in the unknowns that are `equalities` (n,). S (n, n) is positive definite, and l is (n,). The
+    iteration begins with the `active` sets (n, k), where c is finite. Where they do not settle, v is the best
+    one that was met. A constant is never better, if nothing is exact.
     """
-    active = active | exact[:, None]
+    active = active | equalities[:, None]
     usual = 2 * np.count_nonzero(active, axis=1) <= active.shape[1]
-    begin = np.where(np.isfinite(c), c, 0.0) if exact.any() else np.ones_like(c) * c.max(axis=0)
-    T = _pivoted(S, usual)
+    begin = (
+        np.where(np.isfinite(lower_bounds), lower_bounds, 0.0)
+        if equalities.any()
+        else np.ones_like(lower_bounds) * lower_bounds.max(axis=0)
+    )
+    T = _principal_pivot(S, usual)
     best = begin
-    left = np.arange(c.shape[1])
-    values = _values(S, l, best)
-    for _ in range(MOST_STEPS):
+    left = np.arange(lower_bounds.shape[1])
+    values = _objective(S, l, best)
+    for _ in range(MAX_SET_UPDATES):
         of = active[:, left]
-        bound = c[:, left]
-        v, push = _stationary(T, usual, of, bound, l)
+        bound = lower_bounds[:, left]
+        v, push = _stationary_point(T, usual, of, bound, l)
         cut = np.maximum(v, bound)
-        now = _values(S, l, cut)
+        now = _objective(S, l, cut)
         better = now < values[left]
         best[:, left[better]] = cut[:, better]
         values[left[better]] = now[better]
-        active[:, left] = np.where(of, (push >= 0) | exact[:, None], v < bound)
+        active[:, left] = np.where(of, (push >= 0) | equalities[:, None], v < bound)
         left = left[(active[:, left] != of).any(axis=0)]
         if not left.size:
             break
     return best
 
 
-def _stationary(T: Array, usual: Mask, active: Mask, c: Array, l: Array) -> tuple[Array, Array]:  # noqa: E741
+def _stationary_point(
+    T: Array,
+    usually_free: Mask,
+    active: Mask,
+    lower_bounds: Array,
+    l: Array,  # noqa: E741
+) -> tuple[Array, Array]:
     """The stationary v (n, k) for the `active` sets (n, k), and the gradient l + S v / |v|_S."""
-    (q, S_q), (p, S_p) = _parts(T, usual, active, c, l)
+    (q, S_q), (p, S_p) = _solve_active_sets(T, usually_free, active, lower_bounds, l)
     of_q = np.sqrt(np.maximum(np.sum(q * S_q, axis=0), 0.0))
     left = 1 + l @ p
     bounded = left > 0
-    t = np.where(bounded, of_q / np.sqrt(np.where(bounded, left, 1)), FAR * np.maximum(of_q, 1))
-    t = np.maximum(t, NEAR)
+    t = np.where(bounded, of_q / np.sqrt(np.where(bounded, left, 1)), UNBOUNDED_T * np.maximum(of_q, 1))
+    t = np.maximum(t, MIN_T)
     return q + t * p, l[:, None] + S_q / t + S_p
 
 
-def _values(S: Array, l: Array, v: Array) -> Array:  # noqa: E741
-    """(k,) l . v + |v|_S for the columns of v (n, k)."""
+def _objective(S: Array, l: Array, v: Array) -> Array:  # noqa: E741
+    """The values of l . v + |v|_S for each column of v.
+
+    The shape is (k,).
+    """
     return np.asarray(l @ v + np.sqrt(np.maximum(np.sum(v * (S @ v), axis=0), 0.0)))
 
 
-def _pivoted(S: Array, usual: Mask) -> Array:
-    """T (n, n), which is S after a pivot in the `usual` unknowns.
+def _principal_pivot(S: Array, usually_free: Mask) -> Array:
+    """T (n, n), which is S after a pivot in the `usually_free` unknowns.
 
-    For r = S v it takes r in the `usual` unknowns and v in the others to v in the `usual` and r in the
-    others.
+    For r = S v it takes r in the `usually_free` unknowns and v in the others to v in the `usually_free` and r
+    in the others.
     """
-    F = np.flatnonzero(usual)
-    A = np.flatnonzero(~usual)
+    F = np.flatnonzero(usually_free)
+    A = np.flatnonzero(~usually_free)
     inverse = np.linalg.inv(S[np.ix_(F, F)])
     across = inverse @ S[np.ix_(F, A)]
     T = np.empty_like(S)
@@ -92,20 +111,26 @@ def _pivoted(S: Array, usual: Mask) -> Array:
     return T
 
 
-def _parts(T: Array, usual: Mask, active: Mask, c: Array, l: Array) -> list[tuple[Array, Array]]:  # noqa: E741
+def _solve_active_sets(
+    T: Array,
+    usually_free: Mask,
+    active: Mask,
+    lower_bounds: Array,
+    l: Array,  # noqa: E741
+) -> list[tuple[Array, Array]]:
     """q and S q (n, k), p and S p (n, k) for the `active` sets (n, k)."""
     n, k = active.shape
     known = np.zeros((n, 2, k))
-    none = np.zeros_like(c)
-    given = np.stack([np.where(active, c, none), np.where(active, none, -l[:, None])], axis=1)
+    none = np.zeros_like(lower_bounds)
+    given = np.stack([np.where(active, lower_bounds, none), np.where(active, none, -l[:, None])], axis=1)
     for j in range(k):
-        other = np.flatnonzero(active[:, j] == usual)
+        other = np.flatnonzero(active[:, j] == usually_free)
         known[:, :, j] = given[:, :, j]
         known[other, :, j] = 0
         rest = given[other, :, j] - T[other] @ known[:, :, j]
         known[other, :, j] = np.linalg.solve(T[np.ix_(other, other)], rest)
     out = (T @ known.reshape(n, -1)).reshape(known.shape)
-    here = usual[:, None, None]
+    here = usually_free[:, None, None]
     v = np.where(here, out, known)
     S_v = np.where(here, known, out)
     return [(v[:, i], S_v[:, i]) for i in (0, 1)]

@@ -21,47 +21,49 @@ import numpy as np
 
 from unilateral.arrays import Array
 from unilateral.fem import residual_rounding
-from unilateral.fem.functional_norm import downwards, dual_norm
+from unilateral.fem.functional_norm import apply_presmoothing_cycle, multilevel_dual_norm_bound
 from unilateral.fem.hierarchy import Hierarchy
-from unilateral.fem.residual_rounding import SLACK, Rounded, root
+from unilateral.fem.residual_rounding import NORM_ROUNDING_FACTOR, Rounded, product_root
 from unilateral.formulas.taylor import EPS
 from unilateral.solvers.kernel_cg import Grid
 
-CYCLES = 6
-ENOUGH = 0.01
+MAX_NORM_CYCLES = 6
+MIN_NORM_GAIN = 0.01
 """A lower bound on the norm of lambda_H takes at most CYCLES V-cycles.
 
 They end before one that would add no more than the fraction ENOUGH to the square of the norm. The same
-fraction decides on which level they end, see `dual_norm_below`.
+fraction decides on which level they end, see `multiplier_norm_lower_bound`.
 """
 
 
-def algebraic_bound(grid: Grid, u: Array, lambda_H: Array) -> float:
+def multilevel_algebraic_bound(grid: Grid, u: Array, lambda_H: Array) -> float:
     """A guaranteed bound on both errors, for any u (n,) and lambda_H (m,) >= 0."""
-    R, norm = feasible(grid, u, lambda_H)
-    return dual_norm(grid.of, *R) + norm
+    R, norm = shift_to_feasible(grid, u, lambda_H)
+    return multilevel_dual_norm_bound(grid.hierarchy, *R) + norm
 
 
-def feasible(grid: Grid, u: Array, lambda_H: Array) -> tuple[Rounded, float]:
+def shift_to_feasible(grid: Grid, u: Array, lambda_H: Array) -> tuple[Rounded, float]:
     """The residual load + B^T lambda_H - A v (n,), and ||w||_1, with the rounding of v and w."""
-    A = grid.of.A
+    A = grid.hierarchy.A
     B = grid.cells.B
-    inside = grid.cells.inside
-    gap = residual_rounding.constrained(B, u, grid.d)
+    inside = grid.cells.inner_node
+    gap = residual_rounding.gap_with_rounding(B, u, grid.d)
     weights = B[:, inside].diagonal()
     w = np.where(lambda_H > 0, gap.values, np.minimum(gap.values, 0)) / weights
     v = u.copy()
     v[inside] -= w
-    moved = (lambda_H > 0) | (gap.values < gap.doubt)
-    doubt = np.where(moved, gap.doubt / weights + EPS * (np.abs(w) + np.abs(v[inside])), 0.0)
+    moved = (lambda_H > 0) | (gap.values < gap.rounding)
+    doubt = np.where(moved, gap.rounding / weights + EPS * (np.abs(w) + np.abs(v[inside])), 0.0)
     own = abs(A[inside][:, inside])
     size = np.abs(w)  # nothing cancels: a norm from above
-    norm = root(size, own @ size) + 2 * root(doubt, own @ doubt)
-    load = residual_rounding.loaded(grid.load, B, lambda_H)
-    return residual_rounding.residual(A, grid.of.sums, v, load), SLACK * norm
+    norm = product_root(size, own @ size) + 2 * product_root(doubt, own @ doubt)
+    load = residual_rounding.load_with_rounding(grid.load, B, lambda_H)
+    return residual_rounding.residual_with_rounding(
+        A, grid.hierarchy.row_sums, v, load
+    ), NORM_ROUNDING_FACTOR * norm
 
 
-def dual_norm_below(grids: Sequence[Grid], lambda_H: Array) -> float:
+def multiplier_norm_lower_bound(grids: Sequence[Grid], lambda_H: Array) -> float:
     """A lower bound on ||lambda_H||_{-1/2,h} for lambda_H (m,) >= 0: <lambda_H, v> / ||v||_1 for one v.
 
     The `grids` are tried from coarse to fine. The last one is the first that adds so little to the square
@@ -70,27 +72,29 @@ def dual_norm_below(grids: Sequence[Grid], lambda_H: Array) -> float:
     functionals = [grids[-1].cells.B.T @ lambda_H]
     for grid in grids[:0:-1]:
         R = functionals[0].copy()
-        grid.of.levels[-1].restrict(R)
-        functionals.insert(0, R[: grid.of.levels[-1].before])
+        grid.hierarchy.levels[-1].restrict(R)
+        functionals.insert(0, R[: grid.hierarchy.levels[-1].n_coarse])
     norm = 0.0
     for left, grid, R in zip(range(len(grids))[::-1], grids, functionals, strict=True):
         before = norm
-        norm = max(norm, norm_below(grid.of, R))
-        if left * (norm**2 - before**2) < ENOUGH * norm**2:
+        norm = max(norm, functional_norm_lower_bound(grid.hierarchy, R))
+        if left * (norm**2 - before**2) < MIN_NORM_GAIN * norm**2:
             break
     return norm
 
 
-def norm_below(of: Hierarchy, R: Array) -> float:
+def functional_norm_lower_bound(hierarchy: Hierarchy, R: Array) -> float:
     """A lower bound on ||R||, R (n,) on the hats of the last level: R . v / ||v||_1 for one v."""
     unit = float(np.abs(R).max(initial=0.0))
-    v = _nearly_solved(of, R / unit) if unit > 0 else np.zeros_like(R)
-    A_v = residual_rounding.product(of.A, of.sums, v)
-    norm = SLACK * root(v, A_v.values) + residual_rounding.dual_norm(A_v.doubt, of.mass)
+    v = _solve_by_cycles(hierarchy, R / unit) if unit > 0 else np.zeros_like(R)
+    A_v = residual_rounding.product_with_rounding(hierarchy.A, hierarchy.row_sums, v)
+    norm = NORM_ROUNDING_FACTOR * product_root(v, A_v.values) + residual_rounding.lumped_dual_norm_bound(
+        A_v.rounding, hierarchy.nodal_weights
+    )
     return max(float(R @ v), 0.0) / norm if norm > 0 else 0.0
 
 
-def _nearly_solved(of: Hierarchy, R: Array) -> Array:
+def _solve_by_cycles(hierarchy: Hierarchy, R: Array) -> Array:
     """v (n,) with A v nearly R (n,), by a few V-cycles.
 
     Each is for the residual that is left, and its result is made conjugate to those before.
@@ -98,16 +102,16 @@ def _nearly_solved(of: Hierarchy, R: Array) -> Array:
     left = R
     v = np.zeros_like(R)
     before = list[tuple[Array, Array]]()
-    for _ in range(CYCLES):
-        p = downwards(of, left)
-        A_p = residual_rounding.product(of.A, of.sums, p).values
+    for _ in range(MAX_NORM_CYCLES):
+        p = apply_presmoothing_cycle(hierarchy, left)
+        A_p = residual_rounding.product_with_rounding(hierarchy.A, hierarchy.row_sums, p).values
         for q, A_q in before:
             share = (p @ A_q) / (q @ A_q)
             p = p - share * q
             A_p = A_p - share * A_q
         gain = float(p @ left)
         square = float(p @ A_p)
-        if not (square > 0 and gain**2 > ENOUGH * square * float(v @ R)):
+        if not (square > 0 and gain**2 > MIN_NORM_GAIN * square * float(v @ R)):
             break
         before.append((p, A_p))
         v = v + gain / square * p

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from numbers import Integral, Real
 
-from unilateral.errors import InputError, meant, shown
+from unilateral.errors import InputError, quote_input, suggest_name
 
 ALGORITHMS = ("auto", "uzawa", "nesterov", "barzilai_borwein", "newton", "active_set", "multigrid")
 
@@ -39,7 +39,7 @@ class Stop:
             if given is None and name in ("tolerance", "rho"):
                 continue
             if not isinstance(given, Real) or isinstance(given, bool):
-                raise InputError(f"{name} is {shown(repr(given))}; it has to be a number")
+                raise InputError(f"{name} is {quote_input(repr(given))}; it has to be a number")
             may_be_0 = name in ("tolerance", "max_steps")
             if not (0 < float(given) < math.inf or (may_be_0 and given == 0)):
                 raise InputError(f"{name} is {given}; it has to be a positive number")
@@ -49,7 +49,7 @@ class Stop:
             known = ", ".join(ALGORITHMS)
             raise InputError(
                 f"the algorithm '{self.algorithm}' is unknown; the known ones are {known}"
-                + meant(str(self.algorithm), ALGORITHMS)
+                + suggest_name(str(self.algorithm), ALGORITHMS)
             )
         if self.algorithm in ("active_set", "multigrid") and self.rho is not None:
             raise InputError(

@@ -22,65 +22,67 @@ from scipy.sparse.linalg import SuperLU, splu
 from unilateral.arrays import Array, Index, Int32
 from unilateral.fem.hierarchy import FinerSpace, Hierarchy
 
-CUT_AWAY = 1e-10
+MIN_ENERGY_SHARE = 1e-10
 """If less than this fraction of a hat's energy is left, all of it is rounding, and the hat counts as 0."""
 
 
-class SparsePart(NamedTuple):
+class NodalMatrix(NamedTuple):
     """A symmetric matrix that is 0 but for the rows and columns of the `nodes` (k,), increasing."""
 
     nodes: Index
     values: sp.csr_array
 
 
-class Truncated:
-    """The levels below the last one of a hierarchy that has at least two; T is zero at its nodes `fixed`."""
+class TruncatedCycle:
+    """The levels below the last one of a hierarchy that has at least two; T is zero at its nodes `truncated_nodes`."""
 
-    def __init__(self, of: Hierarchy, fixed: Index) -> None:
-        self.last = of.levels[-1]
-        self.below = of.levels[:-1]
-        self.fixed = fixed
-        self.fixed_before = fixed[fixed < self.last.before]
-        self.fixed_new = fixed[fixed >= self.last.before]
-        D = _coarser(self.last, _at_the_nodes(of.A, fixed))
+    def __init__(self, hierarchy: Hierarchy, truncated_nodes: Index) -> None:
+        self.last_level = hierarchy.levels[-1]
+        self.lower_levels = hierarchy.levels[:-1]
+        self.truncated_nodes = truncated_nodes
+        self.truncated_coarse_nodes = truncated_nodes[truncated_nodes < self.last_level.n_coarse]
+        self.truncated_new_nodes = truncated_nodes[truncated_nodes >= self.last_level.n_coarse]
+        D = _galerkin_product(self.last_level, _extract_nodes(hierarchy.A, truncated_nodes))
         self.matrices: list[sp.csr_array] = []
-        for level in reversed(self.below):
-            self.matrices.insert(0, _minus(level, D))
-            D = _coarser(level, D)
-        self.coarsest = _factors(_less(of.A_0, D.nodes, D), of.A_0)
+        for level in reversed(self.lower_levels):
+            self.matrices.insert(0, _subtract_from_level(level, D))
+            D = _galerkin_product(level, D)
+        self.coarse_factors = _factorise_coarsest(
+            _subtract_in_pattern(hierarchy.A_0, D.nodes, D), hierarchy.A_0
+        )
 
     def correct(self, A: sp.csr_array, z: Array, r: Array) -> None:
         """Adds T P C P^T T (r - A z) to z (n,), where C is one V-cycle and A the matrix of the last level."""
         d = A @ z
         np.subtract(r, d, out=d)
-        d[self.fixed] = 0
-        self.last.restrict(d)
-        e = self._cycle(d[: self.last.before])
-        new = self.last.P @ e[self.last.ends]
-        e[self.fixed_before] = 0
-        new[self.fixed_new - self.last.before] = 0
-        z[: self.last.before] += e
-        z[self.last.before :] += new
+        d[self.truncated_nodes] = 0
+        self.last_level.restrict(d)
+        e = self._apply_cycle(d[: self.last_level.n_coarse])
+        new = self.last_level.P @ e[self.last_level.ends]
+        e[self.truncated_coarse_nodes] = 0
+        new[self.truncated_new_nodes - self.last_level.n_coarse] = 0
+        z[: self.last_level.n_coarse] += e
+        z[self.last_level.n_coarse :] += new
 
-    def _cycle(self, r: Array) -> Array:
+    def _apply_cycle(self, r: Array) -> Array:
         """e (n,) from r (n,), which is overwritten.
 
         Each level has one forward sweep on the way down, and one backward sweep on the way up.
         """
         swept = []
-        for level, S in zip(reversed(self.below), reversed(self.matrices), strict=True):
+        for level, S in zip(reversed(self.lower_levels), reversed(self.matrices), strict=True):
             swept.append(level.sweep_down(S, r))
             level.restrict(r)
         e = np.zeros_like(r)
-        n = self.coarsest.shape[0]
-        e[:n] = self.coarsest.solve(r[:n])
-        for level, S in zip(self.below, self.matrices, strict=True):
+        n = self.coarse_factors.shape[0]
+        e[:n] = self.coarse_factors.solve(r[:n])
+        for level, S in zip(self.lower_levels, self.matrices, strict=True):
             level.prolong(e)
             level.sweep_up(S, e, *swept.pop())
         return e
 
 
-def _factors(S: sp.csr_array, A_0: sp.csr_array) -> SuperLU:
+def _factorise_coarsest(S: sp.csr_array, A_0: sp.csr_array) -> SuperLU:
     """Factors of S or, if S is singular, of S + CUT_AWAY diag(A_0).
 
     Hats that are cut may depend on each other, because few nodes are left. The added term makes the
@@ -89,10 +91,10 @@ def _factors(S: sp.csr_array, A_0: sp.csr_array) -> SuperLU:
     try:
         return splu(S.tocsc())
     except RuntimeError:
-        return splu((S + sp.diags_array(CUT_AWAY * A_0.diagonal())).tocsc())
+        return splu((S + sp.diags_array(MIN_ENERGY_SHARE * A_0.diagonal())).tocsc())
 
 
-def _at_the_nodes(A: sp.csr_array, nodes: Index) -> SparsePart:
+def _extract_nodes(A: sp.csr_array, nodes: Index) -> NodalMatrix:
     """The symmetric A's entries whose row or column is one of the nodes."""
     rows = A[nodes].tocoo()
     i = nodes[rows.row]
@@ -104,33 +106,35 @@ def _at_the_nodes(A: sp.csr_array, nodes: Index) -> SparsePart:
     i, j = np.split(place, [len(i)])
     entries = np.concatenate([rows.data, rows.data[other]])
     places = np.concatenate([i, j[other]]), np.concatenate([j, i[other]])
-    return SparsePart(of, sp.csr_array((entries, places), shape=(len(of), len(of))))
+    return NodalMatrix(of, sp.csr_array((entries, places), shape=(len(of), len(of))))
 
 
-def _coarser(level: FinerSpace, D: SparsePart) -> SparsePart:
+def _galerkin_product(level: FinerSpace, D: NodalMatrix) -> NodalMatrix:
     """P^T D P on the level before."""
-    new = D.nodes >= level.before
-    rows = level.P[D.nodes[new] - level.before]
+    new = D.nodes >= level.n_coarse
+    rows = level.P[D.nodes[new] - level.n_coarse]
     reached = np.concatenate([D.nodes[~new], level.ends[rows.indices]])
     nodes, place = np.unique(reached, return_inverse=True)
     k = np.count_nonzero(~new)
     at = np.concatenate([np.flatnonzero(~new), np.repeat(np.flatnonzero(new), 2)])
     entries = np.concatenate([np.ones(k), rows.data])
     P = sp.csr_array((entries, (at, place)), shape=(len(D.nodes), len(nodes)))
-    return SparsePart(nodes, ((D.values @ P).T.tocsr() @ P).tocsr())
+    return NodalMatrix(nodes, ((D.values @ P).T.tocsr() @ P).tocsr())
 
 
-def _minus(level: FinerSpace, D: SparsePart) -> sp.csr_array:
+def _subtract_from_level(level: FinerSpace, D: NodalMatrix) -> sp.csr_array:
     """The level's rows minus D, in the pattern of these rows, which contains that of D."""
     assert level.rows is not None
-    if level.smoothed is None:
-        return _less(level.rows, D.nodes, D)
+    if level.smoothed_nodes is None:
+        return _subtract_in_pattern(level.rows, D.nodes, D)
     place = np.full(level.n, -1, dtype=np.int32)
-    place[level.smoothed] = np.arange(len(level.smoothed), dtype=np.int32)
-    return _less(level.rows, place[D.nodes], D, level.columns)
+    place[level.smoothed_nodes] = np.arange(len(level.smoothed_nodes), dtype=np.int32)
+    return _subtract_in_pattern(level.rows, place[D.nodes], D, level.columns)
 
 
-def _less(A: sp.csr_array, rows: Index, D: SparsePart, columns: Int32 | None = None) -> sp.csr_array:
+def _subtract_in_pattern(
+    A: sp.csr_array, rows: Index, D: NodalMatrix, columns: Int32 | None = None
+) -> sp.csr_array:
     """A - D, where `rows` are the rows of A that belong to D's nodes, -1 for nodes without one.
 
     Hats that are cut away keep their diagonal entry. `columns` are the nodes of A's columns, by default all.
@@ -149,6 +153,6 @@ def _less(A: sp.csr_array, rows: Index, D: SparsePart, columns: Int32 | None = N
     of_D = np.zeros(len(place))
     of_D[met] = np.asarray(sp.csr_matrix(D.values)[np.repeat(some, count)[met], at[met]]).ravel()
     data[place] -= of_D
-    cut_away = (np.repeat(row, count) == A.indices[place]) & (data[place] < CUT_AWAY * A.data[place])
+    cut_away = (np.repeat(row, count) == A.indices[place]) & (data[place] < MIN_ENERGY_SHARE * A.data[place])
     data[place[cut_away]] = A.data[place[cut_away]]
     return sp.csr_array((data, A.indices, A.indptr), shape=A.shape)

@@ -90,7 +90,7 @@ def typesetter(folder):
 
     def run(text):
         (folder / "paper.md").write_text(text, encoding="utf-8")
-        typesetting.typeset(folder / "paper.md", *templates, html, pdf)
+        typesetting.typeset_paper(folder / "paper.md", *templates, html, pdf)
         return html.read_text(encoding="utf-8"), pdf.read_bytes()
 
     return run
@@ -140,7 +140,7 @@ def test_a_proof_ends_with_a_box_after_its_last_words_or_below_its_last_list(tmp
     def printed(proof):
         text = f"{FRONT}# One {{#sec-one}}\n\n::: {{.proof}}\n{proof}\n:::\n\nMore.\n"
         templates = (ROOT / "workflow/paper" / name for name in ("numbers.lua", "paper.typ"))
-        return typesetting._converted(text, tmp_path / "paper.md", "typst", *templates)
+        return typesetting._convert_markdown(text, tmp_path / "paper.md", "typst", *templates)
 
     assert "Obvious.#qed\n\n]" in printed("*Proof.* Obvious.")
     assert re.search(r"^\+ Two\.\n+#qed\n+\]", printed("1. One.\n2. Two."), re.MULTILINE)

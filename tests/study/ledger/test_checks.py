@@ -19,7 +19,7 @@ from unilateral.errors import InputError
 
 def number(observed):
     """That has to be 1 at least."""
-    return evidence.worst({"a": observed}, "", 1.0, True)
+    return evidence.pick_worst({"a": observed}, "", 1.0, True)
 
 
 def test_the_worst_of_nothing_or_of_what_is_not_known_is_not_judged():
@@ -28,23 +28,23 @@ def test_the_worst_of_nothing_or_of_what_is_not_known_is_not_judged():
         ({"a": 1.0, "b": NAN, "c": NAN, "d": INF}, "the gap is not known of b; c"),
     ):
         with pytest.raises(Unjudged, match=said):
-            evidence.worst(values, "the gap", 0.0, True)
-    assert evidence.worst({"a": 1.0, "b": INF}, "", 0.0, False).observed == INF
-    assert evidence.worst({"a": 1.0, "b": 2.0}, "", 0.0, True).observed == 1
-    assert evidence.worst({"a": 1.0, "b": 2.0}, "", 0.0, False).observed == 2
+            evidence.pick_worst(values, "the gap", 0.0, True)
+    assert evidence.pick_worst({"a": 1.0, "b": INF}, "", 0.0, False).observed == INF
+    assert evidence.pick_worst({"a": 1.0, "b": 2.0}, "", 0.0, True).observed == 1
+    assert evidence.pick_worst({"a": 1.0, "b": 2.0}, "", 0.0, False).observed == 2
 
 
 def test_of_a_statement_in_parts_the_first_that_fails_is_told():
     parts = [number(observed) for observed in (3.0, 2.0, 0.5, 0.25)]
-    assert evidence.all_of(*parts) is parts[2]
-    assert evidence.all_of(*parts[:2]) is parts[0]
+    assert evidence.require_all(*parts) is parts[2]
+    assert evidence.require_all(*parts[:2]) is parts[0]
 
 
 def test_faults_are_a_verdict_of_their_own_only_where_the_number_would_pass():
-    assert evidence.provided(number(0.5), ["fault"]) == number(0.5)
-    assert evidence.provided(number(1.0), []) == number(1.0)
+    assert evidence.require_preconditions(number(0.5), ["fault"]) == number(0.5)
+    assert evidence.require_preconditions(number(1.0), []) == number(1.0)
     with pytest.raises(Unjudged, match=r"^one fault; another$"):
-        evidence.provided(number(1.0), ["one fault", "another"])
+        evidence.require_preconditions(number(1.0), ["one fault", "another"])
 
 
 # Expressions

@@ -34,7 +34,7 @@ def test_the_kinds_of_verdicts(tmp_path):
     found = made(tmp_path, [{"verdict": verdict} for verdict in KINDS])
     assert found["kind"].tolist() == [*KINDS.values()]
     assert "fails" not in set(
-        made(tmp_path, [{"verdict": claim.verdict} for claim in claims.ledger() if claim.check])["kind"]
+        made(tmp_path, [{"verdict": claim.verdict} for claim in claims.load_ledger() if claim.check])["kind"]
     )
 
 

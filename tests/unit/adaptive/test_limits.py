@@ -80,7 +80,7 @@ def test_no_level_begins_that_is_predicted_to_exceed_a_limit(name, monkeypatch):
     monkeypatch.setattr(forecast, "peak_mb", lambda: 100.0)
     first, second, third, *_ = levels(load("natural").problem, Goal(0.02, kind="structured"))
     done = [first, second]
-    unknowns = forecast.NEIGHBOURS * 4 * second.unknowns
+    unknowns = forecast.NEIGHBOUR_RATIO * 4 * second.unknowns
     predicted = {
         "max_seconds": second.elapsed + predict_seconds(done, unknowns),
         "max_memory": predict_mb(done, unknowns),
@@ -107,7 +107,7 @@ def test_without_a_limit_no_more_memory_is_taken_than_is_free(monkeypatch):
     monkeypatch.setattr(loop, "peak_mb", lambda: 100.0)
     found = search(load("natural").problem, Goal(0.005, max_seconds=600.0))
     assert found.ended.endswith("MB of this machine's memory)")
-    assert 100 < found.levels[-1].unknowns < 0.8 * 2**20 / forecast.BYTES_BY_MULTIGRID
+    assert 100 < found.levels[-1].unknowns < 0.8 * 2**20 / forecast.MULTIGRID_LEVEL_BYTES
 
 
 @pytest.mark.parametrize("limit", [{"max_seconds": 10.0}, {"max_memory": 1.0}])
@@ -115,7 +115,7 @@ def test_a_limit_that_is_used_up_before_the_first_level_leaves_nothing(limit):
     """The seconds count from `begin`, and the memory is that of the process."""
     (name,) = limit
     with pytest.raises(BudgetError, match=rf"{name}=\d+ is not enough .* coarsest mesh of 'square'") as told:
-        search(load("natural").problem, Goal(0.1, **limit), begin=perf_counter() - 11)
+        search(load("natural").problem, Goal(0.1, **limit), start_time=perf_counter() - 11)
     assert told.value.exit_code == 3
 
 
@@ -132,7 +132,7 @@ def test_what_solved_a_level_is_freed_when_the_next_one_is_solved(monkeypatch):
     """Its grids take half of the memory: no more than two problems are alive at a time."""
     made = []
     alive = []
-    own = multilevel.discretise_nested
+    own = multilevel.discretise_on_adapted_mesh
 
     def counted(*arguments):
         discrete = own(*arguments)
@@ -143,6 +143,6 @@ def test_what_solved_a_level_is_freed_when_the_next_one_is_solved(monkeypatch):
         gc.collect()
         alive.append(sum(problem() is not None for problem in made))
 
-    monkeypatch.setattr(multilevel, "discretise_nested", counted)
+    monkeypatch.setattr(multilevel, "discretise_on_adapted_mesh", counted)
     assert len(search(problem("lshape.yaml"), Goal(0.2), tell).levels) > 2
     assert set(alive) == {1}

@@ -9,26 +9,26 @@ from searched import levels, problem
 
 from unilateral.adaptive import forecast, loop
 from unilateral.adaptive.forecast import (
-    HOPELESS,
+    HOPELESS_UNKNOWNS_RATIO,
+    MIN_PLAN_UNKNOWNS,
     OVERHEAD_UNKNOWNS,
-    PLAN_UNKNOWNS,
     allowed_unknowns,
     is_hopeless,
-    plan,
+    make_plan,
     predict_mb,
     predict_seconds,
     show_costs,
 )
-from unilateral.adaptive.goal import MAX_SECONDS, Goal
-from unilateral.adaptive.level import judge_by
+from unilateral.adaptive.goal import DEFAULT_MAX_SECONDS, Goal
+from unilateral.adaptive.level import judge_for_goal
 from unilateral.adaptive.loop import search
-from unilateral.adaptive.marking import TARGET_PART, adapts
+from unilateral.adaptive.marking import TARGET_SHARE, should_adapt
 from unilateral.solvers.stop import Stop
 
 
 def towards(goal, done):
     """The levels as if they were solved towards another goal."""
-    return [judge_by(level, goal) for level in done]
+    return [judge_for_goal(level, goal) for level in done]
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def lshape_levels():
 @pytest.fixture
 def soon(monkeypatch):
     """A plan from few unknowns on."""
-    monkeypatch.setattr(forecast, "PLAN_UNKNOWNS", 400)
+    monkeypatch.setattr(forecast, "MIN_PLAN_UNKNOWNS", 400)
 
 
 @pytest.fixture
@@ -84,18 +84,18 @@ def test_a_dry_run_ends_with_the_first_level_that_is_large_enough():
     one = search(problem("lshape.yaml"), Goal(1e-3), dry_run=True)
     other = search(problem("lshape.yaml"), Goal(1e-3), dry_run=True)
     *before, last = (level.unknowns for level in one.levels)
-    assert max(before) < PLAN_UNKNOWNS <= last
+    assert max(before) < MIN_PLAN_UNKNOWNS <= last
     assert one.plan.unknowns == other.plan.unknowns
     assert repr(one) == f"Search: {len(one.levels)} levels, not certified"
 
 
 def test_limits_that_do_not_allow_a_plan_are_named(natural_levels):
     """Each a little below what is planned; control: none a little above it."""
-    free = plan(towards(Goal(0.001), natural_levels))
+    free = make_plan(towards(Goal(0.001), natural_levels))
     for share, missed in ((0.99, ["max_unknowns", "max_memory", "max_seconds"]), (1.01, [])):
         limits = [share * value for value in (free.unknowns, free.peak_mb)]
         goal = Goal(0.001, max_unknowns=limits[0], max_seconds=share * free.seconds, max_memory=limits[1])
-        found = plan(towards(goal, natural_levels)).missed
+        found = make_plan(towards(goal, natural_levels)).missed
         assert [limit.split("=")[0] for limit in found] == missed
 
 
@@ -111,7 +111,9 @@ def test_an_accuracy_that_is_out_of_reach_ends_the_search_after_the_plan(name, m
     assert found.plan.unknowns > 1e12
     digits, k = f"{found.reach:.0e}".split("e")
     before = {"1": f"5e{int(k) - 1}", "2": f"1e{k}", "5": f"2e{k}"}[digits]
-    missed = [plan(towards(Goal(accuracy), found.levels)).missed for accuracy in (found.reach, float(before))]
+    missed = [
+        make_plan(towards(Goal(accuracy), found.levels)).missed for accuracy in (found.reach, float(before))
+    ]
     assert [bool(limits) for limits in missed] == [False, True]
     assert found.best.total / found.best.size > found.reach
 
@@ -123,14 +125,16 @@ def test_a_limit_that_somebody_set_is_spent(natural_levels):
     assert found.ended == "out of budget (max_unknowns=2000)"
     assert found.reach is None
     allowed = min(allowed_unknowns(natural_levels).values())
-    for times, far in ((HOPELESS / 2, False), (2 * HOPELESS, True)):
+    for times, far in ((HOPELESS_UNKNOWNS_RATIO / 2, False), (2 * HOPELESS_UNKNOWNS_RATIO, True)):
         last = natural_levels[-1]
-        accuracy = last.total / last.solved.u_norm / (times * allowed / last.unknowns) ** 0.5 / TARGET_PART
+        accuracy = last.total / last.solved.u_norm / (times * allowed / last.unknowns) ** 0.5 / TARGET_SHARE
         assert is_hopeless(towards(Goal(accuracy), natural_levels)) == far
 
 
 @pytest.mark.usefixtures("soon", "machine")
-@pytest.mark.parametrize("limit", [{"max_seconds": MAX_SECONDS}, {"max_memory": 1e9}, {"max_unknowns": 1e9}])
+@pytest.mark.parametrize(
+    "limit", [{"max_seconds": DEFAULT_MAX_SECONDS}, {"max_memory": 1e9}, {"max_unknowns": 1e9}]
+)
 def test_a_limit_is_spent_even_if_it_is_the_default_or_never_reached(limit, natural_levels):
     """The plan ends nothing; control: it does so without the limit."""
     for given, far in ((limit, False), ({}, True)):
@@ -139,7 +143,7 @@ def test_a_limit_is_spent_even_if_it_is_the_default_or_never_reached(limit, natu
 
 @pytest.mark.usefixtures("soon", "machine")
 def test_out_of_reach_without_a_plan_names_no_limit(monkeypatch):
-    monkeypatch.setattr(loop, "plan", lambda _: None)
+    monkeypatch.setattr(loop, "make_plan", lambda _: None)
     found = search(load("natural").problem, Goal(1e-9))
     assert (found.ended, found.reach) == ("out of reach", None)
 
@@ -151,7 +155,7 @@ def test_bounds_that_stand_still_on_coarse_meshes_end_nothing(monkeypatch):
     monkeypatch.setattr(forecast, "observed_rate", lambda *_: 0.25)
     done = towards(Goal(0.001, kind="structured"), done)
     assert show_costs(done)
-    assert plan(done).unknowns > 100 * HOPELESS * min(allowed_unknowns(done).values())
+    assert make_plan(done).unknowns > 100 * HOPELESS_UNKNOWNS_RATIO * min(allowed_unknowns(done).values())
     assert not is_hopeless(done)
 
 
@@ -206,11 +210,11 @@ def test_only_what_is_left_free_is_adapted():
     """The bound comes from the L-shape's corner; a kind or a solver may ask for uniform meshes."""
     *_, last = levels(problem("lshape.yaml"), Goal(0.3, kind="structured"))
     (free,) = towards(Goal(0.3), [last])
-    assert adapts(free)
+    assert should_adapt(free)
     for goal in (
         Goal(0.3, kind="structured"),
         Goal(0.3, stop=Stop(rho=0.1)),
         Goal(0.3, stop=Stop(algorithm="nesterov")),
     ):
         (bound,) = towards(goal, [last])
-        assert not adapts(bound)
+        assert not should_adapt(bound)

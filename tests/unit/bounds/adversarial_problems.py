@@ -11,7 +11,7 @@ from symbolic import X, Y, plain, pos
 from unilateral.adaptive.goal import Goal
 from unilateral.adaptive.loop import search
 from unilateral.formulas.expression import ZERO
-from unilateral.formulas.formula import parse
+from unilateral.formulas.formula import parse_formula
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import laplacian
 from unilateral.problems.problem import Problem
@@ -26,7 +26,7 @@ def adversary(u, gap=0, features=(), free=(), shift=0, spoil="0", with_fluxes=Fa
     `spoil` is a formula that is 0, added to f. On `free` sides du/dn is 0, or it is given there.
     """
     square = Polygon(np.array([(shift, 0), (shift + 1, 0), (shift + 1, 1), (shift, 1)]), "adversary")
-    f = plain(u) - laplacian(plain(u), "x", "y") + parse(spoil, ("x", "y"), "spoil")
+    f = plain(u) - laplacian(plain(u), "x", "y") + parse_formula(spoil, ("x", "y"), "spoil")
     g = (plain(u - gap),) * 4
     q = ()
     if with_fluxes:

@@ -10,20 +10,20 @@ from known_solutions import Pressed, Trial, h1_errors
 from symbolic import X, Y, evaluate
 
 from unilateral.bounds import source
-from unilateral.bounds.boundary_flux import nothing
-from unilateral.bounds.constraint import constraint
-from unilateral.bounds.mesh_data import MeshData
-from unilateral.discrete.condensed import solve
+from unilateral.bounds.boundary_flux import no_given_flux
+from unilateral.bounds.constraint import build_constraint
+from unilateral.bounds.enclosed_data import EnclosedData
+from unilateral.discrete.condensed import solve_condensed_problem
 from unilateral.fem.condense import condense
 from unilateral.fem.form import Form
 from unilateral.fem.p1 import coupling, energy_norm, load_vector
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.norms.dual import dual_norm
+from unilateral.norms.dual import build_dual_norm
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems.case import ExactSolution
 from unilateral.problems.obstacle_and_flux import enclose_obstacle
-from unilateral.problems.side_models import places
+from unilateral.problems.side_models import side_coordinates
 
 CASES = [
     *[(name, "square") for name in ("natural", "smooth", "thirds", "full_contact", "no_contact", "vertex")],
@@ -89,7 +89,7 @@ class Manufactured:
         return enclose_obstacle(self.polygon, self.obstacle_model, free)
 
     def obstacle_model(self, side, t):
-        x, y = places(self.polygon, side, t)
+        x, y = side_coordinates(self.polygon, side, t)
         return evaluate(self.formulas[1], {X: x, Y: y})
 
     def error(self, mesh, u_h, features=()):
@@ -99,7 +99,7 @@ class Manufactured:
 
 @cache
 def enclosed(mesh, problem):
-    return source.enclosed(mesh, problem.source)
+    return source.enclose_function(mesh, problem.source)
 
 
 def given_to(problem, mesh, cells, u_h, lambda_H, free=()):
@@ -110,7 +110,9 @@ def given_to(problem, mesh, cells, u_h, lambda_H, free=()):
     else:
         g = problem.enclosed(free)
     form = Form(free=free)
-    data = MeshData(enclosed(mesh, problem), constraint(g, mesh, form), nothing(mesh), balance=None)
+    data = EnclosedData(
+        enclosed(mesh, problem), build_constraint(g, mesh, form), no_given_flux(mesh), total_force=None
+    )
     return data, cells, u_h, lambda_H, form
 
 
@@ -124,7 +126,7 @@ def u_of(problem, mesh, cells, lambda_H):
 @cache
 def norm_for(name, m, polygon):
     case = discrete(name, 2 * m, m, polygon).exact.ritz.case
-    return dual_norm(partitions.uniform(case.polygon, 1 / m), [case])
+    return build_dual_norm(partitions.make_uniform_partition(case.polygon, 1 / m), [case])
 
 
 class Pair(NamedTuple):
@@ -159,7 +161,7 @@ def pair(name, n, polygon="square", crude=None):
     """h = 1/n, H = 2/n; lambda_H solved for, 0, or spoilt by noise, u_h always by (5.1)."""
     d = discrete(name, n, n // 2, polygon)
     mesh = d.mesh
-    solution = solve(d)
+    solution = solve_condensed_problem(d)
     lambda_H = solution.lambda_H
     rng = np.random.default_rng(n)
     if crude == "zero":

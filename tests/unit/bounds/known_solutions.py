@@ -15,7 +15,7 @@ from unilateral.fem.condense import condense
 from unilateral.fem.p1 import coupling
 from unilateral.fem.splitting import quarter
 from unilateral.formulas import formula
-from unilateral.norms.ritz import flux_load, h1_distance
+from unilateral.norms.ritz import h1_distance, multiplier_load
 from unilateral.problems.problem import Problem
 
 SIZE = 1 / 2
@@ -134,10 +134,10 @@ class Catalogued(NamedTuple):
         return np.array([h1_distance(self.problem.exact, mesh, v_h) for v_h in functions])
 
     def flux_moments(self, mesh):
-        return flux_load(self.problem.exact, mesh)
+        return multiplier_load(self.problem.exact, mesh)
 
     def boundary(self, side, s):
-        return self.problem.exact.boundary(side, s)
+        return self.problem.exact.trace_flux_and_gap(side, s)
 
 
 class Trial(NamedTuple):

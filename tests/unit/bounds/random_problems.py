@@ -16,21 +16,21 @@ from known_solutions import Catalogued, Feature, Known, Tried, fluxes
 from random_polygons import columns, distances, over_a_base, star, wedge
 from symbolic import X, Y, plain, pos
 
-from unilateral.adaptive.loop import two_edges_per_cell
-from unilateral.bounds.mesh_data import enclose_data
-from unilateral.discrete.condensed import on_spaces
-from unilateral.discrete.loads import form_of
-from unilateral.discrete.multilevel import discretise_nested
+from unilateral.adaptive.loop import make_edge_pair_mesh
+from unilateral.bounds.enclosed_data import enclose_data
+from unilateral.discrete.condensed import discretise_on_condensed_spaces
+from unilateral.discrete.multilevel import discretise_on_adapted_mesh
+from unilateral.discrete.problem_data import problem_form
 from unilateral.fem.condense import condense
 from unilateral.fem.p1 import energy_norm
 from unilateral.fem.spaces import mixed_spaces
 from unilateral.formulas.expression import ZERO
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.adapted import adapted, marked, refined
+from unilateral.geometry.adapted import mark_triangles, refine_and_balance, start_adapted_mesh
 from unilateral.geometry.plane import segment_distances
 from unilateral.geometry.polygon import Polygon
-from unilateral.geometry.structured import natural_kind
+from unilateral.geometry.structured import default_mesh_kind
 from unilateral.problems import case as cases
 from unilateral.problems.problem import Problem
 from unilateral.solvers.stop import Stop
@@ -62,29 +62,31 @@ def solutions(problem, rng):
     stop = Stop()
     H = polygon.lengths.max() / rng.integers(1, 5)
     mesh, cells = uniform(polygon, H, rng.random())
-    form = form_of(problem, mesh)
+    form = problem_form(problem, mesh)
     factorised = condense(mesh, form)
     data = enclose_data(problem, mesh, form)  # of a case, too, which is solved without them
-    discrete = on_spaces(problem, mixed_spaces(factorised, cells), data.source)
-    found = replace(discrete, data=data).solved(stop)
+    discrete = discretise_on_condensed_spaces(problem, mixed_spaces(factorised, cells), data.source)
+    found = replace(discrete, data=data).solve(stop)
     yield found
-    shifted = partitions.shifted(polygon, 1.3 * H, rng.random())
-    discrete = on_spaces(problem, mixed_spaces(factorised, shifted), data.source)
-    yield replace(discrete, data=data).solved(stop)
-    of = adapted(mesh)
+    shifted = partitions.make_shifted_partition(polygon, 1.3 * H, rng.random())
+    discrete = discretise_on_condensed_spaces(problem, mixed_spaces(factorised, shifted), data.source)
+    yield replace(discrete, data=data).solve(stop)
+    of = start_adapted_mesh(mesh)
     discrete = None
     for _ in range(ADAPTED):
-        of = refined(of, marked(of.mesh, found.shares))
-        discrete = discretise_nested(problem, of, discrete, found)
-        found = discrete.solved(stop)
+        of = refine_and_balance(of, mark_triangles(of.mesh, found.bound_shares))
+        discrete = discretise_on_adapted_mesh(problem, of, discrete, found)
+        found = discrete.solve(stop)
         yield found
 
 
 def uniform(polygon, H, choice):
     """A structured mesh where there is one, or a mesh by gmsh, halved or not; and its cells."""
     if choice < 0.4:
-        return meshes.following(partitions.uniform(polygon, 2 * H), 2, 1)
-    of = adapted(two_edges_per_cell(polygon, H, natural_kind(polygon) if choice < 0.8 else "unstructured"))
+        return meshes.triangulate_from_cells(partitions.make_uniform_partition(polygon, 2 * H), 2, 1)
+    of = start_adapted_mesh(
+        make_edge_pair_mesh(polygon, H, default_mesh_kind(polygon) if choice < 0.8 else "unstructured")
+    )
     return of.mesh, of.partition
 
 
@@ -169,7 +171,7 @@ def at_a_corner(number, folder):
     }[kind]
     sides = [{"side": i, "formula": formula} for i, formula in gap.items()]
     file = case_file(folder, "thirds", u=u, gap={"sides": sides, "elsewhere": elsewhere})
-    return Catalogued(cases.load(file, polygon, side).problem)
+    return Catalogued(cases.load_solution(file, polygon, side).problem)
 
 
 def _room(polygon, side, at):

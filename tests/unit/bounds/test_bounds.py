@@ -18,19 +18,19 @@ from known_solutions import Feature
 from symbolic import X
 
 from unilateral.bounds import feasible, local_bounds, sharp_bounds
-from unilateral.bounds.constraint import constraint
+from unilateral.bounds.constraint import build_constraint
+from unilateral.bounds.enclosed_data import enclose_data
 from unilateral.bounds.local_bounds import local_bound
-from unilateral.bounds.mesh_data import enclose_data
 from unilateral.bounds.residual_norm import ResidualParts
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.errors import InputError
 from unilateral.fem.form import H1
-from unilateral.formulas.taylor import number
+from unilateral.formulas.taylor import number_model
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import structured
-from unilateral.norms.dual import dual_norm
+from unilateral.geometry.polygon import Polygon, find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
+from unilateral.norms.dual import build_dual_norm
 from unilateral.norms.exact_errors import cell_means
 
 BOUNDS = pytest.mark.parametrize("bound", [local_bound, sharp_bound])
@@ -69,7 +69,7 @@ def test_the_bounds_are_sharp_on_smooth_cases(bound, name, fineness):
 TEN_DEGREES = np.radians(10)
 SEEN = {
     "square": (square().vertices, 0.45, 0.55),
-    "lshape": (named("lshape").vertices, -0.45, 0.55),
+    "lshape": (find_polygon("lshape").vertices, -0.45, 0.55),
     "30-60-90": ([[0, 0], [np.sqrt(3), 0], [np.sqrt(3), 1]], 1.2, 0.3),
     "10 degrees": ([[0, 0], [1, 0], [np.cos(TEN_DEGREES), np.sin(TEN_DEGREES)]], 0.7, 0.06),
     "re-entrant": ([[0, 0], [2, 0], [2, 1], [0.9, 0.4], [0, 1.5]], 0.7, 0.2),
@@ -90,8 +90,8 @@ def test_partitions_whose_points_are_no_vertices_of_the_mesh(name, shift):
     x = f"(x - {a})"
     y = f"(y - {b})"
     problem = Manufactured(polygon, f"({x}**2 + {y}**2)/2 + {x}**3/200 + {y}**4/200 + 0.03*{x}*{y}")
-    mesh = meshes.unstructured(polygon, 0.11)
-    cells = partitions.shifted(polygon, 0.27, shift)
+    mesh = meshes.make_unstructured_mesh(polygon, 0.11)
+    cells = partitions.make_shifted_partition(polygon, 0.27, shift)
     flux = problem.boundary(mesh.side, mesh.s[:-1] - polygon.starts[mesh.side])[1]
     assert np.all(flux > 0)
     lambda_H = cell_means(problem, cells).lambda_means
@@ -100,8 +100,8 @@ def test_partitions_whose_points_are_no_vertices_of_the_mesh(name, shift):
     local = local_bound(*given)
     sharp = sharp_bound(*given)
     error = problem.error(mesh, u_h)
-    true = dual_norm(cells, [problem]).of_error(problem, lambda_H[None])
-    assert sharp.lifting > 0
+    true = build_dual_norm(cells, [problem]).bound_error(problem, lambda_H[None])
+    assert sharp.lift_norm > 0
     assert error <= local.u <= 2 * error
     assert error <= sharp.u <= 1.3 * error
     assert true.lower[0] <= local.lambda_
@@ -112,15 +112,15 @@ class OnlyTopAndBottom(Manufactured):
     """g is absurd on the sides 1 and 3."""
 
     def obstacle_model(self, side, t):
-        return super().obstacle_model(side, t) + number(t, np.where(side % 2 == 1, 1e6, 0.0))
+        return super().obstacle_model(side, t) + number_model(t, np.where(side % 2 == 1, 1e6, 0.0))
 
 
 @pytest.mark.parametrize(("bound", "index"), [(local_bound, 1.3), (sharp_bound, 1.1)])
 def test_free_sides_have_no_obstacle(bound, index):
     """u does not depend on x, so lambda = 0 on the free sides; the index as where everything is contact."""
     problem = OnlyTopAndBottom(square(), "cosh(y - 0.45) + 0.2")
-    mesh = structured(square(), 1 / 16)
-    cells = partitions.uniform(square(), 1 / 8)
+    mesh = make_structured_mesh(square(), 1 / 16)
+    cells = partitions.make_uniform_partition(square(), 1 / 8)
     lambda_H = cell_means(problem, cells).lambda_means
     lambda_H[cells.side % 2 == 1] = 0
     u_h = u_of(problem, mesh, cells, lambda_H)
@@ -133,8 +133,8 @@ def test_free_sides_have_no_obstacle(bound, index):
 def test_nothing_but_free_sides(bound, n):
     """Neumann's problem: only what f - f_h does is left beside eta, and for u_h d = v - u_h."""
     problem = Manufactured(square(), "cos(pi*x)*cos(2*pi*y)")
-    mesh = structured(square(), 1 / n)
-    cells = partitions.uniform(square(), 2 / n)
+    mesh = make_structured_mesh(square(), 1 / n)
+    cells = partitions.make_uniform_partition(square(), 2 / n)
     zero = np.zeros(cells.n_cells)
     u_h = u_of(problem, mesh, cells, zero)
     found = bound(*given_to(problem, mesh, cells, u_h, zero, free=(0, 1, 2, 3)))
@@ -149,7 +149,7 @@ def test_a_mesh_of_one_triangle(bound):
     polygon = Polygon(np.array([[0, 0], [1, 0], [0, 1]]), "triangle")
     problem = Manufactured(polygon, "0.5*(x - 0.3)**2 + 0.5*(y - 0.3)**2 + 0.1*x**3")
     mesh = meshes.from_arrays(polygon, polygon.vertices, [[0, 1, 2]])
-    cells = partitions.uniform(polygon, 2)
+    cells = partitions.make_uniform_partition(polygon, 2)
     lambda_H = cell_means(problem, cells).lambda_means
     u_h = u_of(problem, mesh, cells, lambda_H)
     assert bound(*given_to(problem, mesh, cells, u_h, lambda_H)).u >= problem.error(mesh, u_h)
@@ -159,16 +159,16 @@ def test_a_mesh_of_one_triangle(bound):
 def test_what_is_free_of_means_on_triangles_counts(bound, monkeypatch):
     """u = cos(8 pi x), a wave per edge: without that part of f the bound is below the error."""
     problem = Manufactured(square(), "cos(8*pi*x)", "10")
-    mesh = structured(square(), 1 / 4)
-    cells = partitions.uniform(square(), 1 / 2)
+    mesh = make_structured_mesh(square(), 1 / 4)
+    cells = partitions.make_uniform_partition(square(), 1 / 2)
     zero = np.zeros(cells.n_cells)
     u_h = u_of(problem, mesh, cells, zero)
     given = given_to(problem, mesh, cells, u_h, zero)
     error = problem.error(mesh, u_h, [Feature(0 * X, 1 / 8)])
-    own = ResidualParts.norms
+    own = ResidualParts.dual_norms
     assert error <= bound(*given).u
     without = {"oscillation": np.zeros(len(mesh.triangles))}
-    monkeypatch.setattr(ResidualParts, "norms", lambda self: own(self._replace(**without)))
+    monkeypatch.setattr(ResidualParts, "dual_norms", lambda self: own(self._replace(**without)))
     assert bound(*given).u < error
 
 
@@ -197,11 +197,13 @@ def test_without_feasibility_the_bound_is_too_small(bound, monkeypatch):
     """Control: for lambda_H = 0 the flux is that of Neumann's problem; its v, below g, seems to be exact."""
     of = pair("full_contact", 8, crude="zero")
     assert of.exceeded_by(bound(*of.given))
-    monkeypatch.setattr(feasible, "in_contact", lambda g, u_h, push: np.zeros(len(u_h), dtype=bool))
+    monkeypatch.setattr(feasible, "find_contact", lambda g, u_h, push: np.zeros(len(u_h), dtype=bool))
     assert of.exceeded_by(bound(*of.given))
-    nothing = feasible.Missing(*np.zeros((4, len(of.mesh.boundary))))
-    monkeypatch.setattr(feasible, "raised", lambda g, form, v, *_: (v, np.zeros(len(g.unknowns), dtype=bool)))
-    monkeypatch.setattr(feasible, "missing", lambda *_: nothing)
+    nothing = feasible.Shortfall(*np.zeros((4, len(of.mesh.boundary))))
+    monkeypatch.setattr(
+        feasible, "raise_to_obstacle", lambda g, form, v, *_: (v, np.zeros(len(g.unknowns), dtype=bool))
+    )
+    monkeypatch.setattr(feasible, "bound_shortfall", lambda *_: nothing)
     assert not of.exceeded_by(bound(*of.given))
 
 
@@ -222,20 +224,20 @@ def test_with_other_fluxes_on_the_edges_the_bound_is_too_small(module, bound, ti
 def near_the_solution():
     """What both bounds take, of a problem without contact to speak of."""
     problem = Manufactured(square(), LINEAR_SOURCE)
-    mesh = structured(square(), 1 / 4)
-    cells = partitions.uniform(square(), 1 / 2)
+    mesh = make_structured_mesh(square(), 1 / 4)
+    cells = partitions.make_uniform_partition(square(), 1 / 2)
     return given_to(problem, mesh, cells, problem.u(*mesh.points.T), np.full(cells.n_cells, 0.5))
 
 
 def with_more_missing(bound, monkeypatch, field, more):
     """The bound as it is, and if that much more is missing on every edge."""
-    own = feasible.missing
+    own = feasible.bound_shortfall
 
     def missing(*given):
         return own(*given)._replace(**{field: getattr(own(*given), field) + more})
 
     before = bound(*near_the_solution())
-    monkeypatch.setattr(feasible, "missing", missing)
+    monkeypatch.setattr(feasible, "bound_shortfall", missing)
     return before, bound(*near_the_solution())
 
 
@@ -269,15 +271,15 @@ def test_what_is_not_known_of_g_counts_three_times(monkeypatch):
     t = 1e-3
     force = of.cells.lengths @ of.lambda_H
     shorts = []
-    own = feasible.missing
-    monkeypatch.setattr(feasible, "missing", lambda *given: shorts.append(own(*given)) or shorts[-1])
+    own = feasible.bound_shortfall
+    monkeypatch.setattr(feasible, "bound_shortfall", lambda *given: shorts.append(own(*given)) or shorts[-1])
     data, *others = of.given
     g = of.case.problem.enclosed_obstacle
     for obstacle in (g, replace(g, doubt=g.doubt + t, upper=g.upper + t)):
-        local_bound(replace(data, constraint=constraint(obstacle, of.mesh, H1)), *others)
+        local_bound(replace(data, constraint=build_constraint(obstacle, of.mesh, H1)), *others)
     known, doubtful = shorts
-    assert doubtful.product - known.product == pytest.approx(2 * t * force, rel=1e-6)
-    np.testing.assert_allclose(doubtful.added, t, rtol=1e-6)
+    assert doubtful.complementarity - known.complementarity == pytest.approx(2 * t * force, rel=1e-6)
+    np.testing.assert_allclose(doubtful.nodal_raise, t, rtol=1e-6)
 
 
 @pytest.mark.parametrize("depth", [30, 1000])
@@ -293,11 +295,11 @@ def test_a_steep_obstacle_below_u_h_costs_nothing(problem_of, depth):
             f="1",
             g=f"[1, 1, 1, '1 - {depth}*(1 - 1000*x)*1000*x', 1]",
         )
-        mesh = meshes.unstructured(problem.polygon, 0.5)
-        cells = partitions.uniform(problem.polygon, 1.0)
+        mesh = meshes.make_unstructured_mesh(problem.polygon, 0.5)
+        cells = partitions.make_uniform_partition(problem.polygon, 1.0)
         u_h = np.full(mesh.n_nodes, 0.99)
         lambda_H = np.zeros(cells.n_cells)
-        return local_bound(enclose_data(problem, mesh, H1), cells, u_h, lambda_H, H1).lifting
+        return local_bound(enclose_data(problem, mesh, H1), cells, u_h, lambda_H, H1).lift_norm
 
     assert lifting(depth) == pytest.approx(lifting(1), rel=1e-6)
 
@@ -305,8 +307,8 @@ def test_a_steep_obstacle_below_u_h_costs_nothing(problem_of, depth):
 @BOUNDS
 def test_bad_input(bound):
     problem = Manufactured(square(), LINEAR_SOURCE)
-    mesh = structured(square(), 1 / 4)
-    cells = partitions.uniform(square(), 1 / 2)
+    mesh = make_structured_mesh(square(), 1 / 4)
+    cells = partitions.make_uniform_partition(square(), 1 / 2)
     u_h = np.zeros(mesh.n_nodes)
     lambda_H = np.ones(cells.n_cells)
 
@@ -314,7 +316,7 @@ def test_bad_input(bound):
         with sentences.raises(InputError):
             bound(*given_to(problem, mesh, cells, u_h, lambda_H, free))
 
-    refused(cells=partitions.uniform(named("lshape"), 1))
+    refused(cells=partitions.make_uniform_partition(find_polygon("lshape"), 1))
     refused(u_h=u_h[1:])
     refused(lambda_H=np.full(8, np.nan))
     refused(lambda_H=lambda_H - 1.5)

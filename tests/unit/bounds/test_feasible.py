@@ -13,13 +13,13 @@ from skfem.helpers import dot, grad
 import unilateral as ul
 from unilateral.bounds import constraint as constraints
 from unilateral.bounds import feasible
-from unilateral.bounds.constraint import Constraint, constraint
+from unilateral.bounds.constraint import Constraint, build_constraint
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.fem.form import H1, Form
-from unilateral.fem.p2 import layer
+from unilateral.fem.p2 import boundary_layer
 from unilateral.geometry import mesh as meshes
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.polygon import Polygon, find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.problems import piecewise
 
 WAVES = {
@@ -31,15 +31,15 @@ WAVES = {
 def on_edges(text, n=4):
     """The constraint on all edges of a mesh of the unit square."""
     problem = ul.Problem(square(), f=0, g=text)
-    mesh = structured(square(), 1 / n)
-    return constraint(problem.enclosed_obstacle, mesh, H1)
+    mesh = make_structured_mesh(square(), 1 / n)
+    return build_constraint(problem.enclosed_obstacle, mesh, H1)
 
 
 @pytest.mark.parametrize("text", WAVES)
 @pytest.mark.parametrize("most", [8, 60_000])
 def test_g_is_within_the_doubt_of_p(text, most, monkeypatch):
     """In the points of the rule, against numpy. With 8 pieces the doubt is of the size of what p misses."""
-    monkeypatch.setattr(piecewise, "MOST_PIECES", most)
+    monkeypatch.setattr(piecewise, "MAX_SIDE_PIECES", most)
     found = on_edges(text)
     s = found.mesh.s[found.edge][:, None] + found.x * np.diff(found.mesh.s)[found.edge][:, None]
     side = np.broadcast_to(found.mesh.side[found.edge][:, None], s.shape).ravel()
@@ -61,9 +61,9 @@ def test_what_is_added_for_the_doubt_is_pressed_like_the_doubt():
     nb = len(g.mesh.boundary)
     every = np.ones(nb, dtype=bool)
     v = np.zeros(2 * nb)
-    missing = feasible.missing(g, H1, v, every, np.ones((nb, 2)))
-    assert missing.added == pytest.approx(1e-3)
-    assert missing.product == pytest.approx(8e-3)
+    missing = feasible.bound_shortfall(g, H1, v, every, np.ones((nb, 2)))
+    assert missing.nodal_raise == pytest.approx(1e-3)
+    assert missing.complementarity == pytest.approx(8e-3)
 
 
 def short_of(g, rng):
@@ -72,9 +72,9 @@ def short_of(g, rng):
     v = np.where(rng.random(2 * nb) < 0.2, g.at_unknowns, g.at_unknowns + rng.uniform(-0.1, 4, 2 * nb))
     contact = v == g.at_unknowns
     flux = np.where(np.arange(nb) % 3 == 0, rng.random((2, nb)), 0.0).T
-    v, touching = feasible.raised(g, H1, v, contact, flux, rng.random(nb))
+    v, touching = feasible.raise_to_obstacle(g, H1, v, contact, flux, rng.random(nb))
     v[nb:] -= rng.uniform(0, 4, nb)
-    return [v, touching, *feasible.missing(g, H1, v, touching, flux), g.near(v, touching)]
+    return [v, touching, *feasible.bound_shortfall(g, H1, v, touching, flux), g.near(v, touching)]
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -82,8 +82,8 @@ def test_intervals_of_edges_far_from_g_change_nothing(seed, monkeypatch):
     """Against all of them; some are left out. Control: so they do where v is told by its ends only."""
     g = on_edges("sin(9*pi*x) + y", 16)
     *found, near = short_of(g, np.random.default_rng(seed))
-    kept = Constraint.near
-    monkeypatch.setattr(Constraint, "near", lambda self, v, also: self)
+    kept = Constraint.select_near_edges
+    monkeypatch.setattr(Constraint, "select_near_edges", lambda self, v, also: self)
     *wanted, every = short_of(g, np.random.default_rng(seed))
     assert 0 < len(near.edge) < len(every.edge)
     for one, other in zip(found, wanted, strict=True):
@@ -94,7 +94,7 @@ def test_intervals_of_edges_far_from_g_change_nothing(seed, monkeypatch):
         level[self.unknowns[:, 2]] = 0.5 * v[self.unknowns[:, :2]].sum(axis=1)
         return kept(self, level, also)
 
-    monkeypatch.setattr(Constraint, "near", by_ends)
+    monkeypatch.setattr(Constraint, "select_near_edges", by_ends)
     *wrong, _ = short_of(g, np.random.default_rng(seed))
     assert wrong[2].sum() < 0.99 * wanted[2].sum()
 
@@ -127,8 +127,8 @@ def test_the_extension_s_norm_is_that_of_its_definition():
     problem = Manufactured(polygon, "x**3 - 2*x*y**2")
     mesh = meshes.from_arrays(polygon, points, [[0, 1, 2]])
     every = np.ones(3, dtype=bool)
-    g = constraint(problem.enclosed(), mesh, H1)
-    missing = feasible.missing(g, H1, g.at_unknowns, every, np.ones((3, 2)))
+    g = build_constraint(problem.enclosed(), mesh, H1)
+    missing = feasible.bound_shortfall(g, H1, g.p_at_unknowns, every, np.ones((3, 2)))
     s = sympy.Symbol("s")
     squares = 0.0
     for i in range(3):
@@ -139,9 +139,9 @@ def test_the_extension_s_norm_is_that_of_its_definition():
         x = float(a[0]) + s * float((b - a)[0]) / length
         y = float(a[1]) + s * float((b - a)[1]) / length
         squares += extension_norm((a, b, c), sympy.expand(x**3 - 2 * x * y**2 - along)) ** 2
-    assert missing.norm == pytest.approx(np.sqrt(3 * squares), rel=1e-10)
-    assert 0 <= missing.product <= 1e-8
-    assert np.max(missing.added) <= 1e-8
+    assert missing.extension_norm == pytest.approx(np.sqrt(3 * squares), rel=1e-10)
+    assert 0 <= missing.complementarity <= 1e-8
+    assert np.max(missing.nodal_raise) <= 1e-8
 
 
 def shortfall(case, g, v, flux):
@@ -150,7 +150,7 @@ def shortfall(case, g, v, flux):
     x = (np.arange(20_000) + 0.5) / 20_000
     squares = 0.0
     slack = 0.0
-    foot, height = feasible._apex(mesh, Form(c=0.0))
+    foot, height = feasible._extension_apexes(mesh, Form(c=0.0))
     shared = np.bincount(mesh.boundary_triangles)[mesh.boundary_triangles]
     for e, length in enumerate(np.diff(mesh.s)):
         start = mesh.s[e] - mesh.polygon.starts[mesh.side[e]]
@@ -176,16 +176,16 @@ def test_what_is_missing_is_not_less_than_it_is(name):
     mesh = d.mesh
     case = d.exact.ritz.case
     on = np.ones(len(mesh.boundary), dtype=bool)
-    g = constraint(case.problem.enclosed_obstacle, mesh, H1)
-    v = np.where(np.isfinite(g.at_unknowns), g.at_unknowns, 0.0)
+    g = build_constraint(case.problem.enclosed_obstacle, mesh, H1)
+    v = np.where(np.isfinite(g.p_at_unknowns), g.p_at_unknowns, 0.0)
     rng = np.random.default_rng(1)
     v[len(on) :] += rng.normal(0, 0.01, len(on))
     flux = rng.random((len(on), 2))
-    found = feasible.missing(g, H1, v, ~on, flux)
+    found = feasible.bound_shortfall(g, H1, v, ~on, flux)
     norm, slack = shortfall(case, g, v, flux)
-    assert (1 - 1e-3) * norm <= found.norm <= 1.15 * norm
-    assert (1 - 1e-3) * slack <= found.product <= 1.3 * slack
-    assert np.all(found.added <= 1e-6)
+    assert (1 - 1e-3) * norm <= found.extension_norm <= 1.15 * norm
+    assert (1 - 1e-3) * slack <= found.complementarity <= 1.3 * slack
+    assert np.all(found.nodal_raise <= 1e-6)
 
 
 def test_p_that_differs_at_a_vertex_by_rounding_is_raised_there():
@@ -193,35 +193,38 @@ def test_p_that_differs_at_a_vertex_by_rounding_is_raised_there():
     on = np.array([True, True])
     unknowns = np.array([[0, 1, 3], [1, 2, 4]])
     on_edges = np.array([[1.0, 1.0, 2.0], [1 + 4e-14, 5.0, 3.0]])
-    at, rise, jumps = constraints._at_ends(on_edges, unknowns, on, np.full((2, 2), 1e-12))
+    at, rise, jumps = constraints._join_at_vertices(on_edges, unknowns, on, np.full((2, 2), 1e-12))
     assert not jumps.any()
     np.testing.assert_allclose(rise, [[0, 4e-14], [0, 0]], rtol=1e-2)
     np.testing.assert_allclose(at - [1, 1, 5, 2, 3], [0, 4e-14, 0, 2e-14, 0], rtol=0.05, atol=1e-17)
     on_edges[1, 0] += 1e-11
-    assert constraints._at_ends(on_edges, unknowns, on, np.full((2, 2), 1e-12))[2].tolist() == [True, False]
+    assert constraints._join_at_vertices(on_edges, unknowns, on, np.full((2, 2), 1e-12))[2].tolist() == [
+        True,
+        False,
+    ]
 
 
 def test_the_rounding_of_v_is_allowed_for():
     """On an edge where v varies by 1e9 p - v is not known better than to 1e-7 and more."""
-    mesh = structured(square(), 1 / 2)
+    mesh = make_structured_mesh(square(), 1 / 2)
     problem = Manufactured(square(), "1", gap="1 + x")
     every = np.ones(8, dtype=bool)
-    g = constraint(problem.enclosed(), mesh, H1)
+    g = build_constraint(problem.enclosed(), mesh, H1)
     steep = np.zeros(16)
     steep[g.unknowns[0]] = 0.0, 1e9, 1e9 / 2
-    v = np.maximum(steep, g.at_unknowns)
+    v = np.maximum(steep, g.p_at_unknowns)
     flux = np.ones((8, 2))
-    both = v, np.maximum(0, g.at_unknowns)
-    doubt = [feasible.missing(g, H1, each, every, flux).added.max() for each in both]
+    both = v, np.maximum(0, g.p_at_unknowns)
+    doubt = [feasible.bound_shortfall(g, H1, each, every, flux).nodal_raise.max() for each in both]
     assert doubt[0] > 1e-16 * 1e9 > 100 * doubt[1]
 
 
 def test_v_is_g_at_the_ends_of_edges_that_it_may_cross(monkeypatch):
     """Else the extension of g - v from such an edge would be no function of H1; u_h is above g there, too."""
     of = pair("natural", 16)
-    own = feasible.missing
+    own = feasible.bound_shortfall
     seen = []
-    monkeypatch.setattr(feasible, "missing", lambda *given: seen.append(given[:4]) or own(*given))
+    monkeypatch.setattr(feasible, "bound_shortfall", lambda *given: seen.append(given[:4]) or own(*given))
     local_bound(*of.given)
     g, _, v, touching = seen[0]
     unknowns = np.unique(g.unknowns[touching])
@@ -234,9 +237,9 @@ def test_v_is_g_at_the_ends_of_edges_that_it_may_cross(monkeypatch):
 @pytest.mark.parametrize("name", ["square", "lshape"])
 def test_functions_of_the_layer_are_those_of_P2(name, form):
     """Norms against scikit-fem's, of random values at boundary nodes and midpoints."""
-    mesh = meshes.unstructured(named(name), 0.3)
+    mesh = meshes.make_unstructured_mesh(find_polygon(name), 0.3)
     rng = np.random.default_rng(0)
-    of = layer(mesh)
+    of = boundary_layer(mesh)
     nb = len(mesh.boundary)
     nodal, bubble = rng.standard_normal((2, nb))
     p2 = skfem.Basis(
@@ -253,10 +256,10 @@ def test_functions_of_the_layer_are_those_of_P2(name, form):
     def square(w):
         return form.k * dot(grad(w.of), grad(w.of)) + form.c * w.of**2
 
-    found = of.squares(form, *of.function(nodal, bubble)).sum()
+    found = of.square_norms(form, *of.function(nodal, bubble)).sum()
     assert found == pytest.approx(square.assemble(p2, of=p2.interpolate(v)), rel=1e-12)
-    norms = [of.squares(form, *of.function(np.zeros(nb), each)).sum() for each in np.eye(nb)[:3]]
-    assert of.bubble_squares(form)[:3] == pytest.approx(norms, rel=1e-12)
+    norms = [of.square_norms(form, *of.function(np.zeros(nb), each)).sum() for each in np.eye(nb)[:3]]
+    assert of.bubble_square_norms(form)[:3] == pytest.approx(norms, rel=1e-12)
 
 
 @pytest.mark.parametrize("apex", [(0.25, 0.7), (1.4, 0.2), (-0.3, 0.4)])
@@ -269,8 +272,8 @@ def test_an_extension_is_bounded_by_the_slope_of_what_it_extends(apex, length, f
     """
     points = length * np.array([[0.0, 0.0], [1.0, 0.0], apex])
     mesh = meshes.from_arrays(Polygon(points, "triangle"), points, [[0, 1, 2]])
-    foot, height = feasible._apex(mesh, form)
-    allowed = feasible._per_slope(mesh, form, foot, height)[0]
+    foot, height = feasible._extension_apexes(mesh, form)
+    allowed = feasible._extension_constants(mesh, form, foot, height)[0]
     triangle = points[0], points[1], np.array([foot[0], height[0]])
     s, nodes, weights = sympy.Symbol("s"), *np.polynomial.legendre.leggauss(12)
     ratios = []
@@ -290,11 +293,11 @@ def test_extensions_are_not_deeper_than_two_layers(form):
     """Their triangles lie in those of the mesh, for the apex is between the edge's midpoint and a vertex."""
     points = np.array([[0.0, 0.0], [1.0, 0.0], [1.4, 3.0]])
     mesh = meshes.from_arrays(Polygon(points, "triangle"), points, [[0, 1, 2]])
-    foot, height = feasible._apex(mesh, form)
+    foot, height = feasible._extension_apexes(mesh, form)
     depth = 2 * np.sqrt(form.k / form.c)
     assert height[0] == pytest.approx(depth)
     assert foot[0] == pytest.approx(0.5 + (1.4 - 0.5) * depth / 3.0)
-    assert feasible._apex(mesh, FLAT)[0][0] == pytest.approx(1.4)
+    assert feasible._extension_apexes(mesh, FLAT)[0][0] == pytest.approx(1.4)
     # the norm of a shallow extension is about (c k)^(1/4); without that depth it would be c^(1/2)
     r = sympy.Symbol("s") * (1 - sympy.Symbol("s"))
     shallow = extension_norm((points[0], points[1], np.array([foot[0], depth])), r, form)
@@ -318,4 +321,8 @@ def test_no_extension_exceeds_what_its_slope_allows(apex):
     of_values = values * weight @ values.T
     form = 0.5 * (height * of_slopes + (of_arms + 2 * of_values) / height) + 0.25 * height * of_values
     largest = np.linalg.eigvalsh(form)[-1]
-    assert largest <= feasible._per_slope(mesh, H1, *feasible._apex(mesh, FLAT))[0] <= 1.5 * largest
+    assert (
+        largest
+        <= feasible._extension_constants(mesh, H1, *feasible._extension_apexes(mesh, FLAT))[0]
+        <= 1.5 * largest
+    )

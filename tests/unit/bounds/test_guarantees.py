@@ -20,13 +20,13 @@ from random_problems import known
 from unilateral.adaptive.goal import Goal
 from unilateral.adaptive.loop import search
 from unilateral.bounds import source
-from unilateral.bounds.clamped_ends import unclamped
-from unilateral.bounds.forces import forces
+from unilateral.bounds.clamped_ends import no_reactions
+from unilateral.bounds.forces import bound_forces
 from unilateral.bounds.local_bounds import local_bound
 from unilateral.bounds.sharp_bounds import sharp_bound
 from unilateral.discrete import solution
 from unilateral.fem.form import Form
-from unilateral.fem.p2 import layer
+from unilateral.fem.p2 import boundary_layer
 
 FUZZ = int(os.environ.get("UNILATERAL_FUZZ", "0"))
 """`make fuzz` sets how many times the problems are tried; those made to fool go on where the suite ends."""
@@ -59,7 +59,7 @@ PIECES = dict.fromkeys(random_problems.KINDS, 6000) | dict.fromkeys(adversarial_
 @contextmanager
 def few_pieces(kind):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(source, "MOST_PIECES", PIECES.get(kind, source.MOST_PIECES))
+        patch.setattr(source, "MAX_SOURCE_PIECES", PIECES.get(kind, source.MAX_SOURCE_PIECES))
         yield
 
 
@@ -149,7 +149,7 @@ def test_the_triangles_shares_add_up_to_the_squared_bound(one):
         # X^2 <= S^2 + 2 B + D^2 - max(D - eta, 0)^2
         most = bound.u**2 + max(mesh.growth * bound.lifting - bound.eta, 0.0) ** 2
         assert bound.u**2 / 6 <= bound.shares.sum() * (1 + 1e-6) <= most * (1 + 2e-6)
-        inside = np.delete(bound.shares, layer(mesh).triangles)
+        inside = np.delete(bound.shares, boundary_layer(mesh).triangles)
         assert inside.sum() <= most * (1 + 1e-6) - bound.lifting**2
 
 
@@ -157,8 +157,8 @@ def forces_outside(one, share=1.0):
     """Exact forces that do not lie between the numbers that are guaranteed; the `share` is of the bound."""
     wrong = []
     for of in one.pressed:
-        sides = unclamped(of.mesh.polygon.n_sides)._replace(form=Form(free=tuple(of.free)))
-        found = forces(of.mesh, of.cells, of.lambda_H, share * of.bound, of.parts, sides)
+        sides = no_reactions(of.mesh.polygon.n_sides)._replace(form=Form(free=tuple(of.free)))
+        found = bound_forces(of.mesh, of.cells, of.lambda_H, share * of.bound, of.parts, sides)
         for part, force, (least, most) in zip(of.parts, found, of.exact, strict=True):
             if force.upper < least or force.lower > most or not force.lower <= force.value <= force.upper:
                 wrong.append((part, force, least, most))

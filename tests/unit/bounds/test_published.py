@@ -17,11 +17,11 @@ from skfem.helpers import dot, grad
 from symbolic import X, Y, plain
 
 from unilateral.discrete.condensed import discretise
-from unilateral.formulas.expression import number
+from unilateral.formulas.expression import rational_expression
 from unilateral.geometry.mesh import from_arrays
-from unilateral.geometry.partition import uniform
+from unilateral.geometry.partition import make_uniform_partition
 from unilateral.geometry.polygon import square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.problems.problem import Problem
 from unilateral.solvers.stop import Stop
 
@@ -137,7 +137,7 @@ def crossed(n):
 
 def diagonal(n):
     """Squares cut along one diagonal."""
-    mesh = structured(square(), 1 / n)
+    mesh = make_structured_mesh(square(), 1 / n)
     return mesh.points, mesh.triangles
 
 
@@ -146,8 +146,8 @@ def index(points, triangles, n):
     u = sympy.cos(2 * sympy.pi * X) * sympy.cos(2 * sympy.pi * Y)
     mesh = from_arrays(square(), points, triangles)
     f = u - u.diff(X, 2) - u.diff(Y, 2)
-    problem = Problem("moved", square(), plain(f), (number(-10),) * 4, ())
-    solved = discretise(problem, mesh, uniform(square(), 2 / n)).solved(Stop())
+    problem = Problem("moved", square(), plain(f), (rational_expression(-10),) * 4, ())
+    solved = discretise(problem, mesh, make_uniform_partition(square(), 2 / n)).solve(Stop())
     return solved.bound().u / h1_errors(u, mesh, [solved.u_h])[0]
 
 

@@ -9,7 +9,7 @@ import skfem
 from skfem.helpers import dot, grad
 
 from unilateral.bounds import residual_norm
-from unilateral.bounds.flux_residuals import by_parts
+from unilateral.bounds.flux_residuals import bound_by_parts
 from unilateral.bounds.residual_norm import ResidualParts
 from unilateral.fem.form import Form
 from unilateral.geometry import mesh as meshes
@@ -83,15 +83,15 @@ def parts(shape, rng, sizes, form, factor=0.0):
 
     layers = np.full(n, math.inf)
     if factor and form.c:
-        layers = factor * by_parts(mesh, np.arange(n), nodal, inside, np.zeros(n), form)
+        layers = factor * bound_by_parts(mesh, np.arange(n), nodal, inside, np.zeros(n), form)
     found = ResidualParts(
         mesh=mesh,
         form=form,
         misfit=np.hypot(norms(field[0]), norms(field[1])),
         oscillation=norms(oscillation),
         mean=np.sqrt(area) * np.abs(mean),
-        rest=norms(rest),
-        by_parts=layers,
+        remainder=norms(rest),
+        s_prime=layers,
     )
     return found, functional.assemble(basis, field=field, rho=rho)
 
@@ -183,7 +183,7 @@ def test_one_part_alone_has_nearly_its_norm(kind, most):
 
 def test_a_smaller_constant_is_too_small(monkeypatch):
     """The control of j: cos(pi x) on an equilateral triangle has a hundredth less, but not a half."""
-    monkeypatch.setattr(residual_norm, "J", 2 * residual_norm.J)
+    monkeypatch.setattr(residual_norm, "BESSEL_ZERO", 2 * residual_norm.BESSEL_ZERO)
     assert min(ratio for _, ratio in bounds("thin", 3, ("oscillation",))) < 1
 
 
@@ -191,7 +191,7 @@ def test_theta_is_the_best_one():
     """Of all theta in [0, 1], for E = 0; with E any theta makes a bound."""
     rng = np.random.default_rng(4)
     mesh, _, _ = fine("square")
-    delta = mesh.longest_edges / residual_norm.J
+    delta = mesh.longest_edges / residual_norm.BESSEL_ZERO
     for form in forms("square"):
         if form.c == 0:
             continue
@@ -216,7 +216,7 @@ def test_gamma_is_the_best_one():
         with np.errstate(divide="ignore"):
             squares = np.sum(m**2) / ((1 - gamma) * form.k)
             squares += np.sum(r**2) / (form.c + gamma * form.k / FRIEDRICHS**2)
-        assert found.norms()[1] == pytest.approx(math.sqrt(squares.min()), rel=1e-3)
+        assert found.dual_norms()[1] == pytest.approx(math.sqrt(squares.min()), rel=1e-3)
 
 
 def test_nothing_jumps_as_c_vanishes():

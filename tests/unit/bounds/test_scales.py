@@ -16,12 +16,12 @@ from symbolic import X
 import unilateral as ul
 from unilateral.arrays import Array
 from unilateral.bounds import flux_residuals, residual_norm
-from unilateral.bounds.residual_norm import underflow
+from unilateral.bounds.residual_norm import underflow_allowance
 from unilateral.errors import InputError
 from unilateral.fem.form import Form
 from unilateral.geometry.mesh import Mesh
 from unilateral.problems import data_checks
-from unilateral.problems.data_checks import LARGEST, SMALLEST
+from unilateral.problems.data_checks import MAX_DATA_SIZE, MIN_DATA_SIZE
 
 
 def square(length: float) -> list[list[float]]:
@@ -80,16 +80,16 @@ def test_data_times_a_power_of_two_have_the_same_bounds_times_that(name: str, po
     size = 2.0**power
     one = solution(name, 1.0)
     scaled = solution(name, size)
-    lost = underflow(scaled.solved.mesh, scaled.solved.form)
+    lost = underflow_allowance(scaled.solved.mesh, scaled.solved.form)
     np.testing.assert_allclose(np.array(bounds(scaled)) / size, bounds(one), rtol=1e-6, atol=2 * lost / size)
     assert is_bounded(scaled, name, size)
 
 
 def test_data_beyond_are_refused() -> None:
     """2^-463 and 2^460 are within, by less than a factor of 2^10."""
-    assert SMALLEST < 2.0**-463 < 2**10 * SMALLEST
-    assert 2.0**460 < LARGEST < 2.0**470
-    for size in (0.9 * SMALLEST, 1.1 * LARGEST):
+    assert MIN_DATA_SIZE < 2.0**-463 < 2**10 * MIN_DATA_SIZE
+    assert 2.0**460 < MAX_DATA_SIZE < 2.0**470
+    for size in (0.9 * MIN_DATA_SIZE, 1.1 * MAX_DATA_SIZE):
         with sentences.raises(InputError):
             problem("constant", repr(size))
 
@@ -97,7 +97,7 @@ def test_data_beyond_are_refused() -> None:
 @pytest.mark.parametrize("size", [2.0**-560, 2.0**-900])
 def test_squares_that_vanish_are_bounded(size: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Were such data not refused, and as they may be on a part of the polygon. Control: nothing is added."""
-    monkeypatch.setattr(data_checks, "SMALLEST", 0.0)
+    monkeypatch.setattr(data_checks, "MIN_DATA_SIZE", 0.0)
 
     def found() -> ul.Solution:
         of = problem("cosine", repr(size))
@@ -106,7 +106,7 @@ def test_squares_that_vanish_are_bounded(size: float, monkeypatch: pytest.Monkey
     assert is_bounded(found(), "cosine", size)
     monkeypatch.setattr(flux_residuals, "UNDERFLOW", 0.0)
     monkeypatch.setattr(residual_norm, "UNDERFLOW", 0.0)
-    monkeypatch.setattr(residual_norm, "DIVIDED", 0.0)
+    monkeypatch.setattr(residual_norm, "QUOTIENT_UNDERFLOW", 0.0)
     assert not is_bounded(found(), "cosine", size)
 
 

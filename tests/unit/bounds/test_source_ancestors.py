@@ -11,35 +11,35 @@ from sources import FORMULAS, HATS, Counted, Source, mean
 from sympy import Rational
 
 from unilateral.bounds import source_ancestors as wholes
-from unilateral.bounds.source import enclosed
+from unilateral.bounds.source import enclose_function
 from unilateral.bounds.source_ancestors import (
-    COMPUTED,
-    FINEST,
-    LONG,
-    MOST_HALVINGS,
+    ANCESTOR_GRID_STEP,
+    MAX_ANCESTOR_HALVINGS,
+    MIN_RUN_LENGTH,
+    PROJECTION_ROUNDING,
     Polynomials,
-    inside,
-    whole,
+    corner_variables,
+    enclose_ancestors,
 )
-from unilateral.bounds.source_pieces import rounded_size
-from unilateral.fem.quadrature import symmetric
+from unilateral.bounds.source_pieces import coordinate_scale
+from unilateral.fem.quadrature import symmetric_rule
 from unilateral.fem.splitting import quarter
-from unilateral.formulas.taylor import EPS, basis
+from unilateral.formulas.taylor import EPS, monomial_basis
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.plane import cross
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.polygon import Polygon, find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
 
 KITE = np.array([[0, 0], [1.1, -0.3], [1.4, 1.2], [0.2, 0.8]])
 FAR = Polygon(KITE + 1e5 / 3, "far")
 MESHES = {
-    "square": lambda: structured(square(), 1 / 12),
-    "lshape": lambda: structured(named("lshape"), 1 / 12),
-    "kite": lambda: meshes.refine(meshes.unstructured(Polygon(KITE, "kite"), 1 / 3), 2),
-    "far": lambda: meshes.refine(meshes.unstructured(FAR, 1 / 3), 2),
-    "at a corner": lambda: graded(structured(named("lshape"), 1 / 2), 2, 12).mesh,
-    "at random": lambda: at_random(meshes.unstructured(Polygon(KITE, "kite"), 1 / 2), 6, 5).mesh,
-    "far, at random": lambda: at_random(meshes.unstructured(FAR, 1 / 2), 4, 5).mesh,
+    "square": lambda: make_structured_mesh(square(), 1 / 12),
+    "lshape": lambda: make_structured_mesh(find_polygon("lshape"), 1 / 12),
+    "kite": lambda: meshes.refine_uniformly(meshes.make_unstructured_mesh(Polygon(KITE, "kite"), 1 / 3), 2),
+    "far": lambda: meshes.refine_uniformly(meshes.make_unstructured_mesh(FAR, 1 / 3), 2),
+    "at a corner": lambda: graded(make_structured_mesh(find_polygon("lshape"), 1 / 2), 2, 12).mesh,
+    "at random": lambda: at_random(meshes.make_unstructured_mesh(Polygon(KITE, "kite"), 1 / 2), 6, 5).mesh,
+    "far, at random": lambda: at_random(meshes.make_unstructured_mesh(FAR, 1 / 2), 4, 5).mesh,
 }
 NEAR = [name for name in MESHES if "far" not in name]
 SMOOTH = "x*y*sin(3*x) - 1"
@@ -113,12 +113,12 @@ def test_places_in_an_ancestor_are_exact(name):
     deepest = 0
     corners = mesh.points[mesh.triangles]
     for frame, number, places, times in levels(mesh):
-        near = times <= MOST_HALVINGS
+        near = times <= MAX_ANCESTOR_HALVINGS
         far = times >= 10
         deepest = max(deepest, times.max())
         found = placed(corners[near], frame[number[near]])
         np.testing.assert_array_equal(found, places[near])
-        np.testing.assert_array_equal(found / FINEST, np.rint(found / FINEST))
+        np.testing.assert_array_equal(found / ANCESTOR_GRID_STEP, np.rint(found / ANCESTOR_GRID_STEP))
         if far.any():
             assert np.any(placed(corners[far], frame[number[far]]) != places[far])
     assert (deepest >= 10) == (name == "at a corner")
@@ -127,12 +127,12 @@ def test_places_in_an_ancestor_are_exact(name):
 def placed(corners, around):
     """(k, 3, 2) corners (k, 3, 2) in the variables of the triangles (k, 3, 2) around them."""
     frame = wholes._frame(*around.transpose(1, 2, 0))
-    return np.stack(inside(corners.transpose(2, 1, 0), frame)).transpose(2, 1, 0)
+    return np.stack(corner_variables(corners.transpose(2, 1, 0), frame)).transpose(2, 1, 0)
 
 
 def corners_of(known):
     """(k, 3, 2) of the triangles of polynomials, from the maps to their variables, -1 and 1 there."""
-    to_sigma = known.frame[:4].T.reshape(-1, 2, 2) * FINEST
+    to_sigma = known.frame[:4].T.reshape(-1, 2, 2) * ANCESTOR_GRID_STEP
     middle = known.frame[4:].T
     sigma = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
     return middle[:, None] + np.einsum("kij,cj->kci", np.linalg.inv(to_sigma), sigma)
@@ -144,7 +144,7 @@ def check_halvings(found, mesh):
     corners = mesh.points[mesh.triangles]
     of_areas = np.rint(np.log2(doubled(around) / doubled(corners))).astype(int)
     assert np.all((found.halvings <= of_areas) & (of_areas <= 2 * found.halvings))
-    assert found.halvings.max() <= MOST_HALVINGS
+    assert found.halvings.max() <= MAX_ANCESTOR_HALVINGS
 
 
 def doubled(corners):
@@ -169,14 +169,16 @@ def test_p_of_an_ancestor_holds_on_every_triangle(name):
         value = of.value(*np.moveaxis(at, 2, 0))[0]
         slack = 16 * EPS * np.abs(value).max()
         for frame, number, *_ in all_levels:
-            found = whole(frame, rounded_size(mesh), of)
+            found = enclose_ancestors(frame, coordinate_scale(mesh), of)
             p = values(found, number, at)
-            assert np.all(np.abs(value - p) <= found.rad[number][:, None] + slack), text
+            assert np.all(np.abs(value - p) <= found.remainder[number][:, None] + slack), text
             wrong = values(found, np.roll(number, 1), at)
-            controls.append(np.any(np.abs(value - wrong) > found.rad[np.roll(number, 1)][:, None] + slack))
-        found = enclosed(mesh, of).seen
-        p = values(found.known, found.of, at)
-        assert np.all(np.abs(value - p) <= found.known.rad[found.of][:, None] + slack), text
+            controls.append(
+                np.any(np.abs(value - wrong) > found.remainder[np.roll(number, 1)][:, None] + slack)
+            )
+        found = enclose_function(mesh, of).ancestors
+        p = values(found.known, found.select, at)
+        assert np.all(np.abs(value - p) <= found.known.rad[found.select][:, None] + slack), text
         check_halvings(found, mesh)
     assert np.any(controls)
 
@@ -192,7 +194,7 @@ def values(found, number, at):
             of.append(of[-1] * sigma)
     return sum(
         found.c[k, number, None] * powers[0][i] * powers[1][j]
-        for k, (i, j) in enumerate(basis(2, 4).exponents.tolist())
+        for k, (i, j) in enumerate(monomial_basis(2, 4).exponents.tolist())
     )
 
 
@@ -202,7 +204,7 @@ def projected(c, corners):
     Both are exact.
     """
     x, y = (sum(hat * Rational(z) for hat, z in zip(HATS, of, strict=True)) for of in corners.T.tolist())
-    terms = zip(basis(2, 4).exponents.tolist(), c.tolist(), strict=True)
+    terms = zip(monomial_basis(2, 4).exponents.tolist(), c.tolist(), strict=True)
     p = sum(x**i * y**j * Rational(each) for (i, j), each in terms)
     moments = [mean(p * hat) for hat in HATS]
     f_h = [12 * of - 3 * sum(moments) for of in moments]
@@ -217,7 +219,7 @@ def some_parts():
     found = [sigma]
     for _ in range(7):
         a, b, c = sigma
-        for _ in range(rng.integers(1, MOST_HALVINGS + 1)):
+        for _ in range(rng.integers(1, MAX_ANCESTOR_HALVINGS + 1)):
             m = 0.5 * (b + c)
             a, b, c = ((m, a, b), (m, c, a))[rng.integers(2)]
         found.append(np.array([a, b, c]))
@@ -238,7 +240,7 @@ def worst_rounding(count):
         c[0, 1:] = 0
         frame = wholes._frame(*np.repeat(sigma[:, :, None], 4, axis=2))
         known = Polynomials(c.T.copy(), np.zeros(4), frame)
-        f_h, squares = wholes.values(np.repeat(part.T[..., None], count, axis=2), known, number)
+        f_h, squares = wholes.project_polynomials(np.repeat(part.T[..., None], count, axis=2), known, number)
         for k in range(4):
             exact, square = projected(c[k], part)
             off = max(abs(float(Rational(x) - y)) for x, y in zip(f_h[:, k].tolist(), exact, strict=True))
@@ -247,11 +249,11 @@ def worst_rounding(count):
     return worst
 
 
-@pytest.mark.parametrize(("count", "other"), [(4, "_matrices"), (LONG, "_horner")])
+@pytest.mark.parametrize(("count", "other"), [(4, "_matrices"), (MIN_RUN_LENGTH, "_horner")])
 def test_what_is_rounded_is_below_its_allowance(monkeypatch, count, other):
     """In rational arithmetic, by both ways of computing it; and a hundredth of it would be too little."""
     monkeypatch.setattr(wholes, other, None)
-    assert 0.01 < worst_rounding(count) / COMPUTED <= 1
+    assert 0.01 < worst_rounding(count) / PROJECTION_ROUNDING <= 1
 
 
 @pytest.mark.parametrize("name", ["square", "at random"])
@@ -259,12 +261,12 @@ def test_both_ways_make_the_same_of_p(monkeypatch, name):
     """Up to the allowances of both. They are rounded differently: neither of them is idle."""
     mesh = mesh_of(name)
     of = Source(SMOOTH)
-    monkeypatch.setattr(wholes, "LONG", 1)
-    found = enclosed(mesh, of)
-    monkeypatch.setattr(wholes, "LONG", 2 * len(mesh.triangles))
-    expected = enclosed(mesh, of)
-    c = found.seen.known.c[:, found.seen.of]
-    allowed = 2 * COMPUTED * EPS * np.abs(c).sum(axis=0)
+    monkeypatch.setattr(wholes, "MIN_RUN_LENGTH", 1)
+    found = enclose_function(mesh, of)
+    monkeypatch.setattr(wholes, "MIN_RUN_LENGTH", 2 * len(mesh.triangles))
+    expected = enclose_function(mesh, of)
+    c = found.ancestors.polynomials.c[:, found.ancestors.numbers]
+    allowed = 2 * PROJECTION_ROUNDING * EPS * np.abs(c).sum(axis=0)
     assert np.all(np.abs(found.f_h - expected.f_h).max(axis=1) <= allowed)
     assert np.all(np.abs(found.oscillation - expected.oscillation) <= allowed * np.sqrt(mesh.areas))
     assert np.any(found.f_h != expected.f_h)
@@ -273,9 +275,9 @@ def test_both_ways_make_the_same_of_p(monkeypatch, name):
 def test_the_allowance_is_in_rad():
     """Of a constant, which has no other remainder but the rounding of its 15 coefficients."""
     mesh = mesh_of("square")
-    found = whole(mesh.points[mesh.triangles], rounded_size(mesh), Source("3"))
-    assert np.all(found.rad >= COMPUTED * EPS * 3)
-    assert np.all(found.rad <= 2 * COMPUTED * EPS * 3)
+    found = enclose_ancestors(mesh.points[mesh.triangles], coordinate_scale(mesh), Source("3"))
+    assert np.all(found.remainder >= PROJECTION_ROUNDING * EPS * 3)
+    assert np.all(found.remainder <= 2 * PROJECTION_ROUNDING * EPS * 3)
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -287,21 +289,21 @@ def test_polynomials_are_taken_from_the_coarsest_level(name):
     mesh = mesh_of(name)
     x, y = (f"({z} - {c!r})" for z, c in zip("xy", mesh.polygon.vertices[0].tolist(), strict=True))
     of = Counted(f"3*{x}**4 - 2*{x}*{y}**3 + {y}**2 - 5*{x} + 7")
-    found = enclosed(mesh, of)
+    found = enclose_function(mesh, of)
     if name != "at a corner" and name in NEAR:
         assert of.pieces == len(mesh.coarse.triangles)
     elif name in NEAR:
         assert len(mesh.coarse.triangles) < of.pieces < len(mesh.triangles) / 2
     size = 30 * max(1e-12, 64 * EPS * np.abs(mesh.points).max())
-    hats, weights = symmetric(6)
+    hats, weights = symmetric_rule(6)
     value = of.value(*np.moveaxis(points(mesh, hats), 2, 0))[0]
     moments = mesh.areas[:, None] * ((value * weights) @ hats)
     assert np.all(np.abs(found.moments() - moments) <= size * mesh.areas[:, None])
-    hats, weights = symmetric(8)
+    hats, weights = symmetric_rule(8)
     rest = of.value(*np.moveaxis(points(mesh, hats), 2, 0))[0] - found.f_h @ hats.T
     norms = np.sqrt(mesh.areas * (rest**2 @ weights))
     assert np.all(np.abs(norms - found.oscillation) <= size * np.sqrt(mesh.areas))
-    assert np.all(found.rest <= size * np.sqrt(mesh.areas))
+    assert np.all(found.remainder <= size * np.sqrt(mesh.areas))
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -315,10 +317,10 @@ def test_the_same_with_and_without_coarser_levels(name):
     for text in [*FORMULAS, SMOOTH]:
         here = text.replace("exp", "E").replace("x", f"(x - {shift[0]})").replace("y", f"(y - {shift[1]})")
         of = Source(here.replace("E", "exp"))
-        found = enclosed(mesh, of)
-        expected = enclosed(alone(mesh), of)
-        assert found.resolved == expected.resolved
-        most = np.sqrt(mesh.areas) * (found.rest + expected.rest)
+        found = enclose_function(mesh, of)
+        expected = enclose_function(alone(mesh), of)
+        assert found.is_resolved == expected.is_resolved
+        most = np.sqrt(mesh.areas) * (found.remainder + expected.remainder)
         moved = found.moments() - expected.moments()
         assert np.all(np.abs(moved.sum(axis=1)) <= most)
         if "pos" not in text:
@@ -328,8 +330,16 @@ def test_the_same_with_and_without_coarser_levels(name):
             assert np.all(
                 mesh.areas * (np.sum(d**2, axis=1) + d.sum(axis=1) ** 2) <= 12 * most**2 / mesh.areas
             )
-            wanted = wholes.ABOVE * wholes.ENOUGH * wholes.resolution(mesh, 1.0) * np.ptp(value)
-            assert found.unknown**2 <= wanted**2 * mesh.areas.sum() + (1 + 1e-6) * expected.unknown**2
+            wanted = (
+                wholes.COARSE_TARGET_SHARE
+                * wholes.TARGET_REMAINDER_RATIO
+                * wholes.relative_mesh_size(mesh, 1.0)
+                * np.ptp(value)
+            )
+            assert (
+                found.remainder_norm**2
+                <= wanted**2 * mesh.areas.sum() + (1 + 1e-6) * expected.remainder_norm**2
+            )
 
 
 @pytest.mark.parametrize("name", NEAR)
@@ -339,22 +349,22 @@ def test_what_is_left_of_f_is_bounded(name):
     1e-9 is for the rule's error, the ninth derivative on parts of h/4 <= 1/48 of what varies over 1/20.
     """
     mesh = mesh_of(name)
-    (rule, weights) = symmetric(8)
+    (rule, weights) = symmetric_rule(8)
     hats = (quarter(quarter(np.eye(3)[None])).transpose(0, 2, 1) @ rule.T).transpose(0, 2, 1).reshape(-1, 3)
     at = points(mesh, hats)
     root = np.sqrt(mesh.areas)
     weights = np.tile(weights, 16) / 16
     for text in formulas(np.random.default_rng(2), 20):
         of = Source(text)
-        found = enclosed(mesh, of)
+        found = enclose_function(mesh, of)
         away = np.ones(len(root), dtype=bool)
         for kink in of.jumps.values():
-            away &= np.abs(kink.level(mesh.circles[0])) > mesh.longest_edges
+            away &= np.abs(kink.signed_distances(mesh.circles[0])) > mesh.longest_edges
         rest = of.value(*np.moveaxis(at, 2, 0))[0] - found.f_h @ hats.T
         norms = np.sqrt(mesh.areas * (rest**2 @ weights))
         integrals = mesh.areas * (rest @ weights)
-        assert np.all((norms <= found.oscillation + found.rest + 1e-9 * root)[away]), text
-        assert np.all((np.abs(integrals) <= found.rest * root + 1e-9 * mesh.areas)[away]), text
+        assert np.all((norms <= found.oscillation + found.remainder + 1e-9 * root)[away]), text
+        assert np.all((np.abs(integrals) <= found.remainder * root + 1e-9 * mesh.areas)[away]), text
 
 
 def test_how_often_f_is_looked_at():
@@ -366,7 +376,7 @@ def test_how_often_f_is_looked_at():
     counts = []
     for n in (64, 256):
         of = Counted(SMOOTH)
-        enclosed(structured(square(), 1 / n), of)
+        enclose_function(make_structured_mesh(square(), 1 / n), of)
         counts.append(of.pieces)
     assert counts[1] <= 4 * 4 ** (2 / 5) * counts[0]
 
@@ -381,20 +391,24 @@ def test_no_peak_between_the_points_of_coarser_levels_is_missed(width, monkeypat
     mesh = mesh_of("square")
 
     def missed():
-        found = enclosed(mesh, of)
-        return abs(found.moments().sum() - np.pi * width**2) - found.rest @ np.sqrt(mesh.areas)
+        found = enclose_function(mesh, of)
+        return abs(found.moments().sum() - np.pi * width**2) - found.remainder @ np.sqrt(mesh.areas)
 
     assert missed() <= 0
-    monkeypatch.setattr(wholes, "whole", lambda *given: whole(*given)._replace(rad=0 * whole(*given).rad))
+    monkeypatch.setattr(
+        wholes,
+        "enclose_ancestors",
+        lambda *given: enclose_ancestors(*given)._replace(remainder=0 * enclose_ancestors(*given).remainder),
+    )
     assert missed() > 0.5 * np.pi * width**2
 
 
 def test_memory_is_proportional_to_the_mesh():
     """The result has 64 bytes a triangle; with numbers of blocks and of the last coarser level 300."""
-    mesh = structured(square(), 1 / 128)
+    mesh = make_structured_mesh(square(), 1 / 128)
     assert mesh.areas.size == mesh.longest_edges.size
     tracemalloc.start()
-    enclosed(mesh, Source(SMOOTH))
+    enclose_function(mesh, Source(SMOOTH))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak <= 300 * len(mesh.triangles)
@@ -412,7 +426,7 @@ TEXTS = [
 
 def two_meshes(times=1):
     """A mesh that is refined at random, and the same refined further, so often."""
-    all_of = at_random(meshes.unstructured(Polygon(KITE, "kite"), 1 / 3), 3 + times, 9).meshes
+    all_of = at_random(meshes.make_unstructured_mesh(Polygon(KITE, "kite"), 1 / 3), 3 + times, 9).meshes
     return all_of[3], all_of[-1]
 
 
@@ -422,16 +436,16 @@ def test_what_is_kept_is_what_is_found_anew(text, times):
     """Up to both rests; of polynomials up to rounding, as they are enclosed exactly on any triangle."""
     coarse, fine = two_meshes(times)
     data = Source(text)
-    found = enclosed(fine, data, enclosed(coarse, data))
-    anew = enclosed(fine, data)
-    most = np.sqrt(fine.areas) * (found.rest + anew.rest)
+    found = enclose_function(fine, data, enclose_function(coarse, data))
+    anew = enclose_function(fine, data)
+    most = np.sqrt(fine.areas) * (found.remainder + anew.remainder)
     if "pos(x - 1/3" not in text:
         assert np.all(np.abs(found.moments() - anew.moments()) <= most[:, None] + 1e-15)
     if text in TEXTS[:2]:
         np.testing.assert_allclose(found.f_h, anew.f_h, rtol=0, atol=1e-13)
         np.testing.assert_allclose(found.oscillation, anew.oscillation, rtol=0, atol=1e-13)
     assert found.mesh is fine
-    assert found.resolved == anew.resolved
+    assert found.is_resolved == anew.is_resolved
 
 
 def test_kept_values_are_the_same_numbers():
@@ -439,11 +453,11 @@ def test_kept_values_are_the_same_numbers():
     coarse, fine = two_meshes()
     data = Source("exp(x*y)")
     other = Source("exp(x*y) + 1")
-    before = enclosed(coarse, data)
-    found = enclosed(fine, other, before)
+    before = enclose_function(coarse, data)
+    found = enclose_function(fine, other, before)
     old = np.setdiff1d(np.arange(len(coarse.triangles)), fine.steps[-1].parent)
     np.testing.assert_array_equal(found.f_h[old], before.f_h[old])
-    assert np.abs(found.f_h[old] - enclosed(fine, other).f_h[old]).max() > 0.9
+    assert np.abs(found.f_h[old] - enclose_function(fine, other).f_h[old]).max() > 0.9
 
 
 class Placed(Counted):
@@ -464,9 +478,9 @@ def test_only_where_triangles_were_cut_f_is_looked_at(text):
     coarse, fine = two_meshes()
     data = Placed(text)
     anew = Placed(text)
-    before = enclosed(coarse, Source(text))
-    enclosed(fine, data, before)
-    enclosed(fine, anew)
+    before = enclose_function(coarse, Source(text))
+    enclose_function(fine, data, before)
+    enclose_function(fine, anew)
     cut = np.unique(fine.steps[-1].parent)
     assert 0 < len(cut) < len(coarse.triangles) / 2
     assert np.all(np.isin(containing(coarse, data.places), cut))
@@ -474,7 +488,7 @@ def test_only_where_triangles_were_cut_f_is_looked_at(text):
     assert data.pieces < anew.pieces
     assert (data.pieces == 0) == (text == "x**2*y - 3*x")
     data.pieces = 0
-    enclosed(fine, data, enclosed(fine, Source(text)))
+    enclose_function(fine, data, enclose_function(fine, Source(text)))
     assert data.pieces == 0
 
 
@@ -493,16 +507,16 @@ def test_what_is_unknown_stays_unknown():
     """Of the triangles that are kept; control: not of others."""
     coarse, fine = two_meshes()
     data = Source("exp(x)")
-    before = enclosed(coarse, data)
-    found = enclosed(fine, data, replace(before, rest=before.rest + 7, resolved=False))
+    before = enclose_function(coarse, data)
+    found = enclose_function(fine, data, replace(before, remainder=before.remainder + 7, is_resolved=False))
     step = fine.steps[-1]
-    assert np.all(np.delete(found.rest, step.triangles) >= 7)
-    assert np.all(found.rest[step.triangles] < 1)
-    assert not found.resolved
+    assert np.all(np.delete(found.remainder, step.triangles) >= 7)
+    assert np.all(found.remainder[step.triangles] < 1)
+    assert not found.is_resolved
 
 
 def deep(times):
-    return graded(structured(square(), 1 / 2), 0, times).meshes
+    return graded(make_structured_mesh(square(), 1 / 2), 0, times).meshes
 
 
 def test_far_descendants_are_asked_for_again():
@@ -511,9 +525,9 @@ def test_far_descendants_are_asked_for_again():
     for times, more in ((6, False), (7, True), (12, True)):
         mesh = deep(times)[-1]
         of = Counted(text)
-        found = enclosed(mesh, of)
+        found = enclose_function(mesh, of)
         assert (of.pieces > len(mesh.coarse.triangles)) == more
-        assert found.seen.halvings.max() <= MOST_HALVINGS
+        assert found.ancestors.halvings.max() <= MAX_ANCESTOR_HALVINGS
         assert of.pieces < len(mesh.triangles)
 
 
@@ -523,13 +537,13 @@ def test_without_that_the_allowance_is_exceeded(monkeypatch):
     of = Source("3*x**4 - 2*x*y**3 + y**2 - 5*x + 7")
 
     def apart():
-        found = enclosed(mesh, of)
-        alike = enclosed(alone(mesh), of)
+        found = enclose_function(mesh, of)
+        alike = enclose_function(alone(mesh), of)
         moved = np.abs(found.moments() - alike.moments()).max(axis=1)
-        return (moved - np.sqrt(mesh.areas) * (found.rest + alike.rest)).max()
+        return (moved - np.sqrt(mesh.areas) * (found.remainder + alike.remainder)).max()
 
     assert apart() <= 0
-    monkeypatch.setattr(wholes, "MOST_HALVINGS", 100)
+    monkeypatch.setattr(wholes, "MAX_ANCESTOR_HALVINGS", 100)
     assert apart() > 0
 
 
@@ -540,14 +554,14 @@ def test_what_is_kept_is_asked_for_again_likewise(steps):
     data = Counted("3*x**4 - 2*x*y**3 + y**2 - 5*x + 7")
     found = None
     for mesh in all_of[::steps]:
-        found = enclosed(mesh, data, found)
-        check_halvings(found.seen, mesh)
-    once = enclosed(found.mesh, data)
+        found = enclose_function(mesh, data, found)
+        check_halvings(found.ancestors, mesh)
+    once = enclose_function(found.mesh, data)
     np.testing.assert_allclose(found.f_h, once.f_h, rtol=0, atol=1e-12)
 
 
 def test_all_triangles_may_be_left_to_pieces():
     """A wave that no triangle of the mesh resolves."""
-    found = enclosed(structured(square(), 1 / 8), Source("cos(200*x)"))
+    found = enclose_function(make_structured_mesh(square(), 1 / 8), Source("cos(200*x)"))
     assert np.all(np.isfinite(found.f_h))
-    assert found.resolved
+    assert found.is_resolved

@@ -10,14 +10,14 @@ from sources import HATS, Source, mean
 from sympy import Rational
 
 from unilateral.bounds import source_pieces
-from unilateral.bounds.source import enclosed
-from unilateral.bounds.source_pieces import ORDER, hat_means
-from unilateral.formulas.expression import Atom
-from unilateral.formulas.taylor import Model, basis
+from unilateral.bounds.source import enclose_function
+from unilateral.bounds.source_pieces import SOURCE_DEGREE, hat_means
+from unilateral.formulas.expression import Primitive
+from unilateral.formulas.taylor import TaylorModel, monomial_basis
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.curves import Kink, area_in_disc
 from unilateral.geometry.polygon import Polygon, square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.structured import make_structured_mesh
 
 K = 40
 
@@ -40,9 +40,9 @@ def test_corners_whose_coordinates_cancel_are_off_by_their_rounding():
     corners = np.stack([first, first + 9e4 * unit * np.array([1, -1, 0]), first], axis=1)
     corners[:, 2] += 9e4 * unit * np.array([0, 1, -1])
     assert np.all(corners.sum(axis=2) == 1)
-    found = source_pieces.on_block(mesh, corners, np.zeros(K, dtype=int), Source("x"))
+    found = source_pieces.enclose_block(mesh, corners, np.zeros(K, dtype=int), Source("x"))
     worst = 0.0
-    for k, known in enumerate(np.sqrt(found.squares / found.outer)):
+    for k, known in enumerate(np.sqrt(found.remainder_squares / found.outer_area)):
         c, *slopes = (Fraction(float(each)) for each in found.c[:3, k])
         at_corners = (c - slopes[0] - slopes[1], c - slopes[0] + slopes[1], c + slopes[0] - slopes[1])
         for p, weights in zip(at_corners, found.corners[k].tolist(), strict=True):
@@ -54,11 +54,11 @@ def test_corners_whose_coordinates_cancel_are_off_by_their_rounding():
 
 def test_the_rounding_of_sums_over_p_is_known():
     """Of its means with hats, against rational numbers."""
-    of = basis(2, ORDER)
+    of = monomial_basis(2, SOURCE_DEGREE)
     rng = np.random.default_rng(1)
-    c = rng.standard_normal((len(of.degree), 50)) * 10.0 ** rng.uniform(-3, 3, 50)
+    c = rng.standard_normal((len(of.degrees), 50)) * 10.0 ** rng.uniform(-3, 3, 50)
     zero = np.zeros(c.shape[1])
-    known = source_pieces._known(Model(of, c, zero, (zero, zero)))
+    known = source_pieces._remainder_bound(TaylorModel(of, c, zero, (zero, zero)))
     _, x, y = HATS
     monomials = [(2 * x - 1) ** i * (2 * y - 1) ** j for i, j in of.exponents.tolist()]
     off = []
@@ -75,9 +75,11 @@ def test_where_rounding_hides_the_side_of_a_curve_a_step_may_have_both_values():
     kink = Kink((1e6 / 3, 1e6 / 7), 0.3)
     angle = np.random.default_rng(1).uniform(0, 2 * np.pi, 500)
     points = np.array(kink.centre) + 0.3 * np.column_stack([np.cos(angle), np.sin(angle)])
-    _, wrong = source_pieces.sides(np.repeat(points[:, None], 3, axis=1), {Atom("step"): kink}, 1e6)
-    assert not np.isnan(wrong[Atom("step")]).any()
-    level = kink.level(points)
+    _, wrong = source_pieces.step_values(
+        np.repeat(points[:, None], 3, axis=1), {Primitive("step"): kink}, 1e6
+    )
+    assert not np.isnan(wrong[Primitive("step")]).any()
+    level = kink.signed_distances(points)
     assert (level > 0).any()
     assert (level < 0).any()
 
@@ -91,7 +93,7 @@ def test_two_jumps_that_are_wrong_at_once():
     of = Source(f"{near.format(10**9)}*{near.format(10**5)}")
     triangle = np.array([[0.74, 0.49], [0.76, 0.49], [0.75, 0.51]])
     mesh = meshes.from_arrays(Polygon(triangle, "small"), triangle, [[0, 1, 2]])
-    found, _ = source_pieces.polynomials(mesh, np.eye(3)[None], np.zeros(1, dtype=int), of)
+    found, _ = source_pieces.enclose_pieces(mesh, np.eye(3)[None], np.zeros(1, dtype=int), of)
     u = (np.stack(np.meshgrid(*2 * [np.arange(1000)]), axis=-1).reshape(-1, 2) + 0.5) / 1000
     u = np.where(u.sum(axis=1, keepdims=True) > 1, 1 - u, u)
     hats = np.column_stack([1 - u.sum(axis=1), u])
@@ -99,7 +101,7 @@ def test_two_jumps_that_are_wrong_at_once():
     squares = np.array([np.mean((f - p) ** 2) for f, p in zip(values, found.c[0], strict=True)])
     norms = np.sqrt(squares * found.area)
     areas = found.area
-    assert np.all(norms <= np.sqrt(found.squares) + found.jumping + 1e-3 * np.sqrt(areas))
+    assert np.all(norms <= np.sqrt(found.remainder_squares) + found.jump_norm + 1e-3 * np.sqrt(areas))
     assert np.any((norms > 3e-3 * np.sqrt(areas)) & (found.c[0] == 0))
 
 
@@ -123,9 +125,11 @@ def test_areas_in_a_disc():
 @pytest.mark.parametrize("kink", [Kink((0.3017, 0.4), 0.0, (0.6, 0.8)), Kink((0.5, 0.5), 0.25)])
 def test_pieces_cut_at_a_curve_are_the_triangle_again(kink):
     """Areas add up; every piece lies on one side of a line, and of a circle up to d^2/4R, d its diameter."""
-    mesh = structured(square(), 1 / 64)
+    mesh = make_structured_mesh(square(), 1 / 64)
     corners = np.broadcast_to(np.eye(3), (len(mesh.triangles), 3, 3))
-    pieces, owner = source_pieces.cut(mesh, corners, np.arange(len(corners)), {Atom("step"): kink})
+    pieces, owner = source_pieces.split_at_jumps(
+        mesh, corners, np.arange(len(corners)), {Primitive("step"): kink}
+    )
     shares = np.abs(np.linalg.det(pieces))
     np.testing.assert_allclose(np.bincount(owner, shares), 1, rtol=1e-12)
     assert len(pieces) > len(corners)
@@ -141,7 +145,7 @@ def test_a_piece_whose_centroid_lies_on_a_circle_is_on_one_side():
     assert np.hypot(*corners.mean(axis=0)) == 1
     mesh = meshes.from_arrays(Polygon(corners, "sliver"), corners, [[0, 1, 2]])
     for text in ("pos(x**2 + y**2 - 1, 0) + y", "1 - pos(1 - x**2 - y**2, 0) + y"):
-        found = enclosed(mesh, Source(text))
+        found = enclose_function(mesh, Source(text))
         assert found.moments().sum() == pytest.approx(0.000125569401688, abs=1e-13)
 
 
@@ -153,8 +157,8 @@ def test_pieces_count_for_the_gaps_between_them():
     )
     inside = (corners - 1e6) / 1e6
     bary = np.stack([1 - inside[:, 0], inside[:, 0] - inside[:, 1], inside[:, 1]], axis=1)
-    pieces = source_pieces.on_block(mesh, bary[None], np.array([0]), Source("x"))
-    assert pieces.outer[0] > 1.2 * pieces.area[0]
+    pieces = source_pieces.enclose_block(mesh, bary[None], np.array([0]), Source("x"))
+    assert pieces.outer_area[0] > 1.2 * pieces.area[0]
 
 
 SLOPE = 50
@@ -179,8 +183,8 @@ def test_slivers_between_chords_and_a_circle_count_in_the_integral():
     The jump is not constant along the circle, so that the slivers' share is known up to its variation only.
     """
     mesh = meshes.from_arrays(Polygon(CORNERS, "triangle"), CORNERS, [[0, 1, 2]])
-    found = enclosed(mesh, Source(f"pos(1 - x**2 - y**2, 0)*(1 + {SLOPE}*x)"))
+    found = enclose_function(mesh, Source(f"pos(1 - x**2 - y**2, 0)*(1 + {SLOPE}*x)"))
     cuts = np.linspace(-0.03, 0.05, 401)
     exact = sum(quad(in_the_disc, a, b, epsabs=1e-16)[0] for a, b in pairwise(cuts))
     away = abs(exact - found.moments().sum())
-    assert 1e-12 < away <= found.rest[0] * np.sqrt(mesh.areas[0])
+    assert 1e-12 < away <= found.remainder[0] * np.sqrt(mesh.areas[0])

@@ -13,7 +13,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from unilateral.bounds.total_errors import Defect, defect, total_errors
+from unilateral.bounds.total_errors import ResidualBounds, bound_residual, bound_total_errors
 from unilateral.fem.form import Form
 
 N = 7
@@ -139,8 +139,8 @@ class Trial:
         y = feasible - self.u_h
         y_D = np.where(np.isin(np.arange(N), space.clamped), y, 0.0)
         self.parts_of_v = residual(v)
-        self.of_u = defect(residual(self.u_h), 0.0, slack)
-        self.of_v = defect(self.parts_of_v, 0.0, slack_of_v)
+        self.of_u = bound_residual(residual(self.u_h), 0.0, slack)
+        self.of_v = bound_residual(self.parts_of_v, 0.0, slack_of_v)
         self.D = math.sqrt(y @ A @ y)
         self.D_clamped = math.sqrt(y_D @ A @ y_D)
         self.gap = float((v[CONTACT] - g).min())
@@ -148,7 +148,7 @@ class Trial:
 
     def bounds(self, **others):
         given = {"of_u": self.of_u, "of_v": self.of_v, "D": self.D, "D_clamped": self.D_clamped} | others
-        return total_errors(1.0, **given, of_sigma=0.0)
+        return bound_total_errors(1.0, **given, sigma_distance=0.0)
 
     def errors(self):
         """X, Y on V, the norm of j in N, and the largest gamma <lambda, w>."""
@@ -214,7 +214,7 @@ def test_of_a_part_of_v_the_norm_is_enough(trials, known, wrong):
         misfit = own.misfit + trial.form.k * trial.space.G @ w
         parts = replace(own, misfit=misfit, others=own.others + trial.form.c * trial.space.M @ w)
         missing = known * math.sqrt(w @ trial.A @ w)
-        return trial.bounds(of_v=defect(parts, missing, trial.of_v.slack))
+        return trial.bounds(of_v=bound_residual(parts, missing, trial.of_v.slack))
 
     assert violations(trials, bounds).any() == wrong
 
@@ -224,18 +224,18 @@ def test_all_bounds_grow_on_the_exact_mesh(trials):
     trial = trials[1]
     before = np.array(trial.bounds())
     given = trial.of_u, trial.of_v, trial.D, trial.D_clamped
-    grown = total_errors(1.5, *given, of_sigma=0.0)
+    grown = bound_total_errors(1.5, *given, sigma_distance=0.0)
     assert np.array(grown) == pytest.approx(before * [1.5, 1.5, 1.5, 1.5, 2.25])
-    after = total_errors(1.5, *given, of_sigma=2.0)
+    after = bound_total_errors(1.5, *given, sigma_distance=2.0)
     assert np.array(after) == pytest.approx(before * [1.5, 1.5, 1.5, 1.5, 2.25] + [0, 3, 3, 0, 0])
 
 
 def test_a_small_residual_is_not_lost_beside_y():
     """X^2 = S^2 + D^2 - (D - eta)^2 with 50 digits: D = 1, S = 1e-6, eta from 1e-3 to 1e-15."""
     for eta in (1e-3, 1e-9, 1e-12, 1e-15):
-        of_u = Defect(1e-6, 1e-6, math.inf, math.inf, math.inf, missing=0.0, slack=0.0)
-        of_v = of_u._replace(on_H1=eta, on_V=eta)
-        X = total_errors(1.0, of_u, of_v, D=1.0, D_clamped=0.0, of_sigma=0.0).u
+        of_u = ResidualBounds(1e-6, 1e-6, math.inf, math.inf, math.inf, missing_norm=0.0, B=0.0)
+        of_v = of_u._replace(S_1=eta, S=eta)
+        X = bound_total_errors(1.0, of_u, of_v, D=1.0, D_clamped=0.0, sigma_distance=0.0).u
         with mpmath.workdps(50):
             exact = mpmath.sqrt(mpmath.mpf(1e-6) ** 2 + 1 - (1 - mpmath.mpf(eta)) ** 2)
             assert exact <= X <= exact * (1 + 1e-8)

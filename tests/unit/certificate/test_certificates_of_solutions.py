@@ -23,7 +23,7 @@ from test_exact_mesh import FAR, OTHERS
 import unilateral as ul
 from unilateral.certificates.statement import has_formulas
 from unilateral.geometry.polygon import square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.structured import make_structured_mesh
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 PENTAGON = [(0, 0), (2, 0), (2, 1), (1, 1.5), (-1 / 3, 0.8)]
@@ -48,7 +48,7 @@ def example(name, **sizes):
 
 def on_own_mesh():
     """Nodes inside are moved at random by at most a quarter of h."""
-    mesh = structured(square(), 1 / 8)
+    mesh = make_structured_mesh(square(), 1 / 8)
     points = mesh.points.copy()
     inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
     points[inside] += np.random.default_rng(3).uniform(-1 / 32, 1 / 32, (len(inside), 2))

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from conftest import CANTOR, ROOT, home, load
 
-from unilateral.exchange.case_formulas import module
-from unilateral.geometry.mesh import unstructured
+from unilateral.exchange.case_formulas import render_case_module
+from unilateral.geometry.mesh import make_unstructured_mesh
 from unilateral.problems import case as cases
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
-CLOSED = [name for name in cases.names() if name not in CANTOR]
+CLOSED = [name for name in cases.case_names() if name not in CANTOR]
 SHELTER = str(ROOT / "examples/shelter.yaml")
 
 
@@ -25,8 +25,8 @@ def of(name):
 def test_cases_lists_the_catalogue_with_its_certificates(run):
     code, out, err = run("cases")
     assert (code, err) == (0, "")
-    for name in cases.names():
-        declaration = cases.declared(name)[0]
+    for name in cases.case_names():
+        declaration = cases.read_case_declaration(name)[0]
         rows = [line.split() for line in out.splitlines() if line.startswith(f"{name} ")]
         on = ["square", "lshape", "hexagon"] if declaration["polygons"] == "any" else declaration["polygons"]
         assert [row[-1] for row in rows] == on
@@ -41,7 +41,7 @@ def test_json_has_every_case_on_every_polygon(run):
     code, out, err = run("cases", "--json")
     assert (code, err, out.count("\n")) == (0, "", 1)
     found = {each["name"]: each for each in json.loads(out)["cases"]}
-    assert list(found) == cases.names()
+    assert list(found) == cases.case_names()
     (natural,) = found["natural"]["polygons"]
     assert natural["hypotheses"] == {"j": True, "jj": True, "jjj": True}
     assert natural["g_regular"] is True
@@ -66,7 +66,7 @@ def test_one_case_as_text(run):
     assert "u - g in H^(3/2) on every side: no\n" in out
     assert "regularity: not u in H2, not u Lipschitz on the sides, lambda in L2, not lambda bounded" in out
     assert "proved rates: none" in out
-    elsewhere = cases.declared("singular")[0]["gap"]["elsewhere"]
+    elsewhere = cases.read_case_declaration("singular")[0]["gap"]["elsewhere"]
     assert f"contact none\n    g = u - ({elsewhere})\n    lambda = 0\n" in out
 
 
@@ -105,7 +105,7 @@ def with_ufl(monkeypatch, **names):
 def functions(kind, case):
     """u, f, grad_u, g and lambda_ of the module, all as functions of points (k, 2), the last two by side."""
     space = {}
-    exec(module(case, kind), space)
+    exec(render_case_module(case, kind), space)
 
     def called(name, *side):
         return lambda points: space[name](*side, *((points.T,) if kind == "ufl" else points.T))
@@ -126,7 +126,7 @@ def test_the_modules_are_the_case(monkeypatch, name, kind):
     with_ufl(monkeypatch, **NUMPY_AS_UFL)
     case = of(name)
     found = functions(kind, of(name))
-    mesh = unstructured(case.polygon, 1 / 5)
+    mesh = make_unstructured_mesh(case.polygon, 1 / 5)
     inside = mesh.points[mesh.triangles].mean(axis=1)
     u, gradient = case.value_and_gradient(inside)
     f = case.source(inside)

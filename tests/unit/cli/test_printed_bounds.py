@@ -136,5 +136,5 @@ def test_every_bound_that_is_printed_is_one_of_the_number_in_json(name, capsys):
 
 
 def test_by_plain_rounding_some_would_be_on_the_wrong_side(monkeypatch, capsys):
-    monkeypatch.setattr(decimals, "_rounded", lambda x, spec, _: format(x, spec))
+    monkeypatch.setattr(decimals, "_format_rounding", lambda x, spec, _: format(x, spec))
     assert any(wrong(*told(arguments, capsys)) for arguments in RUNS.values())

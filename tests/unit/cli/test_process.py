@@ -269,7 +269,7 @@ def test_a_failure_in_the_midst_is_code_4(run, monkeypatch, error, message):
     def failing(*_):
         raise error
 
-    monkeypatch.setattr(claims, "judge", failing)
+    monkeypatch.setattr(claims, "judge_all", failing)
     code, out, err = run("claims", "4.12")
     assert (code, out, err.count("\n")) == (4, "", 1)
     assert message in err
@@ -281,7 +281,7 @@ def test_a_failure_in_code_without_a_file_is_told(run, monkeypatch):
     made = {"__builtins__": __builtins__}
     exec(compile(source, "<lambdifygenerated-1>", "exec"), made)
     del made["__builtins__"]
-    monkeypatch.setattr(claims, "judge", made["failing"])
+    monkeypatch.setattr(claims, "judge_all", made["failing"])
     code, _, err = run("claims", "4.12")
     assert (code, err.count("\n")) == (4, 1)
     assert err.endswith("ArithmeticError: no number (<lambdifygenerated-1>, line 2)\n")

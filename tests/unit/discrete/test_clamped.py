@@ -21,16 +21,16 @@ from symbolic import X, Y, compile_numpy, plain, pos
 import unilateral as ul
 from unilateral.adaptive.level import contradict
 from unilateral.bounds import feasible, local_bounds
-from unilateral.bounds.clamped_ends import conflicts, unclamped
-from unilateral.bounds.constraint import constraint
+from unilateral.bounds.clamped_ends import find_conflicts, no_reactions
+from unilateral.bounds.constraint import build_constraint
 from unilateral.bounds.flux_residuals import misfit
-from unilateral.discrete import loads
+from unilateral.discrete import problem_data
 from unilateral.errors import InputError
-from unilateral.fem.form import Form, decoupled
+from unilateral.fem.form import Form, decouple_nodes
 from unilateral.fem.p1 import gradients, stiffness_and_mass
-from unilateral.fem.quadrature import symmetric
+from unilateral.fem.quadrature import symmetric_rule
 from unilateral.formulas.expression import ZERO
-from unilateral.geometry.mesh import refine, unstructured
+from unilateral.geometry.mesh import make_unstructured_mesh, refine_uniformly
 from unilateral.geometry.polygon import Polygon
 from unilateral.problems.atoms import laplacian
 
@@ -121,7 +121,7 @@ def solved(of: Manufactured, path: str):
         return ul.solve(of.problem, accuracy=0.1, max_unknowns=2000)
     if path == "foreign":
         polygon = Polygon(of.problem.polygon.vertices, "own")
-        own = unstructured(polygon, 2 * h)
+        own = make_unstructured_mesh(polygon, 2 * h)
         return ul.solve(of.problem, H=2 * h, mesh=ul.mesh(own.points, own.triangles, halvings=1))
     return ul.solve(of.problem, h=h, H=2 * h, mesh=path if path == "unstructured" else "")
 
@@ -129,7 +129,7 @@ def solved(of: Manufactured, path: str):
 def error(of: Manufactured, s) -> float:
     """(k |u - u_h|_1^2 + c ||u - u_h||_0^2)^(1/2), by a rule of degree 8."""
     mesh = s.mesh
-    (hats, weights) = symmetric(8)
+    (hats, weights) = symmetric_rule(8)
     x, y = np.moveaxis(np.einsum("qb,tbd->tqd", hats, mesh.points[mesh.triangles]), -1, 0)
     slope = np.einsum("tid,ti->dt", gradients(mesh), s.u[mesh.triangles])[..., None]
     u, u_x, u_y = of.exact(x, y)
@@ -140,10 +140,10 @@ def error(of: Manufactured, s) -> float:
 
 def dual_error(of: Manufactured, s) -> float:
     """A lower bound on the dual norm of lambda - lambda_H: the supremum over P1 on the mesh, refined once."""
-    mesh = refine(s.mesh)
+    mesh = refine_uniformly(s.mesh)
     clamped = s.problem.clamped_sides
     K, M = stiffness_and_mass(mesh)
-    fixed = Form(c=0.0, clamped=clamped).fixed(mesh)
+    fixed = Form(c=0.0, clamped=clamped).clamped_nodes(mesh)
     load = np.zeros(mesh.n_nodes)
     x, w = np.polynomial.legendre.leggauss(6)
     x = 0.5 * (x + 1)
@@ -160,7 +160,7 @@ def dual_error(of: Manufactured, s) -> float:
         weighted = lengths[edge] * w * (flux - s.lambda_at(side, t))
         load[ends] += [weighted @ (1 - x), weighted @ x]
     load[fixed] = 0.0
-    v = spla.spsolve(decoupled((of.k * K + of.c * M).tocsr(), fixed).tocsc(), load)
+    v = spla.spsolve(decouple_nodes((of.k * K + of.c * M).tocsr(), fixed).tocsc(), load)
     return math.sqrt(max(float(v @ load), 0.0))
 
 
@@ -257,13 +257,13 @@ def test_what_nodes_do_not_see_of_u_on_a_clamped_side_is_in_the_bounds(c, monkey
     assert np.abs(s.u).max() < 1e-12
     for bounds in (s.bounds, s.sharp_bounds):
         assert math.sqrt(4 * math.pi) * 0.999 < bounds.u < 3 * math.sqrt(4 * math.pi)
-    short = feasible._short
+    short = feasible._edge_shortfalls
 
     def without(g, form, v, touching, flux):
         squares, *rest = short(g, form, v, touching, flux)
         return np.where(g.clamped, 0.0, squares), *rest
 
-    monkeypatch.setattr(feasible, "_short", without)
+    monkeypatch.setattr(feasible, "_edge_shortfalls", without)
     s = ul.solve(unseen(c), h=1 / 4, H=1 / 2)
     assert s.bounds.u < math.sqrt(4 * math.pi)
 
@@ -276,11 +276,11 @@ def test_a_kink_beside_which_places_are_rounded_counts() -> None:
     corners = [(0.1, 0.1), (1.1, 0.1), (1.1, 0.8), (0.1, 0.8)]
     problem = ul.Problem(corners, 0, [None, -1e9, None, None], [0, 2], u={3: "1e6*pos(y - 1/2, 1)"}, c=0)
     kinked = problem.enclosed_obstacle
-    mesh = unstructured(problem.polygon, 1 / 8)
+    mesh = make_unstructured_mesh(problem.polygon, 1 / 8)
     known = replace(kinked, steep=np.zeros_like(kinked.steep))
 
     def norm(of) -> float:
-        return constraint(of, mesh, Form(c=0.0, clamped=(3,), free=(0, 1, 2))).steep.max()
+        return build_constraint(of, mesh, Form(c=0.0, clamped=(3,), free=(0, 1, 2))).slope_remainder.max()
 
     least = 1e6 * math.sqrt(2 * 8 * np.spacing(problem.polygon.perimeter))
     assert least <= norm(known) <= norm(kinked)
@@ -299,7 +299,7 @@ def test_divergence_counts_by_friedrichs_constant(c, square, share, monkeypatch)
     form = found.form
     weaker = form._replace(friedrichs=share * form.friedrichs)
     monkeypatch.setattr(
-        local_bounds, "equilibrated", lambda mesh, *_: np.zeros((2, len(mesh.triangulation.ends)))
+        local_bounds, "equilibrate_flux", lambda mesh, *_: np.zeros((2, len(mesh.triangulation.ends)))
     )
     bound = replace(found, form=weaker, u_h=np.zeros_like(found.u_h)).local_bound.u
     assert (bound >= math.sqrt(square)) == (share == 1.0)
@@ -313,7 +313,7 @@ def test_with_a_reaction_friedrichs_constant_may_be_unknown(c, monkeypatch) -> N
         raise InputError("rounding hides it")
 
     problem = ul.Problem(POLYGONS["square"], 1, -1, [0, 1, 2], c=c, u={3: 0})
-    monkeypatch.setattr(loads, "friedrichs", hide)
+    monkeypatch.setattr(problem_data, "friedrichs_constant", hide)
     if c == 0:
         with pytest.raises(InputError, match="rounding hides it"):
             ul.solve(problem, h=1 / 4, H=1 / 2)
@@ -449,7 +449,7 @@ def test_matrices_have_the_equations_of_all_other_nodes() -> None:
     solver = ul.Solver(problem, h=1 / 8, H=1 / 4, stop=ul.Stop(tolerance=1e-10))
     s = solver()
     of = solver.matrices()
-    free = ~Form(c=0.0, clamped=(3,)).fixed(s.mesh)
+    free = ~Form(c=0.0, clamped=(3,)).clamped_nodes(s.mesh)
     left = of.A @ s.u - of.B.T @ s.multiplier[of.cells] - of.F
     assert np.abs(left[free]).max() < 1e-9
     assert np.abs(left[~free]).max() > 1e-3
@@ -493,5 +493,5 @@ def test_one_bound_conflicts_where_a_part_ends_between_clamp_and_contact(part, f
     w = 1 on the part. If that is the clamp, w is too large beside it for the bound below; if it is the side
     with contact, w = 0 on the clamp is too small for the one above. Free sides have no force.
     """
-    clamps = unclamped(4)._replace(form=Form(c=0.0, clamped=(3,), free=tuple(free)))
-    assert conflicts(np.array(part), clamps) == found
+    clamps = no_reactions(4)._replace(form=Form(c=0.0, clamped=(3,), free=tuple(free)))
+    assert find_conflicts(np.array(part), clamps) == found

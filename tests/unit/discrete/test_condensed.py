@@ -11,13 +11,13 @@ from conftest import DATA, coupled, discrete, exact_errors
 from scipy.linalg import eigh
 from scipy.sparse.linalg import spsolve
 
-from unilateral.discrete.condensed import solve, with_load, with_solution
+from unilateral.discrete.condensed import build_condensed_problem, discretise_case, solve_condensed_problem
 from unilateral.errors import InputError
 from unilateral.fem.quadrature import boundary_rule
-from unilateral.geometry.partition import uniform
+from unilateral.geometry.partition import make_uniform_partition
 from unilateral.geometry.polygon import square
-from unilateral.norms.dual import dual_norm
-from unilateral.norms.exact_errors import exact
+from unilateral.norms.dual import build_dual_norm
+from unilateral.norms.exact_errors import project_case
 from unilateral.norms.ritz import h1_distance
 from unilateral.problems import case as cases
 from unilateral.solvers.stop import Stop
@@ -30,7 +30,7 @@ on_every_case = pytest.mark.parametrize("name", NAMES)
 
 @cache
 def solved(name, n=16, m=8):
-    return solve(discrete(name, n, m))
+    return solve_condensed_problem(discrete(name, n, m))
 
 
 ON_POLYGONS = [(name, "square") for name in NAMES]
@@ -43,7 +43,7 @@ def test_h1_error_is_the_distance(name, polygon):
     n = {"square": 16, "lshape": 8}[polygon]
     made = discrete(name, n, n // 2, polygon)
     ritz = made.exact.ritz
-    solution = solve(made)
+    solution = solve_condensed_problem(made)
     distance = h1_distance(ritz.case, made.mesh, solution.u_h)
     error = exact_errors(made, solution).h1
     assert error == pytest.approx(distance, rel=1e-8, abs=1e-10 * ritz.u_norm)
@@ -91,7 +91,7 @@ def test_a_sign_error_in_the_coupling_breaks_the_split(name):
 @pytest.mark.parametrize("name", ["smooth", "thirds"])
 def test_quadratures_share_shrinks_with_the_degree(name):
     problems = [discrete(name, 16, 8, degree=degree) for degree in (4, 8, 16)]
-    shares = [exact_errors(made, solve(made)).quadrature_share for made in problems]
+    shares = [exact_errors(made, solve_condensed_problem(made)).quadrature_share for made in problems]
     assert shares[2] < 0.5 * shares[1] < 0.25 * shares[0]
 
 
@@ -106,7 +106,7 @@ def test_a_constant_in_contact_without_force(start):
     on = spaces.condensed
     lengths = spaces.partition.lengths
     load = on.A @ np.ones(on.mesh.n_nodes)
-    made = with_load(spaces, load, on.solve(load)[on.mesh.boundary], np.ones(len(lengths)))
+    made = build_condensed_problem(spaces, load, on.solve(load)[on.mesh.boundary], np.ones(len(lengths)))
     result = uzawa(spaces.operator, made.offset, 1e-12, start=np.full(len(lengths), start))
     root = math.sqrt(spaces.operator.lambda_min)
     np.testing.assert_allclose(result.lambda_H, 0, rtol=0, atol=1e-12 / (root * math.sqrt(lengths.min())))
@@ -151,15 +151,20 @@ def getfem():
 @pytest.mark.parametrize("stop", [Stop(tolerance=1e-11), Stop(tolerance=1e-9, algorithm="active_set")])
 def test_natural_as_getfem_has_it(stop):
     """1e-8 is the stop's 1e-11 over lambda_min(S)^(1/2) H^(1/2), and GetFEM's own residual."""
-    solution = solve(discrete("natural", 32, 16), stop)
+    solution = solve_condensed_problem(discrete("natural", 32, 16), stop)
     np.testing.assert_allclose(solution.lambda_H, getfem(), rtol=0, atol=1e-8)
 
 
 def test_a_wrong_power_is_not_what_getfem_has(case_like):
     atom = {"atom": "harmonic", "side": 0, "at": "1/2", "alpha": "0.6", "times": "3/2"}
-    case = case_like("natural", u=[atom, cases.declared("natural")[0]["u"][1]])
+    case = case_like("natural", u=[atom, cases.read_case_declaration("natural")[0]["u"][1]])
     spaces = coupled("square", 32, 16)
-    assert np.abs(solve(with_solution(spaces, exact(case, spaces))).lambda_H - getfem()).max() > 1e-3
+    assert (
+        np.abs(
+            solve_condensed_problem(discretise_case(spaces, project_case(case, spaces))).lambda_H - getfem()
+        ).max()
+        > 1e-3
+    )
 
 
 @on_every_case
@@ -195,7 +200,7 @@ def test_auto_takes_the_active_set_where_beta_is_zero():
 def test_auto_accelerates_where_too_many_steps_are_predicted():
     made = discrete("natural", 16, 8)
     plain = solved("natural")
-    fast = solve(made, Stop(max_steps=int(plain.result.iterations) // 2))
+    fast = solve_condensed_problem(made, Stop(max_steps=int(plain.result.iterations) // 2))
     assert fast.result.algorithm == "nesterov"
     assert fast.result.converged
     assert fast.result.iterations < plain.result.iterations / 3
@@ -205,7 +210,7 @@ def test_auto_accelerates_where_too_many_steps_are_predicted():
 
 def test_an_unconverged_run_warns():
     with pytest.warns(RuntimeWarning, match="uzawa stopped after 3 steps with the algebraic bound"):
-        solution = solve(discrete("natural", 16, 8), Stop(max_steps=3, algorithm="uzawa"))
+        solution = solve_condensed_problem(discrete("natural", 16, 8), Stop(max_steps=3, algorithm="uzawa"))
     assert not solution.result.converged
 
 
@@ -220,15 +225,15 @@ def test_an_unconverged_run_warns():
 def test_what_cannot_be_done_is_refused(stop):
     """At H = h, where beta is 0."""
     with sentences.raises(InputError):
-        solve(discrete("natural", 16, 16), Stop(**stop))
+        solve_condensed_problem(discrete("natural", 16, 16), Stop(**stop))
 
 
 @pytest.mark.parametrize("algorithm", ["newton", "barzilai_borwein", "nesterov", "uzawa"])
 def test_every_algorithm_finds_the_active_set_s_multiplier(algorithm):
     """The bound is guaranteed, so 1e-9 of it separates any two of them by no more than 2e-9 in the energy."""
     made = discrete("natural", 16, 8)
-    expected = solve(made, Stop(tolerance=1e-9, algorithm="active_set")).result
-    found = solve(made, Stop(tolerance=1e-9, algorithm=algorithm)).result
+    expected = solve_condensed_problem(made, Stop(tolerance=1e-9, algorithm="active_set")).result
+    found = solve_condensed_problem(made, Stop(tolerance=1e-9, algorithm=algorithm)).result
     assert found.algorithm == algorithm
     assert np.linalg.norm(made.spaces.operator.half @ (found.lambda_H - expected.lambda_H)) <= 2e-9
 
@@ -236,7 +241,7 @@ def test_every_algorithm_finds_the_active_set_s_multiplier(algorithm):
 def test_the_algebraic_error_of_lambda_is_the_bound_over_beta():
     """Of all mu with the discrete norm of the bound one has the largest norm, at least in its lower bound."""
     on = discrete("natural", 16, 8)
-    gram = dual_norm(uniform(square(), 1 / 8)).gram()
+    gram = build_dual_norm(make_uniform_partition(square(), 1 / 8)).gram()
     found = on.iterated(1e-3, Stop())
     ratios, vectors = eigh(gram.p0.lower, on.spaces.operator.D)
     mu = found.result.bound * vectors[:, -1]

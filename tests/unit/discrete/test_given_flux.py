@@ -11,13 +11,13 @@ from symbolic import X, Y, compile_numpy, symbolic
 
 import unilateral as ul
 from unilateral.adaptive.level import contradict
-from unilateral.bounds import mesh_data
-from unilateral.bounds.boundary_flux import nothing
-from unilateral.bounds.mesh_data import enclose_data
+from unilateral.bounds import enclosed_data
+from unilateral.bounds.boundary_flux import no_given_flux
+from unilateral.bounds.enclosed_data import enclose_data
 from unilateral.discrete import multilevel
 from unilateral.fem.p1 import energy_norm
-from unilateral.formulas.formula import parse
-from unilateral.geometry.adapted import adapted
+from unilateral.formulas.formula import parse_formula
+from unilateral.geometry.adapted import start_adapted_mesh
 
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
 LSHAPE = [(-1, -1), (0, -1), (0, 0), (1, 0), (1, 1), (-1, 1)]
@@ -36,7 +36,7 @@ class Known:
 
     @cached_property
     def formula(self):
-        return symbolic(parse(self.u, ("x", "y"), "u"))
+        return symbolic(parse_formula(self.u, ("x", "y"), "u"))
 
     @cached_property
     def fluxes(self):
@@ -88,7 +88,9 @@ def test_the_solutions_solve_their_problems(name):
         start = np.array(of.polygon[side % len(of.polygon)], dtype=float)
         end = np.array(of.polygon[(side + 1) % len(of.polygon)], dtype=float)
         x, y = (start + t * (end - start)).T
-        flux, apart = compile_numpy([of.fluxes[side], symbolic(parse(gap, ("x", "y"), "gap"))], (X, Y))(x, y)
+        flux, apart = compile_numpy(
+            [of.fluxes[side], symbolic(parse_formula(gap, ("x", "y"), "gap"))], (X, Y)
+        )(x, y)
         assert np.all((flux >= -1e-14) & (apart >= 0))
         assert np.all((np.abs(flux) <= 1e-14) | (apart == 0))
 
@@ -125,7 +127,7 @@ def test_errors_fall_as_proved_below_both_bounds(name):
 def test_without_the_flux_in_the_load_the_error_stays(monkeypatch):
     """Control of the rates: u_h does not converge. The bound, which has the flux from the data, says so."""
     of = PROBLEMS["of both signs, beside contact"]
-    monkeypatch.setattr(mesh_data, "edge_load", lambda mesh, _: np.zeros(mesh.n_nodes))
+    monkeypatch.setattr(enclosed_data, "edge_load", lambda mesh, _: np.zeros(mesh.n_nodes))
     errors = []
     for n in (8, 16):
         found = ul.solve(of.problem, h=1 / n, H=2 / n)
@@ -150,10 +152,10 @@ def test_a_wave_that_edges_do_not_see_is_in_the_bounds(monkeypatch):
     assert error <= found.bounds.u
 
     def linear(flux, mesh):
-        return nothing(mesh)._replace(ends=right(flux, mesh).ends)
+        return no_given_flux(mesh)._replace(end_values=right(flux, mesh).end_values)
 
-    right = mesh_data.given
-    monkeypatch.setattr(mesh_data, "given", linear)
+    right = enclosed_data.project_given_flux
+    monkeypatch.setattr(enclosed_data, "project_given_flux", linear)
     found = ul.solve(WAVE.problem, h=1 / 4, H=1 / 2)
     assert found.bounds.u < 0.7 * error
     assert found.sharp_bounds.u < 0.7 * error
@@ -214,7 +216,7 @@ def solutions(problem):
     exactly = {"tolerance": 1e-11}
     for name in ("multigrid", "active_set", "uzawa"):
         yield ul.solve(problem, mesh=mesh, H=1 / 8, stop=ul.Stop(algorithm=name, **exactly)).solved
-    yield multilevel.discretise_nested(problem, adapted(mesh)).solved(ul.Stop(**exactly))
+    yield multilevel.discretise_on_adapted_mesh(problem, start_adapted_mesh(mesh)).solve(ul.Stop(**exactly))
 
 
 def test_all_solvers_have_the_flux():

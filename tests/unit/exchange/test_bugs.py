@@ -22,13 +22,18 @@ from conftest import ROOT
 
 from unilateral.arrays import Array
 from unilateral.cli import main
-from unilateral.discrete.condensed import CondensedProblem, solve
+from unilateral.discrete.condensed import CondensedProblem, solve_condensed_problem
 from unilateral.errors import InputError
-from unilateral.exchange.boundary_function import constant
-from unilateral.exchange.diagnosis import judged
-from unilateral.exchange.exported_folder import ExportedLevel, Foreign, exported, foreign
+from unilateral.exchange.boundary_function import piecewise_constant
+from unilateral.exchange.diagnosis import diagnose_solution
+from unilateral.exchange.exported_folder import (
+    ExportedLevel,
+    ForeignSolution,
+    read_exported_folder,
+    read_foreign_solution,
+)
 from unilateral.exchange.fault import UNEXPLAINED
-from unilateral.exchange.score import solve_level
+from unilateral.exchange.score import solve_reference
 from unilateral.norms.dual import Errors
 from unilateral.problems.problem import Problem
 
@@ -179,8 +184,8 @@ class Solved(NamedTuple):
         for file, columns in zip(files, (u, cells), strict=True):
             if columns is not None:
                 columns.to_csv(file, index=False)
-        found = foreign([self.level], str(files[0]), None if cells is None else str(files[1]))
-        return judged(self.case, found, self.discrete, self.own, self.u_h)
+        found = read_foreign_solution([self.level], str(files[0]), None if cells is None else str(files[1]))
+        return diagnose_solution(self.case, found, self.discrete, self.own, self.u_h)
 
 
 @pytest.fixture(scope="module")
@@ -196,8 +201,8 @@ def seen(tmp_path_factory):
             polygon.write_text("polygon: [[0, 0], [2, 0], [1/2, 3/2], [-1, 1]]\n")
             options = ["--polygon", str(polygon), "--free-sides", "2,3", "--h", "1/8", "--H", "1/4"]
         assert main(["export", "thirds" if name == "own" else name, *options, "--out", str(folder)]) == 0
-        case, (level,) = exported(folder)
-        own = solve_level(case, level)
+        case, (level,) = read_exported_folder(folder)
+        own = solve_reference(case, level)
         return Solved(case, level, own.discrete, own.u_h, own.errors, author.read(folder, level.name))
 
     return made
@@ -262,14 +267,18 @@ def test_no_bug_is_named_by_chance(seen):
     random = np.random.default_rng(3)
     for size in (1e-12, 1e-6, 1e-3, 1.0):
         u = of.u_h + size * random.standard_normal(len(of.u_h))
-        found = judged(of.case, Foreign("", of.level, u, None, ""), of.discrete, of.own, of.u_h)
-        assert all(not fault.explained for fault in found.faults)
+        found = diagnose_solution(
+            of.case, ForeignSolution("", of.level, u, None, ""), of.discrete, of.own, of.u_h
+        )
+        assert all(not fault.is_explained for fault in found.faults)
         assert bool(found.faults) == (size >= 1e-3)
         assert found.remarks == []
-    right = constant(of.level.cells, solve(of.discrete).lambda_H)
+    right = piecewise_constant(of.level.cells, solve_condensed_problem(of.discrete).lambda_H)
     for u in (of.u_h + 0.3, of.u_h + 1, of.u_h - 0.5, 0 * of.u_h):
-        found = judged(of.case, Foreign("", of.level, u, right, ""), of.discrete, of.own, of.u_h)
-        assert [fault.explained for fault in found.faults] == [False]
+        found = diagnose_solution(
+            of.case, ForeignSolution("", of.level, u, right, ""), of.discrete, of.own, of.u_h
+        )
+        assert [fault.is_explained for fault in found.faults] == [False]
 
 
 def test_without_a_multiplier_another_bug_may_have_left_the_same_inside(seen):
@@ -278,10 +287,12 @@ def test_without_a_multiplier_another_bug_may_have_left_the_same_inside(seen):
     The printed factor may be off by the discretisation error of u_h, which is of order h^2 inside.
     """
     of = seen("natural")
-    found = judged(of.case, Foreign("", of.level, of.u_h + 1, None, ""), of.discrete, of.own, of.u_h)
+    found = diagnose_solution(
+        of.case, ForeignSolution("", of.level, of.u_h + 1, None, ""), of.discrete, of.own, of.u_h
+    )
     (fault,) = found.faults
-    assert fault.what == "the stiffness term (grad u, grad v) has the wrong scale"
-    assert float(fault.measured.split()[0]) == pytest.approx(1 + 1 / 16, abs=1 / 16**2)
+    assert fault.description == "the stiffness term (grad u, grad v) has the wrong scale"
+    assert float(fault.detail.split()[0]) == pytest.approx(1 + 1 / 16, abs=1 / 16**2)
 
 
 def test_two_bugs_at_once_are_both_named_if_they_explain_all(seen, tmp_path):
@@ -290,9 +301,11 @@ def test_two_bugs_at_once_are_both_named_if_they_explain_all(seen, tmp_path):
     u, cells = author.solved(of.author, "mass term missing")
     level = of.level
     for multiplier, explained in ((-cells.multiplier, [True, True]), (cells.multiplier + 1, [False])):
-        mu = constant(level.cells, multiplier.to_numpy())
-        found = judged(of.case, Foreign("", level, u.u.to_numpy(), mu, ""), of.discrete, of.own, of.u_h)
-        assert [fault.explained for fault in found.faults] == explained
+        mu = piecewise_constant(level.cells, multiplier.to_numpy())
+        found = diagnose_solution(
+            of.case, ForeignSolution("", level, u.u.to_numpy(), mu, ""), of.discrete, of.own, of.u_h
+        )
+        assert [fault.is_explained for fault in found.faults] == explained
 
 
 def test_a_fault_of_all_levels_is_told_once(tmp_path, capsys):

@@ -13,15 +13,15 @@ import numpy as np
 import pytest
 from conftest import ROOT, discrete, load
 
-from unilateral.discrete.condensed import solve
-from unilateral.exchange.boundary_function import constant, continuous, of_reactions
-from unilateral.exchange.diagnosis import judged
-from unilateral.exchange.discrete_conditions import Equal, Reversed, conditions
-from unilateral.exchange.equation_residual import loads
-from unilateral.exchange.exported_folder import ExportedLevel, Foreign
-from unilateral.exchange.score import score, solve_level
+from unilateral.discrete.condensed import solve_condensed_problem
+from unilateral.exchange.boundary_function import piecewise_constant, piecewise_linear, represent_reactions
+from unilateral.exchange.diagnosis import diagnose_solution
+from unilateral.exchange.discrete_conditions import EqualityConditions, ReversedConditions, list_conditions
+from unilateral.exchange.equation_residual import list_candidate_loads
+from unilateral.exchange.exported_folder import ExportedLevel, ForeignSolution
+from unilateral.exchange.score import score_solution, solve_reference
 from unilateral.fem.p1 import boundary_mass, stiffness_and_mass
-from unilateral.solvers.active_set import active_set
+from unilateral.solvers.active_set import solve_by_active_set
 from unilateral.solvers.stop import Stop
 
 N = 16
@@ -49,21 +49,25 @@ def problem():
 @cache
 def own():
     """u, lambda_H and the errors of this project."""
-    solved = solve(problem())
-    return solved.u_h, solved.lambda_H, solve_level(load("natural").problem, given(solved.u_h).level).errors
+    solved = solve_condensed_problem(problem())
+    return (
+        solved.u_h,
+        solved.lambda_H,
+        solve_reference(load("natural").problem, given(solved.u_h).level).errors,
+    )
 
 
 def given(u, mu=None):
-    return Foreign("file", ExportedLevel("level_0", problem().mesh, problem().partition), u, mu, "")
+    return ForeignSolution("file", ExportedLevel("level_0", problem().mesh, problem().partition), u, mu, "")
 
 
 def told(u, mu=None):
-    found = judged(load("natural").problem, given(u, mu), problem(), own()[2], own()[0])
+    found = diagnose_solution(load("natural").problem, given(u, mu), problem(), own()[2], own()[0])
     return [str(fault) for fault in found.faults]
 
 
 def on_cells(values):
-    return constant(problem().partition, values)
+    return piecewise_constant(problem().partition, values)
 
 
 def spoilt(how, s):
@@ -78,7 +82,7 @@ def spoilt(how, s):
     if how.startswith("g"):
         of = problem()
         other = replace(of, offset=of.offset - s, g_means=of.g_means + s, exact=None, data=None)
-        found = solve(other, Stop(tolerance=1e-7))
+        found = solve_condensed_problem(other, Stop(tolerance=1e-7))
         return found.u_h, on_cells(found.lambda_H)
     return uzawa(s * errors.hm12_lower) if how.startswith("Uzawa") else (jacobi(s * errors.h1), on_cells(mu))
 
@@ -87,7 +91,7 @@ def uzawa(distance):
     """The first of Uzawa's iterates from 0 for whose u ||u - u_h||_1 is at most that distance."""
     of = problem()
     operator = problem().spaces.operator
-    exact = active_set(operator, of.offset, 1e-10).lambda_H
+    exact = solve_by_active_set(operator, of.offset, 1e-10).lambda_H
     mu = np.zeros(len(of.offset))
     while np.linalg.norm(operator.half @ (mu - exact)) > distance:
         mu = np.maximum(0, mu - operator.gap(mu, of.offset) / operator.lambda_max)
@@ -133,14 +137,14 @@ def of_load(of, reactions):
 def solutions_with(conditions_of):
     """u, reactions (nb,) and what is >= 0, for all conditions that a multiplier may belong to."""
     of = problem()
-    for each in conditions(load("natural").problem, of, conditions_of):
+    for each in list_conditions(load("natural").problem, of, conditions_of):
         reactions, bound = each.multiplier_load(*without_multiplier(of), 1e-9)
         assert bound <= 1e-9
-        yield of_load(of, reactions), reactions, each.what
+        yield of_load(of, reactions), reactions, each.description
 
 
 def on_edges():
-    return continuous(problem().mesh, np.zeros(len(problem().mesh.boundary)))
+    return piecewise_linear(problem().mesh, np.zeros(len(problem().mesh.boundary)))
 
 
 def test_nodal_and_mortar_multipliers_are_right_and_lumped_ones_are_not():
@@ -149,11 +153,11 @@ def test_nodal_and_mortar_multipliers_are_right_and_lumped_ones_are_not():
     seen = []
     for u, reactions, what in solutions_with(on_edges()):
         seen.append(what)
-        assert told(u, of_reactions(problem().mesh, reactions)) == []
-        (fault,) = told(u, continuous(problem().mesh, reactions / masses))
+        assert told(u, represent_reactions(problem().mesh, reactions)) == []
+        (fault,) = told(u, piecewise_linear(problem().mesh, reactions / masses))
         assert "lumped" in fault
         for factor in (-1, 1.01):
-            lumped, scaled = told(u, continuous(problem().mesh, factor * reactions / masses))
+            lumped, scaled = told(u, piecewise_linear(problem().mesh, factor * reactions / masses))
             assert "lumped" in lumped
             assert f"{factor:g} times" in scaled
     assert seen == ["at the nodes", "tested against each hat function"]
@@ -203,7 +207,7 @@ def test_simple_rules_for_the_load_are_exact_as_far_as_they_should_be():
     of = problem()
     mass = stiffness_and_mass(problem().mesh)[1]
     for f, exact in ((lambda p: 1 + 0 * p[:, 0], 4), (lambda p: 1 + 2 * p[:, 0] - 3 * p[:, 1], 2)):
-        found = [load for name, load in loads(SimpleNamespace(source=f), of) if name]
+        found = [load for name, load in list_candidate_loads(SimpleNamespace(source=f), of) if name]
         right = [np.allclose(load, mass @ f(of.mesh.points), rtol=0, atol=1e-15) for load in found]
         assert (len(found), sum(right), right[0], right[-1]) == (4, exact, True, True)
 
@@ -319,8 +323,8 @@ def test_sentences_of_a_fault_have_one_colon():
         *told(u, on_cells(mu + 1)),
         *told(u, on_cells(0 * mu)),
     ]
-    for each in (Equal, Reversed):
-        (right,) = conditions(load("natural").problem, problem(), on_cells(mu))
+    for each in (EqualityConditions, ReversedConditions):
+        (right,) = list_conditions(load("natural").problem, problem(), on_cells(mu))
         reactions, _ = each(**vars(right)).multiplier_load(*without_multiplier(problem()), 1e-9)
         wrong = np.linalg.lstsq(right.B.T.toarray(), reactions)[0]
         faults += told(of_load(problem(), reactions), on_cells(wrong))
@@ -352,14 +356,17 @@ def test_nothing_is_wrong_with_solutions_of_discrete_problems(name, sizes):
     """
     of = discrete(name, *sizes)
     case = load(name).problem
-    solved = solve(of)
+    solved = solve_condensed_problem(of)
     level = ExportedLevel("level_0", of.mesh, of.partition)
-    one = score(case, Foreign("file", level, solved.u_h, constant(of.partition, solved.lambda_H), ""))
+    one = score_solution(
+        case,
+        ForeignSolution("file", level, solved.u_h, piecewise_constant(of.partition, solved.lambda_H), ""),
+    )
     assert one.faults == []
-    nothing = continuous(of.mesh, np.zeros(len(of.mesh.boundary)))
-    for each in conditions(case, of, nothing):
+    nothing = piecewise_linear(of.mesh, np.zeros(len(of.mesh.boundary)))
+    for each in list_conditions(case, of, nothing):
         reactions, _ = each.multiplier_load(*without_multiplier(of), 1e-6)
         u = of_load(of, reactions)
-        mu = of_reactions(of.mesh, reactions)
-        handed_in = Foreign("file", level, u, mu, "")
-        assert judged(case, handed_in, of, one.own, solved.u_h) == ([], [])
+        mu = represent_reactions(of.mesh, reactions)
+        handed_in = ForeignSolution("file", level, u, mu, "")
+        assert diagnose_solution(case, handed_in, of, one.reference_errors, solved.u_h) == ([], [])

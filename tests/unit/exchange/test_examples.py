@@ -18,7 +18,7 @@ from conftest import ROOT, discrete
 from benchmarks import plan
 from unilateral.cli import main
 from unilateral.exchange.equation_residual import Residual
-from unilateral.exchange.exported_folder import exported, foreign
+from unilateral.exchange.exported_folder import read_exported_folder, read_foreign_solution
 
 PLAN = plan.read(plan.FOLDER / "benchmarks.yaml")
 DRIVERS = PLAN["scores"]["drivers"]
@@ -96,8 +96,8 @@ def test_a_driver_reaches_the_proved_rates(told):
 def test_a_driver_has_the_load_of_the_exported_quadrature(told):
     """Its equation holds inside up to rounding. Corners of triangles in another order would miss by 1e-3."""
     folder, words, _ = told
-    _, levels = exported(folder / "natural")
+    _, levels = read_exported_folder(folder / "natural")
     for file, n in zip(words[1:4], (8, 16, 32), strict=True):
         problem = discrete("natural", n, n // 2)
-        of = Residual(problem, foreign(levels, str(folder / file)).u, problem.load)
-        assert of.inside <= 1e-10 * of.discrete.exact.ritz.u_norm
+        of = Residual(problem, read_foreign_solution(levels, str(folder / file)).u, problem.load)
+        assert of.interior_norm <= 1e-10 * of.discrete.exact.ritz.u_norm

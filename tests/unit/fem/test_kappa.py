@@ -11,7 +11,7 @@ import pytest
 from scipy.linalg import LinAlgError, cholesky, eigh
 
 from unilateral.fem.p1 import stiffness_and_mass
-from unilateral.fem.poincare import KAPPA, crouzeix_raviart
+from unilateral.fem.poincare import KAPPA, crouzeix_raviart_matrix
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry.polygon import Polygon
@@ -36,7 +36,7 @@ EQUILATERAL = 3.0
 def divided(vertices, halvings=HALVINGS):
     """The triangle cut into 4^halvings ones that are similar to it."""
     triangle = Polygon(np.array(vertices, dtype=float), "triangle")
-    return meshes.refine(meshes.from_arrays(triangle, triangle.vertices, [[0, 1, 2]]), halvings)
+    return meshes.refine_uniformly(meshes.from_arrays(triangle, triangle.vertices, [[0, 1, 2]]), halvings)
 
 
 def isosceles(tau):
@@ -54,7 +54,7 @@ def eigenvalue_below(tau):
     of Cholesky (N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002, theorem 10.3).
     """
     mesh = divided(isosceles(tau))
-    B, root_mass = crouzeix_raviart(mesh)
+    B, root_mass = crouzeix_raviart_matrix(mesh)
     boundary = mesh.triangulation.boundary
     means = np.zeros((3, len(root_mass)))
     means[mesh.side, boundary] = 1 / (PARTS * root_mass[boundary])

@@ -6,15 +6,15 @@ import skfem
 from skfem.helpers import dot, grad
 
 from unilateral.fem.form import Form
-from unilateral.fem.p2 import layer, linear_squares, quadratic, squares
+from unilateral.fem.p2 import boundary_layer, linear_square_norms, quadratic_space, quadratic_square_norms
 from unilateral.geometry import mesh as meshes
-from unilateral.geometry.polygon import named
+from unilateral.geometry.polygon import find_polygon
 
 
 @pytest.fixture(scope="module", params=["refined", "gmsh"])
 def spaces(request):
-    mesh = meshes.unstructured(named("lshape"), 0.6)
-    return quadratic(meshes.refine(mesh) if request.param == "refined" else mesh)
+    mesh = meshes.make_unstructured_mesh(find_polygon("lshape"), 0.6)
+    return quadratic_space(meshes.refine_uniformly(mesh) if request.param == "refined" else mesh)
 
 
 def in_scikit_fem(spaces, v, f):
@@ -62,8 +62,8 @@ def test_products_with_a_field_of_bubbles(spaces):
     areas = spaces.mesh.areas
     field = rng.standard_normal((len(areas), 3, 2))
     slope = spaces.gradient(v)
-    more = squares(areas, slope, 1 * field).sum()
-    less = squares(areas, slope, (-1) * field).sum()
+    more = quadratic_square_norms(areas, slope, 1 * field).sum()
+    less = quadratic_square_norms(areas, slope, (-1) * field).sum()
     assert v @ spaces.load_of_gradients(0 * field, field) == pytest.approx((more - less) / 4, rel=1e-12)
 
 
@@ -105,7 +105,7 @@ def test_the_norm_on_the_layer_is_that_of_functions_of_the_boundary_unknowns(spa
     v = np.zeros(spaces.size)
     v[spaces.of_boundary] = rng.standard_normal(len(spaces.of_boundary))
     for form in (Form(), Form(2.0, 0.0), Form(2.0, 3.0)):
-        found = layer(spaces.mesh).norm(form, *np.split(v[spaces.of_boundary], 2))
+        found = boundary_layer(spaces.mesh).norm(form, *np.split(v[spaces.of_boundary], 2))
         assert found**2 == pytest.approx(v @ (spaces.matrix(form) @ v), rel=1e-12)
 
 
@@ -117,4 +117,4 @@ def test_norms_of_linear_functions_on_any_number_of_triangles(shape):
     values = rng.standard_normal(shape)
     middle = 0.5 * (values + np.roll(values, 1, axis=1))
     exact = areas * np.sum((middle**2).reshape(shape[0], int(np.prod(shape[1:]))), axis=1) / 3
-    np.testing.assert_allclose(linear_squares(areas, values), exact, rtol=1e-12)
+    np.testing.assert_allclose(linear_square_norms(areas, values), exact, rtol=1e-12)

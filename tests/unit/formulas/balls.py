@@ -8,7 +8,7 @@ import sympy
 from flint import arb, ctx, fmpq
 from symbolic import pos
 
-from unilateral.formulas.taylor import affine, basis
+from unilateral.formulas.taylor import affine_model, monomial_basis
 
 PRECISIONS = (128, 512, 2048, 8192)
 """Bits."""
@@ -109,5 +109,5 @@ def box(order, centre, arms):
     for c, of in zip(centre, np.asarray(arms, dtype=float), strict=True):
         size = np.abs(of).sum()
         at = np.array([c])
-        models.append(affine(basis(2, order), at, of[:, None], (at - size, at + size)))
+        models.append(affine_model(monomial_basis(2, order), at, of[:, None], (at - size, at + size)))
     return dict(zip("xy", models, strict=True))

@@ -11,8 +11,8 @@ from flint import acb, arb
 from symbolic import X, Y, evaluate, pos, symbolic
 
 from unilateral.formulas import interval, taylor, taylor_enclosures
-from unilateral.formulas.formula import parse
-from unilateral.formulas.taylor import Model, affine, basis, constant
+from unilateral.formulas.formula import parse_formula
+from unilateral.formulas.taylor import TaylorModel, affine_model, monomial_basis, range_model
 
 SPECIAL = [0.0, 5e-324, 1e-320, 2.0**-1022, 1e-160, 0.5, 1.0, 1e154, 1e308, np.finfo(float).max]
 EXPONENTS = [1, 2, 3, 10, 31, 100, -1, -2, -3, -7, -100]
@@ -60,7 +60,7 @@ def models(rng, of, k):
     rad[plain] = 0.0
     c[:3, plain] = np.vstack([at, arms])[:, plain]
     reach = np.abs(c[1:]).sum(axis=0) * (1 + 1e-12) + rad + 1e-310
-    return Model(of, c, rad, interval.outward(c[0] - reach, c[0] + reach))
+    return TaylorModel(of, c, rad, interval.round_outward(c[0] - reach, c[0] + reach))
 
 
 def tally(answers):
@@ -87,7 +87,7 @@ def of_intervals(of, oracle, rng, arity, k):
 
 def of_models(of, oracle, rng, arity, k, order=3, points=POINTS):
     """The same of Taylor models: the arguments differ from their polynomials by a share of the remainders."""
-    space = basis(2, order)
+    space = monomial_basis(2, order)
     arguments = [models(rng, space, k) for _ in range(arity)]
     found = of(*arguments)
     assert np.isfinite(found.c).all()
@@ -112,28 +112,32 @@ def raised(of, k):
 
 
 OPERATIONS = {  # the functions of balls, of intervals and of models
-    "sum": (operator.add, interval.total, Model.__add__),
-    "product": (operator.mul, interval.product, Model.__mul__),
+    "sum": (operator.add, interval.add_intervals, TaylorModel.__add__),
+    "product": (operator.mul, interval.multiply_intervals, TaylorModel.__mul__),
 }
-for name, of in taylor_enclosures.FUNCTIONS.items():
+for name, of in taylor_enclosures.MODEL_FUNCTIONS.items():
     OPERATIONS[name] = getattr(arb, name), getattr(interval, name), of
 for n in EXPONENTS:
-    OPERATIONS[f"power {n}"] = raised(pow, n), raised(interval.power, n), raised(taylor_enclosures.power, n)
+    OPERATIONS[f"power {n}"] = (
+        raised(pow, n),
+        raised(interval.integer_power, n),
+        raised(taylor_enclosures.power_model, n),
+    )
 for k in FRACTIONS:
     OPERATIONS[f"positive power {k}"] = (
         raised(lambda a, k: positive_power(a, exact(k)), k),
-        raised(interval.of_positive_part, float(k)),
-        raised(taylor_enclosures.positive_power, float(k)),
+        raised(interval.positive_part_power, float(k)),
+        raised(taylor_enclosures.positive_power_model, float(k)),
     )
 for k in FRACTIONS:
     if k.q > 1:
         OPERATIONS[f"root {k}"] = (
             raised(lambda a, k: a ** exact(k), k),
             None,
-            raised(taylor_enclosures.root, float(k)),
+            raised(taylor_enclosures.root_model, float(k)),
         )
 for n in (1e-320, -1 / 3, 1e300):
-    OPERATIONS[f"times {n}"] = raised(operator.mul, n), None, raised(Model.scaled, n)
+    OPERATIONS[f"times {n}"] = raised(operator.mul, n), None, raised(TaylorModel.scale, n)
 
 
 def tried(name, k=BOXES, seed=1):
@@ -174,7 +178,7 @@ def random_formula(rng, depth):
         return a ** rng.choice(EXPONENTS)
     if kind < 0.75:
         return pos(a, rng.choice([sympy.Integer(0), *FRACTIONS]))
-    return getattr(sympy, rng.choice(list(taylor_enclosures.FUNCTIONS)))(a)
+    return getattr(sympy, rng.choice(list(taylor_enclosures.MODEL_FUNCTIONS)))(a)
 
 
 def formulas(seed, n):
@@ -223,7 +227,7 @@ def last_times(factor, own):
 WIDENED = ("sum", "product", "exp", "sin", "cos", "sinh", "cosh", "tanh", "power 2", "power -1")
 UNDERFLOWING = ("product", "exp", "power -3", "positive power 141/20")
 FACTORIALS = last_times(2.5, taylor_enclosures._factorials)
-BINOMIALS = last_times(0.4, taylor_enclosures._binomials)
+BINOMIALS = last_times(0.4, taylor_enclosures._binomial_coefficients)
 CONTROLS = {  # what is spoilt, and operations that need it
     "widening": (interval, "ULPS", 0, [f"{name} of intervals" for name in WIDENED]),
     "factors of powers": (interval, "PRODUCT", 0.0, ["positive power 199/2 of intervals"]),
@@ -288,7 +292,7 @@ def test_an_extremum_between_two_neighbouring_numbers_is_not_missed(monkeypatch)
     ends = lower, np.nextafter(lower, np.inf)
     assert all(between(a, c, b) for a, c, b in zip(ends[0].tolist(), crests, ends[1].tolist(), strict=True))
     assert (interval.sin(ends)[1] == 1.0).all()
-    monkeypatch.setattr(interval, "NEAR_EXTREMUM", 0.0)
+    monkeypatch.setattr(interval, "EXTREMUM_TOLERANCE", 0.0)
     assert (interval.sin(ends)[1] < 1.0).any()
 
 
@@ -296,8 +300,8 @@ def test_tanh_near_the_real_axis():
     """|tanh| <= AROUND_TANH where |Im z| <= 1; the largest is at z = i, tan 1."""
     for x in np.linspace(-3, 3, 61).tolist():
         for y in np.linspace(-1, 1, 21).tolist():
-            assert abs(acb(x, y).tanh()) <= taylor_enclosures.AROUND_TANH
-    assert abs(acb(0, 1).tanh()) > taylor_enclosures.AROUND_TANH * (1 - 1e-3)
+            assert abs(acb(x, y).tanh()) <= taylor_enclosures.MAX_TANH_ON_CIRCLE
+    assert abs(acb(0, 1).tanh()) > taylor_enclosures.MAX_TANH_ON_CIRCLE * (1 - 1e-3)
 
 
 LEAVING = {
@@ -320,8 +324,8 @@ LEAVING = {
 def test_formulas_of_which_parts_leave_the_range(name):
     """Also the value between what is 0 and what is infinite is in the range, and near the polynomial."""
     text, centre, half = LEAVING[name]
-    formula = parse(text, ("x", "y"), "here")
-    model = taylor_enclosures.evaluate(formula, box(4, centre, half * np.eye(2)))
+    formula = parse_formula(text, ("x", "y"), "here")
+    model = taylor_enclosures.enclose_formula(formula, box(4, centre, half * np.eye(2)))
 
     def answer(sigma):
         x, y = (exact(c) + exact(half) * s for c, s in zip(centre, sigma, strict=True))
@@ -351,17 +355,19 @@ NUMBERS = [
 @pytest.mark.parametrize("text", NUMBERS)
 def test_numbers_of_formulas_are_enclosed(text):
     """Against arb, where functions are taken of numbers of hundreds of digits, too."""
-    e = symbolic(parse(text, (), "here"))
-    found = evaluate(e, {X: constant(basis(2, 2), (np.zeros(1), np.ones(1)))})
+    e = symbolic(parse_formula(text, (), "here"))
+    found = evaluate(e, {X: range_model(monomial_basis(2, 2), (np.zeros(1), np.ones(1)))})
     assert certain(lambda: holds(found, 0, [0.0, 0.0], value(e, {})))
-    assert found.rad[0] <= 32 * np.spacing(np.abs(found.c[0, 0])) + 2 * taylor.TINY
-    wrong = Model(found.basis, found.c * (1 + 1e-14) + 4 * taylor.TINY, found.rad, found.range)
+    assert found.rad[0] <= 32 * np.spacing(np.abs(found.c[0, 0])) + 2 * taylor.UNDERFLOW_ALLOWANCE
+    wrong = TaylorModel(
+        found.basis, found.c * (1 + 1e-14) + 4 * taylor.UNDERFLOW_ALLOWANCE, found.rad, found.range
+    )
     assert certain(lambda: holds(wrong, 0, [0.0, 0.0], value(e, {}))) is False
 
 
 def test_numbers_beyond_the_largest_and_the_smallest():
     """They are enclosed, too: 10^400 and its inverse, as numbers and as factors."""
-    x = affine(basis(2, 2), np.ones(1), np.zeros((2, 1)), (np.ones(1), np.ones(1)))
+    x = affine_model(monomial_basis(2, 2), np.ones(1), np.zeros((2, 1)), (np.ones(1), np.ones(1)))
     for e in (sympy.Integer(10) ** 400, sympy.Rational(1, 10**400), -(sympy.Integer(10) ** 400)):
         for formula in (e + X, e * X, e * sympy.sin(X)):
             found = evaluate(formula, {X: x})

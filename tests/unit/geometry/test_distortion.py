@@ -17,7 +17,7 @@ from unilateral.fem.form import Form
 from unilateral.fem.p1 import energy_norm
 from unilateral.formulas.taylor import EPS
 from unilateral.geometry import exact_mesh
-from unilateral.geometry.mesh import refine, unstructured
+from unilateral.geometry.mesh import make_unstructured_mesh, refine_uniformly
 from unilateral.geometry.plane import longest_edges, signed_areas
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.norms.oscillation import trace_constants, value_constants
@@ -39,11 +39,11 @@ def digits(numbers):
 def test_shifts_are_at_least_the_distances_and_hardly_more(place, push):
     """Of nodes that are pushed along their sides by a part of it; the rest is some units of its length."""
     polygon = Polygon(KITE + place)
-    mesh = refine(unstructured(polygon, 0.4))
+    mesh = refine_uniformly(make_unstructured_mesh(polygon, 0.4))
     side = mesh.side
     s = mesh.s[:-1]
     places = mesh.points[mesh.boundary] + push * polygon.tangents[side]
-    found = exact_mesh.shifts(polygon, places, side, s)
+    found = exact_mesh.boundary_node_shifts(polygon, places, side, s)
     with mp.workdps(50):
         vertices = digits(polygon.vertices)
         starts = digits([polygon.starts])[0]
@@ -67,7 +67,7 @@ def test_distortions_are_at_least_those_of_displaced_triangles():
     triangles = np.arange(1200).reshape(-1, 3)
     areas = np.abs(signed_areas(points, triangles))
     longest = longest_edges(points, triangles)
-    found = exact_mesh.distortion(shift.ravel(), triangles, longest, areas)
+    found = exact_mesh.distortion_bounds(shift.ravel(), triangles, longest, areas)
     assert np.all(norms <= found)
     assert np.max(norms / found) > 0.7
 
@@ -89,7 +89,7 @@ def test_distortions_hold_the_rounding_of_areas():
     (e, f) = exactly(b).T - exactly(a).T
     (p, q) = exactly(c).T - exactly(a).T
     off = np.abs(exactly(areas) / ((e * q - f * p) / 2) - 1).astype(float)
-    found = exact_mesh.distortion(np.zeros(6000), triangles, longest_edges(points, triangles), areas)
+    found = exact_mesh.distortion_bounds(np.zeros(6000), triangles, longest_edges(points, triangles), areas)
     assert 0.01 < np.max(off / found) <= 1
 
 
@@ -97,18 +97,18 @@ def test_the_distortion_is_sharp_where_the_node_off_the_longest_edge_moves():
     """By a part of the triangle's height, across the edge: D Phi - I is that part."""
     shift = np.array([0.0, 0.0, 2e-6])
     triangle = np.array([[0, 1, 2]])
-    found = exact_mesh.distortion(shift, triangle, np.array([2.0]), np.array([0.02]))
+    found = exact_mesh.distortion_bounds(shift, triangle, np.array([2.0]), np.array([0.02]))
     assert_allclose(found, 2e-6 / 0.02, rtol=1e-6)
 
 
 def test_vertices_and_straight_meshes_have_no_shift():
     """Coordinates of dyadic size on sides parallel to the axes are exact."""
-    mesh = refine(unstructured(square(), 1 / 4))
+    mesh = refine_uniformly(make_unstructured_mesh(square(), 1 / 4))
     vertices = np.isin(mesh.s[:-1], square().starts)
-    assert np.all(mesh.shift[mesh.boundary[vertices]] == 0)
+    assert np.all(mesh.node_shifts[mesh.boundary[vertices]] == 0)
     inside = np.setdiff1d(np.arange(mesh.n_nodes), mesh.boundary)
-    assert np.all(mesh.shift[inside] == 0)
-    assert mesh.shift.max() <= 5 * EPS
+    assert np.all(mesh.node_shifts[inside] == 0)
+    assert mesh.node_shifts.max() <= 5 * EPS
 
 
 def test_stretched_sides_are_at_least_what_sums_of_lengths_lose():
@@ -127,7 +127,7 @@ def test_stretched_sides_are_at_least_what_sums_of_lengths_lose():
 def test_sides_that_rounding_stretches_have_no_bound():
     polygon = Polygon(np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 1e-13]]), "cut")
     with sentences.raises(InputError):
-        exact_mesh.check(polygon, np.zeros((3, 2)), np.arange(3)[None], np.zeros(1))
+        exact_mesh.check_distortion(polygon, np.zeros((3, 2)), np.arange(3)[None], np.zeros(1))
 
 
 @pytest.mark.parametrize("way", ["apart", "anyhow"])
@@ -138,7 +138,7 @@ def test_norms_and_constants_grow_by_no_more_than_the_growth(way):
     """
     rng = np.random.default_rng(6)
     polygon = Polygon(KITE - KITE.mean(axis=0))
-    mesh = in_doubt(unstructured(polygon, 1.0), 1e-4)
+    mesh = in_doubt(make_unstructured_mesh(polygon, 1.0), 1e-4)
     off = mesh.points if way == "apart" else directions(rng.uniform(0, 2 * np.pi, mesh.n_nodes))
     moved = replace(mesh, points=mesh.points + 1e-4 * off)
     values = [rng.uniform(-1, 1, mesh.n_nodes) for _ in range(20)]
@@ -149,15 +149,15 @@ def test_norms_and_constants_grow_by_no_more_than_the_growth(way):
         new = np.sqrt(constants(moved) * np.hypot(*np.diff(moved.points[edges], axis=0)[0].T))
         grown += [*(new / old), *(old / new)]
     grown += [*(moved.longest_edges * np.sqrt(moved.areas) / mesh.longest_edges / np.sqrt(mesh.areas))]
-    assert 0.02 * (mesh.growth - 1) < max(grown) - 1 <= mesh.growth - 1
+    assert 0.02 * (mesh.exact_mesh_factor - 1) < max(grown) - 1 <= mesh.exact_mesh_factor - 1
 
 
 def test_the_growth_has_the_largest_of_both():
-    assert 1 < coarse("square 1").growth < 1 + 1e-13
+    assert 1 < coarse("square 1").exact_mesh_factor < 1 + 1e-13
 
 
 def test_the_growth_is_what_the_proof_adds_up():
     """Proposition S7: 1 + 3 t + 10 t^2 for t = epsilon + kappa, both at most 10^-3; and 2 t is too little."""
-    t = np.linspace(1e-9, 2 * exact_mesh.MOST, 1000)
-    assert np.all(1 + 3 * t + 10 * t**2 <= 1 + exact_mesh.GROWTH * t)
-    assert exact_mesh.MOST == 1e-3
+    t = np.linspace(1e-9, 2 * exact_mesh.MAX_DISTORTION, 1000)
+    assert np.all(1 + 3 * t + 10 * t**2 <= 1 + exact_mesh.FACTOR_PER_DISTORTION * t)
+    assert exact_mesh.MAX_DISTORTION == 1e-3

@@ -190,7 +190,7 @@ def test_what_is_wrong_with_a_file_is_told(name, text, tmp_path):
 @pytest.mark.parametrize(("kind", "part"), [("off", 0.05), ("mdpa", 0.2), ("ply", 0.15), ("tecplot", 0.65)])
 def test_a_reader_that_does_not_end_is_given_up(kind, part, tmp_path, monkeypatch):
     """These readers of meshio wait for a line that a cut file has not. Control: the whole file is read."""
-    monkeypatch.setattr(files, "SECONDS", 0.2)
+    monkeypatch.setattr(files, "READER_SECONDS", 0.2)
     path = by_meshio(".dat" if kind == "tecplot" else f".{kind}", kind)(tmp_path)
     content = path.read_bytes()
     assert ul.mesh(path).n_nodes == 5

@@ -25,8 +25,8 @@ from scipy.special import beta, betainc
 
 from unilateral.errors import InputError
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.polygon import named, square
-from unilateral.norms.dual import dual_norm
+from unilateral.geometry.polygon import find_polygon, square
+from unilateral.norms.dual import build_dual_norm
 from unilateral.norms.exact_errors import cell_means
 from unilateral.problems import case as cases
 
@@ -98,18 +98,18 @@ def test_p0_data_on_one_side_against_the_cosine_series(m, name):
 @pytest.mark.parametrize("m", [4, 8, 16])
 def test_the_error_of_a_singular_lambda_against_its_cosine_series(m, alpha, tmp_path):
     (tmp_path / "atom.yaml").write_text(CASE.format(alpha=alpha))
-    case = cases.load(tmp_path / "atom.yaml", square())
-    cells = partitions.uniform(square(), 1 / m)
-    found = dual_norm(cells, [case]).of_error(case, cell_means(case, cells).lambda_means[None])
+    case = cases.load_solution(tmp_path / "atom.yaml", square())
+    cells = partitions.make_uniform_partition(square(), 1 / m)
+    found = build_dual_norm(cells, [case]).bound_error(case, cell_means(case, cells).lambda_means[None])
     assert brackets(found, *of_projection_error(m, float(Fraction(alpha))), gap=0.05)
 
 
 @pytest.mark.parametrize(
     ("cells", "n"),
     [
-        (partitions.uniform(square(), 1 / 8), 64),
-        (partitions.shifted(square(), 1 / 4, 0.5), 64),
-        (partitions.uniform(named("lshape"), 1 / 4), 32),
+        (partitions.make_uniform_partition(square(), 1 / 8), 64),
+        (partitions.make_shifted_partition(square(), 1 / 4, 0.5), 64),
+        (partitions.make_uniform_partition(find_polygon("lshape"), 1 / 4), 32),
     ],
     ids=["square", "shifted", "lshape"],
 )
@@ -117,13 +117,13 @@ def test_alternating_and_random_data_against_uniform_p2(cells, n):
     """The uniform meshes have at least 8 edges to a cell of length H; they resolve the norm to 1 %."""
     mu = np.stack([alternating(cells), np.random.default_rng(2).standard_normal(cells.n_cells)])
     below = np.sqrt(np.einsum("ki,ij,kj->k", mu, p2_gram(cells, n), mu))
-    assert brackets(dual_norm(cells).of_p0(mu), below, 1.01 * below, gap=0.005)
+    assert brackets(build_dual_norm(cells).bound_p0(mu), below, 1.01 * below, gap=0.005)
 
 
 @pytest.mark.parametrize("name", POLYGONS)
 def test_angles_of_all_sizes_against_finer_spaces(name):
     """Bounds of one number overlap; three times the edges leave at most a third of the limit, 0.5 %."""
-    cells = partitions.uniform(POLYGONS[name], 1 / 3)
+    cells = partitions.make_uniform_partition(POLYGONS[name], 1 / 3)
     mu = np.stack([alternating(cells), *np.random.default_rng(3).standard_normal((3, cells.n_cells))])
     coarse = norm_on(name, 3, 8).of_p0(mu)
     fine = norm_on(name, 3, 24).of_p0(mu)
@@ -138,9 +138,9 @@ def norms_at_a_point(request):
     The meshes do not depend on the power of the singularity there.
     """
     name, at = request.param
-    cells = partitions.uniform(POLYGONS[name], 1 / 3)
+    cells = partitions.make_uniform_partition(POLYGONS[name], 1 / 3)
     case = Flux(POLYGONS[name], at, Fraction(1, 2))
-    return at, *(dual_norm(cells, [case], edges) for edges in (8, 24))
+    return at, *(build_dual_norm(cells, [case], edges) for edges in (8, 24))
 
 
 @pytest.mark.parametrize(
@@ -186,13 +186,13 @@ def test_the_mesh_is_graded_to_a_re_entrant_vertex(name, vertex):
 @pytest.mark.parametrize("alpha", [Fraction(-1, 2), Fraction(-3, 5)])
 def test_a_flux_outside_L2_has_a_lower_bound_only(alpha):
     """What oscillates has no bound in L2; nor have L2 norms a value. Control: alpha = -2/5 has all."""
-    cells = partitions.uniform(square(), 1 / 4)
+    cells = partitions.make_uniform_partition(square(), 1 / 4)
     for case, in_L2 in ((Flux(square(), 0.4, alpha), False), (Flux(square(), 0.4, Fraction(-2, 5)), True)):
-        norm = dual_norm(cells, [case])
+        norm = build_dual_norm(cells, [case])
         on = cell_means(case, cells)
         for found in (
-            norm.of_error(case, on.lambda_means[None]),
-            norm.gram([case]).error(0, np.zeros((1, 16))),
+            norm.bound_error(case, on.lambda_means[None]),
+            norm.gram([case]).error_bounds(0, np.zeros((1, 16))),
         ):
             assert found.lower[0] > 0
             assert np.isfinite(found.upper[0]) == in_L2
@@ -207,7 +207,7 @@ def with_gram(name, m):
     """A norm, its cases and their Gram matrices."""
     polygon = POLYGONS[name]
     of = [Flux(polygon, 0.4, Fraction(1, 2)), load("thirds", polygon.name)]
-    norm = dual_norm(partitions.uniform(polygon, 1 / m), of)
+    norm = build_dual_norm(partitions.make_uniform_partition(polygon, 1 / m), of)
     return norm, of, norm.gram(of)
 
 
@@ -216,7 +216,7 @@ def with_gram(name, m):
 def test_the_gram_matrices_give_what_a_direct_evaluation_gives(name, m, rounding):
     """Also on a coarser partition, whose P0 lies in the finer P0: on the same reference mesh."""
     norm, of, gram = with_gram(name, 4)
-    cells = partitions.uniform(POLYGONS[name], 1 / m)
+    cells = partitions.make_uniform_partition(POLYGONS[name], 1 / m)
     gram = gram if m == 4 else gram.on(cells)
     mu = np.random.default_rng(5).standard_normal((3, cells.n_cells))
     found = [np.sqrt(np.einsum("ki,ij,kj->k", mu, G, mu)) for G in gram.p0]
@@ -237,7 +237,7 @@ def test_the_forms_of_a_partition_are_its_own():
 
 def test_a_partition_that_is_not_nested_has_no_forms_here():
     with sentences.raises(InputError):
-        with_gram("square", 4)[2].on(partitions.uniform(POLYGONS["square"], 1 / 3))
+        with_gram("square", 4)[2].on(partitions.make_uniform_partition(POLYGONS["square"], 1 / 3))
 
 
 @pytest.mark.parametrize("name", ["square", "lshape"])

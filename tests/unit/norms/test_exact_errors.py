@@ -13,10 +13,16 @@ from skfem.helpers import dot, grad
 
 from unilateral.errors import InputError
 from unilateral.formulas.expression import ONE
-from unilateral.geometry.partition import uniform
+from unilateral.geometry.partition import make_uniform_partition
 from unilateral.geometry.polygon import square
 from unilateral.norms.exact_errors import cell_means, cell_means_of_gaps
-from unilateral.norms.ritz import RitzProjection, _check_size, h1_distance, ritz_projection, ritz_projections
+from unilateral.norms.ritz import (
+    RitzProjection,
+    _check_u_size,
+    h1_distance,
+    ritz_projection,
+    ritz_projections,
+)
 
 
 def test_the_norm_of_u_and_the_order_of_its_approximations():
@@ -73,15 +79,19 @@ def test_all_cases_on_a_mesh_take_two_solves_and_are_as_alone(monkeypatch):
     assert solves == [(on.mesh.n_nodes, 3)] * 2
     for one, other in zip(alone, together, strict=True):
         assert other.ritz_error == pytest.approx(one.ritz_error, rel=1e-12)
-        np.testing.assert_allclose(other.trace, one.trace, rtol=0, atol=1e-13 * np.abs(one.trace).max())
+        np.testing.assert_allclose(
+            other.load_trace, one.load_trace, rtol=0, atol=1e-13 * np.abs(one.load_trace).max()
+        )
 
 
 def test_errors_take_one_dual_norm(monkeypatch):
     """||lambda - mu||_{-1/2,h} is a part of ||u - u(mu)||_1; to find it again would be a second solve."""
     of = discrete("natural", 8, 4)
     norms = []
-    dual = RitzProjection.discrete_dual
-    monkeypatch.setattr(RitzProjection, "discrete_dual", lambda *of: norms.append(dual(*of)) or norms[-1])
+    dual = RitzProjection.discrete_dual_norm
+    monkeypatch.setattr(
+        RitzProjection, "discrete_dual_norm", lambda *of: norms.append(dual(*of)) or norms[-1]
+    )
     errors = of.exact.errors(of.spaces, np.ones(len(of.cells)))
     assert norms == [errors.hm12_discrete]
 
@@ -156,7 +166,7 @@ def test_the_boundary_error_where_u_is_singular():
 def test_means_of_several_gaps_are_those_of_each():
     """Another gap's singular points only cut the rule; u and lambda are the first one's."""
     case = load("thirds")
-    cells = uniform(square(), 1 / 8)
+    cells = make_uniform_partition(square(), 1 / 8)
     other = replace(case, gaps=(ONE,) * 4)
     for one, found in zip((case, other), cell_means_of_gaps([case, other], cells), strict=True):
         alone = cell_means(one, cells)
@@ -171,7 +181,7 @@ def test_norms_of_a_multiplier_in_closed_form():
 
     ||lambda - mu||^2 + ||lambda + mu||^2 = 2 ||lambda||^2 + 2 ||mu||^2 for a random mu.
     """
-    cells = uniform(square(), 1 / 8)
+    cells = make_uniform_partition(square(), 1 / 8)
     found = cell_means(load("smooth"), cells)
     mu = np.random.default_rng(1).standard_normal(cells.n_cells)
     square_of_norm = 2 * 6**12 / 3**13 * math.factorial(6) ** 2 / math.factorial(13)
@@ -186,7 +196,9 @@ def test_norms_of_a_multiplier_in_closed_form():
 
 def test_the_size_of_a_case_is_that_of_u_and_of_the_gap():
     """|cos(pi x) cos(2 pi y)|/2 + 1, at points of quadrature near the vertices."""
-    assert cell_means(load("no_contact"), uniform(square(), 1 / 8)).size == pytest.approx(1.5, abs=1e-3)
+    assert cell_means(load("no_contact"), make_uniform_partition(square(), 1 / 8)).data_size == pytest.approx(
+        1.5, abs=1e-3
+    )
 
 
 @pytest.mark.parametrize(
@@ -194,12 +206,12 @@ def test_the_size_of_a_case_is_that_of_u_and_of_the_gap():
 )
 def test_a_multiplier_is_zero_relative_to_its_case(norm, size, zero):
     """To 1e-12, a thousand times the rounding of cancelling fluxes."""
-    found = cell_means(load("no_contact"), uniform(square(), 1 / 2))
-    assert replace(found, lambda_norm=norm, size=size).lambda_is_zero == zero
+    found = cell_means(load("no_contact"), make_uniform_partition(square(), 1 / 2))
+    assert replace(found, lambda_norm=norm, data_size=size).lambda_is_zero == zero
 
 
 @pytest.mark.parametrize(("size", "refused"), [(0.0, False), (1e-150, False), (1e-155, True), (1e155, True)])
 def test_cases_have_a_size_whose_square_is_a_number_or_are_0(size, refused):
     """Squares of doubles are normal numbers from 1e-154 to 1e154; errors of 0 are 0."""
     with sentences.raises(InputError) if refused else nullcontext():
-        _check_size(load("no_contact"), size)
+        _check_u_size(load("no_contact"), size)

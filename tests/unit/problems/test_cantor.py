@@ -9,14 +9,14 @@ import sentences
 from conftest import certified, load
 
 from unilateral.errors import InputError
-from unilateral.formulas.expression import number
+from unilateral.formulas.expression import rational_expression
 from unilateral.formulas.formula import compile_numpy
 from unilateral.geometry.polygon import Polygon, square
 from unilateral.problems import case as cases
-from unilateral.problems.atoms import Along
-from unilateral.problems.cantor_atom import DUST, Cantor, Family, gap
-from unilateral.problems.case_certificate import certify
-from unilateral.problems.polar_atoms import harmonic
+from unilateral.problems.atoms import SidePoints
+from unilateral.problems.cantor_atom import UNREMOVED_GAP_FACTOR, CantorAtom, CantorSet, cantor_gap
+from unilateral.problems.case_certificate import certify_case
+from unilateral.problems.polar_atoms import make_harmonic_atom
 
 KEEP = Q(9, 20)
 LARGE = Polygon(2 * square().vertices, "large")
@@ -25,7 +25,7 @@ GAPS = {"cantor_2": 2, "cantor_1.5": 3 / 2, "violates_jjj": 1, "violates_jj_jjj"
 
 
 def family(generations=3, keep=KEEP):
-    return Family(keep, generations, Q(1, 8))
+    return CantorSet(keep, generations, Q(1, 8))
 
 
 def test_the_intervals_of_the_first_generations_by_hand():
@@ -83,14 +83,15 @@ def test_the_order_is_where_the_norms_of_the_generations_stop_to_fall(power, kee
 
 @cache
 def atom(generations=3, polygon=square()):  # noqa: B008
-    return Cantor(polygon, 0, 0.0, family(generations), Q(1, 2))
+    return CantorAtom(polygon, 0, 0.0, family(generations), Q(1, 2))
 
 
 @cache
 def singles(generations=3, polygon=square()):  # noqa: B008
     """The same as harmonic atoms, one a contact, each with the length of its contact as its cutoff."""
     return [
-        harmonic(polygon, 0, float(a), Q(1, 2), number(b - a)) for a, b in family(generations).divided()[0]
+        make_harmonic_atom(polygon, 0, float(a), Q(1, 2), rational_expression(b - a))
+        for a, b in family(generations).divided()[0]
     ]
 
 
@@ -106,7 +107,7 @@ def test_the_atom_is_the_sum_of_single_ones(polygon):
 
 def test_its_trace_and_flux_are_the_sums_too():
     t = np.linspace(0, 1, 2001)
-    along = Along(t, t, 0 * t)
+    along = SidePoints(t, t, 0 * t)
     found = atom().trace_and_flux(0, along)
     expected = [e.trace_and_flux(0, along) for e in singles()]
     np.testing.assert_allclose(found[0], sum(u for u, _ in expected), rtol=0, atol=1e-14)
@@ -117,7 +118,7 @@ def test_its_trace_and_flux_are_the_sums_too():
 @pytest.mark.parametrize("gamma", [Q(1), Q(3, 2), Q(2), Q(1, 2)])
 def test_the_gap_by_hand(gamma):
     """The top of a tent of length l is (l/4)^gamma, or a hundredth of it on what is left."""
-    value = compile_numpy([gap(family(2), gamma)], "t")
+    value = compile_numpy([cantor_gap(family(2), gamma)], "t")
     first = 443 / 1600
     second = 497 / 1600
     third = 37 / 80
@@ -125,7 +126,7 @@ def test_the_gap_by_hand(gamma):
     tops = np.array([1 / 8, 1 / 16, 0, 0, (second - first) / 4, (third - second) / 4, 0, 0, 1 / 8]) ** float(
         gamma
     )
-    tops[5] *= float(DUST)
+    tops[5] *= float(UNREMOVED_GAP_FACTOR)
     np.testing.assert_allclose(value(t)[0], tops, rtol=0, atol=1e-15)
 
 
@@ -150,14 +151,14 @@ def test_the_certificate_says_that_there_are_infinitely_many(name):
 
 def test_u_is_not_in_H2_for_less_regular_fluxes(case_like):
     """Control: with alpha = 3/10 < d/2 = 0.315 lambda is not in H^(1/2)."""
-    (entry,) = cases.declared("violates_jjj")[0]["u"]
+    (entry,) = cases.read_case_declaration("violates_jjj")[0]["u"]
     with sentences.raises(InputError):
-        certify(case_like("violates_jjj", u=[entry | {"alpha": "3/10"}]))
+        certify_case(case_like("violates_jjj", u=[entry | {"alpha": "3/10"}]))
 
 
 def test_the_kept_intervals_are_shorter_than_a_tenth_of_the_finest_cell():
     """And those of the generation before are not: the declared truncation, for H = 1/128."""
-    (entry,) = cases.declared("violates_jjj")[0]["u"]
+    (entry,) = cases.read_case_declaration("violates_jjj")[0]["u"]
     assert entry["generations"] == 7
     assert 3 / 4 / 3**7 < 1 / 128 / 10 < 3 / 4 / 3**6
 
@@ -166,7 +167,7 @@ def test_the_kept_intervals_are_shorter_than_a_tenth_of_the_finest_cell():
     ("field", "share"), [("keep", "1/2"), ("keep", "0"), ("inset", "3/4"), ("inset", "0")]
 )
 def test_shares_that_leave_nothing_to_remove_are_refused(field, share, case_like):
-    (entry,) = cases.declared("violates_jjj")[0]["u"]
+    (entry,) = cases.read_case_declaration("violates_jjj")[0]["u"]
     with sentences.raises(InputError, field):
         case_like("violates_jjj", u=[entry | {field: share}])
     with sentences.raises(InputError, field):
@@ -175,7 +176,7 @@ def test_shares_that_leave_nothing_to_remove_are_refused(field, share, case_like
 
 @pytest.mark.parametrize("gamma", ["0", "sqrt(2)"])
 def test_a_gap_s_exponent_is_a_positive_fraction(gamma, case_like):
-    declared = cases.declared("violates_jjj")[0]["gap"]
+    declared = cases.read_case_declaration("violates_jjj")[0]["gap"]
     (side,) = declared["sides"]
     gaps = declared | {"sides": [side | {"cantor": side["cantor"] | {"gamma": gamma}}]}
     with sentences.raises(InputError):

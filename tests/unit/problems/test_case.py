@@ -11,15 +11,15 @@ from conftest import case_file, certified, load
 
 from unilateral.errors import InputError
 from unilateral.fem.quadrature import boundary_rule, triangle_rules
-from unilateral.formulas.formula import parse
+from unilateral.formulas.formula import parse_formula
 from unilateral.geometry.curves import Kink
-from unilateral.geometry.polygon import Polygon, named, square
-from unilateral.geometry.structured import structured
+from unilateral.geometry.polygon import Polygon, find_polygon, square
+from unilateral.geometry.structured import make_structured_mesh
 from unilateral.problems import case as cases
-from unilateral.problems.atoms import Along, Smooth
-from unilateral.problems.case_certificate import certify
+from unilateral.problems.atoms import SidePoints, SmoothAtom
+from unilateral.problems.case_certificate import certify_case
 
-POLYGONS = {"square": square(), "lshape": named("lshape")}
+POLYGONS = {"square": square(), "lshape": find_polygon("lshape")}
 PLACES = [("natural", "square", 0)] + [
     (name, polygon, side)
     for name in ("full_contact", "no_contact", "smooth", "thirds")
@@ -50,7 +50,7 @@ on_every_place = pytest.mark.parametrize(("name", "polygon", "side"), PLACES)
 
 def inside(polygon, n):
     """(n, 2) pseudo-random points of the polygon, by rejection from the centroids of a fine mesh."""
-    mesh = structured(polygon, 1 / 64)
+    mesh = make_structured_mesh(polygon, 1 / 64)
     centroids = mesh.points[mesh.triangles].mean(axis=1)
     return np.random.default_rng(1).permutation(centroids)[:n]
 
@@ -104,8 +104,8 @@ PLACED = [*PLACES, *((name, at[0], 0) for name, at in IRREGULAR.items()), ("viol
 def test_where_a_case_is_said_to_vanish_it_does(name, polygon, side):
     """At the vertices and in the centroids of triangles; somewhere, unless an atom has no cutoff."""
     case = load(name, polygon, side)
-    mesh = structured(POLYGONS[polygon], 1 / 32)
-    zero = case.vanishes(*mesh.circles)
+    mesh = make_structured_mesh(POLYGONS[polygon], 1 / 32)
+    zero = case.vanishes(*mesh.enclosing_circles)
     corners = mesh.points[mesh.triangles[zero]]
     points = np.concatenate([corners.reshape(-1, 2), corners.mean(axis=1)])
     for values in (*case.value_and_gradient(points), case.source(points)):
@@ -119,9 +119,9 @@ def test_where_a_case_is_said_to_vanish_it_does(name, polygon, side):
 @pytest.mark.parametrize("size", [1.0, 10.0])
 def test_a_case_vanishes_on_a_circle_beyond_its_cutoff(name, reach, inside, radius, zero, size):
     """By hand, on a square of that size: the distance from the cutoff's end is 0.01."""
-    case = cases.load(name, Polygon(size * square().vertices, "large"))
+    case = cases.load_solution(name, Polygon(size * square().vertices, "large"))
     centre = size * np.array([[1 / 3, inside + reach - 1 / 4]])
-    assert case.vanishes(centre, np.array([size * radius])).tolist() == [zero]
+    assert case.vanishes_in_circles(centre, np.array([size * radius])).tolist() == [zero]
 
 
 ROOT_FLUXES = [  # the case, where it is put, the start and the cutoff of the flux, and its rounding
@@ -168,7 +168,7 @@ def test_distances_along_a_side_do_not_round():
     """1/3 + 1e-20 is 1/3, its distance from there is not 0."""
     third = np.array([1 / 3])
     off = np.array([1e-20])
-    assert Along(third + off, third, off).minus(1 / 3).tolist() == [1e-20]
+    assert SidePoints(third + off, third, off).distance_from(1 / 3).tolist() == [1e-20]
 
 
 @pytest.mark.parametrize(
@@ -216,7 +216,7 @@ def sample(place, h, degree):
     """Rules on triangles with u, grad u and f there, and the rule on the boundary with u and lambda."""
     case = load(*place)
     inner = []
-    for rule in triangle_rules(structured(case.polygon, h), case, degree):
+    for rule in triangle_rules(make_structured_mesh(case.polygon, h), case, degree):
         where = rule.origin, rule.offset
         inner.append((rule, *case.value_and_gradient(*where), case.source(*where)))
     rule = boundary_rule(case.polygon, case.polygon.starts, case.singular())
@@ -227,7 +227,7 @@ def sample(place, h, degree):
 def greens_defect(place, v, h, degree, source=1.0):
     """|int grad u . grad v + u v - source f v - int lambda v|, in units of the first integral's scale."""
     inner, (points, weight, u, flux) = sample(place, h, degree)
-    test = Smooth(parse(v, "xy", "v")) if v else None
+    test = SmoothAtom(parse_formula(v, "xy", "v")) if v else None
     defect = -weight @ (flux * (test.value_and_gradient(points)[0] if v else u))
     scale = 0.0
     for rule, value_u, slope_u, f in inner:
@@ -255,17 +255,17 @@ def test_greens_formula_sees_a_wrong_source():
 @pytest.mark.parametrize("name", ["smooth", "thirds"])
 def test_the_flux_does_not_depend_on_the_size(name):
     """u = L v(x / L): equal flux, L-fold values."""
-    large = cases.load(name, Polygon(10 * square().vertices, "large"), 0)
+    large = cases.load_solution(name, Polygon(10 * square().vertices, "large"), 0)
     s = np.linspace(0, 1, 101)
     u, flux, gap = load(name).boundary(np.zeros(101, dtype=int), s)
-    U, FLUX, GAP = large.boundary(np.zeros(101, dtype=int), 10 * s)
+    U, FLUX, GAP = large.trace_flux_and_gap(np.zeros(101, dtype=int), 10 * s)
     np.testing.assert_allclose(FLUX, flux, rtol=0, atol=1e-14)
     np.testing.assert_allclose(U, 10 * u, rtol=0, atol=1e-13)
     np.testing.assert_allclose(GAP, gap, rtol=0, atol=1e-13)
-    certify(large)
+    certify_case(large)
     for one, other in zip(load(name).kinks(), large.kinks(), strict=True):
         points = inside(square(), 20)
-        np.testing.assert_allclose(other.level(10 * points), 10 * one.level(points))
+        np.testing.assert_allclose(other.signed_distances(10 * points), 10 * one.level(points))
     points = np.array([[0.37, 0.01], [0.43, 0.11], [0.5, 0.2]])
     by_differences, laplacian = differences(lambda p: large.value_and_gradient(p)[0], 10 * points, 1e-2)
     u_large, gradient = large.value_and_gradient(10 * points)
@@ -327,7 +327,7 @@ def test_a_wrong_claim_is_noticed(hypothesis, case_like):
     declared = load("violates_j", "lshape").declaration["hypotheses"]
     wrong = declared | {hypothesis: not declared[hypothesis]}
     with sentences.raises(InputError, hypothesis):
-        certify(case_like("violates_j", named("lshape"), hypotheses=wrong))
+        certify_case(case_like("violates_j", find_polygon("lshape"), hypotheses=wrong))
 
 
 HARMONIC = {"atom": "harmonic", "side": 0, "at": "1/3", "alpha": "1/2", "cutoff": "1/4"}
@@ -355,15 +355,15 @@ def declared(tmp_path):
 
 def refusal(file, polygon="square", side=0):
     with pytest.raises(InputError) as error:
-        certify(cases.load(file, named(polygon), side))
+        certify_case(cases.load_solution(file, find_polygon(polygon), side))
     return str(error.value)
 
 
 def test_an_own_file_is_a_case(declared):
     """The file that the refusals below change is itself certified."""
-    case = cases.load(declared(), square(), 2)
+    case = cases.load_solution(declared(), square(), 2)
     assert case.name == "mine"
-    assert certify(case).contact == ((2, 1 / 3, pytest.approx(7 / 12, abs=1e-15)),)
+    assert certify_case(case).contact == ((2, 1 / 3, pytest.approx(7 / 12, abs=1e-15)),)
 
 
 FAR = "1e10*t + sqrt(3)/9", "1e10 + sqrt(3)/9"
@@ -452,7 +452,7 @@ def test_a_constant_without_a_value(declared):
     triangle = Polygon(np.array([[0, 0], [1, 0], [0, 1]]), "triangle")
     file = declared(polygons="any", constants={"c1": {"square": "1/2"}})
     with sentences.raises(InputError):
-        cases.load(file, triangle)
+        cases.load_solution(file, triangle)
 
 
 def test_a_harmonic_atom_without_a_cutoff_needs_a_half_plane(declared):

@@ -11,10 +11,10 @@ import pytest
 import sympy
 from symbolic import THETA, D, R, T, X, Y, pos, with_digits
 
-from unilateral.geometry.polygon import Polygon, named, square
+from unilateral.geometry.polygon import Polygon, find_polygon, square
 from unilateral.problems import case as cases
-from unilateral.problems.cantor_atom import DUST
-from unilateral.problems.catalogue import names
+from unilateral.problems.cantor_atom import UNREMOVED_GAP_FACTOR
+from unilateral.problems.catalogue import case_names
 
 DIGITS = 30
 ROUNDING = 2e-12
@@ -23,9 +23,10 @@ functions change on the scale of the distance from a singular point, which is 0.
 POLYGONS = ("square", "lshape", "hexagon")
 PLACES = [
     (name, polygon)
-    for name in names()
+    for name in case_names()
     for polygon in POLYGONS
-    if cases.declared(name)[0]["polygons"] == "any" or polygon in cases.declared(name)[0]["polygons"]
+    if cases.read_case_declaration(name)[0]["polygons"] == "any"
+    or polygon in cases.read_case_declaration(name)[0]["polygons"]
 ]
 
 
@@ -117,7 +118,7 @@ class Oracle:
     """u, grad u, f, lambda and the gap of a case, from its declaration."""
 
     def __init__(self, name, polygon, side=0):
-        self.declaration, _ = cases.declared(name)
+        self.declaration, _ = cases.read_case_declaration(name)
         self.polygon = polygon
         self.side = side
         self.atoms = []
@@ -245,7 +246,7 @@ def cantor_gap(entry):
     inset = exact(entry["inset"])
     gamma = exact(entry["gamma"])
     tents = [(1, pair) for generation in generations[1::2] for pair in generation]
-    tents += [(sympy.Rational(DUST), pair) for pair in left]
+    tents += [(sympy.Rational(UNREMOVED_GAP_FACTOR), pair) for pair in left]
     return (
         pos(inset - T, gamma)
         + pos(T - 1 + inset, gamma)
@@ -273,13 +274,13 @@ def inside(polygon, numbers, rng):
 
 def deviations(name, polygon, times=1.0, numbers=8):
     """The largest difference of each kind, relative to the largest value of u, grad u or f."""
-    case = cases.load(name, polygon)
+    case = cases.load_solution(name, polygon)
     rng = np.random.default_rng(47)
     oracle = Oracle(name, polygon)
     # points inside, as many of them near side 0, where the atoms are
     near = polygon.at(np.zeros(numbers, dtype=int), polygon.lengths[0] * rng.uniform(0.05, 0.95, numbers))
     points = np.vstack([inside(polygon, numbers, rng), near - 0.01 * polygon.normals[0]])
-    u, gradient, f = case.whole(points)
+    u, gradient, f = case.value_gradient_and_source(points)
     expected = oracle.values(points)
     sizes = {
         "u": np.abs(expected[0]).max(),
@@ -295,7 +296,7 @@ def deviations(name, polygon, times=1.0, numbers=8):
         t = rng.uniform(0.02, 0.98, numbers)
         sides = np.full(numbers, side)
         s = t * polygon.lengths[side]
-        trace, flux, gap = case.boundary(sides, s)
+        trace, flux, gap = case.trace_flux_and_gap(sides, s)
         exact_trace, *exact_gradient, _ = oracle.values(polygon.at(sides, s))
         exact_gap = oracle.gap(side, t)
         normal = polygon.normals[side]
@@ -311,7 +312,7 @@ def deviations(name, polygon, times=1.0, numbers=8):
 
 @pytest.mark.parametrize(("name", "polygon"), PLACES)
 def test_what_is_derived_is_what_sympy_derives(name, polygon):
-    found = deviations(name, named(polygon))
+    found = deviations(name, find_polygon(polygon))
     assert max(found.values()) < ROUNDING, found
 
 

@@ -9,7 +9,7 @@ import sentences
 from skfem import Basis, ElementTriP1, MeshTri
 
 import unilateral as ul
-from unilateral.geometry.mesh import from_arrays, unstructured
+from unilateral.geometry.mesh import from_arrays, make_unstructured_mesh
 
 SIDE = 1e-3
 PLATE = [(0, 0), (SIDE, 0), (SIDE, SIDE), (0, SIDE)]
@@ -31,7 +31,7 @@ def pair():
     other = ul.Problem(
         PLATE, f=f"2e6*({IN_METRES['f']})", g=f"({IN_METRES['g']})/2", k=4, c="4000000", name="plate"
     )
-    mesh = unstructured(one.polygon, 1 / 16)
+    mesh = make_unstructured_mesh(one.polygon, 1 / 16)
     small = from_arrays(other.polygon, SIDE * mesh.points, mesh.triangles)
     return ul.solve(one, mesh=mesh, H=1 / 8, stop=STOP), ul.solve(other, mesh=small, H=SIDE / 8, stop=STOP)
 

@@ -9,7 +9,7 @@ import sentences
 
 import unilateral as ul
 from unilateral.fem.p1 import energy_norm
-from unilateral.formulas.taylor import affine, basis
+from unilateral.formulas.taylor import affine_model, monomial_basis
 from unilateral.problems.nodal import NodalTrace
 
 KITE = [(0, 0), (1.1, -0.3), (1.4, 1.2), (0.2, 0.8)]
@@ -176,7 +176,9 @@ def test_the_model_of_a_trace_contains_its_values():
     values = rng.standard_normal(8) * 10.0 ** rng.integers(-3, 3, 8)
     a = t[:-1]
     b = t[1:]
-    model = NodalTrace(t, values).model(affine(basis(1, 3), 0.5 * (a + b), 0.5 * (b - a)[None], (a, b)))
+    model = NodalTrace(t, values).value_model(
+        affine_model(monomial_basis(1, 3), 0.5 * (a + b), 0.5 * (b - a)[None], (a, b))
+    )
     exact = [[Fraction(x) for x in each.tolist()] for each in (t, values)]
     for i in range(7):
         for sigma in (Fraction(-1), Fraction(1), Fraction(rng.uniform(-1, 1))):
@@ -196,7 +198,9 @@ def test_the_model_of_a_slope_contains_it():
     values = rng.standard_normal(6) * 10.0 ** rng.integers(-6, 6, 6)
     a = t[:-1]
     b = t[1:]
-    model = NodalTrace(t, values).slope_model(affine(basis(1, 3), 0.5 * (a + b), 0.5 * (b - a)[None], (a, b)))
+    model = NodalTrace(t, values).slope_model(
+        affine_model(monomial_basis(1, 3), 0.5 * (a + b), 0.5 * (b - a)[None], (a, b))
+    )
     places = [Fraction(x) for x in t.tolist()]
     heights = [Fraction(x) for x in values.tolist()]
     for i in range(5):
@@ -210,7 +214,7 @@ def test_a_slope_is_not_known_better_than_its_values():
     """1 + 2^-52 and 1: their difference is rounded like them, and steep over 1e-6."""
     t = np.array([0.0, 1e-6, 1.0])
     model = NodalTrace(t, np.array([1 + 2.0**-52, 1.0, 1.0])).slope_model(
-        affine(basis(1, 3), np.array([5e-7]), np.array([[5e-7]]), (t[:1], t[1:2]))
+        affine_model(monomial_basis(1, 3), np.array([5e-7]), np.array([[5e-7]]), (t[:1], t[1:2]))
     )
     assert model.rad[0] >= 4 * 2.0**-53 / 1e-6
 

@@ -13,7 +13,7 @@ from conftest import ROOT
 import unilateral as ul
 from unilateral.discrete.base import DiscreteProblem
 from unilateral.discrete.solution import DiscreteSolution
-from unilateral.fem.condense import Condensed
+from unilateral.fem.condense import CondensedMatrix
 from unilateral.fem.spaces import DualOperator
 from unilateral.solvers.stop import Stop
 
@@ -144,7 +144,7 @@ def test_a_solution_holds_no_solver(name):
     solver = {}
     parts(solved(name), kept)
     parts(ul.Solver(cut(), **SIZES), solver)
-    forbidden = (DiscreteProblem, Condensed, DualOperator)
+    forbidden = (DiscreteProblem, CondensedMatrix, DualOperator)
     assert any(isinstance(each, DiscreteSolution) for each in kept.values())
     assert not [each for each in kept.values() if isinstance(each, forbidden)]
     assert [each for each in solver.values() if isinstance(each, forbidden)]

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 import unilateral as ul
 from unilateral.solution import plot_domain
-from unilateral.solution.plot import wrapped
-from unilateral.solution.shown import settled
+from unilateral.solution.plot import wrap_evenly
+from unilateral.solution.plot_data import round_gap_to_zero
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
 SQUARE = [(0, 0), (1, 0), (1, 1), (0, 1)]
@@ -97,8 +97,8 @@ def test_the_gap_is_drawn_but_for_the_size_of_what_the_iteration_left():
     """By hand: 0.1 is seen of the 0 in contact, so 0.05 outside is nothing, and 0.2 is a gap."""
     gap = np.array([0.1, -0.05, 0.05, 0.2, math.nan])
     lambda_H = np.array([1.0, 0, 0, 0, 0])
-    np.testing.assert_array_equal(settled(gap, lambda_H), [0, 0, 0, 0.2, math.nan])
-    np.testing.assert_array_equal(settled(gap[2:], 0 * gap[2:]), gap[2:])
+    np.testing.assert_array_equal(round_gap_to_zero(gap, lambda_H), [0, 0, 0, 0.2, math.nan])
+    np.testing.assert_array_equal(round_gap_to_zero(gap[2:], 0 * gap[2:]), gap[2:])
 
 
 def test_the_title_is_that_of_the_problem_and_tells_the_relative_bound(adapted):
@@ -134,10 +134,10 @@ def test_the_picture_says_what_is_guaranteed(given, sizes, said):
 def test_long_titles_are_wrapped_evenly_and_too_long_ones_end():
     """By hand: 11 words of 4 letters need 2 lines of at most 30, and as even ones 29 and 24."""
     words = ["word"] * 11
-    assert wrapped(" ".join(words), 30) == [" ".join(words[:6]), " ".join(words[:5])]
-    cut = wrapped(" ".join(words * 9), 30)
+    assert wrap_evenly(" ".join(words), 30) == [" ".join(words[:6]), " ".join(words[:5])]
+    cut = wrap_evenly(" ".join(words * 9), 30)
     assert (len(cut), cut[-1][-4:]) == (3, " ...")
-    assert wrapped("", 30) == []
+    assert wrap_evenly("", 30) == []
 
 
 def test_a_title_is_no_formula():
@@ -147,7 +147,7 @@ def test_a_title_is_no_formula():
 
 def test_the_lengths_of_edges_take_the_place_of_a_mesh_that_would_be_grey(adapted, monkeypatch):
     """In colours on a logarithmic scale with a name: at a node their geometric mean."""
-    monkeypatch.setattr(plot_domain, "TRIANGLES", len(adapted.mesh.triangles) - 1)
+    monkeypatch.setattr(plot_domain, "MAX_OUTLINED_TRIANGLES", len(adapted.mesh.triangles) - 1)
     page = adapted.plot()
     shown = page.axes[1].collections[0].get_array()
     (bar,) = page.axes[1].child_axes

@@ -12,11 +12,11 @@ import xarray as xr
 from conftest import ROOT
 
 import unilateral as ul
-from unilateral.bounds.boundary_flux import EDGE_BALANCE
-from unilateral.geometry.partition import uniform
+from unilateral.bounds.boundary_flux import EDGE_REACTION_RATIO
+from unilateral.geometry.partition import make_uniform_partition
 from unilateral.geometry.polygon import square
 from unilateral.solution.contact import Contact
-from unilateral.solution.faults import FLAT, flat_triangles
+from unilateral.solution.shortfalls import MAX_CHEAP_BOUND_ASPECT, explain_flat_triangles
 
 pytestmark = pytest.mark.usefixtures("shared_cases")
 
@@ -34,7 +34,7 @@ def test_contact_intervals_are_runs_of_cells_on_one_side():
     """By hand: cells of 1/4 on the square; a run that passes a vertex is cut there."""
     lambda_H = np.zeros(16)
     lambda_H[[1, 2, 3, 4, 15]] = 1, 2, 1, 3, 1
-    contact = Contact(uniform(square(), 1 / 4), lambda_H)
+    contact = Contact(make_uniform_partition(square(), 1 / 4), lambda_H)
     assert [each[:3] for each in contact.intervals] == [(0, 0.25, 1), (1, 0, 0.25), (3, 0.75, 1)]
     assert [each[3:] for each in contact.intervals] == [
         ((0.25, 0), (1, 0)), ((1, 0), (1, 0.25)), ((0, 0.25), (0, 0)),
@@ -225,7 +225,7 @@ def test_the_flux_is_balanced(k):
     s = ul.solve(ul.Problem(SQUARE, **given), **SIZES)
     mesh = s.mesh
     of = s.mesh.triangulation
-    less = (0.25 * SIZES["h"] ** 2 / (EDGE_BALANCE * k)) ** 2
+    less = (0.25 * SIZES["h"] ** 2 / (EDGE_REACTION_RATIO * k)) ** 2
     ends = mesh.points[of.ends]
     along = ends[:, 1] - ends[:, 0]
     normals = np.column_stack([along[:, 1], -along[:, 0]]) / np.hypot(*along.T)[:, None]
@@ -273,13 +273,13 @@ def test_flat_triangles_are_told_where_the_cheap_bound_is_loose(n, told):
     mesh = rows_of_needles(n)
     s = ul.solve(ul.Problem(mesh, 1, [None] * 4, [1, 2, 3], c=0, u={0: 0}, q=0), mesh=mesh, H=1)
     error = np.sqrt(1 / 3 - s.solved.u_norm**2)
-    text = flat_triangles(s.solved)
+    text = explain_flat_triangles(s.solved)
     assert error <= s.sharp_bounds.u <= 1.1 * error
     assert (s.bounds.u > 2 * error) == told
-    assert n < FLAT or s.bounds.u == pytest.approx(n / 6 * error, rel=0.1)
+    assert n < MAX_CHEAP_BOUND_ASPECT or s.bounds.u == pytest.approx(n / 6 * error, rel=0.1)
     assert (f"up to {n} times as long as high" in text) == told
     assert bool(text) == told
-    assert (n > FLAT) == told
+    assert (n > MAX_CHEAP_BOUND_ASPECT) == told
 
 
 def test_there_is_no_multiplier_on_clamped_sides(tmp_path):

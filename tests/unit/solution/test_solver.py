@@ -5,7 +5,7 @@ import pytest
 import sentences
 
 import unilateral as ul
-from unilateral.bounds import mesh_data
+from unilateral.bounds import enclosed_data
 from unilateral.discrete import choice, multilevel
 from unilateral.geometry import mesh as meshes
 from unilateral.solution import sizes
@@ -27,12 +27,12 @@ WAYS = {
 }
 COUNTED = {
     "meshes": (meshes, "following"),
-    "made": (sizes.KINDS, "unstructured"),
+    "made": (sizes.MESH_KINDS, "unstructured"),
     "condensations": (choice, "condense"),
     "couplings": (choice, "mixed_spaces"),
     "hierarchies": (multilevel, "hierarchy"),
     "cells": (multilevel, "nested_cells"),
-    "enclosures of f": (mesh_data, "enclose_source"),
+    "enclosures of f": (enclosed_data, "enclose_source"),
 }
 
 

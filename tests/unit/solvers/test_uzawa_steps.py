@@ -105,11 +105,11 @@ def test_the_reference_is_the_largest_of_ten_values_without_a_new_best_one():
     """By hand; values are relative to the best one, and so is the reference when that changes."""
     step = BarzilaiBorwein(S, B, 0.9, START)
     for value in (5.0, 7.0, -2.0, 4.0, 9.0, 3.0, 2.0, 1.0, 2.0, 3.0, 4.0, 5.0):
-        step._remember(value)
+        step._update_reference(value)
         assert step.reference == math.inf
-    step._remember(6.0)
+    step._update_reference(6.0)
     assert step.reference == 9
-    step._remember(-2.0)
+    step._update_reference(-2.0)
     assert step.reference == 11
 
 

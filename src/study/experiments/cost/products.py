@@ -5,31 +5,31 @@ from __future__ import annotations
 import numpy as np
 
 from unilateral.arrays import Array
-from unilateral.fem.linear_systems import Sparse
+from unilateral.fem.linear_systems import SparseFactors
 from unilateral.fem.spaces import DualOperator, MixedSpaces
-from unilateral.solvers.uzawa import Apply
+from unilateral.solvers.uzawa import ApplyS
 
-REFRESH = 50
+PRODUCTS_PER_REFRESH = 50
 """The refined way makes one of so many products in double precision."""
 
 
-def product(algebra: str, precision: str, spaces: MixedSpaces, factors: Sparse) -> Apply:
+def make_product(algebra: str, precision: str, spaces: MixedSpaces, factors: SparseFactors) -> ApplyS:
     """y -> S y with that matrix, A, A_3 or S, in that precision; `factors` are those of A for all nodes."""
     match algebra, precision:
         case "A", "float64":
-            return by_A(factors, spaces)
+            return make_product_by_A(factors, spaces)
         case "A_3", "float64":
-            return by_A_3(spaces)
+            return make_product_by_A_3(spaces)
         case "S", "float64":
-            return by_S(spaces.operator)
+            return make_product_by_S(spaces.operator)
         case "S", "float32":
-            return by_S32(spaces.operator)
+            return make_single_product(spaces.operator)
         case "S", "refined":
-            return refined(spaces.operator)
+            return make_refined_product(spaces.operator)
     raise ValueError(f"there is no way to S y by {algebra} in {precision}")
 
 
-def by_A(factors: Sparse, spaces: MixedSpaces) -> Apply:
+def make_product_by_A(factors: SparseFactors, spaces: MixedSpaces) -> ApplyS:
     """y -> S y with a solve on all nodes: u of (5.1) without the partial elimination."""
     root = np.sqrt(spaces.operator.H_i)
     boundary = spaces.mesh.boundary
@@ -42,7 +42,7 @@ def by_A(factors: Sparse, spaces: MixedSpaces) -> Apply:
     return apply
 
 
-def by_A_3(spaces: MixedSpaces) -> Apply:
+def make_product_by_A_3(spaces: MixedSpaces) -> ApplyS:
     """y -> S y with a solve on the boundary nodes: A_3 c'' = g'' of section 5."""
     root = np.sqrt(spaces.operator.H_i)
 
@@ -52,12 +52,12 @@ def by_A_3(spaces: MixedSpaces) -> Apply:
     return apply
 
 
-def by_S(operator: DualOperator) -> Apply:
+def make_product_by_S(operator: DualOperator) -> ApplyS:
     """y -> S y by all of S, which is what `operations` counts; the loop's own way leaves columns out."""
     return lambda y, out: np.dot(operator.S, y, out=out)
 
 
-def by_S32(operator: DualOperator) -> Apply:
+def make_single_product(operator: DualOperator) -> ApplyS:
     """y -> S y in single precision, S and y rounded to it."""
     S = operator.S.astype(np.float32)
 
@@ -67,20 +67,20 @@ def by_S32(operator: DualOperator) -> Apply:
     return apply
 
 
-def refined(operator: DualOperator) -> Apply:
+def make_refined_product(operator: DualOperator) -> ApplyS:
     """y -> S y_0 + S (y - y_0), the increment in single precision; every REFRESH products y_0 = y, in double.
 
     Iterative refinement, see N. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., chapter 12.
     """
     S = operator.S
-    single = by_S32(operator)
+    single = make_single_product(operator)
     anchor = np.zeros(len(S))
     product = np.zeros(len(S))
     count = 0
 
     def apply(y: Array, out: Array) -> None:
         nonlocal count
-        if count % REFRESH == 0:
+        if count % PRODUCTS_PER_REFRESH == 0:
             np.copyto(anchor, y)
             np.dot(S, y, out=product)
         single(y - anchor, out)

@@ -10,13 +10,13 @@ from scipy.linalg import cholesky, eigvalsh, solve_triangular
 from scipy.optimize import nnls
 
 from study.evidence import (
-    ZERO,
+    RELATIVE_ROUNDING,
     Evidence,
     Tables,
-    forms,
-    worst,
+    dual_norm_forms,
+    pick_worst,
 )
-from study.stability_constants import of_runs
+from study.stability_constants import lemma_quotients
 from unilateral.arrays import Array
 from unilateral.geometry.partition import Partition
 from unilateral.norms.dual import Gram
@@ -31,15 +31,15 @@ def projection(
     """
     found = {}
     for scene in scenes:
-        norms = [gram for cells, gram in forms(tables, scene) if coarsest >= cells.H]
+        norms = [gram for cells, gram in dual_norm_forms(tables, scene) if coarsest >= cells.H]
         names = list(tables[f"{scene}/dual_norm"]["case"].values)
         for case in sorted(set(expected) & set(names)):
-            bounds = [gram.error(names.index(case), np.zeros((1, gram.n_cells))) for gram in norms]
+            bounds = [gram.error_bounds(names.index(case), np.zeros((1, gram.n_cells))) for gram in norms]
             errors = np.sqrt(np.mean(np.square(bounds), axis=1)).ravel()
             rates_ = np.log(errors[:-2] / errors[2:]) / np.log(4)
             found[f"{scene}, {case}"] = float(rates_.min()) - expected[case]
     quantity = f"the rate over a factor of 4, from $H = {coarsest:g}$ on, less the expected one"
-    return worst(found, quantity, -tolerance, True)
+    return pick_worst(found, quantity, -tolerance, True)
 
 
 def abstract_bound(tables: Tables, scenes: Sequence[str], cases: Sequence[str]) -> Evidence:
@@ -48,28 +48,28 @@ def abstract_bound(tables: Tables, scenes: Sequence[str], cases: Sequence[str]) 
     for scene in scenes:
         table = tables[f"{scene}/errors"]
         names = list(tables[f"{scene}/dual_norm"]["case"].values)
-        for k, (cells, gram) in enumerate(forms(tables, scene)):
+        for k, (cells, gram) in enumerate(dual_norm_forms(tables, scene)):
             data = table.isel(partition=k)
             assert np.isclose(float(data["H"]), cells.H)
             for case in sorted(set(cases) & set(names)):
                 run = data.sel(case=case)
                 E = run["h1_error"].values
                 L = run["hm12_error_upper"].values
-                m = gram.error(names.index(case), np.zeros((1, gram.n_cells))).upper[0]
+                m = gram.error_bounds(names.index(case), np.zeros((1, gram.n_cells))).upper[0]
                 right = (E + L) * run["ritz_error"].values + m * E + float(run["consistency"])
                 ratio = (E**2 / right)[np.isfinite(L)]
                 if ratio.size:
                     found[f"{scene}, {case}, H = {cells.H:g}"] = float(ratio.max())
-    return worst(found, "the left side over the right one", 1.0, False)
+    return pick_worst(found, "the left side over the right one", 1.0, False)
 
 
 def lemma_4_3(tables: Tables, scenes: Sequence[str]) -> Evidence:
-    """The left side of (4.6) over the right one, with the proof's constants; see `of_runs`."""
-    found = {scene: float(of_runs(tables[f"{scene}/errors"])["lemma_4_3"].max()) for scene in scenes}
-    return worst(found, "the left side over the right one", 1.0, False)
+    """The left side of (4.6) over the right one, with the proof's constants; see `lemma_quotients`."""
+    found = {scene: float(lemma_quotients(tables[f"{scene}/errors"])["lemma_4_3"].max()) for scene in scenes}
+    return pick_worst(found, "the left side over the right one", 1.0, False)
 
 
-def by_inverse_estimate(tables: Tables, scenes: Sequence[str]) -> Evidence:
+def l2_estimate(tables: Tables, scenes: Sequence[str]) -> Evidence:
     """The left side of (4.7) over the right one, for mu = Pi_H lambda.
 
     The constants are those of its proof, 1 and C of (4.9). Everything on the right is taken from below. The
@@ -77,14 +77,14 @@ def by_inverse_estimate(tables: Tables, scenes: Sequence[str]) -> Evidence:
     """
     found = {}
     as_printed = []
-    for name, data, cells, gram in _runs(tables, scenes):
+    for name, data, cells, gram in _iterate_partitions(tables, scenes):
         dual = (data["hm12_error_lower"] + data["projection_lower"]) / np.sqrt(cells.H)
-        left = data["l2_error"].where(data["l2_error"] > ZERO * data["u_norm"])
+        left = data["l2_error"].where(data["l2_error"] > RELATIVE_ROUNDING * data["u_norm"])
         right = data["projection_error"] + inverse_constant(cells, gram.p0.upper) * dual
         if left.notnull().any():
             found[name] = float((left / right).max())
             as_printed.append(f"  {name}: c = {float((left / (data['projection_error'] + dual)).max()):.4g}")
-    return worst(found, "the left side over the right one", 1.0, False)._replace(lines=as_printed)
+    return pick_worst(found, "the left side over the right one", 1.0, False)._replace(lines=as_printed)
 
 
 def inverse_constant(cells: Partition, form: Array) -> float:
@@ -94,17 +94,19 @@ def inverse_constant(cells: Partition, form: Array) -> float:
     return float(eigvalsh(scaled, subset_by_index=[0, 0])[0] ** -0.5)
 
 
-def _runs(tables: Tables, scenes: Sequence[str]) -> Iterator[tuple[str, xr.Dataset, Partition, Gram]]:
+def _iterate_partitions(
+    tables: Tables, scenes: Sequence[str]
+) -> Iterator[tuple[str, xr.Dataset, Partition, Gram]]:
     """Each partition: name, errors with lower bounds on ||lambda - Pi_H lambda||_{-1/2}, cells, forms."""
     for scene in scenes:
         names = tables[f"{scene}/dual_norm"]["case"].values
-        for k, (cells, gram) in enumerate(forms(tables, scene)):
+        for k, (cells, gram) in enumerate(dual_norm_forms(tables, scene)):
             data = tables[f"{scene}/errors"].isel(partition=k).sel(case=names)
             lower = np.sqrt(np.diag(gram.lower)[gram.n_cells :])
             yield f"{scene}, H = {cells.H:g}", data.assign(projection_lower=("case", lower)), cells, gram
 
 
-def quasi_optimal(tables: Tables, scenes: Sequence[str], most_cells: int) -> Evidence:
+def quasi_optimality(tables: Tables, scenes: Sequence[str], max_cells: int) -> Evidence:
     """The left side of (4.10) over the right one, with c = 1 + 3/beta^2.
 
     The infima are over v_h and over one mu_H in Lambda_H. The error splits into a = ||u - z_h||_1 and D with
@@ -114,18 +116,22 @@ def quasi_optimal(tables: Tables, scenes: Sequence[str], most_cells: int) -> Evi
     """
     found = {}
     needed = []
-    for name, data, cells, gram in _runs(tables, scenes):
-        if gram.n_cells <= most_cells and (data["beta_upper"] > 0).any():
+    for name, data, cells, gram in _iterate_partitions(tables, scenes):
+        if gram.n_cells <= max_cells and (data["beta_upper"] > 0).any():
             beta = data["beta_upper"].where(data["beta_upper"] > 0)
-            inf = xr.DataArray(infima(tables[f"{name.split(',')[0]}/dual_norm"], cells, gram), dims="case")
+            inf = xr.DataArray(
+                infima_over_multipliers(tables[f"{name.split(',')[0]}/dual_norm"], cells, gram), dims="case"
+            )
             c = (data["h1_error"] ** 2 / (data["ritz_error"] ** 2 + inf)).where(beta > 0)
             found[name] = float((c / (1 + 3 / beta**2)).max())
             needed.append(f"  {name}: c = {float(c.max()):.4g}")
-    return worst(found, "the left side over the right one", 1.0, False)._replace(lines=needed)
+    return pick_worst(found, "the left side over the right one", 1.0, False)._replace(lines=needed)
 
 
-def infima(table: xr.Dataset, cells: Partition, gram: Gram) -> Array:
-    """(c,) lower bounds on inf ||lambda - mu||_{-1/2}^2 + <mu, u - g> over mu in Lambda_H, for every case.
+def infima_over_multipliers(table: xr.Dataset, cells: Partition, gram: Gram) -> Array:
+    """Lower bounds on inf ||lambda - mu||_{-1/2}^2 + <mu, u - g> over mu in Lambda_H, for every case.
+
+    The shape is (c,).
 
     Each is a least-squares problem with mu >= 0, solved by the algorithm of Lawson and Hanson (1974); `table`
     has the gaps on a finer partition.
@@ -148,7 +154,7 @@ def infima(table: xr.Dataset, cells: Partition, gram: Gram) -> Array:
 
 def closed_form(tables: Tables, scene: str) -> Evidence:
     """The norm ||1||_{-1/2} of the unit square, (8 + 4 coth(1/2))^{1/2}, against both bounds on it."""
-    gram = Gram.of_table(tables[f"{scene}/dual_norm"])
+    gram = Gram.from_table(tables[f"{scene}/dual_norm"])
     one = np.ones(gram.n_cells)
     exact = np.sqrt(8 + 4 / np.tanh(0.5))
     lower = np.sqrt(one @ gram.p0.lower @ one)
@@ -167,7 +173,7 @@ def inverse_estimate(tables: Tables, scenes: Sequence[str], H_over_h: float) -> 
     constants = []
     for scene in scenes:
         errors = tables[f"{scene}/errors"]
-        for k, (cells, gram) in enumerate(forms(tables, scene)):
+        for k, (cells, gram) in enumerate(dual_norm_forms(tables, scene)):
             at = np.isclose(errors["h_over_H"].values[:, k], 1 / H_over_h)
             if at.any():
                 C = inverse_constant(cells, gram.p0.lower)
@@ -175,4 +181,4 @@ def inverse_estimate(tables: Tables, scenes: Sequence[str], H_over_h: float) -> 
                 found[name] = C * float(errors["beta_0"].values[at, k].max())
                 constants.append(f"  {name}: C = {C:.4g}")
     quantity = rf"the largest $C\beta_0$ at $H = {H_over_h:g}h$"
-    return worst(found, quantity, 1.0, False)._replace(lines=constants)
+    return pick_worst(found, quantity, 1.0, False)._replace(lines=constants)

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from study.evidence import Evidence, Tables, Unjudged, provided, worst
+from study.evidence import Evidence, Tables, Unjudged, pick_worst, require_preconditions
 
-LIMITS = ("predicted_limit", "measured_limit"), ("predicted_tool_limit", "measured_tool_limit")
+LIMIT_NAMES = ("predicted_limit", "measured_limit"), ("predicted_tool_limit", "measured_tool_limit")
 
 
 def outcomes(tables: Tables, table: str) -> Evidence:
@@ -23,7 +23,7 @@ def outcomes(tables: Tables, table: str) -> Evidence:
     wrong = ~(valid | untried) | (outcome == "wrong") | (data["tool"].values == "wrong")
     names = data["axis_of"].values
     rows = {str(name): float(np.count_nonzero(wrong[names == name])) for name in data["axis"].values}
-    return worst(rows, "wrong points on an axis", 0.0, False)
+    return pick_worst(rows, "wrong points on an axis", 0.0, False)
 
 
 def no_earlier(tables: Tables, table: str) -> Evidence:
@@ -36,10 +36,10 @@ def no_earlier(tables: Tables, table: str) -> Evidence:
     for name in data["axis"].values:
         values = data["value"].values[data["axis_of"].values == name]
         sign = 1 if values[-1] > values[0] else -1
-        pairs = [[float(data[key].sel(axis=name)) for key in pair] for pair in LIMITS]
+        pairs = [[float(data[key].sel(axis=name)) for key in pair] for pair in LIMIT_NAMES]
         early = [np.isfinite(measured) and not sign * measured >= sign * limit for limit, measured in pairs]
         rows[str(name)] = float(sum(early))
-    return worst(rows, "limits of an axis met too early", 0.0, False)
+    return pick_worst(rows, "limits of an axis met too early", 0.0, False)
 
 
 def step_limit(tables: Tables, table: str, nearest: Mapping[str, float]) -> Evidence:
@@ -61,24 +61,28 @@ def step_limit(tables: Tables, table: str, nearest: Mapping[str, float]) -> Evid
             for near in (1 - distance, 1 + distance)
             if not np.isclose(share, near, rtol=1e-9).any()
         ]
-    evidence = worst(rows, r"values of $\rho$ that fail below the limit or converge above it", 0.0, False)
-    return provided(evidence, untried)
+    evidence = pick_worst(
+        rows, r"values of $\rho$ that fail below the limit or converge above it", 0.0, False
+    )
+    return require_preconditions(evidence, untried)
 
 
-def power(tables: Tables, table: str, axis: str, below: float, exponent: float, most: float) -> Evidence:
+def power_law(
+    tables: Tables, table: str, axis: str, max_value: float, exponent: float, at_most: float
+) -> Evidence:
     """How far the slope of the numbers over the values, both as logarithms, is from an exponent."""
     data = tables[table]
     value = data["value"].values
     number = data["measured"].values
-    kept = (data["axis_of"].values == axis) & (value <= below) & np.isfinite(number)
+    kept = (data["axis_of"].values == axis) & (value <= max_value) & np.isfinite(number)
     if np.count_nonzero(kept) < 2:
         raise Unjudged(f"fewer than two numbers are known on the axis {axis}")
     slope = np.polyfit(np.log(value[kept]), np.log(number[kept]), 1)[0]
     rows = {f"slope over {np.count_nonzero(kept)} values": abs(float(slope) - exponent)}
-    return worst(rows, f"how far the slope is from {exponent:g}", most, False)
+    return pick_worst(rows, f"how far the slope is from {exponent:g}", at_most, False)
 
 
-def floor(tables: Tables, table: str, axis: str, factor: float) -> Evidence:
+def rounding_floor(tables: Tables, table: str, axis: str, factor: float) -> Evidence:
     """How many numbers are beyond a factor of their predictions, and 1 if they grow no faster than these.
 
     The numbers themselves are round-off, which differs between CPUs; they are among the lines.
@@ -94,4 +98,4 @@ def floor(tables: Tables, table: str, axis: str, factor: float) -> Evidence:
         for where, found, told, each in zip(value, number, expected, beyond, strict=True)
     }
     rows[f"slope {slope:.2g}"] = float(not slope > 1)
-    return worst(rows, f"floors beyond a factor of {factor:g}, or that grow no faster", 0.0, False)
+    return pick_worst(rows, f"floors beyond a factor of {factor:g}, or that grow no faster", 0.0, False)

@@ -9,22 +9,24 @@ import xarray as xr
 
 from unilateral.arrays import Array
 
-Row = dict[str, float]
+GradedRow = dict[str, float]
 
 
-def along_levels(rows: Sequence[Row]) -> xr.Dataset:
+def tabulate_rows(rows: Sequence[GradedRow]) -> xr.Dataset:
     """The rows as one table over (level)."""
     values = {name: ("level", [row[name] for row in rows]) for name in rows[0]}
     return xr.Dataset(values, coords={"level": np.arange(len(rows))})
 
 
-def halved(error: xr.DataArray) -> xr.DataArray:
+def rates_by_halving(error: xr.DataArray) -> xr.DataArray:
     """Rates over (pair) from each level to the next, on which the mesh before grading has half the edges."""
     return (-xr.ufuncs.log2(error).diff("level", label="lower")).rename(level="pair")
 
 
-def far_apart(unknowns: Array, values: Array, factor: float) -> Array:
-    """(p,) orders in N^{-1/2} between each level and the first with at least `factor` times the unknowns.
+def orders_between_levels(unknowns: Array, values: Array, factor: float) -> Array:
+    """Orders in N^{-1/2} between each level and the first with at least `factor` times the unknowns.
+
+    The shape is (p,).
 
     `unknowns` and `values` are (k,) of levels, coarse to fine; levels beyond the last are NaN.
     """

@@ -6,23 +6,23 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from study.evidence import ZERO, Evidence, Tables, worst
-from study.stability_constants import least_pairing_constant
-from unilateral.norms.resolution import fine, steep
+from study.evidence import RELATIVE_ROUNDING, Evidence, Tables, pick_worst
+from study.stability_constants import pairing_constant_bound
+from unilateral.norms.resolution import is_fine_enough, is_wide_enough
 
 
 def local_rule(
-    tables: Tables, scenes: Sequence[str], least: float, cases: Sequence[str] | None = None
+    tables: Tables, scenes: Sequence[str], at_least: float, cases: Sequence[str] | None = None
 ) -> Evidence:
     """The smallest beta where edges are short against their cells and triangles are not flat, by RULE."""
     found = {}
     for scene in scenes:
         data = tables[f"{scene}/infsup"]
         data = data if cases is None else data.sel(case=list(cases))
-        kept = fine(data["cell_over_edge"].values) & steep(data["smallest_angle"].values)
+        kept = is_fine_enough(data["cell_over_edge"].values) & is_wide_enough(data["smallest_angle"].values)
         if kept.any():
             found[scene] = float(data["beta_lower"].values[kept].min())
-    return worst(found, r"the smallest $\beta$", least, True)
+    return pick_worst(found, r"the smallest $\beta$", at_least, True)
 
 
 def pairing(tables: Tables, scenes: Sequence[str]) -> Evidence:
@@ -32,9 +32,9 @@ def pairing(tables: Tables, scenes: Sequence[str]) -> Evidence:
         data = tables[f"{scene}/infsup"]
         paired = data["delta"].values > 0
         if paired.any():
-            bound = least_pairing_constant(data["delta"].values)
+            bound = pairing_constant_bound(data["delta"].values)
             found[scene] = float((data["pairing"].values[paired] / bound[paired]).min())
-    return worst(found, "the smallest singular value over its bound", 1 - ZERO, True)
+    return pick_worst(found, "the smallest singular value over its bound", 1 - RELATIVE_ROUNDING, True)
 
 
 def near_ends(tables: Tables, scene: str, tolerance: float) -> Evidence:
@@ -50,4 +50,4 @@ def near_ends(tables: Tables, scene: str, tolerance: float) -> Evidence:
         beta = data["beta_lower"].values[mesh, np.arange(len(H))]
         orders = np.diff(np.log(beta)) / np.diff(np.log(H))
         found |= {f"{name}, H = {size:g}": abs(p - 1) for size, p in zip(H[1:], orders, strict=True)}
-    return worst(found, r"how far an order of $\beta$ is from 1", tolerance, False)
+    return pick_worst(found, r"how far an order of $\beta$ is from 1", tolerance, False)

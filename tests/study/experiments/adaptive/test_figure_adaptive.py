@@ -17,7 +17,7 @@ def test_the_table(tmp_path):
     constants = {"beta_lower": (order, 3 / N), "beta_of_edges": (order, 4 / N)}
     coords = {"case": ["c"], "kind": ["uniform", "adapted"], "level": [0, 1]}
     for name, values in (("errors", errors), ("infsup", constants)):
-        tables.save(xr.Dataset(values, coords), tmp_path / f"{name}.nc", "adaptive")
+        tables.save_table(xr.Dataset(values, coords), tmp_path / f"{name}.nc", "adaptive")
     found = adaptive.table(tmp_path / "errors.nc", tmp_path / "infsup.nc")
     assert found["kind"].tolist() == ["uniform", "adapted", "adapted"]
     assert found["unknowns"].tolist() == [12345, 12345, 23456]

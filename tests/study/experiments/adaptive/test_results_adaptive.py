@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import config, stored
 
-from unilateral.formulas.formula import real
+from unilateral.formulas.formula import parse_real
 from unilateral.norms.resolution import RULE
 
 STUDY = config("study")["adaptive"]
@@ -40,7 +40,7 @@ def test_both_kinds_start_from_one_mesh():
     for name in ("unknowns", "h1_bound", "shortest_edge"):
         assert np.array_equal(first[name].sel(kind="uniform"), first[name].sel(kind="adapted"))
     on_square = first["shortest_edge"].sel(case=CASES, kind="adapted")
-    np.testing.assert_allclose(on_square, real(STUDY["h"], ""), rtol=1e-12)
+    np.testing.assert_allclose(on_square, parse_real(STUDY["h"], ""), rtol=1e-12)
 
 
 def test_errors_are_known_of_cases_only():

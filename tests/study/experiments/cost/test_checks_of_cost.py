@@ -50,13 +50,21 @@ def by_cells(with_A):
 
 
 UNLIKE = "steps with A are not known to be as many as those with S"
-STEEPER = partial(cost.economy, least=1.6)
+STEEPER = partial(cost.step_economy, at_least=1.6)
 
 
 ROWS = [
     # Growth by factors of 6/3 and 4/2 at H/h = 2; one run less at 4, so 8/(2 * 2). From 1/16 on 4/2 only.
-    (partial(cost.slower, algorithm="fast", than="slow", coarsest=1.0, most=1.0), FEWER, 6),
-    (partial(cost.slower, algorithm="fast", than="slow", coarsest=1 / 16, most=1.0), FEWER, 2),
+    (
+        partial(cost.relative_step_growth, algorithm="fast", reference="slow", coarsest=1.0, at_most=1.0),
+        FEWER,
+        6,
+    ),
+    (
+        partial(cost.relative_step_growth, algorithm="fast", reference="slow", coarsest=1 / 16, at_most=1.0),
+        FEWER,
+        2,
+    ),
     ("5.F", steps_of(newton=[[1, 2, 3], [7, 5, NAN]]), 7),
     # Steps but one, where the optimal step took any; or the number of levels that only that one met.
     ("5.G", steps_of(safe=SAFE, optimal=[10, 20, 30]), (1.1, True)),

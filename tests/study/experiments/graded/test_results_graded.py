@@ -4,11 +4,11 @@ import numpy as np
 from conftest import config, stored
 
 from study.ledger import claims
-from unilateral.formulas.formula import real
+from unilateral.formulas.formula import parse_real
 
 STUDY = config("study")["graded"]
 GIVEN = [
-    (case, real(kappa, ""))
+    (case, parse_real(kappa, ""))
     for scene in STUDY["scenes"]
     for case in scene["cases"]
     for kappa in scene["kappas"]
@@ -85,4 +85,4 @@ def test_adapted_meshes_keep_the_limit_and_their_errors_count():
 def test_claims_have_the_tolerance_of_the_dual_norm():
     tolerance = config("rates")["rates"]["norms"]["hm12"]["tolerance"]
     for name in ("A.G", "A.Gs", "A.Gt"):
-        assert claims.find(name).parameters["tolerance"] == tolerance
+        assert claims.find_claim(name).parameters["tolerance"] == tolerance

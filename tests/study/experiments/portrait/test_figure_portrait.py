@@ -6,10 +6,10 @@ from pages import committed, drawn, lines, said
 
 import unilateral as ul
 from study.experiments.portrait import portrait_figure as portrait
-from unilateral.geometry.polygon import named
+from unilateral.geometry.polygon import find_polygon
 
 F = "-1 - 3*x - 9*x*y"
-DOMAIN = named("lshape")
+DOMAIN = find_polygon("lshape")
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +73,7 @@ def test_contact_is_drawn_where_the_reference_has_a_multiplier():
     figure, _ = drawn("portrait", data)
     lower = figure.axes[3]
     assert lower.get_xlabel().startswith("arc length")
-    (foot,) = [line for line in lower.lines if line.get_color() == portrait.CONTACT["color"]]
+    (foot,) = [line for line in lower.lines if line.get_color() == portrait.CONTACT_LOOK["color"]]
     cells = rows(data, "cell", "reference")
     held = cells["value"] > 0
     assert 0.2 < held.mean() < 0.8

@@ -10,7 +10,7 @@ from study.experiments.scenes import grid_figure as grid
 
 
 def test_the_table(tmp_path):
-    tables.save(study_errors(), tmp_path / "errors.nc", "scene")
+    tables.save_table(study_errors(), tmp_path / "errors.nc", "scene")
     frame = grid.table(tmp_path / "errors.nc", ["made_up"])
     assert len(frame) == 3 * 3 * 4
     np.testing.assert_allclose(frame["h_over_H"], frame["h"] / frame["H"], rtol=1e-15)

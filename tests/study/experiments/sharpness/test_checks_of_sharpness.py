@@ -62,8 +62,8 @@ HELD = (np.s_[:2, 1, 1], 0.5)
 UNKNOWN = (-1, NAN)
 AT_HALF = (np.s_[-1, 2], 0.5)
 LEAST = partial(exponents.theorem_4, table="t", tolerances={"hm12": 0.1})
-MOST = partial(exponents.attained, table="t", largest={"hm12": 2.0}, tolerance=0.1)
-BELOW = partial(exponents.attained, table="t", largest={"hm12": 0.25}, tolerance=0.1)
+MOST = partial(exponents.theorem_4_sharpness, table="t", largest={"hm12": 2.0}, tolerance=0.1)
+BELOW = partial(exponents.theorem_4_sharpness, table="t", largest={"hm12": 0.25}, tolerance=0.1)
 
 
 def at_positions(place, held=()):
@@ -80,7 +80,7 @@ def at_positions(place, held=()):
     return table(**of, alpha=[-0.25, 0.25, 0.5], gamma=[0.1, 1.0])
 
 
-RELEASED = partial(exponents.released, table="t", norms=["l2"], most=1.5)
+RELEASED = partial(exponents.free_position_errors, table="t", norms=["l2"], at_most=1.5)
 TAKEN = math.log2((1 + math.log(32)) / (1 + math.log(16)))
 """What the logarithm takes from a rate of t at alpha = 1/2 on the last pair."""
 

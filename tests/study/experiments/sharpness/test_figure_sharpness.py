@@ -7,8 +7,8 @@ from pages import page, table
 
 from study import tables
 from study.experiments.sharpness import sharpness_figure as sharpness
-from study.experiments.sharpness.measure import MEASURED
-from study.experiments.sharpness.surfaces import rates_over
+from study.experiments.sharpness.measure import SHARPNESS_VARIABLES
+from study.experiments.sharpness.surfaces import tabulate_surfaces
 
 NORMS = ("discrete", "hm12", "l2")
 
@@ -33,14 +33,14 @@ def rates():
     h, a, c, _ = np.ix_(H, alpha, gamma, [0.0])
     error = np.where(h == H[0], 2.0 ** (c - a - 1), 1.0) * h ** (a + 1)
     dims = ("level", "alpha", "gamma", "position")
-    found = {name: (dims, error) for name in MEASURED}
+    found = {name: (dims, error) for name in SHARPNESS_VARIABLES}
     per_level = {name: ("level", H) for name in ("h", "H", "beta_lower", "lambda_min")}
-    return rates_over(xr.Dataset(found | per_level, coords={"alpha": alpha, "gamma": gamma}))
+    return tabulate_surfaces(xr.Dataset(found | per_level, coords={"alpha": alpha, "gamma": gamma}))
 
 
 @pytest.fixture
 def made_up(tmp_path):
-    tables.save(rates(), tmp_path / "rates.nc", "sharpness")
+    tables.save_table(rates(), tmp_path / "rates.nc", "sharpness")
     return sharpness.table(tmp_path / "rates.nc", tmp_path / "rates.nc")
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pages import drawn, page, pairs, points, said, table
 
-from study.experiments.stability.infsup_figure import RATIO
+from study.experiments.stability.infsup_figure import MAX_REGULAR_ALPHA_1
 from unilateral.norms.resolution import RULE
 
 
@@ -26,7 +26,7 @@ def test_beta_stands_over_the_ratio_and_over_delta_and_below_it_the_bound_withou
 def test_the_looks_are_those_of_the_claims():
     """Filled where angles and ratios of cells are those of claim T.node, open elsewhere; others by kind."""
     rows = table("infsup")
-    kept = (rows["smallest_angle"] >= RULE.smallest_angle) & (rows["alpha_1"] <= RATIO)
+    kept = (rows["smallest_angle"] >= RULE.smallest_angle) & (rows["alpha_1"] <= MAX_REGULAR_ALPHA_1)
     local = rows["kind"] == "local"
     drawn_as = {
         line.get_marker() + str(line.get_markerfacecolor()): len(line.get_xdata())

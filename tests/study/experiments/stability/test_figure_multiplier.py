@@ -25,7 +25,7 @@ def survey(tmp_path):
         "side": (("partition", "cell"), np.array([[0, 1, 2, np.nan], [0, 1, 2, 3]])),
         "worst": ((*of_both, "cell"), np.arange(16.0).reshape(2, 2, 4)),
     }
-    tables.save(xr.Dataset(values), tmp_path / "infsup.nc", "survey")
+    tables.save_table(xr.Dataset(values), tmp_path / "infsup.nc", "survey")
     return tmp_path / "infsup.nc"
 
 

@@ -8,16 +8,16 @@ from unilateral.arrays import Index
 from unilateral.geometry.mesh import Mesh
 
 
-def clustered(mesh: Mesh, most: int) -> tuple[Index, Index]:
-    """Some nodes (k,) of a mesh, and triangles (j, 3) between them: at most about `most`.
+def cluster_nodes(mesh: Mesh, max_triangles: int) -> tuple[Index, Index]:
+    """Some nodes (k,) of a mesh, and triangles (j, 3) between them: at most about `max_triangles`.
 
     The nodes in a square of a grid become one of them, if possible one on the boundary, and best a vertex of
     the polygon. Triangles that are no longer any are left out. These are Rossignac and Borrel's clusters
     (Multi-resolution 3D approximations for rendering complex scenes, 1993).
     """
-    if len(mesh.triangles) <= most:
+    if len(mesh.triangles) <= max_triangles:
         return np.arange(mesh.n_nodes), mesh.triangles
-    size = np.sqrt(2 * mesh.polygon.area / most)  # a square has two triangles
+    size = np.sqrt(2 * mesh.polygon.area / max_triangles)  # a square has two triangles
     column, row = np.floor((mesh.points - mesh.points.min(axis=0)) / size).astype(np.int64).T
     rank = np.full(mesh.n_nodes, 2)
     rank[mesh.boundary] = 1
