@@ -157,7 +157,7 @@ def levels_solved_once(monkeypatch, own_solutions):
 
     def solve_once(case, level):
         mesh = level.mesh
-        arrays = mesh.polygon.vertices, mesh.points, mesh.triangles, level.cells.points
+        arrays = mesh.polygon.vertices, mesh.points, mesh.triangles, level.partition.points
         key = case.name, case.known_solution().side, case.free_sides, *(each.tobytes() for each in arrays)
         if key not in own_solutions:
             own_solutions[key] = solve_reference(case, level)
@@ -222,8 +222,8 @@ def interior_point(operator, offset):
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-13
-    nb, m = operator.half.shape
-    rows = sp.csc_matrix(-operator.half.T)
+    nb, m = operator.D_factor.shape
+    rows = sp.csc_matrix(-operator.D_factor.T)
     data = operator.H_i * offset
     quadratic = sp.identity(nb, format="csc")
     cone = [clarabel.NonnegativeConeT(m)]

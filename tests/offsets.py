@@ -32,7 +32,7 @@ partial_contact = OFFSETS["partial contact"]
 
 def distance(of, mu, nu):
     """||mu - nu||_{-1/2,h}."""
-    return float(np.linalg.norm(of.half @ (mu - nu)))
+    return float(np.linalg.norm(of.D_factor @ (mu - nu)))
 
 
 def exact(of, offset):

@@ -114,7 +114,7 @@ def test_the_verdict(found, expected, verdict, reason):
     """With its reasons, and without any where there are none: what rests on bad runs is not judged."""
     judgement = judged(found, expected=expected)
     assert judgement.verdict == verdict
-    assert any(reason in why for why in judgement.why) if reason else judgement.why == ()
+    assert any(reason in why for why in judgement.reasons) if reason else judgement.reasons == ()
 
 
 def test_where_nothing_is_judged_no_level_counts():

@@ -176,7 +176,7 @@ def test_costs_and_what_they_allow_agree(natural_levels):
     assert by_seconds == pytest.approx(12_345)
     no_time = towards(Goal(0.05, max_seconds=1e-9), natural_levels)
     assert allowed_unknowns(no_time)["max_seconds=1e-09"] == 0.0
-    assert predict_mb(natural_levels, last.unknowns) >= max(level.mb for level in natural_levels)
+    assert predict_mb(natural_levels, last.unknowns) >= max(level.peak_mb for level in natural_levels)
 
 
 def test_seconds_are_predicted_by_the_rate_of_the_levels(lshape_levels):

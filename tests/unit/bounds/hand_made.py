@@ -172,8 +172,8 @@ def pair(name, n, polygon="square", crude=None):
     load = d.exact.ritz.load.copy()
     load[mesh.boundary] += of_lambda
     u_h = d.spaces.condensed.solve(load)
-    dual = norm_for(name, n // 2, polygon).of_error(d.exact.ritz.case, lambda_H[None])
-    h1_error = d.exact.ritz.h1_error(d.exact.ritz.flux_load - of_lambda)[0]
+    dual = norm_for(name, n // 2, polygon).bound_error(d.exact.ritz.case, lambda_H[None])
+    h1_error = d.exact.ritz.h1_and_dual_errors(d.exact.ritz.multiplier_load - of_lambda)[0]
     errors = h1_error, float(dual.lower[0]), float(dual.upper[0])
     return Pair(d.exact.ritz.case, mesh, d.spaces.partition, u_h, lambda_H, *errors)
 

@@ -141,7 +141,7 @@ def test_nothing_but_free_sides(bound, n):
     error = problem.error(mesh, u_h)
     assert error <= found.u <= 1.3 * error
     assert found.lambda_ == 0
-    assert found.lifting < 1e-140  # what squares that underflow may hide
+    assert found.lift_norm < 1e-140  # what squares that underflow may hide
 
 
 @BOUNDS
@@ -275,7 +275,7 @@ def test_what_is_not_known_of_g_counts_three_times(monkeypatch):
     monkeypatch.setattr(feasible, "bound_shortfall", lambda *given: shorts.append(own(*given)) or shorts[-1])
     data, *others = of.given
     g = of.case.problem.enclosed_obstacle
-    for obstacle in (g, replace(g, doubt=g.doubt + t, upper=g.upper + t)):
+    for obstacle in (g, replace(g, doubt=g.remainder + t, upper=g.upper + t)):
         local_bound(replace(data, constraint=build_constraint(obstacle, of.mesh, H1)), *others)
     known, doubtful = shorts
     assert doubtful.complementarity - known.complementarity == pytest.approx(2 * t * force, rel=1e-6)

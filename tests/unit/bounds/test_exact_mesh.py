@@ -212,7 +212,7 @@ def displaced(mesh, u, q, rng):
     polygon = mesh.polygon
     side = mesh.side
     angle = rng.uniform(0, 2 * np.pi, mesh.n_nodes)
-    by = mesh.shift * rng.uniform(0.8, 1, mesh.n_nodes)
+    by = mesh.node_shifts * rng.uniform(0.8, 1, mesh.n_nodes)
     points = mesh.points + by[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     vertices = points[mesh.boundary[np.isin(mesh.s[:-1], polygon.starts)]]
     edges = np.roll(vertices, -1, axis=0) - vertices
@@ -220,7 +220,7 @@ def displaced(mesh, u, q, rng):
     points[mesh.boundary] = vertices[side] + t[:, None] * edges[side]
     moved = replace(mesh, points=points)
     q = q.copy()
-    q[:, mesh.triangulation.boundary] *= (np.hypot(*edges.T) / polygon.lengths)[side]
+    q[:, mesh.triangulation.boundary_edges] *= (np.hypot(*edges.T) / polygon.lengths)[side]
     of_gradient = linear_square_norms(moved.areas, misfit(moved, u, q, slice(None)))
     flow = np.sum(triangle_inflows(moved, q, slice(None)), axis=(0, 1))
     return np.sqrt(of_gradient.sum()), np.sqrt(np.sum((0.5 * flow) ** 2 / moved.areas))

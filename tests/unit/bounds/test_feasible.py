@@ -46,18 +46,18 @@ def test_g_is_within_the_doubt_of_p(text, most, monkeypatch):
     points = found.mesh.polygon.at(side, s.ravel() - found.mesh.polygon.starts[side])
     g = WAVES[text](*points.T).reshape(s.shape)
     away = np.abs(g - found.p).max(axis=1)
-    assert np.all(away <= found.doubt + 1e-15 * np.abs(g).max())
-    assert np.all(g.max(axis=1) <= found.upper + 1e-15 * np.abs(g).max())
+    assert np.all(away <= found.remainder + 1e-15 * np.abs(g).max())
+    assert np.all(g.max(axis=1) <= found.g_upper + 1e-15 * np.abs(g).max())
     if most == 8 and "40" in text:
         assert np.any(away > 0.5)
     if most > 8:
-        assert found.doubt.max() <= 1e-9 * np.abs(g).max()
+        assert found.remainder.max() <= 1e-9 * np.abs(g).max()
 
 
 def test_what_is_added_for_the_doubt_is_pressed_like_the_doubt():
     """v = p = 0 on the unit square, doubt 1/1000, q.n = 1: v + 1/1000 - g may be 2/1000 all around."""
     found = on_edges("0")
-    g = replace(found, doubt=np.full_like(found.doubt, 1e-3))
+    g = replace(found, doubt=np.full_like(found.remainder, 1e-3))
     nb = len(g.mesh.boundary)
     every = np.ones(nb, dtype=bool)
     v = np.zeros(2 * nb)
@@ -69,12 +69,12 @@ def test_what_is_added_for_the_doubt_is_pressed_like_the_doubt():
 def short_of(g, rng):
     """Of v from just below g to far above, at midpoints, too, and sigma > 0 on every third edge."""
     nb = len(g.unknowns)
-    v = np.where(rng.random(2 * nb) < 0.2, g.at_unknowns, g.at_unknowns + rng.uniform(-0.1, 4, 2 * nb))
-    contact = v == g.at_unknowns
+    v = np.where(rng.random(2 * nb) < 0.2, g.p_at_unknowns, g.p_at_unknowns + rng.uniform(-0.1, 4, 2 * nb))
+    contact = v == g.p_at_unknowns
     flux = np.where(np.arange(nb) % 3 == 0, rng.random((2, nb)), 0.0).T
     v, touching = feasible.raise_to_obstacle(g, H1, v, contact, flux, rng.random(nb))
     v[nb:] -= rng.uniform(0, 4, nb)
-    return [v, touching, *feasible.bound_shortfall(g, H1, v, touching, flux), g.near(v, touching)]
+    return [v, touching, *feasible.bound_shortfall(g, H1, v, touching, flux), g.select_near_edges(v, touching)]
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -154,7 +154,7 @@ def shortfall(case, g, v, flux):
     shared = np.bincount(mesh.boundary_triangles)[mesh.boundary_triangles]
     for e, length in enumerate(np.diff(mesh.s)):
         start = mesh.s[e] - mesh.polygon.starts[mesh.side[e]]
-        u, _, gap = case.boundary(np.full(len(x), mesh.side[e]), start + length * x)
+        u, _, gap = case.trace_flux_and_gap(np.full(len(x), mesh.side[e]), start + length * x)
         a, b, c = v[g.unknowns[e]]
         below = u - gap - (a * (1 - x) * (1 - 2 * x) + b * x * (2 * x - 1) + 4 * c * x * (1 - x))
         r = np.maximum(below, 0)
@@ -228,9 +228,9 @@ def test_v_is_g_at_the_ends_of_edges_that_it_may_cross(monkeypatch):
     local_bound(*of.given)
     g, _, v, touching = seen[0]
     unknowns = np.unique(g.unknowns[touching])
-    assert np.all(v[unknowns] == g.at_unknowns[unknowns])
+    assert np.all(v[unknowns] == g.p_at_unknowns[unknowns])
     nodes = unknowns[unknowns < len(touching)]
-    assert np.max(of.u_h[of.mesh.boundary[nodes]] - g.at_unknowns[nodes]) > 1e-4
+    assert np.max(of.u_h[of.mesh.boundary[nodes]] - g.p_at_unknowns[nodes]) > 1e-4
 
 
 @pytest.mark.parametrize("form", [H1, Form(3.0, 0.0), Form(0.5, 1e3)])

@@ -178,7 +178,7 @@ def test_parts_of_other_triangles_stay():
         assert np.array_equal(own[inside], other[inside])
         assert not np.array_equal(own[of.triangles], other[of.triangles])
     assert np.all(np.isfinite(before.s_prime))
-    assert np.all(np.isinf(after.by_parts[of.triangles]))
+    assert np.all(np.isinf(after.s_prime[of.triangles]))
 
 
 def constant_flux(mesh):

@@ -543,7 +543,7 @@ def test_forces_and_reactions_for_all_reactions(k, sharp):
     bound = s.solved.bound(sharp)
     data = s.solved.data
     clamps = ReactionData(
-        s.solved.form, bound.outflows, s.solved.local_bound.ends, 1e-3 * bound.of_fluxes, data.balance
+        s.solved.form, bound.outflows, s.solved.local_bound.clamped_ends, 1e-3 * bound.reaction_bound, data.total_force
     )
     given = s.mesh, s.solved.partition, s.solved.lambda_H, 1e-3 * bound.lambda_
     narrow = bound_forces(*given, [[1], [3]], clamps)
@@ -566,7 +566,7 @@ def test_the_pairing_is_rounded_and_so_are_places_on_short_edges(boundary):
     """w = 1 at node 0, -1 at node 1: a place that moves by eps 4 on edge 0 changes w by 2 eps 4 / 1e-12."""
     w = np.zeros((16, 1))
     w[:2, 0] = 1.0, -1.0
-    (found,) = boundary._most(w)
+    (found,) = boundary._bound_on_exact_mesh(w)
     places = np.finfo(float).eps * 4 * (2 * (1 + 2) / 1e-12 + 2 / 0.25)
     # On edge 15, from 3.75 on, w rises by 1, with a load of 1; on edge 1 it rises by 1 with a load of 2.
     assert found - (1.0 - 2.0) == pytest.approx(places + SQUARES_ROUNDING * (1 + 2), rel=1e-2)
@@ -574,7 +574,7 @@ def test_the_pairing_is_rounded_and_so_are_places_on_short_edges(boundary):
 
 def test_the_pairing_is_rounded_relative_to_its_own_terms(boundary):
     """w = 1: no place matters, and loads of 7 in all are rounded. w = 3 at node 5 alone: 3 times 4 is."""
-    (found,) = boundary._most(np.ones((16, 1)))
+    (found,) = boundary._bound_on_exact_mesh(np.ones((16, 1)))
     assert found - 7 == pytest.approx(7 * SQUARES_ROUNDING, rel=1e-3)
     (found,) = boundary._most(np.where(np.arange(16)[:, None] == 5, 3.0, 0.0))
     assert found - 12 == pytest.approx(12 * SQUARES_ROUNDING, rel=1e-3)
@@ -582,7 +582,7 @@ def test_the_pairing_is_rounded_relative_to_its_own_terms(boundary):
 
 def test_the_pairing_is_longer_by_the_stretch(boundary, monkeypatch):
     monkeypatch.setattr(Polygon, "stretch", property(lambda self: np.array([0, 1e-4, 0, 0])))
-    assert boundary._most(np.ones((16, 1)))[0] - 7 == pytest.approx(7e-4, rel=1e-3)
+    assert boundary._bound_on_exact_mesh(np.ones((16, 1)))[0] - 7 == pytest.approx(7e-4, rel=1e-3)
 
 
 def test_the_norm_of_w_is_rounded_up_and_grows(boundary, monkeypatch):
@@ -590,7 +590,7 @@ def test_the_norm_of_w_is_rounded_up_and_grows(boundary, monkeypatch):
     seen = []
     monkeypatch.setattr(of_forces, "energy_norm", lambda mesh, w, norm: seen.append(norm) or 1e6)
     boundary.mesh.growth = 1.5
-    (found,) = boundary._most(np.zeros((16, 1)))
+    (found,) = boundary._bound_on_exact_mesh(np.zeros((16, 1)))
     assert (
         1.5 * 0.5 * 1e6 * (1 + 0.999 * SQUARES_ROUNDING)
         <= found

@@ -130,7 +130,7 @@ def test_a_bound_without_what_f_h_leaves_is_noticed(one, bound):
     """Control: where peaks are not seen it is below errors."""
 
     def without(data):
-        zero = np.zeros_like(data.source.rest)
+        zero = np.zeros_like(data.source.remainder)
         return replace(data, source=replace(data.source, oscillation=zero, jumps=zero, rest=zero))
 
     found = [bound(without(trial.given[0]), *trial.given[1:]) for trial in one.trials]
@@ -147,10 +147,10 @@ def test_the_triangles_shares_add_up_to_the_squared_bound(one):
         mesh = trial.given[0].mesh
         assert np.all(bound.shares >= 0)
         # X^2 <= S^2 + 2 B + D^2 - max(D - eta, 0)^2
-        most = bound.u**2 + max(mesh.growth * bound.lifting - bound.eta, 0.0) ** 2
+        most = bound.u**2 + max(mesh.exact_mesh_factor * bound.lift_norm - bound.eta, 0.0) ** 2
         assert bound.u**2 / 6 <= bound.shares.sum() * (1 + 1e-6) <= most * (1 + 2e-6)
         inside = np.delete(bound.shares, boundary_layer(mesh).triangles)
-        assert inside.sum() <= most * (1 + 1e-6) - bound.lifting**2
+        assert inside.sum() <= most * (1 + 1e-6) - bound.lift_norm**2
 
 
 def forces_outside(one, share=1.0):

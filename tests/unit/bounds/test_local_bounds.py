@@ -89,7 +89,7 @@ def test_what_is_added_for_the_doubt_counts_by_its_norm(arguments, monkeypatch):
     monkeypatch.setattr(
         Lifting,
         "remainder_squares",
-        lambda self, short: np.append(np.zeros(len(self.of.triangles) - 1), LARGE**2),
+        lambda self, short: np.append(np.zeros(len(self.layer.triangles) - 1), LARGE**2),
     )
     found = local_bounds.local_bound(*arguments)
     assert LARGE <= found.u <= LARGE * NEAR

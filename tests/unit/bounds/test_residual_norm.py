@@ -143,7 +143,7 @@ def bounds(shape, seed=0, kinds=KINDS, exact=KINDS, factor=0.0):
             sizes = [10.0 ** rng.uniform(-2, 2) * (kind in kinds) for kind in KINDS]
             found, load = parts(shape, rng, sizes, form, factor)
             found = found._replace(**{kind: 0 * found.mean for kind in KINDS if kind not in exact})
-            yield form, found.norms()[1] / dual_norm(shape, load, form)
+            yield form, found.dual_norms()[1] / dual_norm(shape, load, form)
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -163,7 +163,7 @@ def test_by_parts_a_layer_that_is_not_seen_costs_little():
     form = Form(1.0, 1e4)
     found, load = parts("right", np.random.default_rng(9), [1.0, 0.0, 0.0, 0.0], form, 1.0)
     least = dual_norm("right", load, form)
-    assert found.norms()[0] < 3 * least
+    assert found.dual_norms()[0] < 3 * least
     assert found._replace(by_parts=0 * found.mean + math.inf).norms()[0] > 4 * least
 
 
@@ -223,11 +223,11 @@ def test_nothing_jumps_as_c_vanishes():
     """With Friedrichs' constant; without, the bound grows like c^(-1/2), and is infinite for c = 0."""
     clamped = Form(1.0, 0.0, (3,), friedrichs=FRIEDRICHS)
     found, _ = parts("square", np.random.default_rng(6), [1.0, 1.0, 1.0, 0.1], clamped)
-    on_H1, exact = found.norms()
-    assert found._replace(form=clamped._replace(c=1e-30)).norms()[1] == pytest.approx(exact, rel=1e-12)
+    on_H1, exact = found.dual_norms()
+    assert found._replace(form=clamped._replace(c=1e-30)).dual_norms()[1] == pytest.approx(exact, rel=1e-12)
     assert on_H1 == math.inf
-    small = found._replace(form=Form(c=1e-4)).norms()[0]
-    larger = found._replace(form=Form(c=1e-2)).norms()[0]
+    small = found._replace(form=Form(c=1e-4)).dual_norms()[0]
+    larger = found._replace(form=Form(c=1e-2)).dual_norms()[0]
     assert 10 < small / larger * 1.01 < 11
 
 
@@ -244,5 +244,5 @@ def test_shares_are_parts_of_the_square(form):
     rng = np.random.default_rng(10)
     found, _ = parts("square", rng, [1.0, 1.0, 1.0, 0.1], form)
     total = found.shares().sum()
-    S = found.norms()[1]
+    S = found.dual_norms()[1]
     assert 0.5 * S**2 * (1 - 1e-6) <= total <= S**2

@@ -44,7 +44,7 @@ def flux_in(field, bary):
     """q (m, k, 2) and div q (m, k) in the points (k, 3) of every triangle, by differentiation."""
     spaces = field.spaces
     hats = field.hats
-    slopes = spaces.slopes
+    slopes = spaces.hat_gradients
     pairs = [(0, 1), (1, 2), (2, 0)]
     bubbles = np.stack([4 * bary[:, i] * bary[:, j] for i, j in pairs], axis=1)
     of_w = field.form.k * np.einsum("tid,ti->td", slopes, field.w[spaces.mesh.triangles])[:, None]
@@ -72,7 +72,7 @@ def of_random_flux(problem, mesh, seed=0):
     field = field_of(spaces, enclosed(mesh, problem), w, sigma, form)
     phi, d = rng.standard_normal((2, spaces.size))
     phi[spaces.boundary_unknowns] = 0
-    return field.turned(problem.k * phi), sigma, d
+    return field.add_curl(problem.k * phi), sigma, d
 
 
 def rule_of(mesh, degree):
@@ -101,7 +101,7 @@ def test_the_identity_holds_for_any_v_and_any_flux(name, k, c):
     mesh = meshes.make_unstructured_mesh(polygon, 0.35)
     field, sigma, d = of_random_flux(problem, mesh)
     spaces = field.spaces
-    v = field.spaces.of_hats(field.w) + d
+    v = field.spaces.embed_linear(field.w) + d
     bary, places, weights = rule_of(mesh, 14)
     q, div_q = flux_in(field, bary)
     u = problem.u(*np.moveaxis(places, 2, 0))
@@ -118,13 +118,13 @@ def test_the_identity_holds_for_any_v_and_any_flux(name, k, c):
     edge = rule.interval
     points = polygon.at(rule.side, rule.s)
     x = (rule.s - (mesh.s[edge] - polygon.starts[rule.side])) / np.diff(mesh.s)[edge]
-    nodal, bubbles = np.split(v[spaces.of_boundary], 2)
+    nodal, bubbles = np.split(v[spaces.boundary_unknowns], 2)
     below = nodal[edge] * (1 - x) + np.roll(nodal, -1)[edge] * x + 4 * bubbles[edge] * x * (1 - x)
     below -= problem.u(*points.T)
     normals = polygon.normals[rule.side]
     flux = k * (problem.u_x(*points.T) * normals[:, 0] + problem.u_y(*points.T) * normals[:, 1])
     own = (1 - x) * sigma[edge, 0] + x * sigma[edge, 1]
-    of_gradients, *of_values = field.squares(d).sum(axis=1)
+    of_gradients, *of_values = field.square_norms(d).sum(axis=1)
     right = of_gradients / k + sum(of_values) / c + 2 * rule.weight @ (own * below)
     assert total + 2 * rule.weight @ (flux * below) == pytest.approx(right, rel=1e-11)
     assert total + rule.weight @ (flux * below) != pytest.approx(right, rel=1e-3)
@@ -249,7 +249,7 @@ def test_no_other_potential_is_better_where_sigma_is_large_and_nothing_in_contac
     own = bounds._minimise_eta
 
     def with_sigma(lift, field, load, slack):
-        return own(lift, field, load + field.spaces.edge_load(lift.flux), slack)
+        return own(lift, field, load + field.spaces.edge_load(lift.sigma), slack)
 
     monkeypatch.setattr(bounds, "_minimise_eta", with_sigma)
     assert sharp_bound(*given).eta > 1.01 * best
@@ -390,12 +390,12 @@ def test_the_rounding_of_a_defect_of_0_is_below_its_allowance():
     spaces = quadratic_space(mesh)
     field = field_of(spaces, enclosed(mesh, problem), 1e6 + mesh.points[:, 0], sigma, H1)
     nothing = np.zeros(spaces.size)
-    of_gradients = np.linalg.norm(np.sqrt(mesh.areas) * field.more_field)
-    of_values = np.linalg.norm(np.sqrt(mesh.areas) * field.more_rho)
-    assert 1e-4 * of_gradients < np.sqrt(field.squares(nothing)[0].sum()) <= of_gradients
-    assert 1e-4 * of_values < np.sqrt(field.squares(nothing)[1:].sum()) <= of_values
-    turned = field.turned(1e6 + nothing)
-    assert np.linalg.norm(np.sqrt(mesh.areas) * turned.more_field) > of_gradients
+    of_gradients = np.linalg.norm(np.sqrt(mesh.areas) * field.misfit_allowance)
+    of_values = np.linalg.norm(np.sqrt(mesh.areas) * field.rho_allowance)
+    assert 1e-4 * of_gradients < np.sqrt(field.square_norms(nothing)[0].sum()) <= of_gradients
+    assert 1e-4 * of_values < np.sqrt(field.square_norms(nothing)[1:].sum()) <= of_values
+    turned = field.add_curl(1e6 + nothing)
+    assert np.linalg.norm(np.sqrt(mesh.areas) * turned.misfit_allowance) > of_gradients
 
 
 def test_all_that_rounding_may_do_is_in_the_parts():
@@ -428,9 +428,9 @@ def test_what_f_h_leaves_is_orthogonal_to_linear_functions_alone():
     w = rng.standard_normal(mesh.n_nodes)
     field = field_of(spaces, source, w, sigma, Form(2.0, 300.0))
     for d in (spaces.embed_linear(w), rng.standard_normal(spaces.size)):
-        norm = np.sqrt(field.squares(d)[1])
+        norm = np.sqrt(field.square_norms(d)[1])
         both = np.hypot(norm, source.oscillation) if not d[len(w) :].any() else norm + source.oscillation
-        assert field.parts(d, no_given_flux(mesh)).oscillation == pytest.approx(both + source.jumps)
+        assert field.residual_parts(d, no_given_flux(mesh)).oscillation == pytest.approx(both + source.jumps)
 
 
 @pytest.mark.parametrize("field", ["left", "size", "integral"])
@@ -443,7 +443,7 @@ def test_what_is_left_of_a_given_flux_counts(field):
     zero = np.zeros(cells.n_cells)
     data, *others = given_to(problem, mesh, cells, u_h, zero, (0, 1, 2, 3))
     large = np.where(mesh.side == 0, 1e6, 0.0)
-    tau = data.tau._replace(**{field: large})
+    tau = data.given_flux._replace(**{field: large})
     on_edges = np.sqrt(trace_constants(mesh)) * 1e6, 1e6 / np.sqrt(mesh.areas[mesh.boundary_triangles])
     most = np.linalg.norm(on_edges[field == "integral"] * (large > 0))
     assert 0.1 * most < sharp_bound(replace(data, tau=tau), *others).u <= 1.1 * most

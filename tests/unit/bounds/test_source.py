@@ -155,9 +155,9 @@ def test_both_parts_of_the_distance_are_needed():
 
 def distance(found):
     """A bound on the norm of f - f_h in the dual of H1."""
-    zero = np.zeros_like(found.rest)
+    zero = np.zeros_like(found.remainder)
     mean_free = found.oscillation + found.jumps
-    parts = ResidualParts(found.mesh, H1, zero, mean_free, zero, found.rest, zero + np.inf)
+    parts = ResidualParts(found.mesh, H1, zero, mean_free, zero, found.remainder, zero + np.inf)
     return parts.dual_norms()[0]
 
 

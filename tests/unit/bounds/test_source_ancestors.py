@@ -79,7 +79,7 @@ def levels(mesh):
     found = []
     for step in [None, *mesh.steps]:
         if step:
-            after = step.put(nodes, step.nodes.astype(nodes.dtype))
+            after = step.replace_values(nodes, step.nodes.astype(nodes.dtype))
             found = [deeper(of, step, nodes) for of in found]
             nodes = after
         count = len(nodes)
@@ -97,13 +97,13 @@ def deeper(of, step, nodes):
     for i in range(3):
         node = step.nodes[:, i]
         at_corner = own == node[:, None]
-        ends = step.ends[np.maximum(node - step.n, 0)]
+        ends = step.ends[np.maximum(node - step.n_old_nodes, 0)]
         at_ends = (own[:, :, None] == ends[:, None]).any(axis=2)
-        share = np.where(node[:, None] >= step.n, 0.5 * at_ends, at_corner)
+        share = np.where(node[:, None] >= step.n_old_nodes, 0.5 * at_ends, at_corner)
         new[:, i] = np.einsum("kj,kjd->kd", share, corners)
-    times = step.inherited(times)
+    times = step.inherit(times)
     times[step.triangles] += 1
-    return around, step.inherited(number), step.put(places, new), times
+    return around, step.inherit(number), step.replace_values(places, new), times
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -140,7 +140,7 @@ def corners_of(known):
 
 def check_halvings(found, mesh):
     """Each time a triangle is cut its area is halved once or twice; so often as is allowed."""
-    around = corners_of(found.known)[found.of]
+    around = corners_of(found.polynomials)[found.numbers]
     corners = mesh.points[mesh.triangles]
     of_areas = np.rint(np.log2(doubled(around) / doubled(corners))).astype(int)
     assert np.all((found.halvings <= of_areas) & (of_areas <= 2 * found.halvings))
@@ -177,7 +177,7 @@ def test_p_of_an_ancestor_holds_on_every_triangle(name):
                 np.any(np.abs(value - wrong) > found.remainder[np.roll(number, 1)][:, None] + slack)
             )
         found = enclose_function(mesh, of).ancestors
-        p = values(found.known, found.select, at)
+        p = values(found.polynomials, found.select, at)
         assert np.all(np.abs(value - p) <= found.known.rad[found.select][:, None] + slack), text
         check_halvings(found, mesh)
     assert np.any(controls)
@@ -359,7 +359,7 @@ def test_what_is_left_of_f_is_bounded(name):
         found = enclose_function(mesh, of)
         away = np.ones(len(root), dtype=bool)
         for kink in of.jumps.values():
-            away &= np.abs(kink.signed_distances(mesh.circles[0])) > mesh.longest_edges
+            away &= np.abs(kink.signed_distances(mesh.enclosing_circles[0])) > mesh.longest_edges
         rest = of.value(*np.moveaxis(at, 2, 0))[0] - found.f_h @ hats.T
         norms = np.sqrt(mesh.areas * (rest**2 @ weights))
         integrals = mesh.areas * (rest @ weights)

@@ -134,7 +134,7 @@ def test_pieces_cut_at_a_curve_are_the_triangle_again(kink):
     np.testing.assert_allclose(np.bincount(owner, shares), 1, rtol=1e-12)
     assert len(pieces) > len(corners)
     vertices = pieces @ mesh.points[mesh.triangles[owner]]
-    level = kink.level(vertices.reshape(-1, 2)).reshape(-1, 3)
+    level = kink.signed_distances(vertices.reshape(-1, 2)).reshape(-1, 3)
     near = 2 / 64**2 / (4 * kink.radius) if kink.radius else 1e-14
     assert np.all((level.min(axis=1) > -near) | (level.max(axis=1) < near))
 

@@ -261,7 +261,7 @@ def test_what_nodes_do_not_see_of_u_on_a_clamped_side_is_in_the_bounds(c, monkey
 
     def without(g, form, v, touching, flux):
         squares, *rest = short(g, form, v, touching, flux)
-        return np.where(g.clamped, 0.0, squares), *rest
+        return np.where(g.clamped_edges, 0.0, squares), *rest
 
     monkeypatch.setattr(feasible, "_edge_shortfalls", without)
     s = ul.solve(unseen(c), h=1 / 4, H=1 / 2)
@@ -277,7 +277,7 @@ def test_a_kink_beside_which_places_are_rounded_counts() -> None:
     problem = ul.Problem(corners, 0, [None, -1e9, None, None], [0, 2], u={3: "1e6*pos(y - 1/2, 1)"}, c=0)
     kinked = problem.enclosed_obstacle
     mesh = make_unstructured_mesh(problem.polygon, 1 / 8)
-    known = replace(kinked, steep=np.zeros_like(kinked.steep))
+    known = replace(kinked, steep=np.zeros_like(kinked.slope_remainder))
 
     def norm(of) -> float:
         return build_constraint(of, mesh, Form(c=0.0, clamped=(3,), free=(0, 1, 2))).slope_remainder.max()

@@ -66,7 +66,7 @@ def scored(own, tmp_path):
         pd.DataFrame({"x": x, "y": y, "u": u, **nodal}).to_csv(tmp_path / "u.csv", index=False)
         if cells is None:
             return score_solution(case, read_foreign_solution(levels, str(tmp_path / "u.csv")))
-        s = levels[-1].cells.points
+        s = levels[-1].partition.points
         table = pd.DataFrame({"start": s[:-1], "end": s[1:], "multiplier": cells})
         table.to_csv(tmp_path / "cells.csv", index=False)
         return score_solution(
@@ -198,7 +198,7 @@ def test_nothing_is_asked_of_a_multiplier_on_clamped_sides(own, scored, name):
     """Whatever stands there, on cells or as reactions at nodes, changes no error and is no fault."""
     _, levels, solution = own(name)
     mesh = levels[-1].mesh
-    cells = levels[-1].cells
+    cells = levels[-1].partition
     mu = solution.multiplier
     right = scored(name, solution.u, mu)
     at = scored(name, solution.u, np.where(cells.side == CASES[name][0], 7.0, mu))

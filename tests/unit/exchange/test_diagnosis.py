@@ -93,7 +93,7 @@ def uzawa(distance):
     operator = problem().spaces.operator
     exact = solve_by_active_set(operator, of.offset, 1e-10).lambda_H
     mu = np.zeros(len(of.offset))
-    while np.linalg.norm(operator.half @ (mu - exact)) > distance:
+    while np.linalg.norm(operator.D_factor @ (mu - exact)) > distance:
         mu = np.maximum(0, mu - operator.gap(mu, of.offset) / operator.lambda_max)
     return of.spaces.response(of.load, mu), on_cells(mu)
 
@@ -171,7 +171,7 @@ def test_the_conditions_are_what_they_say():
     for u, reactions, what in solutions_with(on_edges()):
         value = u[mesh.boundary]
         if what == "at the nodes":
-            exact, _, gap = case.exact.boundary(mesh.side, mesh.s[:-1] - starts)
+            exact, _, gap = case.exact.trace_flux_and_gap(mesh.side, mesh.s[:-1] - starts)
             gaps = value - (exact - gap)
         else:
             mu = np.linalg.solve(boundary_mass(mesh).toarray(), reactions)
@@ -191,7 +191,7 @@ def moments(mesh, case, value):
     for edge, length in enumerate(np.diff(mesh.s)):
         side = np.full(k, mesh.side[edge])
         s = mesh.s[edge] - mesh.polygon.starts[mesh.side[edge]] + x * length
-        exact, _, gap = case.exact.boundary(side, s)
+        exact, _, gap = case.exact.trace_flux_and_gap(side, s)
         after = (edge + 1) % len(value)
         difference = (1 - x) * value[edge] + x * value[after] - (exact - gap)
         found[edge] += length / k * np.sum(difference * (1 - x))
@@ -300,10 +300,10 @@ def test_what_is_not_known_of_a_factor_is_rounded_up():
     u, mu, _ = own()
     operator = problem().spaces.operator
     noise = np.random.default_rng(5).standard_normal(len(mu))
-    half_mu = operator.half @ mu
-    half = operator.half @ noise
+    half_mu = operator.D_factor @ mu
+    half = operator.D_factor @ noise
     noise -= (half @ half_mu) / (half_mu @ half_mu) * mu
-    noise *= np.linalg.norm(half_mu) / np.linalg.norm(operator.half @ noise)
+    noise *= np.linalg.norm(half_mu) / np.linalg.norm(operator.D_factor @ noise)
     nearest_is_below = []
     for size in (1.2e-4, 1.4e-4, 1.7e-4):
         (fault,) = told(u, on_cells(-2 * mu + size * noise))

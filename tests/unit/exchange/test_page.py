@@ -110,8 +110,8 @@ def test_faults_and_names_are_told_as_text():
     one = scored("natural")[-1]
     image = "<img src=x onerror=alert(1)>"
     told = Diagnosis([Fault("<lambda, v>", "& more")], [])
-    level = replace(one.given.level, name=image)
-    spoilt = replace(one, told=told, given=replace(one.given, file="<b>.csv", level=level))
+    level = replace(one.solution.level, name=image)
+    spoilt = replace(one, told=told, given=replace(one.solution, file="<b>.csv", level=level))
     text = written("natural", [spoilt])
     in_text = "&lt;img src=x onerror=alert(1)&gt;"
     assert f"<li>&lt;b&gt;.csv: &lt;lambda, v&gt;: &amp; more ({in_text})</li>" in text

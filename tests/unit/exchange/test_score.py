@@ -391,13 +391,13 @@ def test_a_multiplier_may_be_missing_or_reactions(scored):
     """These are the function with such loads; inside, where none are needed, they are NaN."""
     solution = own(*FINEST)
     one = scored(solution.u)
-    assert (one.given.kind, one.faults) == ("none", [])
+    assert (one.solution.multiplier_kind, one.faults) == ("none", [])
     assert np.isnan(one.errors[1:]).all()
     mesh = solution.mesh
     reactions = np.full(solution.mesh.n_nodes, np.nan)
     reactions[mesh.boundary] = piecewise_constant(solution.partition, solution.multiplier).load(mesh)
-    found = scored(solution.u, reaction=reactions).given
-    assert found.kind == "reactions, made a function by the mass matrix"
+    found = scored(solution.u, reaction=reactions).solution
+    assert found.multiplier_kind == "reactions, made a function by the mass matrix"
     np.testing.assert_allclose(found.multiplier.load(mesh), reactions[mesh.boundary], rtol=0, atol=1e-12)
 
 

@@ -46,7 +46,7 @@ def condensed(request):
 
 def test_products_are_those_with_the_assembled_matrix(condensed):
     """A place is rounded by 4e-16; of the slimmest triangle's height, 1e-2, that is 4e-14, as of an entry."""
-    difference = condensed.for_products[0] - assembled(condensed.mesh)
+    difference = condensed.matrix_and_row_sums[0] - assembled(condensed.mesh)
     assert abs(difference).max() <= 1e-13 * abs(condensed.A).max()
 
 

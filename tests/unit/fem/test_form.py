@@ -30,7 +30,7 @@ FORMS = [
 def dense(mesh, form):
     """A on the nodes that are not fixed, and these."""
     K, M = stiffness_and_mass(mesh)
-    free = np.flatnonzero(~form.fixed(mesh))
+    free = np.flatnonzero(~form.clamped_nodes(mesh))
     return (K + form.c * M).toarray()[np.ix_(free, free)], free
 
 
@@ -41,7 +41,7 @@ def test_solving_is_elimination_of_the_fixed_nodes(form, h):
     mesh = make_structured_mesh(find_polygon("lshape"), h)
     A, free = dense(mesh, form)
     load = np.random.default_rng(1).normal(size=mesh.n_nodes)
-    load[form.fixed(mesh)] = 0.0
+    load[form.clamped_nodes(mesh)] = 0.0
     exact = np.zeros_like(load)
     exact[free] = np.linalg.solve(A, load[free])
     condensed = condense(mesh, form)
@@ -56,7 +56,7 @@ def test_the_load_of_what_is_left_has_the_given_values(form):
     """A v = load for v with given values at fixed nodes, which need not be 0 elsewhere."""
     mesh = make_structured_mesh(square(), 1 / 8)
     rng = np.random.default_rng(2)
-    fixed = form.fixed(mesh)
+    fixed = form.clamped_nodes(mesh)
     held, load = rng.normal(size=(2, mesh.n_nodes))
     v = held + condense(mesh, form).solve(subtract_lift_from_load(mesh, form, load, held))
     K, M = stiffness_and_mass(mesh)

@@ -55,7 +55,7 @@ def eigenvalue_below(tau):
     """
     mesh = divided(isosceles(tau))
     B, root_mass = crouzeix_raviart_matrix(mesh)
-    boundary = mesh.triangulation.boundary
+    boundary = mesh.triangulation.boundary_edges
     means = np.zeros((3, len(root_mass)))
     means[mesh.side, boundary] = 1 / (PARTS * root_mass[boundary])
     A = B.toarray() + PENALTY * means.T @ means

@@ -54,7 +54,7 @@ def test_the_rules_cover_the_mesh_once(name, mesh):
         np.testing.assert_allclose(places, rule.points, rtol=0, atol=1e-14)
     np.testing.assert_allclose(covered, on.areas, rtol=1e-9)
     assert covered.sum() == pytest.approx(on.polygon.area, rel=1e-13)
-    boundary = boundary_rule(case.polygon, on.s, case.singular())
+    boundary = boundary_rule(case.polygon, on.s, case.singular_points())
     lengths = boundary.integrate(np.ones_like(boundary.s), len(on.boundary))
     np.testing.assert_allclose(lengths, np.diff(on.s), rtol=1e-12)
 
@@ -122,7 +122,7 @@ def test_singular_powers(harmonic_at, at, beta):
     """Degree 8 is limited by the pieces next to the singular one, where r^beta is analytic but not
     polynomial: 1e-6; eight degrees more gain the factor 3^8 of their relative distance."""
     case = harmonic_at(at)
-    x0 = case.singular()[0].t
+    x0 = case.singular_points()[0].t
     exact = power_over_square(x0, beta)
 
     def power(points):
@@ -140,7 +140,7 @@ def test_the_energy_of_the_harmonic_atom(harmonic_at, at):
     found = integral(
         lambda p: np.sum(case.value_and_gradient(p)[1] ** 2, axis=1), mesh_of("structured"), case
     )
-    assert found == pytest.approx(2.25 * power_over_square(case.singular()[0].t, 1.0), rel=1e-7)
+    assert found == pytest.approx(2.25 * power_over_square(case.singular_points()[0].t, 1.0), rel=1e-7)
 
 
 def test_without_splitting_the_singularity_shows(harmonic_at, monkeypatch):
@@ -154,7 +154,7 @@ def test_points_of_one_grading_share_a_rule():
     """In `violates_jjj` the generations 1, 3, 5 and 7 have 1 + 4 + 16 + 64 points where contact begins."""
     case = load("violates_jjj")
     _, _, (apart,) = quadrature.split_triangles(make_structured_mesh(square(), 1 / 8), case)
-    assert len(np.unique(apart.point, axis=0)) == len(case.flux_singular()) == 85
+    assert len(np.unique(apart.point, axis=0)) == len(case.flux_singular_points()) == 85
 
 
 def unsplit(mesh, case):
@@ -192,8 +192,8 @@ def natural_gap(x):
 
 
 def bottom_means(case, partition, which):
-    rule = boundary_rule(case.polygon, partition.points, case.singular())
-    values = case.boundary(rule.side, rule.s)[which]
+    rule = boundary_rule(case.polygon, partition.points, case.singular_points())
+    values = case.trace_flux_and_gap(rule.side, rule.s)[which]
     return (rule.integrate(values, partition.n_cells) / partition.lengths)[partition.side == 0]
 
 
@@ -264,8 +264,8 @@ def test_boundary_means_see_where_a_cutoff_crosses_another_side(declared):
     """On side 1 the flux is -(8/5) y (1 - 9 y^2)_+^4, its cutoff's end inside the second cell."""
     cells = partitions.make_uniform_partition(square(), 1 / 4)
     case = declared(u=[POWER], gap={"elsewhere": 0})
-    rule = boundary_rule(case.polygon, cells.points, case.singular())
-    means = rule.integrate(case.boundary(rule.side, rule.s)[1], cells.n_cells)[4:6] / 0.25
+    rule = boundary_rule(case.polygon, cells.points, case.singular_points())
+    means = rule.integrate(case.trace_flux_and_gap(rule.side, rule.s)[1], cells.n_cells)[4:6] / 0.25
     rest = (1 - 9 * 0.25**2) ** 5  # integral of y (1 - 9 y^2)^4 from a: (1 - 9 a^2)^5 / 90
     np.testing.assert_allclose(means, -np.array([1 - rest, rest]) * 1.6 / 90 / 0.25, rtol=0, atol=1e-12)
 
@@ -278,7 +278,7 @@ def test_boundary_means_of_a_power_times_a_cutoff(name, alpha):
     case = load(name)
     cells = partitions.make_shifted_partition(square(), 1 / 8, 0.37)
     x = cells.points[: np.searchsorted(cells.points, 1.0) + 1]
-    rule = boundary_rule(case.polygon, cells.points, case.singular())
-    flux = case.boundary(rule.side, rule.s, rule.nearest_anchor)[1]
+    rule = boundary_rule(case.polygon, cells.points, case.singular_points())
+    flux = case.trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)[1]
     found = rule.integrate(flux, cells.n_cells)[cells.side == 0]
     np.testing.assert_allclose(found, np.diff(cut_off_power(x - 1 / 3, alpha)), rtol=1e-12, atol=1e-12)

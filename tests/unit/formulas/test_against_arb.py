@@ -51,7 +51,7 @@ def models(rng, of, k):
     """
     size = numbers(rng, k) / 64
     shrink = 2.0 ** rng.choice([-60, -30, -5, -1, 0], k)
-    c = size * shrink ** of.degree[:, None] * rng.uniform(-1, 1, (len(of.degree), k))
+    c = size * shrink ** of.degrees[:, None] * rng.uniform(-1, 1, (len(of.degrees), k))
     rad = np.where(rng.uniform(size=k) < 0.5, 0.0, np.abs(size) * shrink * rng.uniform(0, 1e-3, k))
     at = rng.uniform(0.2, 3.0, k)
     plain = rng.uniform(size=k) < 1 / 3

@@ -45,7 +45,7 @@ def at_a_corner(times):
 def test_arc_lengths_are_exact():
     """On the unit square arc lengths and places are the same dyadic numbers, 30 halvings deep."""
     of = at_a_corner(30)
-    assert np.array_equal(of.mesh.s, of.at / FIRST_EDGE_LENGTH / 2)
+    assert np.array_equal(of.mesh.s, of.positions / FIRST_EDGE_LENGTH / 2)
     assert np.diff(of.mesh.s).min() == 2.0**-31
     assert np.isin(make_structured_mesh(square(), 1 / 2).s, of.mesh.s).all()
 
@@ -72,7 +72,7 @@ def test_edges_in_geometric_progression_are_not_one_cell():
     assert bottom.min() == 2.0**-13
     assert of.partition.lengths[0] <= MAX_CELL_EDGE_RATIO * 2.0**-13
     assert np.count_nonzero(of.partition.side == 0) >= 12 / 2
-    assert of.unbalanced.size == 0
+    assert of.unbalanced_triangles.size == 0
 
 
 def test_the_first_cells_have_two_edges():

@@ -62,16 +62,16 @@ def check_sides(of):
     """The first triangle at an edge has it from its first end to its second; one at the boundary has none."""
     start, end = of.ends.T
     for column, (a, b) in enumerate(((start, end), (end, start))):
-        there = np.flatnonzero(of.sides[:, column] >= 0)
-        nodes = of.nodes[of.sides[there, column]]
-        edges = of.edges[of.sides[there, column]]
+        there = np.flatnonzero(of.edge_triangles[:, column] >= 0)
+        nodes = of.nodes[of.edge_triangles[there, column]]
+        edges = of.edges[of.edge_triangles[there, column]]
         corner = np.argmax(edges == there[:, None], axis=1)
         rows = np.arange(len(there))
         np.testing.assert_array_equal(edges[rows, corner], there)
         np.testing.assert_array_equal(nodes[rows, (corner + 1) % 3], a[there])
         np.testing.assert_array_equal(nodes[rows, (corner + 2) % 3], b[there])
-    np.testing.assert_array_equal((of.sides >= 0).sum(axis=1), np.bincount(of.edges.ravel()))
-    np.testing.assert_array_equal(np.sort(of.boundary), np.flatnonzero((of.sides < 0).any(axis=1)))
+    np.testing.assert_array_equal((of.edge_triangles >= 0).sum(axis=1), np.bincount(of.edges.ravel()))
+    np.testing.assert_array_equal(np.sort(of.boundary_edges), np.flatnonzero((of.edge_triangles < 0).any(axis=1)))
 
 
 def test_a_mesh_in_another_order_has_other_edges():

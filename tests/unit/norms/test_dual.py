@@ -69,7 +69,7 @@ def of_projection_error(m, alpha):
 @pytest.mark.parametrize("m", [2, 3, 8, 12])
 def test_the_norm_of_1_on_the_square(m):
     """The maximiser is smooth; 1e-5 is asked for."""
-    found = norm_on("square", m).of_p0(np.ones((1, 4 * m)))
+    found = norm_on("square", m).bound_p0(np.ones((1, 4 * m)))
     assert found.lower <= ONE_ON_THE_SQUARE * (1 + 1e-12)
     assert found.upper >= ONE_ON_THE_SQUARE * (1 - 1e-12)
     assert_allclose(found, ONE_ON_THE_SQUARE, rtol=1e-5)
@@ -79,7 +79,7 @@ def test_the_weighted_l2_norm_is_not_this_norm():
     """Control: H^{1/2} ||1||_0 is too small by a factor of 5.8 at H = 1/8."""
     shortcut = sqrt(1 / 8) * sqrt(4)
     assert pytest.approx(5.8, abs=0.05) == ONE_ON_THE_SQUARE / shortcut
-    assert norm_on("square", 8).of_p0(np.ones((1, 32))).lower / shortcut > 5.75
+    assert norm_on("square", 8).bound_p0(np.ones((1, 32))).lower / shortcut > 5.75
 
 
 @pytest.mark.parametrize("m", [4, 12])
@@ -90,7 +90,7 @@ def test_p0_data_on_one_side_against_the_cosine_series(m, name):
         "one cell": (np.arange(m) == 1).astype(float),
         "random": np.random.default_rng(1).standard_normal(m),
     }[name]
-    found = norm_on("square", m).of_p0(np.concatenate([mu, np.zeros(3 * m)])[None])
+    found = norm_on("square", m).bound_p0(np.concatenate([mu, np.zeros(3 * m)])[None])
     assert brackets(found, *of_p0_on_bottom(np.arange(m + 1) / m, mu), gap=0.005)
 
 
@@ -125,8 +125,8 @@ def test_angles_of_all_sizes_against_finer_spaces(name):
     """Bounds of one number overlap; three times the edges leave at most a third of the limit, 0.5 %."""
     cells = partitions.make_uniform_partition(POLYGONS[name], 1 / 3)
     mu = np.stack([alternating(cells), *np.random.default_rng(3).standard_normal((3, cells.n_cells))])
-    coarse = norm_on(name, 3, 8).of_p0(mu)
-    fine = norm_on(name, 3, 24).of_p0(mu)
+    coarse = norm_on(name, 3, 8).bound_p0(mu)
+    fine = norm_on(name, 3, 24).bound_p0(mu)
     assert brackets(coarse, fine.lower, fine.upper, gap=0.005)
     assert brackets(fine, coarse.lower, coarse.upper, gap=0.005 / 3)
 
@@ -166,11 +166,11 @@ def test_singular_points_and_a_vertex_against_finer_spaces(norms_at_a_point, alp
 def test_the_norm_is_homogeneous_and_takes_many_at_once():
     mu = np.random.default_rng(0).standard_normal((3, 16))
     norm = norm_on("square", 4)
-    found = norm.of_p0(mu)
+    found = norm.bound_p0(mu)
     assert found.lower.shape == found.upper.shape == (3,)
-    assert_allclose(norm.of_p0(-2.5 * mu), 2.5 * np.array(found), rtol=1e-12)
-    assert_allclose([np.ravel(norm.of_p0(each[None])) for each in mu], np.transpose(found), rtol=1e-12)
-    assert_allclose(norm.of_p0(np.zeros((1, 16))), 0)
+    assert_allclose(norm.bound_p0(-2.5 * mu), 2.5 * np.array(found), rtol=1e-12)
+    assert_allclose([np.ravel(norm.bound_p0(each[None])) for each in mu], np.transpose(found), rtol=1e-12)
+    assert_allclose(norm.bound_p0(np.zeros((1, 16))), 0)
 
 
 @pytest.mark.parametrize(("name", "vertex"), [("lshape", 2), ("re-entrant", 3)])

@@ -70,7 +70,7 @@ def averages(mesh, means):
     for node in range(mesh.n_nodes):
         if node in boundary:
             k = boundary.index(node)
-            edges = mesh.triangulation.boundary[[k - 1, k]]
+            edges = mesh.triangulation.boundary_edges[[k - 1, k]]
             found[node] = means[edges].mean(axis=0)
         else:
             around = np.flatnonzero((mesh.triangles == node).any(axis=1))
@@ -325,7 +325,7 @@ def test_averages_vanish_on_clamped_sides():
 
 def parts_of(mesh, cells, form):
     """Norms of grad P v and of A I v - I v by the matrices without signs, in full, and KAPPA d."""
-    some = np.flatnonzero(form.held(cells.side))
+    some = np.flatnonzero(form.has_multiplier(cells.side))
     of = build_majorant(mesh, cells, some, form)
     y = np.linalg.solve(of.pairing.toarray(), np.hstack([of.means.toarray(), of.cut_terms.toarray()]))
     norms = []

@@ -250,7 +250,7 @@ def test_a_partition_that_is_not_nested_in_the_reference_mesh(name):
     assert not np.isin(other.points, norm_on(name, 6).spaces.mesh.s).all()
     mu = np.random.default_rng(4).standard_normal((3, other.n_cells))
     fine = own.bound_p0(mu)
-    coarse = norm_on(name, 6).of_p0(mu, other)
+    coarse = norm_on(name, 6).bound_p0(mu, other)
     assert brackets(coarse, fine.lower, fine.upper, gap=0.05)
     own = build_dual_norm(other, [case], 16)
     fine = own.bound_error(case, mu)
@@ -264,11 +264,11 @@ def test_without_the_oscillation_the_upper_bound_lies_below_the_value(monkeypatc
     mu = np.where(np.arange(other.n_cells) < 32, alternating(other), 0)[None]
     below, above = of_p0_on_bottom(np.arange(33) / 32, mu[0, :32])
     norm = norm_on("square", 1, 4)
-    found = norm.of_p0(mu, other)
+    found = norm.bound_p0(mu, other)
     assert found.lower <= above
     assert below <= found.upper
     monkeypatch.setattr(functionals, "oscillation_bound", lambda _, squares: np.zeros(squares.shape[1]))
-    assert norm.of_p0(mu, other).upper < 0.9 * below
+    assert norm.bound_p0(mu, other).upper < 0.9 * below
 
 
 def test_squares_have_room_for_the_displacement_of_nodes():

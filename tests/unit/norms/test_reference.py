@@ -97,7 +97,7 @@ def test_the_unknowns_lie_where_they_should(name):
     first = mesh.points[start]
     last = mesh.points[np.roll(start, -1)]
     expected = np.stack([first, last, 0.5 * (first + last)], axis=1)
-    assert_allclose(basis.doflocs.T[spaces.nodes], expected, rtol=0, atol=1e-13)
+    assert_allclose(basis.doflocs.T[spaces.edge_unknowns], expected, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("name", CELLS)
@@ -129,7 +129,7 @@ def test_the_forms_against_dense_algebra(name):
     A = (laplace.assemble(p2) + mass.assemble(p2)).toarray()
     assert_allclose(spaces.suprema(sp.csc_array(b)), b.T @ np.linalg.solve(A, b), rtol=1e-9)
     E = energy.assemble(bdm1).toarray()
-    values = rng.standard_normal((2 * len(spaces.nodes), 3))
+    values = rng.standard_normal((2 * len(spaces.edge_unknowns), 3))
     facets = facets_of(of_skfem, spaces.mesh)
     q = normal_flux_matrix(bdm1, spaces.mesh, facets) @ values
     free = np.setdiff1d(np.arange(bdm1.N), bdm1.facet_dofs[:, facets])

@@ -30,7 +30,7 @@ def family(generations=3, keep=KEEP):
 
 def test_the_intervals_of_the_first_generations_by_hand():
     """1/8 + 3/4 t of those in [0, 1], which are 9/20 to 11/20, 81/400 to 99/400 and 301/400 to 319/400."""
-    odd, even, left = family(2).divided()
+    odd, even, left = family(2).sort_intervals()
     assert odd == [(Q(37, 80), Q(43, 80))]
     assert even == [(Q(443, 1600), Q(497, 1600)), (Q(1103, 1600), Q(1157, 1600))]
     assert [a for a, _ in left] == [Q(1, 8), even[0][1], odd[0][1], even[1][1]]
@@ -40,7 +40,7 @@ def test_the_intervals_of_the_first_generations_by_hand():
 @pytest.mark.parametrize("generations", [1, 2, 5, 7])
 def test_the_intervals_tile_the_set_s_place(generations):
     """2^(g-1) are removed by generation g, 1 - 2 keep of what is there; (2 keep)^g is left."""
-    odd, even, left = family(generations).divided()
+    odd, even, left = family(generations).sort_intervals()
     ends = np.array(sorted([*odd, *even, *left]), dtype=float)
     np.testing.assert_allclose(ends[1:, 0], ends[:-1, 1], rtol=0, atol=1e-14)
     assert len(odd) + len(even) == 2**generations - 1
@@ -54,7 +54,7 @@ def test_the_dimension_counts_intervals(keep):
     Control: l^{-1} of them, as where nothing is removed, would be too many.
     """
     for generations in (3, 5):
-        lengths = {b - a for a, b in family(generations, keep).divided()[2]}
+        lengths = {b - a for a, b in family(generations, keep).sort_intervals()[2]}
         assert len(lengths) == 1
         size = float(lengths.pop() / Q(3, 4))
         assert size ** -family(1, keep).dimension == pytest.approx(2**generations, rel=1e-12)
@@ -68,8 +68,8 @@ def test_the_order_is_where_the_norms_of_the_generations_stop_to_fall(power, kee
     Their sums over a generation, from the intervals themselves, are a geometric series. Control: without the
     dimension, as for finitely many, the order would be higher, and there the sums grow.
     """
-    order = family(5, keep).order(power)
-    removed = family(5, keep).divided()[0]
+    order = family(5, keep).sobolev_order(power)
+    removed = family(5, keep).sort_intervals()[0]
     lengths = np.array([b - a for a, b in removed], dtype=float)
     generations = [lengths[:1], lengths[1:5], lengths[5:]]
 
@@ -91,7 +91,7 @@ def singles(generations=3, polygon=square()):  # noqa: B008
     """The same as harmonic atoms, one a contact, each with the length of its contact as its cutoff."""
     return [
         make_harmonic_atom(polygon, 0, float(a), Q(1, 2), rational_expression(b - a))
-        for a, b in family(generations).divided()[0]
+        for a, b in family(generations).sort_intervals()[0]
     ]
 
 
@@ -99,8 +99,8 @@ def singles(generations=3, polygon=square()):  # noqa: B008
 def test_the_atom_is_the_sum_of_single_ones(polygon):
     rng = np.random.default_rng(0)
     points = polygon.lengths[0] * np.column_stack([rng.random(3000), 0.12 * rng.random(3000)])
-    found = atom(3, polygon).whole(points)
-    expected = zip(*(each.whole(points) for each in singles(3, polygon)), strict=True)
+    found = atom(3, polygon).value_gradient_and_source(points)
+    expected = zip(*(each.value_gradient_and_source(points) for each in singles(3, polygon)), strict=True)
     for values, of_singles, off in zip(found, expected, (1e-14, 1e-13, 1e-12), strict=True):
         np.testing.assert_allclose(values, sum(of_singles), rtol=0, atol=off)
 
@@ -108,8 +108,8 @@ def test_the_atom_is_the_sum_of_single_ones(polygon):
 def test_its_trace_and_flux_are_the_sums_too():
     t = np.linspace(0, 1, 2001)
     along = SidePoints(t, t, 0 * t)
-    found = atom().trace_and_flux(0, along)
-    expected = [e.trace_and_flux(0, along) for e in singles()]
+    found = atom().trace_and_normal_flux(0, along)
+    expected = [e.trace_and_normal_flux(0, along) for e in singles()]
     np.testing.assert_allclose(found[0], sum(u for u, _ in expected), rtol=0, atol=1e-14)
     np.testing.assert_allclose(found[1], sum(flux for _, flux in expected), rtol=0, atol=1e-13)
     assert found[1].min() >= 0
@@ -143,7 +143,7 @@ def test_the_certificate_says_that_there_are_infinitely_many(name):
     d = np.log(2) / np.log(3)
     assert case.gap_order == pytest.approx(GAPS[name] + (1 - d) / 2, rel=1e-12)
     assert case.atoms[0].flux_order == pytest.approx(1 / 3 + (1 - d) / 2, rel=1e-12)
-    expected = np.array(sorted(case.atoms[0].family.divided()[0]), dtype=float)
+    expected = np.array(sorted(case.atoms[0].cantor_set.sort_intervals()[0]), dtype=float)
     np.testing.assert_allclose([c[1:] for c in found.contact], expected, rtol=0, atol=1e-14)
     transitions = np.round(case.transitions(), 12)
     assert np.isin(np.round([t for _, *both in found.contact for t in both], 12), transitions).all()

@@ -78,8 +78,8 @@ def test_derivatives_are_those_of_u(name, polygon, side):
     case = load(name, polygon, side)
     step = 1e-3
     points = inside(case.polygon, 400)
-    level = [np.abs(kink.level(points)) for kink in case.kinks()]
-    singular = case.singular()
+    level = [np.abs(kink.signed_distances(points)) for kink in case.kinks()]
+    singular = case.singular_points()
     at = case.polygon.at(
         np.array([p.side for p in singular], dtype=np.intp),
         np.array([p.t * case.polygon.lengths[p.side] for p in singular]),
@@ -93,7 +93,7 @@ def test_derivatives_are_those_of_u(name, polygon, side):
     np.testing.assert_allclose(gradient, by_differences, rtol=0, atol=1e-6 * scale)
     np.testing.assert_allclose(case.source(points), u - laplacian, rtol=0, atol=1e-4 * scale)
     assert not np.allclose(case.source(points), u + laplacian, rtol=0, atol=1e-4 * scale)
-    for together, alone in zip(case.whole(points), (u, gradient), strict=False):
+    for together, alone in zip(case.value_gradient_and_source(points), (u, gradient), strict=False):
         np.testing.assert_allclose(together, alone, rtol=0, atol=1e-12 * scale)
 
 
@@ -105,7 +105,7 @@ def test_where_a_case_is_said_to_vanish_it_does(name, polygon, side):
     """At the vertices and in the centroids of triangles; somewhere, unless an atom has no cutoff."""
     case = load(name, polygon, side)
     mesh = make_structured_mesh(POLYGONS[polygon], 1 / 32)
-    zero = case.vanishes(*mesh.enclosing_circles)
+    zero = case.vanishes_in_circles(*mesh.enclosing_circles)
     corners = mesh.points[mesh.triangles[zero]]
     points = np.concatenate([corners.reshape(-1, 2), corners.mean(axis=1)])
     for values in (*case.value_and_gradient(points), case.source(points)):
@@ -144,7 +144,7 @@ def test_a_flux_like_a_root(name, polygon, side, start, cutoff, rounding):
     s = t - start
     expected = np.sqrt(np.maximum(s, 0)) * np.maximum(1 - (s / cutoff) ** 2, 0) ** 4
     for i in range(case.polygon.n_sides):
-        _, flux, _ = case.boundary(np.full(1001, i), t * case.polygon.lengths[i])
+        _, flux, _ = case.trace_flux_and_gap(np.full(1001, i), t * case.polygon.lengths[i])
         np.testing.assert_allclose(flux, expected if i == side else 0, rtol=0, atol=rounding)
 
 
@@ -157,7 +157,7 @@ def test_traces_are_limits_from_inside(name, polygon, side):
     sides = np.repeat(np.arange(case.polygon.n_sides), n)
     s = rng.uniform(0.01, 0.99, len(sides))
     points = case.polygon.at(sides, s)
-    u, flux, _ = case.boundary(sides, s)
+    u, flux, _ = case.trace_flux_and_gap(sides, s)
     normals = case.polygon.normals[sides]
     value, gradient = case.value_and_gradient(points - 1e-9 * normals)
     np.testing.assert_allclose(value, u, rtol=0, atol=1e-7)
@@ -219,8 +219,8 @@ def sample(place, h, degree):
     for rule in triangle_rules(make_structured_mesh(case.polygon, h), case, degree):
         where = rule.origin, rule.offset
         inner.append((rule, *case.value_and_gradient(*where), case.source(*where)))
-    rule = boundary_rule(case.polygon, case.polygon.starts, case.singular())
-    u, flux, _ = case.boundary(rule.side, rule.s, rule.near)
+    rule = boundary_rule(case.polygon, case.polygon.starts, case.singular_points())
+    u, flux, _ = case.trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)
     return inner, (case.polygon.at(rule.side, rule.s), rule.weight, u, flux)
 
 
@@ -257,7 +257,7 @@ def test_the_flux_does_not_depend_on_the_size(name):
     """u = L v(x / L): equal flux, L-fold values."""
     large = cases.load_solution(name, Polygon(10 * square().vertices, "large"), 0)
     s = np.linspace(0, 1, 101)
-    u, flux, gap = load(name).boundary(np.zeros(101, dtype=int), s)
+    u, flux, gap = load(name).trace_flux_and_gap(np.zeros(101, dtype=int), s)
     U, FLUX, GAP = large.trace_flux_and_gap(np.zeros(101, dtype=int), 10 * s)
     np.testing.assert_allclose(FLUX, flux, rtol=0, atol=1e-14)
     np.testing.assert_allclose(U, 10 * u, rtol=0, atol=1e-13)
@@ -265,7 +265,7 @@ def test_the_flux_does_not_depend_on_the_size(name):
     certify_case(large)
     for one, other in zip(load(name).kinks(), large.kinks(), strict=True):
         points = inside(square(), 20)
-        np.testing.assert_allclose(other.signed_distances(10 * points), 10 * one.level(points))
+        np.testing.assert_allclose(other.signed_distances(10 * points), 10 * one.signed_distances(points))
     points = np.array([[0.37, 0.01], [0.43, 0.11], [0.5, 0.2]])
     by_differences, laplacian = differences(lambda p: large.value_and_gradient(p)[0], 10 * points, 1e-2)
     u_large, gradient = large.value_and_gradient(10 * points)
@@ -280,7 +280,7 @@ def test_natural_by_complex_arithmetic():
     u, _ = load("natural").value_and_gradient(points)
     np.testing.assert_allclose(u, -(z**1.5).imag + 4 * np.abs(z) ** 2, rtol=0, atol=3e-14)
     x = np.linspace(0, 1, 201)
-    _, flux, gap = load("natural").boundary(np.zeros(201, dtype=int), x)
+    _, flux, gap = load("natural").trace_flux_and_gap(np.zeros(201, dtype=int), x)
     np.testing.assert_allclose(flux, 1.5 * np.sqrt(np.maximum(x - 0.5, 0)), rtol=0, atol=1e-14)
     np.testing.assert_allclose(gap, 2 * x * np.maximum(0.5 - x, 0) ** 1.5, rtol=0, atol=1e-14)
 
@@ -316,9 +316,9 @@ def test_every_case_is_certified(name, polygon, side):
     expected = np.array(contact(name, polygon, side)).reshape(-1, 3)
     np.testing.assert_allclose(np.array(found.contact).reshape(-1, 3), expected, rtol=0, atol=1e-14)
     assert found.g_regular == (name not in GAPS_WITH_KINKS)
-    assert math.isinf(found.lambda_max) == (name in ("violates_j", "singular", "rough"))
-    assert (found.gap_max == 0) == (name in ("full_contact", "violates_j", "reentrant_full"))
-    assert (found.lambda_max < 1e-14) == (name == "no_contact")
+    assert math.isinf(found.max_multiplier) == (name in ("violates_j", "singular", "rough"))
+    assert (found.max_gap == 0) == (name in ("full_contact", "violates_j", "reentrant_full"))
+    assert (found.max_multiplier < 1e-14) == (name == "no_contact")
 
 
 @pytest.mark.parametrize("hypothesis", ["j", "jj", "jjj"])

@@ -103,9 +103,9 @@ def test_an_atom_at_a_vertex_of_sides_of_two_lengths():
 
 def test_the_points_at_which_polar_atoms_are_not_smooth():
     """Their centre, with the denominator of beta, 3/2 and 2/3, on both of its sides; their cutoff's ends."""
-    found = {(p.side, p.t, p.grading) for p in polar("harmonic", "1/2").singular()}
+    found = {(p.side, p.t, p.grading) for p in polar("harmonic", "1/2").singular_points()}
     assert found == {(0, 1 / 2, 2), (0, 1 / 4, 1), (0, 3 / 4, 1)}
-    found = {(p.side, p.t, p.grading) for p in polar("held").singular() if p.t >= 0}
+    found = {(p.side, p.t, p.grading) for p in polar("held").singular_points() if p.t >= 0}
     assert found == {(2, 0.0, 3), (1, 1.0, 3), (2, 1 / 4, 1)}
 
 
@@ -124,8 +124,8 @@ def cut_off_power(s, alpha, R):
 
 
 def means(case, cells, near=True):
-    rule = boundary_rule(case.polygon, cells.points, case.singular())
-    flux = case.boundary(rule.side, rule.s, rule.nearest_anchor if near else None)[1]
+    rule = boundary_rule(case.polygon, cells.points, case.singular_points())
+    flux = case.trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor if near else None)[1]
     return rule.integrate(flux, cells.n_cells) / cells.lengths
 
 
@@ -153,10 +153,10 @@ def test_the_corners_of_the_l_shape():
     chi = (1 - 4 * r**2) ** 4
     for side, t, sign in ((2, r, 1), (1, 1 - r, -1)):
         sides = np.full(len(r), side)
-        u, flux, _ = load("reentrant").boundary(sides, t)
+        u, flux, _ = load("reentrant").trace_flux_and_gap(sides, t)
         np.testing.assert_allclose(u, sign * r ** (2 / 3) * chi, rtol=0, atol=1e-12)
         np.testing.assert_allclose(flux, 0, rtol=0, atol=1e-12)
-        trace, flux, _ = load("violates_j").boundary(sides, t)
+        trace, flux, _ = load("violates_j").trace_flux_and_gap(sides, t)
         x, y = find_polygon("lshape").at(sides, t).T
         np.testing.assert_allclose(trace, ((x + 0.45) ** 2 + (y - 0.55) ** 2) / 2, rtol=0, atol=1e-12)
         smooth = 0.55 if side == 2 else 0.45  # the distance of (-.45, .55) from the side's line
@@ -192,7 +192,7 @@ def test_full_contact_at_a_vertex_with_a_smooth_flux(name, vertex, angle, square
     )
     np.testing.assert_allclose(case.value_and_gradient(inside)[0], u + smooth, rtol=1e-12)
     for side in (vertex, vertex - 1):
-        _, flux, gap = case.boundary(np.full(9, side), np.linspace(0.01, 0.99, 9) * polygon.lengths[side])
+        _, flux, gap = case.trace_flux_and_gap(np.full(9, side), np.linspace(0.01, 0.99, 9) * polygon.lengths[side])
         distance = polygon.normals[side] @ (here - [x, y])
         np.testing.assert_allclose(flux, 2 * times * distance, rtol=1e-12)
         assert not gap.any()
@@ -229,7 +229,7 @@ def test_energies_feel_a_rounded_distance():
 def test_the_points_of_the_rule_are_those_of_its_parts():
     """s = t L + the distance, up to rounding, on every side."""
     case = load("violates_j")
-    rule = boundary_rule(case.polygon, case.polygon.starts, case.singular())
+    rule = boundary_rule(case.polygon, case.polygon.starts, case.singular_points())
     t, offset = rule.nearest_anchor
     np.testing.assert_allclose(t * case.polygon.lengths[rule.side] + offset, rule.s, rtol=0, atol=1e-15)
 

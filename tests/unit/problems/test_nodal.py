@@ -111,7 +111,7 @@ def prolonged(mesh, values, finer):
     found = np.zeros(finer.n_nodes)
     found[: mesh.n_nodes] = values
     for step in finer.steps[len(mesh.steps) :]:
-        found[step.n : step.n + len(step.ends)] = found[step.ends].mean(axis=1)
+        found[step.n_old_nodes : step.n_old_nodes + len(step.ends)] = found[step.ends].mean(axis=1)
     return found
 
 

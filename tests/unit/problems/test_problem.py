@@ -73,9 +73,9 @@ def test_jumps_of_f_are_where_it_has_them(declared):
     )
     on_line = np.array([[0.1, 0.4], [0.5, 0.0]])
     on_circle = np.array([[0.5, 0.5], [1.0, 1.0]])
-    assert line.level(on_line) == pytest.approx([0, 0], abs=1e-15)
-    assert abs(line.level(np.array([[1.0, 1.0]]))) == pytest.approx([1.5 / np.sqrt(2)])
-    assert circle.level(on_circle) == pytest.approx([0, 0], abs=1e-15)
+    assert line.signed_distances(on_line) == pytest.approx([0, 0], abs=1e-15)
+    assert abs(line.signed_distances(np.array([[1.0, 1.0]]))) == pytest.approx([1.5 / np.sqrt(2)])
+    assert circle.signed_distances(on_circle) == pytest.approx([0, 0], abs=1e-15)
 
 
 def test_data_of_any_size_in_between_are_accepted(declared):

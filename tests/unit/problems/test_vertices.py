@@ -127,8 +127,8 @@ def of_mesh(problem):
 
 def missing_of(g):
     """What u_D and g themselves are short of, without a flux."""
-    v = np.where(np.isfinite(g.at_unknowns), g.at_unknowns, 0.0)
-    return feasible.bound_shortfall(g, H1, v, g.clamped, np.zeros((len(g.unknowns), 2)))
+    v = np.where(np.isfinite(g.p_at_unknowns), g.p_at_unknowns, 0.0)
+    return feasible.bound_shortfall(g, H1, v, g.clamped_edges, np.zeros((len(g.unknowns), 2)))
 
 
 @pytest.mark.parametrize(("given", "draws"), [(formula, DRAWS), (trace, DRAWS // 3)])
@@ -144,8 +144,8 @@ def test_what_is_no_trace_is_refused_and_what_fits_is_lifted(given, draws):
             passed_before += of.wrong < obstacle_and_flux.VERTEX_JUMP_TOLERANCE * of.largest
             continue
         g = of_mesh(checked(of, given))
-        assert not np.any(g.clamped & g.jumps), seed
-        assert math.isfinite(missing_of(g).norm), seed
+        assert not np.any(g.clamped_edges & g.has_jump), seed
+        assert math.isfinite(missing_of(g).extension_norm), seed
     assert draws // 3 < refused < 2 * draws // 3
     assert passed_before > draws // 10
 
@@ -159,8 +159,8 @@ def test_functions_are_compared_by_the_digits_that_they_keep():
                 checked(of, function)
             continue
         g = of_mesh(checked(of, function))
-        assert not np.any(g.clamped & g.jumps), seed
-        assert math.isfinite(missing_of(g).norm), seed
+        assert not np.any(g.clamped_edges & g.has_jump), seed
+        assert math.isfinite(missing_of(g).extension_norm), seed
 
 
 NEAR_0 = [

@@ -24,7 +24,7 @@ SIZES = {"h": 1 / 16, "H": 1 / 8}
 def adapted():
     """At a re-entrant corner meshes are adapted."""
     s = ul.solve(ul.load(DATA / "problems/lshape.yaml"), accuracy=0.3)
-    assert s.mesh.adapted
+    assert s.mesh.is_adapted
     return s
 
 

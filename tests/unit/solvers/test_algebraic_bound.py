@@ -85,9 +85,9 @@ def of(discrete) -> System:
         load = discrete.homogeneous_data[0]
         d = exact(spaces.operator.H_i) * exact(discrete.homogeneous_data[1][discrete.cells])
     else:
-        finest = discrete.grids.finest
-        A = finest.of.A
-        sums = finest.of.sums
+        finest = discrete.multigrid.finest
+        A = finest.hierarchy.A
+        sums = finest.hierarchy.row_sums
         load = finest.load
         B = finest.cells.B.toarray()
         d = exact(finest.d)
@@ -95,7 +95,7 @@ def of(discrete) -> System:
     np.fill_diagonal(off_diagonal, 0.0)
     A = exact(off_diagonal)
     np.fill_diagonal(A, exact(sums) - A.sum(axis=1))
-    held = np.broadcast_to(discrete.held, len(load))
+    held = np.broadcast_to(discrete.dirichlet_lift, len(load))
     return System(A, exact(load), exact(B), d, held)
 
 
@@ -142,7 +142,7 @@ def solution(way: str, of_scale: ul.Problem) -> tuple[DiscreteProblem, DiscreteS
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)
         discrete = made(way, of_scale)
-        return discrete, discrete.iterated(1e-9, Stop(algorithm=algorithm))
+        return discrete, discrete.iterate(1e-9, Stop(algorithm=algorithm))
 
 
 def largest_error(discrete: DiscreteProblem, found: DiscreteSolution) -> float:
@@ -200,7 +200,7 @@ def test_all_that_is_rounded_is_in_the_bound(way: str, monkeypatch: pytest.Monke
             return discrete.add_rounding_to_bound(
                 found.result, discrete.response(found.result.lambda_H)
             ).bound
-        return multilevel_algebraic_bound(discrete.grids.finest, found.u_h, found.result.lambda_H)
+        return multilevel_algebraic_bound(discrete.multigrid.finest, found.u_h, found.result.lambda_H)
 
     before = bound()
     monkeypatch.setattr(residual_rounding, "UNIT_ROUNDOFF", 1e6 * residual_rounding.UNIT_ROUNDOFF)

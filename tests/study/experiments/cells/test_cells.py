@@ -56,7 +56,7 @@ def integrals(family, power, n, carried):
     """(n,) integrals over n cells of s^power bumps: of lambda (carried 0) or of the gap (1)."""
     found = np.zeros(n)
     ends = np.arange(n + 1) / n
-    for a, b in ((float(a), float(b)) for a, b in family.divided()[carried]):
+    for a, b in ((float(a), float(b)) for a, b in family.sort_intervals()[carried]):
         shapes = (
             lambda t, a=a, b=b: (t - a) ** power * (1 - ((t - a) / (b - a)) ** 2) ** 4,
             lambda t, a=a, b=b: ((t - a) * (b - t) / (b - a)) ** power,
@@ -77,11 +77,11 @@ def test_the_consistency_term_by_an_independent_sum(name, gamma):
     n = 8
     case = load(name)
     atom = case.atoms[0]
-    flux = integrals(atom.family, float(atom.alpha), n, 0)
-    expected = n * flux @ integrals(atom.family, gamma, n, 1)
+    flux = integrals(atom.cantor_set, float(atom.alpha), n, 0)
+    expected = n * flux @ integrals(atom.cantor_set, gamma, n, 1)
     found = cell_means(case, make_uniform_partition(square(), 1 / n)).consistency
     assert expected * (1 - 1e-7) <= found <= 1.01 * expected
-    assert not expected <= n * flux @ integrals(atom.family, gamma + 0.1, n, 1) <= 1.01 * expected
+    assert not expected <= n * flux @ integrals(atom.cantor_set, gamma + 0.1, n, 1) <= 1.01 * expected
 
 
 @pytest.mark.parametrize("gamma", [Q(1, 2), Q(3, 2)])

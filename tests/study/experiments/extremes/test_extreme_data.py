@@ -50,7 +50,7 @@ def test_every_method_scales_with_the_data(method, H, size):
     ours = solved(1.0)
     scaled = solved(size)
     assert scaled.converged
-    difference = np.linalg.norm(operator.half @ (scaled.lambda_H / size - ours.lambda_H))
+    difference = np.linalg.norm(operator.D_factor @ (scaled.lambda_H / size - ours.lambda_H))
     assert difference <= ours.bound + scaled.bound / size
     assert uzawa.energy_bound(operator, size * offset, 0 * ours.lambda_H) >= size * of.size
     if method == "uzawa":

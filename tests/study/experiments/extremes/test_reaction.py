@@ -173,7 +173,7 @@ def divided_by_c_alone(monkeypatch):
     """The residual counts by c^(-1/2) ||z||_0 only, and never by Poincare's or Friedrichs' inequality."""
 
     def norms(parts):
-        inside = np.hypot(parts.mean, parts.oscillation) + parts.rest
+        inside = np.hypot(parts.mean, parts.oscillation) + parts.remainder
         norm = math.sqrt(np.sum(parts.misfit**2 / parts.form.k + inside**2 / max(parts.form.c, 1e-300)))
         return norm, norm
 
