@@ -143,7 +143,7 @@ def shared_cases(monkeypatch):
         return load_case(case, polygon, side)
 
     monkeypatch.setattr(cases, "load_solution", shared)
-    monkeypatch.setattr("unilateral.cli.cases.certify", certificate)
+    monkeypatch.setattr("unilateral.cli.cases.certify_case", certificate)
 
 
 @pytest.fixture(scope="module")
