@@ -98,12 +98,14 @@ def measure_level(solved: DiscreteSolution, goal: Goal, predicted_total: float =
     algebraic = solved.algebraic_bound(goal.norm)
     size = solved.norm_lower_bound(goal.norm, goal.sharp)
     target = target_error(goal, size, discrete_norm(solved, goal))
-    nothing = max(ZERO_SOLUTION_BOUND, 2 * mesh.exact_mesh_factor * underflow_allowance(mesh, solved.form))
+    zero_solution_error = max(
+        ZERO_SOLUTION_BOUND, 2 * mesh.exact_mesh_factor * underflow_allowance(mesh, solved.form)
+    )
 
     # The accuracy is one of the lower bound on the norm, of which the iteration may have a tenth
-    wanted = goal.accuracy if goal.absolute else goal.accuracy * size
-    wanted = wanted if target else nothing
-    certified = total <= wanted and algebraic <= ALGEBRAIC_SHARE * wanted
+    max_error = goal.accuracy if goal.absolute else goal.accuracy * size
+    max_error = max_error if target else zero_solution_error
+    certified = total <= max_error and algebraic <= ALGEBRAIC_SHARE * max_error
     return Level(
         solved=solved,
         goal=goal,
@@ -115,7 +117,7 @@ def measure_level(solved: DiscreteSolution, goal: Goal, predicted_total: float =
         algebraic=algebraic,
         size=size,
         target=target,
-        zero_solution_error=nothing,
+        zero_solution_error=zero_solution_error,
         certified=certified,
     )
 
@@ -169,20 +171,20 @@ def contradict(a: Level, b: Level) -> bool:
     sides only ||u||_1 tells: u - u_h need not vanish there, as Friedrichs' inequality asks, and 1 does not.
     """
     form = a.solved.form
-    of_u = math.inf
-    of_lambda = math.inf
+    u_factor = math.inf
+    lambda_factor = math.inf
     if not form.clamped:
         area = a.partition.polygon.area
-        of_u = math.sqrt(area / form.c)
-        of_lambda = math.sqrt(area * form.c)
+        u_factor = math.sqrt(area / form.c)
+        lambda_factor = math.sqrt(area * form.c)
     u_bound = lambda_bound = math.inf
     if a.bound and b.bound:
         u_bound = a.bound.u + b.bound.u
         lambda_bound = a.bound.lambda_ + b.bound.lambda_
     pairs = (
         (a.solved.u_norm, b.solved.u_norm, u_bound),
-        (a.solved.u_integral, b.solved.u_integral, of_u * u_bound),
-        (a.solved.force, b.solved.force, of_lambda * lambda_bound),
+        (a.solved.u_integral, b.solved.u_integral, u_factor * u_bound),
+        (a.solved.force, b.solved.force, lambda_factor * lambda_bound),
     )
     # Norms on the exact meshes differ from the computed ones by their growth, and by rounding
     rounding = (1 + SQUARES_ROUNDING) * a.solved.mesh.exact_mesh_factor * b.solved.mesh.exact_mesh_factor - 1

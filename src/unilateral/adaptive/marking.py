@@ -75,8 +75,10 @@ def divide_by_shares(
 
     def divide_at(theta: float) -> Division:
         halvings = np.clip(np.rint((logarithms - theta) / 4), 0, MAX_HALVINGS).astype(np.int16)
-        parts = 4.0**halvings
-        return Division(halvings, float(parts.mean()), math.sqrt(float((squares / parts).sum())))
+        child_counts = 4.0**halvings
+        return Division(
+            halvings, float(child_counts.mean()), math.sqrt(float((squares / child_counts).sum()))
+        )
 
     ends = float(logarithms.min()) - 4 * MAX_HALVINGS - 2, float(logarithms.max()) + 2
     enough = divide_at(bisect(lambda theta: divide_at(theta).bound_ratio <= bound_ratio, *ends)[0])
@@ -138,19 +140,19 @@ def choose_target_division(level: Level) -> Division:
 
     If several steps are needed, they are of one size.
     """
-    part = target_bound_ratio(level)
+    bound_ratio = target_bound_ratio(level)
     shares = level.solved.bound_shares
-    if part == 0 or not level.goal.can_adapt or not 0 < shares.max() < math.inf:
+    if bound_ratio == 0 or not level.goal.can_adapt or not 0 < shares.max() < math.inf:
         return divide_uniformly(len(shares))
-    needed = evenness(shares) / part**2
+    needed = evenness(shares) / bound_ratio**2
     if needed > MAX_TRIANGLE_RATIO and not should_adapt(level):
         return divide_uniformly(len(shares))
-    most = MAX_TRIANGLE_RATIO
+    max_triangle_ratio = MAX_TRIANGLE_RATIO
     if needed > MAX_TRIANGLE_RATIO:
         steps = math.ceil(math.log(needed) / math.log(MAX_TRIANGLE_RATIO))
-        most = max(needed ** (1 / steps), 4.0)
-    adapted_division = divide_by_shares(shares, part, most)
-    halvings = max(math.ceil(-math.log2(part)), 1)
+        max_triangle_ratio = max(needed ** (1 / steps), 4.0)
+    adapted_division = divide_by_shares(shares, bound_ratio, max_triangle_ratio)
+    halvings = max(math.ceil(-math.log2(bound_ratio)), 1)
     if 4**halvings <= MIN_ADAPTED_GAIN * adapted_division.triangle_ratio:
         return divide_uniformly(len(shares), halvings)
     return adapted_division
@@ -164,7 +166,7 @@ def target_bound_ratio(level: Level) -> float:
     """
     if not (level.target > 0 and math.isfinite(level.total)):
         return 0.0
-    missed = level.total / level.predicted_total
-    missed = min(max(missed, MIN_MISS_FACTOR), MAX_MISS_FACTOR) if missed > 0 else 1.0
-    part = TARGET_SHARE * level.target / (level.total * missed)
-    return part if level.goal.norm == "h1" else part ** (0.5 / LAMBDA_RATE)
+    miss_factor = level.total / level.predicted_total
+    miss_factor = min(max(miss_factor, MIN_MISS_FACTOR), MAX_MISS_FACTOR) if miss_factor > 0 else 1.0
+    bound_ratio = TARGET_SHARE * level.target / (level.total * miss_factor)
+    return bound_ratio if level.goal.norm == "h1" else bound_ratio ** (0.5 / LAMBDA_RATE)

@@ -94,8 +94,8 @@ class DiscreteProblem(ABC):
 
         It stays as it is where half of the bound or more is rounding, which no step takes away.
         """
-        enough = max(tolerance, 2 * solution.result.rounding)
-        if solution.result.bound <= enough or not solution.result.converged:
+        max_bound = max(tolerance, 2 * solution.result.rounding)
+        if solution.result.bound <= max_bound or not solution.result.converged:
             return solution
         return self.iterate_further(solution, tolerance_share * tolerance, stop)
 

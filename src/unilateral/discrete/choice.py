@@ -119,12 +119,16 @@ def choose_halvings(polygon: Polygon, H: float, edges: int, stop: Stop) -> int:
     unknowns = polygon.area * (edges / H) ** 2
     if not wants_multigrid(stop, unknowns):
         return 0
-    most = max(math.ceil(math.log(unknowns / COARSE_MESH_UNKNOWNS, 4)), 1)
+    max_halvings = max(math.ceil(math.log(unknowns / COARSE_MESH_UNKNOWNS, 4)), 1)
     cells = polygon.counts(H).sum()
     if stop.algorithm == "multigrid":
-        return most
-    fit = (k for k in range(most, 0, -1) if 2**k * polygon.counts(2**k * H).sum() <= MAX_CELL_RATIO * cells)
-    return next(fit, 0)
+        return max_halvings
+    candidates = (
+        k
+        for k in range(max_halvings, 0, -1)
+        if 2**k * polygon.counts(2**k * H).sum() <= MAX_CELL_RATIO * cells
+    )
+    return next(candidates, 0)
 
 
 def wants_multigrid(stop: Stop, unknowns: float) -> bool:

@@ -120,24 +120,24 @@ class CondensedProblem(DiscreteProblem):
         known at the end only. If the bound then misses the tolerance, the iteration goes on once.
         """
         operator = self.spaces.operator
-        wanted = self.crude_tolerance(FIRST_TOLERANCE_SHARE) if tolerance is None else tolerance
-        least = self.bound_floor if wanted < self.bound_floor else 0.0
-        result = run_algorithm(operator, self.offset, max(wanted, least), stop, start)
+        max_bound = self.crude_tolerance(FIRST_TOLERANCE_SHARE) if tolerance is None else tolerance
+        min_tolerance = self.bound_floor if max_bound < self.bound_floor else 0.0
+        result = run_algorithm(operator, self.offset, max(max_bound, min_tolerance), stop, start)
         u_h = self.response(result.lambda_H)
-        certified = self.add_rounding_to_bound(result, u_h, wanted)
-        less = wanted - ROUNDING_ALLOWANCE * certified.rounding
-        if result.converged and certified.bound > wanted and less > least:
-            more = run_algorithm(operator, self.offset, less, stop, result.lambda_H)
-            u_h = self.response(more.lambda_H)
-            certified = self.add_rounding_to_bound(more.add_counts(result), u_h, wanted)
+        certified = self.add_rounding_to_bound(result, u_h, max_bound)
+        second_tolerance = max_bound - ROUNDING_ALLOWANCE * certified.rounding
+        if result.converged and certified.bound > max_bound and second_tolerance > min_tolerance:
+            second_result = run_algorithm(operator, self.offset, second_tolerance, stop, result.lambda_H)
+            u_h = self.response(second_result.lambda_H)
+            certified = self.add_rounding_to_bound(second_result.add_counts(result), u_h, max_bound)
         if result.converged:
-            warn_of_missed_tolerance(certified, wanted)
-        return self.make_solution(certified, wanted, u_h)
+            warn_of_missed_tolerance(certified, max_bound)
+        return self.make_solution(certified, max_bound, u_h)
 
     def iterate_further(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
         """The solution, iterated further to a smaller tolerance."""
-        more = self.iterate(tolerance, stop, solution.result.lambda_H)
-        return replace(more, result=more.result.add_counts(solution.result))
+        further_solution = self.iterate(tolerance, stop, solution.result.lambda_H)
+        return replace(further_solution, result=further_solution.result.add_counts(solution.result))
 
     def response(self, lambda_H: Array) -> Array:
         """The function u_h that belongs to the multiplier lambda_H.
@@ -155,21 +155,25 @@ class CondensedProblem(DiscreteProblem):
     def _bound_computed_solution(self, result: DualResult, u_h: Array) -> float:
         """The bound for u_h (n,) as it was computed."""
         spaces = self.spaces
-        on = self.spaces.condensed
+        condensed = self.spaces.condensed
         boundary = self.mesh.boundary
-        (of_f, g_means) = self.homogeneous_data
+        (homogeneous_load, g_means) = self.homogeneous_data
         mu = result.lambda_H
         v = u_h - self.dirichlet_lift
-        load = Rounded(of_f.copy(), np.zeros(len(of_f)))
-        load.values[boundary], load.rounding[boundary] = load_with_rounding(of_f[boundary], spaces.B, mu)
-        left = residual_with_rounding(*on.matrix_and_row_sums, v, load)
+        load = Rounded(homogeneous_load.copy(), np.zeros(len(homogeneous_load)))
+        load.values[boundary], load.rounding[boundary] = load_with_rounding(
+            homogeneous_load[boundary], spaces.B, mu
+        )
+        residual = residual_with_rounding(*condensed.matrix_and_row_sums, v, load)
         gap = gap_with_rounding(spaces.B, v[boundary], g_means[self.cells], spaces.operator.H_i)
-        delta = lumped_dual_norm_bound(np.abs(left.values) + left.rounding, on.nodal_weights)
+        delta = lumped_dual_norm_bound(np.abs(residual.values) + residual.rounding, condensed.nodal_weights)
         if delta > MAX_ROUNDING_EXCESS * result.bound:
-            z = on.solve(left.values)
-            rest = residual_with_rounding(*on.matrix_and_row_sums, z, left)
-            of_rest = lumped_dual_norm_bound(np.abs(rest.values) + rest.rounding, on.nodal_weights)
-            delta = (1 + FORM_ROUNDING) * energy_norm(self.mesh, z, self.form) + of_rest
+            z = condensed.solve(residual.values)
+            second_residual = residual_with_rounding(*condensed.matrix_and_row_sums, z, residual)
+            second_norm = lumped_dual_norm_bound(
+                np.abs(second_residual.values) + second_residual.rounding, condensed.nodal_weights
+            )
+            delta = (1 + FORM_ROUNDING) * energy_norm(self.mesh, z, self.form) + second_norm
         return condensed_algebraic_bound(spaces.operator, mu, gap, delta, result.rho)
 
 
@@ -182,10 +186,10 @@ def build_condensed_problem(
     """
     on = spaces.mesh, spaces.partition, spaces.cells, load, g_means, spaces, np.zeros(len(spaces.cells))
     discrete = CondensedProblem(*on, form=spaces.condensed.form, dirichlet_lift=dirichlet_lift)
-    of_f, of_g = discrete.homogeneous_data
+    homogeneous_load, homogeneous_means = discrete.homogeneous_data
     if trace is None:
-        trace = spaces.condensed.solve(of_f)[spaces.mesh.boundary]
-    discrete.offset[:] = spaces.B @ trace / spaces.operator.H_i - of_g[spaces.cells]
+        trace = spaces.condensed.solve(homogeneous_load)[spaces.mesh.boundary]
+    discrete.offset[:] = spaces.B @ trace / spaces.operator.H_i - homogeneous_means[spaces.cells]
     return discrete
 
 
@@ -262,9 +266,9 @@ def _solve_case(
     It goes on from lambda_H if the H^{-1/2} error then still misses the fraction.
     """
     spaces = discrete.spaces
-    solved = discrete.iterate(stop.fraction * exact.smallest_error_part(spaces), stop)
+    solution = discrete.iterate(stop.fraction * exact.smallest_error_part(spaces), stop)
     if spaces.operator.is_singular or exact.cell_means.lambda_is_zero:
-        return solved
-    error = exact.ritz.discrete_dual_norm(exact.boundary_load(spaces, solved.result.lambda_H))
-    going_on = replace(stop, algorithm="nesterov") if solved.result.algorithm == "nesterov" else stop
-    return discrete.improve(solved, stop.fraction * error * beta, going_on, tolerance_share=1.0)
+        return solution
+    error = exact.ritz.discrete_dual_norm(exact.boundary_load(spaces, solution.result.lambda_H))
+    further_stop = replace(stop, algorithm="nesterov") if solution.result.algorithm == "nesterov" else stop
+    return discrete.improve(solution, stop.fraction * error * beta, further_stop, tolerance_share=1.0)

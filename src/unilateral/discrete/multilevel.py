@@ -102,20 +102,20 @@ class MultilevelProblem(DiscreteProblem):
         Where the bound on the total error will be about `predicted_total`, the residual is made small against
         that, too.
         """
-        begin = None if self.start_u is None or start is None else (self.start_u, start > 0)
+        first_guess = None if self.start_u is None or start is None else (self.start_u, start > 0)
         return self._convert_result(
-            self.multigrid.solve(tolerance, begin, stop.fraction, RESIDUAL_NORM_SHARE * predicted_total)
+            self.multigrid.solve(tolerance, first_guess, stop.fraction, RESIDUAL_NORM_SHARE * predicted_total)
         )
 
     def iterate_further(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
         """The solution, iterated further to a smaller tolerance."""
         start = solution.u_h - self.dirichlet_lift, solution.result.lambda_H > 0
-        more = self._convert_result(
+        further_solution = self._convert_result(
             self.multigrid.solve(
                 tolerance, start, max_residual_norm=RESIDUAL_NORM_SHARE * tolerance / stop.fraction
             )
         )
-        return replace(more, result=more.result.add_counts(solution.result))
+        return replace(further_solution, result=further_solution.result.add_counts(solution.result))
 
     def lambda_norm(self, lambda_H: Array) -> float:
         """A lower bound on ||lambda_H||_{-1/2,h}."""
@@ -197,13 +197,15 @@ def _extend_clamped_values(clamped_values: Array, mesh: Mesh, form: Form) -> Arr
 
     In nested iteration u_h less this function is as smooth as u_h, but for what the values are not linear.
     """
-    held = clamped_values.copy()
+    lift = clamped_values.copy()
     if form.clamped:
-        fixed = form.clamped_nodes(mesh)
+        clamped_nodes = form.clamped_nodes(mesh)
         for step in mesh.steps:
-            new = slice(step.n_old_nodes, step.n_old_nodes + len(step.ends))
-            held[new] = np.where(fixed[new], held[new], held[step.ends].mean(axis=1))
-    return held
+            new_nodes = slice(step.n_old_nodes, step.n_old_nodes + len(step.ends))
+            lift[new_nodes] = np.where(
+                clamped_nodes[new_nodes], lift[new_nodes], lift[step.ends].mean(axis=1)
+            )
+    return lift
 
 
 def discretise_on_adapted_mesh(
@@ -219,18 +221,18 @@ def discretise_on_adapted_mesh(
     """
     mesh = adapted.mesh
     form = previous.form if previous else problem_form(problem, mesh)
-    known = previous.data.source if previous and previous.data else None
-    source = enclose_source(mesh, problem.source, form, known)
-    levels = build_hierarchy(mesh, previous.spaces.hierarchy if previous else None, form)
-    guess = np.zeros(mesh.n_nodes)
+    known_source = previous.data.source if previous and previous.data else None
+    source = enclose_source(mesh, problem.source, form, known_source)
+    hierarchy = build_hierarchy(mesh, previous.spaces.hierarchy if previous else None, form)
+    start_u = np.zeros(mesh.n_nodes)
     if previous and previous_solution:
-        guess[: len(previous_solution.u_h)] = previous_solution.u_h - previous.dirichlet_lift
-        for level in levels.levels:
+        start_u[: len(previous_solution.u_h)] = previous_solution.u_h - previous.dirichlet_lift
+        for level in hierarchy.levels:
             if level.n > len(previous_solution.u_h):
-                level.prolong(guess)
-    spaces = nested_spaces(mesh, adapted.partition, levels)
+                level.prolong(start_u)
+    spaces = nested_spaces(mesh, adapted.partition, hierarchy)
     assert spaces is not None
-    return discretise_on_nested_spaces(problem, spaces, source, guess)
+    return discretise_on_nested_spaces(problem, spaces, source, start_u)
 
 
 def solve_refinements(
@@ -246,14 +248,14 @@ def solve_refinements(
     solve starts from that solution. Algebraic bounds are at most `stop.fraction` of those on ||u - u_h||_1.
     Raises InputError as `choose_triangles` does.
     """
-    of = adapted_mesh(mesh)
+    adapted = adapted_mesh(mesh)
     discrete: MultilevelProblem | None = None
-    last: DiscreteSolution | None = None
-    while of.mesh.n_nodes <= max_unknowns:
-        discrete = discretise_on_adapted_mesh(problem, of, discrete, last)
-        last = _solve_from_previous(last, discrete, stop)
-        yield last
-        of = refine_and_balance(of, choose_triangles(last))
+    solution: DiscreteSolution | None = None
+    while adapted.mesh.n_nodes <= max_unknowns:
+        discrete = discretise_on_adapted_mesh(problem, adapted, discrete, solution)
+        solution = _solve_from_previous(solution, discrete, stop)
+        yield solution
+        adapted = refine_and_balance(adapted, choose_triangles(solution))
 
 
 def _solve_from_previous(

@@ -26,13 +26,13 @@ def edge_stiffness_and_areas(points: Array, triangles: Int32) -> tuple[Array, Ar
     """The products (T, 3) that belong to the edges opposite to the `triangles` (T, 3), and the areas (T,)."""
     stiffness = np.empty(triangles.shape)
     area = np.empty(len(triangles))
-    for of in row_blocks(len(triangles)):
-        (x, y) = points.T[:, triangles[of].T]
+    for block in row_blocks(len(triangles)):
+        (x, y) = points.T[:, triangles[block].T]
         e = x[[2, 0, 1]] - x[[1, 2, 0]]
         f = y[[2, 0, 1]] - y[[1, 2, 0]]
-        area[of] = 0.5 * (e[2] * f[0] - f[2] * e[0])
+        area[block] = 0.5 * (e[2] * f[0] - f[2] * e[0])
         product = e[[1, 2, 0]] * e[[2, 0, 1]] + f[[1, 2, 0]] * f[[2, 0, 1]]
-        stiffness[of] = (0.25 * product / area[of]).T
+        stiffness[block] = (0.25 * product / area[block]).T
     return stiffness, area
 
 
@@ -54,25 +54,31 @@ def assemble_by_edges(
     """
     n = triangulation.n_nodes
     mass = np.zeros(triangulation.n_nodes)
-    beside = np.zeros(len(triangulation.ends))
-    for of in row_blocks(len(triangulation.nodes)):
-        stiffness, area = edge_stiffness_and_areas(points, triangulation.nodes[of])
-        np.add.at(mass, triangulation.nodes[of].ravel(), np.repeat(area / 3, 3))
-        np.add.at(beside, triangulation.edges[of].ravel(), _edge_entries(form, stiffness, area).ravel())
+    edge_values = np.zeros(len(triangulation.ends))
+    for block in row_blocks(len(triangulation.nodes)):
+        stiffness, area = edge_stiffness_and_areas(points, triangulation.nodes[block])
+        np.add.at(mass, triangulation.nodes[block].ravel(), np.repeat(area / 3, 3))
+        np.add.at(
+            edge_values, triangulation.edges[block].ravel(), _edge_entries(form, stiffness, area).ravel()
+        )
     sums = form.c * mass
     diagonal = sums.copy()
     for end in triangulation.ends.T:
-        np.subtract.at(diagonal, end, beside)
+        np.subtract.at(diagonal, end, edge_values)
     if fixed is not None and fixed.any():
-        cut = fixed[triangulation.ends].any(axis=1)
-        for end in triangulation.ends[cut].T:
-            np.subtract.at(sums, end, beside[cut])
+        fixed_edges = fixed[triangulation.ends].any(axis=1)
+        for end in triangulation.ends[fixed_edges].T:
+            np.subtract.at(sums, end, edge_values[fixed_edges])
         sums[fixed] = diagonal[fixed]
-        beside[cut] = 0.0
-    every = np.arange(n, dtype=np.int32)
+        edge_values[fixed_edges] = 0.0
+    nodes = np.arange(n, dtype=np.int32)
     (a, b) = triangulation.ends.T
-    places = np.concatenate([every, a, b]), np.concatenate([every, b, a])
-    return _csr_from_distinct_entries(np.concatenate([diagonal, beside, beside]), *places, (n, n)), sums, mass
+    places = np.concatenate([nodes, a, b]), np.concatenate([nodes, b, a])
+    return (
+        _csr_from_distinct_entries(np.concatenate([diagonal, edge_values, edge_values]), *places, (n, n)),
+        sums,
+        mass,
+    )
 
 
 def assemble_rows(
@@ -82,11 +88,11 @@ def assemble_rows(
 
     The shape is (k, n).
     """
-    parts = [
-        _assemble_row_block(points, triangles, row_nodes[of], n, form, fixed)
-        for of in row_blocks(len(row_nodes), MATRIX_ROWS_PER_BLOCK)
+    blocks = [
+        _assemble_row_block(points, triangles, row_nodes[block], n, form, fixed)
+        for block in row_blocks(len(row_nodes), MATRIX_ROWS_PER_BLOCK)
     ]
-    return sp.vstack(parts, format="csr") if parts else sp.csr_array((0, n))
+    return sp.vstack(blocks, format="csr") if blocks else sp.csr_array((0, n))
 
 
 def _assemble_row_block(
@@ -98,22 +104,24 @@ def _assemble_row_block(
 
     Each edge from an inner node leads to the next node of one triangle and to the last node of another.
     """
-    place = np.full(n, -1, dtype=np.int32)
-    place[row_nodes] = np.arange(len(row_nodes), dtype=np.int32)
-    some = np.flatnonzero((place[triangles] >= 0).any(axis=1))
-    (stiffness, area) = edge_stiffness_and_areas(points, triangles[some])
-    corners = triangles[some].T
-    beside = _edge_entries(form, stiffness, area).T
-    row = place[corners]
-    at = [np.flatnonzero(each >= 0) for each in row]
-    rows = np.concatenate([each[here] for each, here in zip(row, at, strict=True)])
+    row_number = np.full(n, -1, dtype=np.int32)
+    row_number[row_nodes] = np.arange(len(row_nodes), dtype=np.int32)
+    touching = np.flatnonzero((row_number[triangles] >= 0).any(axis=1))
+    (stiffness, area) = edge_stiffness_and_areas(points, triangles[touching])
+    corners = triangles[touching].T
+    edge_values = _edge_entries(form, stiffness, area).T
+    corner_rows = row_number[corners]
+    incident = [np.flatnonzero(numbers >= 0) for numbers in corner_rows]
+    rows = np.concatenate([numbers[chosen] for numbers, chosen in zip(corner_rows, incident, strict=True)])
     diagonal = np.zeros(len(row_nodes))
     shape = (len(row_nodes), n)
-    np.add.at(diagonal, rows, form.c * np.concatenate([area[here] for here in at]) / 3)
+    np.add.at(diagonal, rows, form.c * np.concatenate([area[chosen] for chosen in incident]) / 3)
     off_diagonal = sp.csr_array(shape)
-    for to, opposite in ((1, 2), (2, 1)):
-        columns = np.concatenate([corners[(i + to) % 3][here] for i, here in enumerate(at)])
-        values = np.concatenate([beside[(i + opposite) % 3][here] for i, here in enumerate(at)])
+    for step, opposite in ((1, 2), (2, 1)):
+        columns = np.concatenate([corners[(i + step) % 3][chosen] for i, chosen in enumerate(incident)])
+        values = np.concatenate(
+            [edge_values[(i + opposite) % 3][chosen] for i, chosen in enumerate(incident)]
+        )
         np.subtract.at(diagonal, rows, values)
         values = np.where(fixed[columns] | fixed[row_nodes[rows]], 0.0, values)
         off_diagonal = off_diagonal + _csr_from_distinct_entries(values, rows, columns, shape)

@@ -68,10 +68,10 @@ class Form(NamedTuple):
 
         The shape is (n,).
         """
-        fixed = np.zeros(mesh.n_nodes, dtype=bool)
+        is_clamped = np.zeros(mesh.n_nodes, dtype=bool)
         edges = self.clamped_edges(mesh)
-        fixed[mesh.boundary[edges | np.roll(edges, 1)]] = True
-        return fixed
+        is_clamped[mesh.boundary[edges | np.roll(edges, 1)]] = True
+        return is_clamped
 
 
 H1 = Form()
@@ -83,8 +83,8 @@ def decouple_nodes(A: sp.csr_array, fixed: Mask) -> sp.csr_array:
     if not fixed.any():
         return A
     rows = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))
-    off = (fixed[rows] | fixed[A.indices]) & (rows != A.indices)
-    return sp.csr_array((np.where(off, 0.0, A.data), A.indices, A.indptr), shape=A.shape)
+    decoupled = (fixed[rows] | fixed[A.indices]) & (rows != A.indices)
+    return sp.csr_array((np.where(decoupled, 0.0, A.data), A.indices, A.indptr), shape=A.shape)
 
 
 def decoupled_row_sums(A: sp.csr_array, full_row_sums: Array, fixed: Mask) -> Array:
@@ -92,5 +92,5 @@ def decoupled_row_sums(A: sp.csr_array, full_row_sums: Array, fixed: Mask) -> Ar
 
     The shape is (n,).
     """
-    beside = np.add.reduceat(fixed[A.indices], A.indptr[:-1], dtype=int) > 0
-    return np.where(beside, A.sum(axis=1), full_row_sums)
+    meets_fixed = np.add.reduceat(fixed[A.indices], A.indptr[:-1], dtype=int) > 0
+    return np.where(meets_fixed, A.sum(axis=1), full_row_sums)

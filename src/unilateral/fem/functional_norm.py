@@ -60,9 +60,9 @@ def interpolation_constant(halvings: int) -> float:
     """A bound on M for triangles whose areas were halved so often."""
     if halvings == 0:
         return 1.0
-    times, rest = divmod(halvings // 2, len(INTERPOLATION_CONSTANTS) - 1)
+    times, k = divmod(halvings // 2, len(INTERPOLATION_CONSTANTS) - 1)
     return float(
-        INTERPOLATION_CONSTANTS[-1] ** times * (INTERPOLATION_CONSTANTS[rest] if rest or not times else 1.0)
+        INTERPOLATION_CONSTANTS[-1] ** times * (INTERPOLATION_CONSTANTS[k] if k or not times else 1.0)
     )
 
 
@@ -71,15 +71,15 @@ def multilevel_dual_norm_bound(hierarchy: Hierarchy, R: Array, rounding: Array |
     z = apply_presmoothing_cycle(hierarchy, R)
     A_z = residual_rounding.product_with_rounding(hierarchy.A, hierarchy.row_sums, z)
     norm_of_z = residual_rounding.product_root(z, A_z.values)
-    left = R - A_z.values
+    remainder = R - A_z.values
     rounding = (
-        rounding + 2 * A_z.rounding + _bound_coarse_remainder(hierarchy, left)
+        rounding + 2 * A_z.rounding + _bound_coarse_remainder(hierarchy, remainder)
     )  # of R - A z, and of ||z||
-    of_doubt = residual_rounding.lumped_dual_norm_bound(rounding, hierarchy.nodal_weights)
+    rounding_norm = residual_rounding.lumped_dual_norm_bound(rounding, hierarchy.nodal_weights)
     return (
         residual_rounding.NORM_ROUNDING_FACTOR * norm_of_z
-        + norm_bound_beyond_coarsest(hierarchy, left)
-        + of_doubt
+        + norm_bound_beyond_coarsest(hierarchy, remainder)
+        + rounding_norm
     )
 
 
@@ -90,14 +90,14 @@ def _bound_coarse_remainder(hierarchy: Hierarchy, R: Array) -> Array:
     """
     sizes = np.abs(R)
     R = R.copy()
-    found = EPS * sizes
+    rounding = EPS * sizes
     for level in reversed(hierarchy.levels):
         level.restrict(R)
         level.restrict(sizes)
-        found[level.ends] += EPS * level.max_summands * sizes[level.ends]
+        rounding[level.ends] += EPS * level.max_summands * sizes[level.ends]
     n = hierarchy.A_0.shape[0]
-    found[:n] += np.abs(R[:n])
-    return found
+    rounding[:n] += np.abs(R[:n])
+    return rounding
 
 
 def apply_presmoothing_cycle(hierarchy: Hierarchy, R: Array) -> Array:
@@ -105,20 +105,20 @@ def apply_presmoothing_cycle(hierarchy: Hierarchy, R: Array) -> Array:
     g = R.copy()
     z = np.zeros_like(R)
     n = hierarchy.A_0.shape[0]
-    swept: list[Array] = []
+    corrections: list[Array] = []
     if hierarchy.levels:
         _sweep_last_level(hierarchy, z, R)
         g -= hierarchy.A @ z
         hierarchy.levels[-1].restrict(g)
     for level in reversed(hierarchy.levels[:-1]):
         assert level.rows is not None
-        swept.append(level.sweep_down(level.rows, g)[0])
+        corrections.append(level.sweep_down(level.rows, g)[0])
         level.restrict(g)
     e = np.zeros_like(R)
     e[:n] = hierarchy.coarse_factors.solve(g[:n])
     for level in hierarchy.levels[:-1]:
         level.prolong(e)
-        e[slice(level.n) if level.smoothed_nodes is None else level.smoothed_nodes] += swept.pop()
+        e[slice(level.n) if level.smoothed_nodes is None else level.smoothed_nodes] += corrections.pop()
     if hierarchy.levels:
         hierarchy.levels[-1].prolong(e)
     return z + e
@@ -136,11 +136,11 @@ def _sweep_last_level(hierarchy: Hierarchy, z: Array, R: Array) -> None:
 def norm_bound_beyond_coarsest(hierarchy: Hierarchy, R: Array) -> float:
     """The bound (3), for an R (n,) that vanishes on V_0."""
     R = R.copy()
-    found = 0.0
+    level_sum = 0.0
     for level, rho in zip(reversed(hierarchy.levels), edge_weights(hierarchy), strict=True):
-        found += float(dnrm2(R[level.n_coarse : level.n] / np.sqrt(rho)))
+        level_sum += float(dnrm2(R[level.n_coarse : level.n] / np.sqrt(rho)))
         level.restrict(R)
-    return residual_rounding.NORM_ROUNDING_FACTOR * found
+    return residual_rounding.NORM_ROUNDING_FACTOR * level_sum
 
 
 def edge_weights(hierarchy: Hierarchy) -> Iterator[Array]:
@@ -149,19 +149,19 @@ def edge_weights(hierarchy: Hierarchy) -> Iterator[Array]:
     The shape is (k,).
     """
     deepest = hierarchy.area_halvings
-    of_halvings = np.array([interpolation_constant(k) for k in range(int(deepest.max()) + 1)])
+    M = np.array([interpolation_constant(k) for k in range(int(deepest.max()) + 1)])
     for level in reversed(hierarchy.levels):
         step = level.step
-        deep = deepest[level.step.triangles]
-        below = np.zeros(step.n_old_triangles, dtype=np.int16)
+        total_halvings = deepest[level.step.triangles]
+        halvings_below = np.zeros(step.n_old_triangles, dtype=np.int16)
         deepest = deepest[: step.n_old_triangles].copy()
-        np.maximum.at(below, step.parent, deep - level.area_halvings)
-        np.maximum.at(deepest, step.parent, deep)
+        np.maximum.at(halvings_below, step.parent, total_halvings - level.area_halvings)
+        np.maximum.at(deepest, step.parent, total_halvings)
         children = np.bincount(step.parent, minlength=step.n_old_triangles)
         rho = (
             hierarchy.form.k
             * hierarchy.roundness[hierarchy.coarse_triangle[: step.n_old_triangles]]
-            / (CHILDREN_CONSTANTS[children] * of_halvings[below])
+            / (CHILDREN_CONSTANTS[children] * M[halvings_below])
         )
         yield rho[step.edge_triangles[:, 0]] + np.where(
             step.edge_triangles[:, 1] >= 0, rho[step.edge_triangles[:, 1]], 0

@@ -68,10 +68,10 @@ class FinerSpace:
         """
         if self.smoothed_nodes is None:
             x = np.zeros(self.n)
-            of = r[: self.n]
-            gauss_seidel(S.indptr, S.indices, S.data, x, of, 0, self.n, 1)
-            of -= S @ x
-            return x, of.copy()
+            level_r = r[: self.n]
+            gauss_seidel(S.indptr, S.indices, S.data, x, level_r, 0, self.n, 1)
+            level_r -= S @ x
+            return x, level_r.copy()
         assert self.columns is not None
         x = np.zeros(S.shape[1])
         k = S.shape[0]
@@ -82,12 +82,12 @@ class FinerSpace:
     def sweep_up(self, S: sp.csr_array, e: Array, x: Array, residual: Array) -> None:
         """Add x and a backward sweep for what is left (s,) to e (n,), which comes from coarser levels."""
         if self.smoothed_nodes is None:
-            below = e[: self.n]
+            level_e = e[: self.n]
             y = np.zeros(self.n)
-            residual -= S @ below
+            residual -= S @ level_e
             gauss_seidel(S.indptr, S.indices, S.data, y, residual, self.n - 1, -1, -1)
-            below += x
-            below += y
+            level_e += x
+            level_e += y
             return
         y = np.zeros(S.shape[1])
         k = S.shape[0]
@@ -148,17 +148,17 @@ class Hierarchy:
         r + 1/r = |J|^2 / det J for the map J; its columns are the edges at the first node.
         """
         a, b, c = self.coarse_mesh.points[self.coarse_mesh.triangulation.nodes.T]
-        both = (((b - a) ** 2).sum(axis=1) + ((c - a) ** 2).sum(axis=1)) / (2 * self.coarse_mesh.areas)
-        return np.asarray(2 / (both + np.sqrt(np.maximum(both**2 - 4, 0))))
+        ratio_sum = (((b - a) ** 2).sum(axis=1) + ((c - a) ** 2).sum(axis=1)) / (2 * self.coarse_mesh.areas)
+        return np.asarray(2 / (ratio_sum + np.sqrt(np.maximum(ratio_sum**2 - 4, 0))))
 
     @cached_property
     def smoothed_nodes(self) -> Int32:
         """The inner nodes whose hats the last level has changed; none on level 0."""
         if not self.levels:
             return np.zeros(0, dtype=np.int32)
-        of = self.levels[-1].smoothed_nodes
+        nodes = self.levels[-1].smoothed_nodes
         inside = np.zeros(self.n, dtype=bool)
-        inside[slice(None) if of is None else of] = True
+        inside[slice(None) if nodes is None else nodes] = True
         inside[self.boundary] = False
         return np.flatnonzero(inside).astype(np.int32)
 
@@ -174,16 +174,16 @@ class Hierarchy:
         n = last.n_coarse
         A = levels[-1].rows if levels else self.A_0
         assert A is not None
-        kept = np.flatnonzero(self.boundary < n)
+        coarse_boundary = np.flatnonzero(self.boundary < n)
         mass = self.nodal_weights.copy()
         last.restrict(mass)
         sums = np.asarray(A.sum(axis=1)) if self.form.clamped else mass[:n]
-        s = np.append(self.s[kept], self.s[-1])
+        s = np.append(self.s[coarse_boundary], self.s[-1])
         return replace(
             self,
             levels=levels,
             A=A,
-            boundary=self.boundary[kept],
+            boundary=self.boundary[coarse_boundary],
             s=s,
             row_sums=sums,
             nodal_weights=mass[:n],
@@ -196,44 +196,51 @@ def build_hierarchy(mesh: Mesh, previous: Hierarchy | None = None, form: Form = 
 
     Those that are known of a mesh from which this one was refined are taken over.
     """
-    found = previous or _build_level_0(mesh.coarse or mesh, form)
-    steps = mesh.steps[len(found.levels) :]
+    hierarchy = previous or _build_level_0(mesh.coarse or mesh, form)
+    steps = mesh.steps[len(hierarchy.levels) :]
     if not steps:
-        return found
-    levels = [*found.levels]
-    nodes = found.triangles
-    root = found.coarse_triangle
-    halved = found.area_halvings
-    form = found.form
-    fixed = found.form.clamped_nodes(mesh)
+        return hierarchy
+    levels = [*hierarchy.levels]
+    triangles = hierarchy.triangles
+    coarse_triangle = hierarchy.coarse_triangle
+    area_halvings = hierarchy.area_halvings
+    form = hierarchy.form
+    clamped_nodes = hierarchy.form.clamped_nodes(mesh)
     if levels:
         smoothed = levels[-1].smoothed_nodes
-        levels[-1] = levels[-1].attach_rows(found.A if smoothed is None else found.A[smoothed])
+        levels[-1] = levels[-1].attach_rows(hierarchy.A if smoothed is None else hierarchy.A[smoothed])
     for step in steps:
-        more = halved[step.parent] + step.area_halvings
-        nodes = step.replace_values(nodes, step.nodes)
-        root = step.inherit(root)
-        halved = step.replace_values(halved, more)
-        level = _build_level(step, more, fixed)
+        child_halvings = area_halvings[step.parent] + step.area_halvings
+        triangles = step.replace_values(triangles, step.nodes)
+        coarse_triangle = step.inherit(coarse_triangle)
+        area_halvings = step.replace_values(area_halvings, child_halvings)
+        level = _build_level(step, child_halvings, clamped_nodes)
         if step is not steps[-1]:
-            level = level.attach_rows(_assemble_level_rows(level, mesh.points, nodes, form, fixed))
+            level = level.attach_rows(
+                _assemble_level_rows(level, mesh.points, triangles, form, clamped_nodes)
+            )
         levels.append(level)
-    of_mesh = _finest_fields(mesh, form)
+    fields = _finest_fields(mesh, form)
     return replace(
-        found, levels=levels, triangles=nodes, coarse_triangle=root, area_halvings=halved, **of_mesh
+        hierarchy,
+        levels=levels,
+        triangles=triangles,
+        coarse_triangle=coarse_triangle,
+        area_halvings=area_halvings,
+        **fields,
     )
 
 
 def _finest_fields(mesh: Mesh, form: Form) -> dict[str, Any]:
     """The fields that belong to the mesh of the last level."""
-    fixed = form.clamped_nodes(mesh)
-    A, sums, mass = assemble_by_edges(mesh.triangulation, mesh.points, form, fixed)
+    clamped_nodes = form.clamped_nodes(mesh)
+    A, sums, mass = assemble_by_edges(mesh.triangulation, mesh.points, form, clamped_nodes)
     mass *= form.coercivity
     return {
         "A": A,
         "row_sums": sums,
         "nodal_weights": mass,
-        "clamped_nodes": fixed,
+        "clamped_nodes": clamped_nodes,
         "boundary": mesh.boundary,
         "s": mesh.s,
     }
@@ -251,13 +258,19 @@ def _assemble_level_rows(
 
 
 def _build_level_0(mesh: Mesh, form: Form) -> Hierarchy:
-    tri = mesh.triangulation
-    known = _finest_fields(mesh, form)
-    root = np.arange(len(tri.nodes), dtype=np.int32)
-    halved = np.zeros(len(tri.nodes), dtype=np.int16)
-    level_0 = mesh, known["A"], splu(known["A"].tocsc())
+    triangulation = mesh.triangulation
+    fields = _finest_fields(mesh, form)
+    coarse_triangle = np.arange(len(triangulation.nodes), dtype=np.int32)
+    area_halvings = np.zeros(len(triangulation.nodes), dtype=np.int16)
+    level_0 = mesh, fields["A"], splu(fields["A"].tocsc())
     return Hierarchy(
-        *level_0, [], **known, triangles=tri.nodes, coarse_triangle=root, area_halvings=halved, form=form
+        *level_0,
+        [],
+        **fields,
+        triangles=triangulation.nodes,
+        coarse_triangle=coarse_triangle,
+        area_halvings=area_halvings,
+        form=form,
     )
 
 
@@ -276,5 +289,5 @@ def _build_level(step: RefinementStep, area_halvings: Int16, clamped_nodes: Mask
     smoothed = (
         None if step.refined_triangulation else np.concatenate([ends, np.arange(n, n + k, dtype=np.int32)])
     )
-    met = 1 + int(np.bincount(P.indices).max())
-    return FinerSpace(n + k, ends, P, smoothed, None, None, step, area_halvings, met)
+    max_summands = 1 + int(np.bincount(P.indices).max())
+    return FinerSpace(n + k, ends, P, smoothed, None, None, step, area_halvings, max_summands)

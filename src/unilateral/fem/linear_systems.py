@@ -70,14 +70,14 @@ def elimination_order(A: sp.csr_array, boundary: Index = NO_UNKNOWNS) -> Index:
     interior = np.delete(np.arange(A.shape[0]), boundary)
     inner = A[interior][:, interior]
     graph = inner.tocoo()
-    off = graph.row != graph.col
-    if not np.any(off):
+    off_diagonal = graph.row != graph.col
+    if not np.any(off_diagonal):
         return np.concatenate([interior, boundary])
     if not pymetis:
         first = splu(inner.tocsc(), permc_spec="MMD_AT_PLUS_A", options=SUPERLU_OPTIONS)
         return np.concatenate([interior[np.argsort(first.perm_c)], boundary])
-    rows = graph.row[off]
-    neighbours = graph.col[off]
+    rows = graph.row[off_diagonal]
+    neighbours = graph.col[off_diagonal]
     starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=len(interior)))])
     dissection, _ = pymetis.nested_dissection(pymetis.CSRAdjacency(starts, neighbours))
     return np.concatenate([interior[np.asarray(dissection)], boundary])
@@ -107,9 +107,9 @@ def half_solve(A: sp.csr_array, F: sp.csc_array, order: Index) -> sp.csr_array:
     lu = factorise(bordered, np.append(order, np.arange(n, n + k)))
     if not np.array_equal(lu.perm_r, lu.perm_c):
         raise RuntimeError("SuperLU exchanged rows of a symmetric matrix")
-    of_A = lu.perm_c[:n]
+    A_rows = lu.perm_c[:n]
     pivots = lu.U.diagonal()
-    return sp.csr_array(lu.U[:, lu.perm_c[n:]].tocsr()[of_A] / np.sqrt(pivots[of_A])[:, None])
+    return sp.csr_array(lu.U[:, lu.perm_c[n:]].tocsr()[A_rows] / np.sqrt(pivots[A_rows])[:, None])
 
 
 class OrderedMatrix(NamedTuple):

@@ -44,16 +44,16 @@ class EliminationStage:
         k = len(loads)
         (s, p, o) = self.outer.shape
         inner = np.moveaxis(loads[:, self.inner], 1, 0).reshape(s, k * p, -1)
-        moved = np.moveaxis((inner @ self.W).reshape(s, k, p, o), 1, 0)
-        for load, part in zip(loads, moved, strict=True):
-            np.subtract.at(load, self.outer.ravel(), part.ravel())
+        outer_loads = np.moveaxis((inner @ self.W).reshape(s, k, p, o), 1, 0)
+        for load, change in zip(loads, outer_loads, strict=True):
+            np.subtract.at(load, self.outer.ravel(), change.ravel())
 
     def expand(self, x: Array) -> None:
         """Replaces the loads in the inner nodes of x (k, n) by the solution; the outer ones hold it."""
         for inner, outer, factor, W in zip(self.inner, self.outer, self.factor, self.W, strict=True):
             loads = x[:, inner].reshape(-1, len(factor)).T
-            own = cho_solve((factor, True), loads, check_finite=False).T
-            x[:, inner] = own.reshape(len(x), *inner.shape) - x[:, outer] @ W.T
+            inner_solution = cho_solve((factor, True), loads, check_finite=False).T
+            x[:, inner] = inner_solution.reshape(len(x), *inner.shape) - x[:, outer] @ W.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,14 +79,14 @@ class MacroElementFactors:
         self.clamped_boundary = form.clamped_nodes(mesh)[mesh.boundary]
         self.stages: list[EliminationStage] = []
         nodes, matrices = self._condense_macro_elements(mesh, form)
-        uses = np.bincount(nodes.ravel(), minlength=mesh.n_nodes)
-        uses[mesh.boundary] += 1  # these are never met often enough
-        parts = [
-            CondensedPatch(line, np.ones_like(line), K)
-            for lines, K in zip(nodes, matrices, strict=True)
-            for line in lines
+        total_counts = np.bincount(nodes.ravel(), minlength=mesh.n_nodes)
+        total_counts[mesh.boundary] += 1  # these are never met often enough
+        patches = [
+            CondensedPatch(perimeter, np.ones_like(perimeter), K)
+            for shape_nodes, K in zip(nodes, matrices, strict=True)
+            for perimeter in shape_nodes
         ]
-        root = self._join_patches(parts, mesh.points, uses)
+        root = self._join_patches(patches, mesh.points, total_counts)
         order = np.argsort(root.nodes)[np.argsort(np.argsort(mesh.boundary))]
         coupled = ~(self.clamped_boundary[:, None] | self.clamped_boundary) | np.eye(len(order), dtype=bool)
         self.A_3 = np.where(coupled, root.K[np.ix_(order, order)], 0.0)
@@ -106,15 +106,18 @@ class MacroElementFactors:
     def _condense_macro_elements(self, mesh: Mesh, form: Form) -> tuple[Index, Array]:
         """The nodes (s, p, 3m) around the coarse triangles, and the matrix (s, 3m, 3m) of each shape."""
         coarse = mesh.coarse or mesh
-        of = coarse.triangulation
-        shapes = 1 if of.all_alike else len(of.nodes)
-        K = element_matrices(coarse.points[of.nodes[:shapes]] / 2.0**mesh.halvings, form)
-        lines = (each.reshape(shapes, -1, each.shape[-1]) for each in perimeter_nodes(of, mesh.halvings))
-        nodes = next(lines)
-        for around in lines:
-            shapes, parts, _ = around.shape
-            K = self._condense_four_children(K, nodes.reshape(shapes, parts, 4, -1), around)
-            nodes = around
+        triangulation = coarse.triangulation
+        shapes = 1 if triangulation.all_alike else len(triangulation.nodes)
+        K = element_matrices(coarse.points[triangulation.nodes[:shapes]] / 2.0**mesh.halvings, form)
+        levels = (
+            level_nodes.reshape(shapes, -1, level_nodes.shape[-1])
+            for level_nodes in perimeter_nodes(triangulation, mesh.halvings)
+        )
+        nodes = next(levels)
+        for outer in levels:
+            shapes, copies, _ = outer.shape
+            K = self._condense_four_children(K, nodes.reshape(shapes, copies, 4, -1), outer)
+            nodes = outer
         return nodes, K
 
     def _condense_four_children(self, K: Array, children: Index, outer: Index) -> Array:
@@ -125,10 +128,10 @@ class MacroElementFactors:
         inner = children.reshape(*children.shape[:2], -1)[..., first]
         local = np.concatenate([inner[0, 0], outer[0, 0]])
         order = np.argsort(local)
-        whole = np.zeros((len(K), len(local), len(local)))
+        assembled = np.zeros((len(K), len(local), len(local)))
         for child in order[np.searchsorted(local[order], example)]:
-            whole[:, child[:, None], child] += K
-        return self._eliminate_inner(whole, inner, outer)
+            assembled[:, child[:, None], child] += K
+        return self._eliminate_inner(assembled, inner, outer)
 
     def _join_patches(
         self, patches: list[CondensedPatch], points: Array, total_counts: Index
@@ -136,28 +139,28 @@ class MacroElementFactors:
         """The union of all parts, halved across its longer extent, and each half first joined in itself."""
         if len(patches) == 1:
             return patches[0]
-        centres = np.array([points[part.nodes].mean(axis=0) for part in patches])
+        centres = np.array([points[patch.nodes].mean(axis=0) for patch in patches])
         order = np.argsort(centres[:, np.argmax(np.ptp(centres, axis=0))], kind="stable")
         half = len(patches) // 2
         pair = [
-            self._join_patches([patches[k] for k in some], points, total_counts)
-            for some in (order[:half], order[half:])
+            self._join_patches([patches[k] for k in members], points, total_counts)
+            for members in (order[:half], order[half:])
         ]
         nodes = np.union1d(pair[0].nodes, pair[1].nodes)
-        met = np.zeros_like(nodes)
-        for part in pair:
-            met[np.searchsorted(nodes, part.nodes)] += part.triangle_counts
-        inside = met == total_counts[nodes]
+        counts = np.zeros_like(nodes)
+        for patch in pair:
+            counts[np.searchsorted(nodes, patch.nodes)] += patch.triangle_counts
+        inside = counts == total_counts[nodes]
         order = np.argsort(~inside, kind="stable")
         rank = np.argsort(order)
         i = np.count_nonzero(inside)
         K = np.zeros((1, len(nodes), len(nodes)))
-        for part in pair:
-            at = rank[np.searchsorted(nodes, part.nodes)]
-            K[0, at[:, None], at] += part.K
+        for patch in pair:
+            position = rank[np.searchsorted(nodes, patch.nodes)]
+            K[0, position[:, None], position] += patch.K
         inner, outer = np.split(nodes[order], [i])
         return CondensedPatch(
-            outer, met[order][i:], self._eliminate_inner(K, inner[None, None], outer[None, None])[0]
+            outer, counts[order][i:], self._eliminate_inner(K, inner[None, None], outer[None, None])[0]
         )
 
     def _eliminate_inner(self, K: Array, inner: Index, outer: Index) -> Array:
@@ -198,13 +201,15 @@ def perimeter_nodes(coarse: Triangulation, halvings: int) -> Iterator[Index]:
         levels.append(refine_triangulation(levels[-1])[0])
     along = levels[-1].ends
     while levels:
-        of = levels.pop()
+        triangulation = levels.pop()
         # `refine_triangulation` puts first children before second ones; here each triangle is followed by its
         # sisters
-        order = np.arange(len(of.nodes)).reshape(*[4] * len(levels), -1).T.ravel()
-        if len(along) > len(of.ends):  # the halves of edge e are e and E + e
-            first, second = np.split(along[: 2 * len(of.ends)], 2)
+        order = np.arange(len(triangulation.nodes)).reshape(*[4] * len(levels), -1).T.ravel()
+        if len(along) > len(triangulation.ends):  # the halves of edge e are e and E + e
+            first, second = np.split(along[: 2 * len(triangulation.ends)], 2)
             along = np.concatenate([first, second[:, 1:]], axis=1)
-        line = along[np.roll(of.edges[order], 1, axis=1)]
-        line = np.where((line[..., 0] == of.nodes[order])[..., None], line, line[..., ::-1])[..., :-1]
+        line = along[np.roll(triangulation.edges[order], 1, axis=1)]
+        line = np.where((line[..., 0] == triangulation.nodes[order])[..., None], line, line[..., ::-1])[
+            ..., :-1
+        ]
         yield line.reshape(len(line), -1).astype(np.intp)

@@ -56,12 +56,12 @@ def nested_cells(hierarchy: Hierarchy, partition: Partition) -> list[LevelCells]
     apart = float(np.max(np.abs(s[place] - partition.points)))
     if apart > VERTEX_TOLERANCE * partition.polygon.perimeter or np.any(np.diff(ends) < MIN_EDGES_PER_CELL):
         return None
-    found: list[LevelCells] = []
+    levels: list[LevelCells] = []
     while True:
         first = _group_cells(ends, side) if hierarchy.coarser else None
-        found.insert(0, _make_level_cells(hierarchy, ends, first))
+        levels.insert(0, _make_level_cells(hierarchy, ends, first))
         if first is None or hierarchy.coarser is None:
-            return found
+            return levels
         last = np.append(first, len(ends))[1:] - 1
         ends = np.column_stack([ends[first, 0], ends[last, 1]]) // 2
         side = side[first]
@@ -70,19 +70,19 @@ def nested_cells(hierarchy: Hierarchy, partition: Partition) -> list[LevelCells]
 
 def _group_cells(ends: Index, side: Index) -> Index | None:
     """The first cell of each union that is a cell of the level before; None if a side has no room."""
-    found: list[int] = []
-    for one in np.unique(side):
-        first, *others = np.flatnonzero(side == one).tolist()
+    firsts: list[int] = []
+    for number in np.unique(side):
+        first, *candidates = np.flatnonzero(side == number).tolist()
         begins = [first]
-        for i in others:
+        for i in candidates:
             if ends[i, 0] % 2 == 0 and ends[i, 0] - ends[begins[-1], 0] >= 2 * MIN_EDGES_PER_CELL:
                 begins.append(i)
-        if ends[side == one].max() - ends[begins[-1], 0] < 2 * MIN_EDGES_PER_CELL:
+        if ends[side == number].max() - ends[begins[-1], 0] < 2 * MIN_EDGES_PER_CELL:
             begins.pop()
         if not begins:
             return None
-        found += begins
-    return np.array(found, dtype=np.intp)
+        firsts += begins
+    return np.array(firsts, dtype=np.intp)
 
 
 def _make_level_cells(hierarchy: Hierarchy, ends: Index, first: Index | None) -> LevelCells:

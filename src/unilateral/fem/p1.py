@@ -36,9 +36,9 @@ def gradients(mesh: Mesh) -> Array:
 
 def stiffness_and_mass(mesh: Mesh) -> tuple[sp.csr_array, sp.csr_array]:
     """Stiffness K and mass M (n, n); K + M is the matrix of the paper's (., .)_1."""
-    slopes = gradients(mesh)
+    hat_gradients = gradients(mesh)
     areas = mesh.areas
-    stiffness = areas[:, None, None] * (slopes @ slopes.transpose(0, 2, 1))
+    stiffness = areas[:, None, None] * (hat_gradients @ hat_gradients.transpose(0, 2, 1))
     mass = areas[:, None, None] * ((np.ones((3, 3)) + np.eye(3)) / 12)
     n = mesh.n_nodes
     return assemble_matrix(mesh.triangles, stiffness, n), assemble_matrix(mesh.triangles, mass, n)
@@ -65,8 +65,8 @@ def load_vector(mesh: Mesh, moments: Array) -> Array:
 
 def mesh_blocks(mesh: Mesh) -> Iterator[Mesh]:
     """The mesh in blocks, each with all nodes and some of the triangles."""
-    for of in row_blocks(len(mesh.triangles), MESH_BLOCK_TRIANGLES):
-        yield mesh.select_triangles(np.arange(of.start, of.stop))
+    for block in row_blocks(len(mesh.triangles), MESH_BLOCK_TRIANGLES):
+        yield mesh.select_triangles(np.arange(block.start, block.stop))
 
 
 def assemble_load_by_blocks(mesh: Mesh, moments: Callable[[Mesh], Array]) -> Array:
@@ -75,8 +75,8 @@ def assemble_load_by_blocks(mesh: Mesh, moments: Callable[[Mesh], Array]) -> Arr
     The shape is (n,).
     """
     values = np.zeros(mesh.n_nodes)
-    for part in mesh_blocks(mesh):
-        np.add.at(values, part.triangles, moments(part))
+    for block in mesh_blocks(mesh):
+        np.add.at(values, block.triangles, moments(block))
     return values
 
 
@@ -167,9 +167,9 @@ def subtract_lift_from_load(mesh: Mesh, form: Form, load: Array, dirichlet_lift:
     """
 
     def form_moments(block: Mesh) -> Array:
-        slopes = gradients(block)
+        hat_gradients = gradients(block)
         values = dirichlet_lift[block.triangles]
-        along = np.einsum("tid,tjd,tj->ti", slopes, slopes, values)
+        along = np.einsum("tid,tjd,tj->ti", hat_gradients, hat_gradients, values)
         return form.k * block.areas[:, None] * along + form.c * linear_moments(block.areas, values)
 
     near = mesh.select_triangles(np.flatnonzero(dirichlet_lift[mesh.triangles].any(axis=1)))
@@ -198,11 +198,13 @@ def energy_norm(mesh: Mesh, v: Array, form: Form = H1) -> float:
     if not 0 < unit < math.inf:
         return unit
     square = 0.0
-    for of in row_blocks(len(mesh.triangles)):
-        nodal = v.take(mesh.triangles[of].T) / unit
-        (x, y) = mesh.points.T[:, mesh.triangles[of].T]
-        along = [np.sum(nodal * (z[[2, 0, 1]] - z[[1, 2, 0]]), axis=0) for z in (x, y)]
-        of_value = (nodal.sum(axis=0) ** 2 + (nodal**2).sum(axis=0)) / 12
-        square += form.k * float(np.sum(0.25 * (along[0] ** 2 + along[1] ** 2) / mesh.areas[of]))
-        square += form.c * float(mesh.areas[of] @ of_value)
+    for block in row_blocks(len(mesh.triangles)):
+        nodal = v.take(mesh.triangles[block].T) / unit
+        (x, y) = mesh.points.T[:, mesh.triangles[block].T]
+        differences = [np.sum(nodal * (z[[2, 0, 1]] - z[[1, 2, 0]]), axis=0) for z in (x, y)]
+        mean_squares = (nodal.sum(axis=0) ** 2 + (nodal**2).sum(axis=0)) / 12
+        square += form.k * float(
+            np.sum(0.25 * (differences[0] ** 2 + differences[1] ** 2) / mesh.areas[block])
+        )
+        square += form.c * float(mesh.areas[block] @ mean_squares)
     return unit * math.sqrt(square)

@@ -41,9 +41,9 @@ def linear_square_norms(areas: Array, values: Array) -> Array:
     The shape is (k,).
     """
     axes = tuple(range(1, values.ndim))
-    own = (values**2).sum(axis=axes)
-    of_sums = (values.sum(axis=1) ** 2).sum(axis=axes[:-1])
-    return np.asarray(areas / 12 * (own + of_sums))
+    square_sums = (values**2).sum(axis=axes)
+    sum_squares = (values.sum(axis=1) ** 2).sum(axis=axes[:-1])
+    return np.asarray(areas / 12 * (square_sums + sum_squares))
 
 
 def quadratic_square_norms(areas: Array, hats: Array, bubbles: Array) -> Array:
@@ -68,8 +68,8 @@ def gradients_at_nodes(hat_gradients: Array, hats: Array, bubbles: Array) -> Arr
     linear = np.einsum("tid,ti->td", hat_gradients, hats)[:, None]
     after = np.roll(hat_gradients, -1, axis=1)
     before = np.roll(hat_gradients, 1, axis=1)
-    of_before = np.roll(bubbles, 1, axis=1)[..., None] * before
-    return np.asarray(linear + 4 * (bubbles[..., None] * after + of_before))
+    before_terms = np.roll(bubbles, 1, axis=1)[..., None] * before
+    return np.asarray(linear + 4 * (bubbles[..., None] * after + before_terms))
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +98,8 @@ class QuadraticSpace:
 
         Returns arrays of the shapes (m, 3), (m, 3).
         """
-        of = v[self.unknowns]
-        return of[:, :3], of[:, 3:]
+        element_values = v[self.unknowns]
+        return element_values[:, :3], element_values[:, 3:]
 
     def gradient(self, v: Array) -> Array:
         """The gradient of v at the corners of each triangle.
@@ -163,9 +163,9 @@ class QuadraticSpace:
         fixed = np.zeros(self.size, dtype=bool)
         fixed[self.boundary_unknowns[contact]] = True
         fixed[zero_unknowns] = True
-        here = np.flatnonzero(contact[len(nodes) :])
-        rows = np.tile(middles[here], 2)
-        ends = np.append(nodes[here], np.roll(nodes, -1)[here])
+        contact_edges = np.flatnonzero(contact[len(nodes) :])
+        rows = np.tile(middles[contact_edges], 2)
+        ends = np.append(nodes[contact_edges], np.roll(nodes, -1)[contact_edges])
         back = sp.coo_array((np.full(len(rows), -0.5), (rows, ends)), shape=(self.size, self.size))
         return (sp.eye_array(self.size, format="csr") + back.tocsr())[:, ~fixed]
 
@@ -173,26 +173,28 @@ class QuadraticSpace:
         self, A: sp.csr_array, load: Array, start: Array, basis: sp.csr_array
     ) -> ConjugateGradients:
         """The descent to the x (k,) for which v = start + `basis` x has the least v . A v - 2 load . v."""
-        own = (basis.T @ A @ basis).tocsr()
+        reduced = (basis.T @ A @ basis).tocsr()
         n = basis[: self.mesh.n_nodes].nnz
-        of_hats = approximate_inverse(own[:n, :n].tocsr())
-        diagonal = own.diagonal()[n:]
+        invert_hats = approximate_inverse(reduced[:n, :n].tocsr())
+        diagonal = reduced.diagonal()[n:]
         zero = np.zeros(basis.shape[1])
         rhs = basis.T @ (load - A @ start)
-        return ConjugateGradients(own, rhs, zero, lambda r: np.append(of_hats(r[:n]), r[n:] / diagonal))
+        return ConjugateGradients(
+            reduced, rhs, zero, lambda r: np.append(invert_hats(r[:n]), r[n:] / diagonal)
+        )
 
 
 def quadratic_space(mesh: Mesh) -> QuadraticSpace:
     """P2 on a mesh."""
     n = mesh.n_nodes
     edges = mesh.opposite_edges[:, [2, 0, 1]]
-    of = mesh.triangulation
+    triangulation = mesh.triangulation
     return QuadraticSpace(
         mesh,
         unknowns=np.concatenate([mesh.triangles, n + edges], axis=1).astype(np.int32),
         hat_gradients=gradients(mesh),
-        boundary_unknowns=np.concatenate([mesh.boundary, n + of.boundary_edges]),
-        size=n + len(of.ends),
+        boundary_unknowns=np.concatenate([mesh.boundary, n + triangulation.boundary_edges]),
+        size=n + len(triangulation.ends),
     )
 
 
@@ -212,18 +214,20 @@ class BoundaryLayer(NamedTuple):
     def function(self, nodal: Array, bubble: Array) -> tuple[Array, Array]:
         """The coefficients (k, 3) of hats and of bubbles, from those at boundary nodes and edges (nb,)."""
         values = np.zeros(self.mesh.n_nodes)
-        of_edges = np.zeros((len(self.triangles), 3))
+        bubbles = np.zeros((len(self.triangles), 3))
         values[self.mesh.boundary] = nodal
-        of_edges[self.edge_places[:, 0], self.edge_places[:, 1]] = bubble
-        return values[self.mesh.triangles[self.triangles]], of_edges
+        bubbles[self.edge_places[:, 0], self.edge_places[:, 1]] = bubble
+        return values[self.mesh.triangles[self.triangles]], bubbles
 
     def square_norms(self, form: Form, hats: Array, bubbles: Array) -> Array:
         """The squared energy norms on the triangles of a function with these coefficients.
 
         The shape is (k,).
         """
-        of_gradient = linear_square_norms(self.areas, gradients_at_nodes(self.hat_gradients, hats, bubbles))
-        return form.k * of_gradient + form.c * quadratic_square_norms(self.areas, hats, bubbles)
+        gradient_squares = linear_square_norms(
+            self.areas, gradients_at_nodes(self.hat_gradients, hats, bubbles)
+        )
+        return form.k * gradient_squares + form.c * quadratic_square_norms(self.areas, hats, bubbles)
 
     def norm(self, form: Form, nodal: Array, bubble: Array) -> float:
         """The energy norm of the function with these coefficients at boundary nodes and edges (nb,)."""
@@ -235,10 +239,10 @@ class BoundaryLayer(NamedTuple):
         The shape is (nb,).
         """
         row, node = self.edge_places.T
-        of = self._replace(
+        edge_layer = self._replace(
             triangles=self.triangles[row], areas=self.areas[row], hat_gradients=self.hat_gradients[row]
         )
-        return of.square_norms(form, np.zeros((len(row), 3)), np.eye(3)[node])
+        return edge_layer.square_norms(form, np.zeros((len(row), 3)), np.eye(3)[node])
 
 
 def boundary_layer(mesh: Mesh) -> BoundaryLayer:
@@ -247,6 +251,6 @@ def boundary_layer(mesh: Mesh) -> BoundaryLayer:
     on_boundary[mesh.boundary] = True
     triangles = np.flatnonzero(np.logical_or.reduce([on_boundary.take(nodes) for nodes in mesh.triangles.T]))
     node = np.argmax(mesh.triangles[mesh.boundary_triangles] == mesh.boundary[:, None], axis=1)
-    at = np.column_stack([np.searchsorted(triangles, mesh.boundary_triangles), node])
-    part = mesh.select_triangles(triangles)
-    return BoundaryLayer(mesh, triangles, part.areas, gradients(part), at)
+    edge_places = np.column_stack([np.searchsorted(triangles, mesh.boundary_triangles), node])
+    layer_mesh = mesh.select_triangles(triangles)
+    return BoundaryLayer(mesh, triangles, layer_mesh.areas, gradients(layer_mesh), edge_places)

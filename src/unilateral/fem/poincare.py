@@ -164,11 +164,11 @@ def crouzeix_raviart_matrix(mesh: Mesh) -> tuple[sp.csr_array, Array]:
     """
     edges = mesh.opposite_edges
     n = len(mesh.triangulation.ends)
-    slopes = -2 * gradients(mesh)
-    stiffness = mesh.areas[:, None, None] * (slopes @ slopes.transpose(0, 2, 1))
+    function_gradients = -2 * gradients(mesh)
+    stiffness = mesh.areas[:, None, None] * (function_gradients @ function_gradients.transpose(0, 2, 1))
     mass = np.bincount(edges.ravel(), np.repeat(mesh.areas / 3, 3), n)
-    root = sp.diags_array(1 / np.sqrt(mass))
-    return (root @ assemble_matrix(edges, stiffness, n) @ root).tocsr(), np.sqrt(mass)
+    scaling = sp.diags_array(1 / np.sqrt(mass))
+    return (scaling @ assemble_matrix(edges, stiffness, n) @ scaling).tocsr(), np.sqrt(mass)
 
 
 def bound_eigenvalue(B: sp.csr_array) -> float:

@@ -101,12 +101,12 @@ def boundary_rule(polygon: Polygon, cuts: Array, singular: Iterable[SingularPoin
 
 def _anchors(polygon: Polygon, singular: Iterable[SingularPoint]) -> tuple[Array, Array, Array]:
     """Arc lengths of the vertices and singular points, increasing, their gradings, and places t on a side."""
-    found = {s: (1, 0.0) for s in polygon.starts.tolist()}
+    grading_and_t = {s: (1, 0.0) for s in polygon.starts.tolist()}
     for p in singular:
         s = polygon.arc_length(p.side, p.t)
-        found[s] = (lcm(found.get(s, (1, 0.0))[0], p.grading), p.t)
-    anchors = np.array(sorted(found))
-    grading, place = np.array([found[s] for s in anchors.tolist()], dtype=float).T
+        grading_and_t[s] = (lcm(grading_and_t.get(s, (1, 0.0))[0], p.grading), p.t)
+    anchors = np.array(sorted(grading_and_t))
+    grading, place = np.array([grading_and_t[s] for s in anchors.tolist()], dtype=float).T
     return anchors, grading, place
 
 
@@ -156,25 +156,25 @@ def triangle_rules(mesh: Mesh, case: ExactSolution, degree: int | None = None) -
     corners, parent, singular = split_triangles(mesh, case)
     special = np.zeros(len(mesh.triangles), dtype=bool)
     special[parent] = True
-    for apart in singular:
-        special[apart.parent] = True
+    for pieces in singular:
+        special[pieces.parent] = True
     regular = np.flatnonzero(~special)
     radii = [4 * kink.radius for kink in case.kinks() if kink.radius]
     fine = mesh.h <= FINE_MESH_RATIO * min([mesh.polygon.lengths.min(), *radii])
-    of_whole = degree or (FINE_MESH_DEGREE if fine else TRIANGLE_DEGREE)
-    of_pieces = degree or TRIANGLE_DEGREE
+    whole_degree = degree or (FINE_MESH_DEGREE if fine else TRIANGLE_DEGREE)
+    piece_degree = degree or TRIANGLE_DEGREE
     for block in row_blocks(len(regular)):
         index = regular[block]
-        whole = np.broadcast_to(np.eye(3), (len(index), 3, 3))
-        yield _place_rule(mesh, whole, index, *symmetric_rule(of_whole))
+        unit_corners = np.broadcast_to(np.eye(3), (len(index), 3, 3))
+        yield _place_rule(mesh, unit_corners, index, *symmetric_rule(whole_degree))
     for block in row_blocks(len(parent)):
-        yield _place_rule(mesh, corners[block], parent[block], *symmetric_rule(of_pieces))
-    for apart in singular:
-        points, weights = duffy_rule(of_pieces, apart.grading)
-        rule = _place_rule(mesh, apart.corners, apart.parent, points, weights)
-        edges = apart.corners[:, 1:] @ mesh.points[mesh.triangles[apart.parent]] - apart.point[:, None]
+        yield _place_rule(mesh, corners[block], parent[block], *symmetric_rule(piece_degree))
+    for pieces in singular:
+        points, weights = duffy_rule(piece_degree, pieces.grading)
+        rule = _place_rule(mesh, pieces.corners, pieces.parent, points, weights)
+        edges = pieces.corners[:, 1:] @ mesh.points[mesh.triangles[pieces.parent]] - pieces.point[:, None]
         offset = (points[:, 1:] @ edges).reshape(-1, 2)
-        yield replace(rule, origin=np.repeat(apart.point, len(weights), axis=0), offset=offset)
+        yield replace(rule, origin=np.repeat(pieces.point, len(weights), axis=0), offset=offset)
 
 
 @cache

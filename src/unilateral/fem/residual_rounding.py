@@ -54,10 +54,10 @@ def product_with_rounding(A: sp.csr_array, row_sums: Array, u: Array) -> Rounded
     sizes = np.abs(row_sums * u)
     for rows in row_blocks(len(u), PRODUCT_ROWS_PER_BLOCK):
         start = A.indptr[rows.start : rows.stop + 1]
-        of = slice(start[0], start[-1])
-        parts = A.data[of] * (u[A.indices[of]] - np.repeat(u[rows], np.diff(start)))
-        values[rows] += np.add.reduceat(parts, start[:-1] - start[0])
-        sizes[rows] += np.add.reduceat(np.abs(parts), start[:-1] - start[0])
+        entries = slice(start[0], start[-1])
+        terms = A.data[entries] * (u[A.indices[entries]] - np.repeat(u[rows], np.diff(start)))
+        values[rows] += np.add.reduceat(terms, start[:-1] - start[0])
+        sizes[rows] += np.add.reduceat(np.abs(terms), start[:-1] - start[0])
     return Rounded(values, UNIT_ROUNDOFF * (max_row_entries(A) + 4) * sizes)
 
 
@@ -71,15 +71,15 @@ def gap_with_rounding(B: sp.csr_array, u: Array, d: Array, lengths: Array | floa
 def load_with_rounding(load: Array, B: sp.csr_array, lambda_H: Array) -> Rounded:
     """load + B^T pressure (n,), for B (m, n) without negative entries and pressure (m,) >= 0."""
     pull = B.T @ lambda_H
-    most = int(np.bincount(B.indices).max(initial=0))
-    return Rounded(load + pull, UNIT_ROUNDOFF * (most + 4) * (np.abs(load) + pull))
+    max_cells = int(np.bincount(B.indices).max(initial=0))
+    return Rounded(load + pull, UNIT_ROUNDOFF * (max_cells + 4) * (np.abs(load) + pull))
 
 
 def residual_with_rounding(A: sp.csr_array, row_sums: Array, u: Array, load: Rounded) -> Rounded:
     """load - A u (n,), A as in `product_with_rounding`."""
-    of_u = product_with_rounding(A, row_sums, u)
-    values = load.values - of_u.values
-    return Rounded(values, load.rounding + of_u.rounding + UNIT_ROUNDOFF * np.abs(values))
+    A_u = product_with_rounding(A, row_sums, u)
+    values = load.values - A_u.values
+    return Rounded(values, load.rounding + A_u.rounding + UNIT_ROUNDOFF * np.abs(values))
 
 
 def lumped_dual_norm_bound(R: Array, nodal_weights: Array) -> float:
@@ -92,5 +92,5 @@ def product_root(x: Array, y: Array) -> float:
 
     y)^{1/2} for numbers (n,) of one size, or 0 if x . y < 0; computed in units of the largest one.
     """
-    unit = max(float(np.max(np.abs(each), initial=0.0)) for each in (x, y))
+    unit = max(float(np.max(np.abs(numbers), initial=0.0)) for numbers in (x, y))
     return unit * max(float(x / unit @ (y / unit)), 0.0) ** 0.5 if unit > 0 else 0.0

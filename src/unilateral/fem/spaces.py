@@ -50,8 +50,8 @@ class DualOperator:
 
         The shape is (m, m).
         """
-        root = np.sqrt(self.H_i)
-        return self.D / root[:, None] / root
+        scaling = np.sqrt(self.H_i)
+        return self.D / scaling[:, None] / scaling
 
     @cached_property
     def spectrum(self) -> Array:
@@ -126,9 +126,9 @@ class MixedSpaces:
 
     def extend_by_zero(self, lambda_H: Array) -> Array:
         """lambda_H (m,) as a function on all cells, 0 on free sides."""
-        on_all = np.zeros(self.partition.n_cells)
-        on_all[self.cells] = lambda_H
-        return on_all
+        extended = np.zeros(self.partition.n_cells)
+        extended[self.cells] = lambda_H
+        return extended
 
     def response(self, load: Array, mu: Array) -> Array:
         """u(mu) (n,) of (5.1), for the values (f, phi_i) (n,) and mu (m,), or (n, k) of k at once."""
@@ -155,6 +155,6 @@ def dual_operator(condensed: CondensedMatrix, B: sp.csr_array, H_i: Array) -> Du
     """
     loads = B.T.toarray()
     loads[condensed.clamped_nodes[condensed.mesh.boundary]] = 0.0
-    half = solve_triangular(condensed.cholesky, loads, trans="T", check_finite=False)
-    lift_norm = energy_norm(condensed.mesh, np.where(condensed.clamped_nodes, 0.0, 1.0), condensed.form)
-    return DualOperator(half, H_i, lift_norm, loads.sum(axis=0) / H_i)
+    D_factor = solve_triangular(condensed.cholesky, loads, trans="T", check_finite=False)
+    shift_norm = energy_norm(condensed.mesh, np.where(condensed.clamped_nodes, 0.0, 1.0), condensed.form)
+    return DualOperator(D_factor, H_i, shift_norm, loads.sum(axis=0) / H_i)

@@ -58,12 +58,14 @@ def split_triangles(mesh: Mesh, case: ExactSolution) -> tuple[Array, Index, list
     corners = np.broadcast_to(np.eye(3), (len(parent), 3, 3))
     lengths = case.polygon.lengths
     smallest = KINK_PIECE_PER_SIDE * max(lengths.min(), MIN_SIDE_RATIO * lengths.max())
-    apart: dict[int, list[tuple[Array, Index, Array]]] = {}
+    singular_groups: dict[int, list[tuple[Array, Index, Array]]] = {}
     corners, parent = _separate_singular_points(mesh, corners, parent, [point for point, _ in points])
     for point, grading in points:
         holds = _pieces_contain(mesh, corners, parent, point)
-        pieces, of = _split_at_point(mesh, corners[holds], parent[holds], point)
-        apart.setdefault(grading, []).append((pieces, of, np.tile(point, (len(of), 1))))
+        pieces, piece_parent = _split_at_point(mesh, corners[holds], parent[holds], point)
+        singular_groups.setdefault(grading, []).append(
+            (pieces, piece_parent, np.tile(point, (len(piece_parent), 1)))
+        )
         corners = corners[~holds]
         parent = parent[~holds]
     done: list[tuple[Array, Index]] = []
@@ -84,8 +86,8 @@ def split_triangles(mesh: Mesh, case: ExactSolution) -> tuple[Array, Index, list
     corners = np.concatenate([pieces for pieces, _ in done])
     parent = np.concatenate([triangles for _, triangles in done])
     singular = []
-    for grading, parts in apart.items():
-        pieces, triangles, first = map(np.concatenate, zip(*parts, strict=True))
+    for grading, groups in singular_groups.items():
+        pieces, triangles, first = map(np.concatenate, zip(*groups, strict=True))
         singular.append(SingularPieces(pieces, triangles, first, grading))
     return corners, parent, singular
 
@@ -169,5 +171,5 @@ def quarter(corners: Array) -> Array:
     ab = 0.5 * (a + b)
     bc = 0.5 * (b + c)
     ca = 0.5 * (c + a)
-    parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    return np.stack([np.stack(part, axis=1) for part in parts], axis=1).reshape(-1, 3, 3)
+    quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.stack([np.stack(vertices, axis=1) for vertices in quarters], axis=1).reshape(-1, 3, 3)

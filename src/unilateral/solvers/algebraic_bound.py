@@ -53,13 +53,13 @@ def condensed_algebraic_bound(
     low = np.minimum(mu, rho * (gap.values + (-1) * gap.rounding))
     R = np.minimum(mu, rho * (gap.values + 0 * gap.rounding))
     high = np.minimum(mu, rho * (gap.values + 1 * gap.rounding))
-    root = np.sqrt(operator.H_i)
-    in_L2 = float(dnrm2(root * R))
-    doubt = float(dnrm2(root * (high - low)))
-    a = (1 + FORM_ROUNDING) * scaled_matrix_norm(operator.D, R, in_L2) + doubt * math.sqrt(
+    weights = np.sqrt(operator.H_i)
+    R_norm = float(dnrm2(weights * R))
+    R_rounding = float(dnrm2(weights * (high - low)))
+    a = (1 + FORM_ROUNDING) * scaled_matrix_norm(operator.D, R, R_norm) + R_rounding * math.sqrt(
         2 * operator.lambda_max
     )
-    return a + (in_L2 + doubt) / (rho * math.sqrt(operator.lambda_min_lower)) + 3 * delta
+    return a + (R_norm + R_rounding) / (rho * math.sqrt(operator.lambda_min_lower)) + 3 * delta
 
 
 def _energy_algebraic_bound(operator: DualOperator, mu: Array, gap: Rounded, delta: float) -> float:
@@ -68,7 +68,7 @@ def _energy_algebraic_bound(operator: DualOperator, mu: Array, gap: Rounded, del
     It is computed in units of the largest number, because the square of a tiny one would be 0.
     """
     weighted = operator.H_i * mu
-    unit = max(float(np.max(each)) for each in (np.abs(gap.values), gap.rounding, weighted, [delta]))
+    unit = max(float(np.max(numbers)) for numbers in (np.abs(gap.values), gap.rounding, weighted, [delta]))
     if not 0 < unit < math.inf:
         return unit
     t = operator.required_shift(gap.values - gap.rounding) / unit

@@ -41,13 +41,13 @@ def _check_rho(operator: DualOperator, algorithm: str, rho: float | None) -> Non
     Uzawa's steps y - rho (S y + b) are contractions for rho < 2/lambda_max(S), see (5.2). Nesterov's momentum
     is proved to converge for rho <= 1/lambda_max(S). The others only begin with rho.
     """
-    most = {"uzawa": 2.0, "nesterov": 1.0}.get(algorithm, math.inf)
-    if rho is None or rho * operator.lambda_max < most or (rho * operator.lambda_max == most == 1.0):
+    factor = {"uzawa": 2.0, "nesterov": 1.0}.get(algorithm, math.inf)
+    if rho is None or rho * operator.lambda_max < factor or (rho * operator.lambda_max == factor == 1.0):
         return
-    limit = most / operator.lambda_max
+    limit = factor / operator.lambda_max
     raise InputError(
         f"rho = {rho:g} is too large: steps of the algorithm {algorithm} are sure to converge for rho below "
-        f"{most:g} / lambda_max(S) = {limit:.4g}; take a smaller one, or leave rho out"
+        f"{factor:g} / lambda_max(S) = {limit:.4g}; take a smaller one, or leave rho out"
     )
 
 

@@ -42,28 +42,28 @@ def minimise_linear_plus_norm(
     one that was met. A constant is never better, if nothing is exact.
     """
     active = active | equalities[:, None]
-    usual = 2 * np.count_nonzero(active, axis=1) <= active.shape[1]
+    usually_free = 2 * np.count_nonzero(active, axis=1) <= active.shape[1]
     begin = (
         np.where(np.isfinite(lower_bounds), lower_bounds, 0.0)
         if equalities.any()
         else np.ones_like(lower_bounds) * lower_bounds.max(axis=0)
     )
-    T = _principal_pivot(S, usual)
+    T = _principal_pivot(S, usually_free)
     best = begin
-    left = np.arange(lower_bounds.shape[1])
+    unsettled = np.arange(lower_bounds.shape[1])
     values = _objective(S, l, best)
     for _ in range(MAX_SET_UPDATES):
-        of = active[:, left]
-        bound = lower_bounds[:, left]
-        v, push = _stationary_point(T, usual, of, bound, l)
+        sets = active[:, unsettled]
+        bound = lower_bounds[:, unsettled]
+        v, push = _stationary_point(T, usually_free, sets, bound, l)
         cut = np.maximum(v, bound)
-        now = _objective(S, l, cut)
-        better = now < values[left]
-        best[:, left[better]] = cut[:, better]
-        values[left[better]] = now[better]
-        active[:, left] = np.where(of, (push >= 0) | equalities[:, None], v < bound)
-        left = left[(active[:, left] != of).any(axis=0)]
-        if not left.size:
+        objective = _objective(S, l, cut)
+        better = objective < values[unsettled]
+        best[:, unsettled[better]] = cut[:, better]
+        values[unsettled[better]] = objective[better]
+        active[:, unsettled] = np.where(sets, (push >= 0) | equalities[:, None], v < bound)
+        unsettled = unsettled[(active[:, unsettled] != sets).any(axis=0)]
+        if not unsettled.size:
             break
     return best
 
@@ -77,10 +77,10 @@ def _stationary_point(
 ) -> tuple[Array, Array]:
     """The stationary v (n, k) for the `active` sets (n, k), and the gradient l + S v / |v|_S."""
     (q, S_q), (p, S_p) = _solve_active_sets(T, usually_free, active, lower_bounds, l)
-    of_q = np.sqrt(np.maximum(np.sum(q * S_q, axis=0), 0.0))
-    left = 1 + l @ p
-    bounded = left > 0
-    t = np.where(bounded, of_q / np.sqrt(np.where(bounded, left, 1)), UNBOUNDED_T * np.maximum(of_q, 1))
+    q_norm = np.sqrt(np.maximum(np.sum(q * S_q, axis=0), 0.0))
+    square = 1 + l @ p
+    bounded = square > 0
+    t = np.where(bounded, q_norm / np.sqrt(np.where(bounded, square, 1)), UNBOUNDED_T * np.maximum(q_norm, 1))
     t = np.maximum(t, MIN_T)
     return q + t * p, l[:, None] + S_q / t + S_p
 
@@ -120,17 +120,17 @@ def _solve_active_sets(
 ) -> list[tuple[Array, Array]]:
     """q and S q (n, k), p and S p (n, k) for the `active` sets (n, k)."""
     n, k = active.shape
-    known = np.zeros((n, 2, k))
+    arguments = np.zeros((n, 2, k))
     none = np.zeros_like(lower_bounds)
-    given = np.stack([np.where(active, lower_bounds, none), np.where(active, none, -l[:, None])], axis=1)
+    data = np.stack([np.where(active, lower_bounds, none), np.where(active, none, -l[:, None])], axis=1)
     for j in range(k):
-        other = np.flatnonzero(active[:, j] == usually_free)
-        known[:, :, j] = given[:, :, j]
-        known[other, :, j] = 0
-        rest = given[other, :, j] - T[other] @ known[:, :, j]
-        known[other, :, j] = np.linalg.solve(T[np.ix_(other, other)], rest)
-    out = (T @ known.reshape(n, -1)).reshape(known.shape)
-    here = usually_free[:, None, None]
-    v = np.where(here, out, known)
-    S_v = np.where(here, known, out)
+        differing = np.flatnonzero(active[:, j] == usually_free)
+        arguments[:, :, j] = data[:, :, j]
+        arguments[differing, :, j] = 0
+        rhs = data[differing, :, j] - T[differing] @ arguments[:, :, j]
+        arguments[differing, :, j] = np.linalg.solve(T[np.ix_(differing, differing)], rhs)
+    images = (T @ arguments.reshape(n, -1)).reshape(arguments.shape)
+    is_free = usually_free[:, None, None]
+    v = np.where(is_free, images, arguments)
+    S_v = np.where(is_free, arguments, images)
     return [(v[:, i], S_v[:, i]) for i in (0, 1)]

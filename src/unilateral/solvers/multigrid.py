@@ -108,12 +108,16 @@ class Multigrid:
         """
         counts: list[tuple[int, int]] = []
         u, active = (start[0].copy(), start[1]) if start else self._nested_iteration(counts)
-        ends = BoundCriterion(tolerance, fraction, max_residual_norm)
-        run = settle_active_set(self.finest, u, active, ends, counts)
+        criterion = BoundCriterion(tolerance, fraction, max_residual_norm)
+        run = settle_active_set(self.finest, u, active, criterion, counts)
         lambda_H = np.maximum(run.lambda_H, 0)
-        bound = multilevel_algebraic_bound(self.finest, u, lambda_H) if ends.bound is None else ends.bound
+        bound = (
+            multilevel_algebraic_bound(self.finest, u, lambda_H)
+            if criterion.bound is None
+            else criterion.bound
+        )
         return MultigridResult(
-            u, lambda_H, run.active, bound, counts, run.cg_coefficients, run.rz, ends.tolerance or 0.0
+            u, lambda_H, run.active, bound, counts, run.cg_coefficients, run.rz, criterion.tolerance or 0.0
         )
 
     def _nested_iteration(self, counts: list[tuple[int, int]]) -> tuple[Array, Mask]:
@@ -216,8 +220,8 @@ class BoundCriterion:
         """The r . z at which to look at the set."""
         estimate = math.sqrt(max(run.first_rz, 0.0) / 3)
         if self.tolerance is None:
-            least = MIN_TOLERANCE_PER_NORM * product_root(run.u, run.grid.hierarchy.A @ run.u)
-            self.tolerance = max(self.fraction * estimate, least)
+            min_tolerance = MIN_TOLERANCE_PER_NORM * product_root(run.u, run.grid.hierarchy.A @ run.u)
+            self.tolerance = max(self.fraction * estimate, min_tolerance)
         if self.max_residual_norm == math.inf:
             self.max_residual_norm = RESIDUAL_NORM_SHARE * estimate
         return max(RZ_RATIO_PER_CHECK * run.rz, self._max_rz_for_bound(run, self.tolerance))
@@ -225,16 +229,16 @@ class BoundCriterion:
     def __call__(self, run: ActiveSetRun) -> float | None:
         """The r . z at which to look again, None to end."""
         tolerance = self.tolerance or 0.0
-        least = MIN_RZ_RATIO * run.first_rz
+        min_rz = MIN_RZ_RATIO * run.first_rz
         if run.rz > self._max_rz_for_bound(run, tolerance) and not run.is_exhausted:
             return self.first_check(run)
-        if run.rz > least and not run.is_exhausted and run.residual_norm > self.max_residual_norm:
+        if run.rz > min_rz and not run.is_exhausted and run.residual_norm > self.max_residual_norm:
             return max(
                 run.rz
                 * max(
                     RZ_RATIO_PER_CHECK, (MISSED_BOUND_SHARE * self.max_residual_norm / run.residual_norm) ** 2
                 ),
-                least,
+                min_rz,
             )
         bound = multilevel_algebraic_bound(run.grid, run.u, np.maximum(run.lambda_H, 0))
         if bound <= tolerance or bound > STAGNATION_RATIO * self.last_bound or run.is_exhausted:

@@ -52,11 +52,11 @@ def shift_to_feasible(grid: Grid, u: Array, lambda_H: Array) -> tuple[Rounded, f
     w = np.where(lambda_H > 0, gap.values, np.minimum(gap.values, 0)) / weights
     v = u.copy()
     v[inside] -= w
-    moved = (lambda_H > 0) | (gap.values < gap.rounding)
-    doubt = np.where(moved, gap.rounding / weights + EPS * (np.abs(w) + np.abs(v[inside])), 0.0)
-    own = abs(A[inside][:, inside])
-    size = np.abs(w)  # nothing cancels: a norm from above
-    norm = product_root(size, own @ size) + 2 * product_root(doubt, own @ doubt)
+    changed = (lambda_H > 0) | (gap.values < gap.rounding)
+    w_rounding = np.where(changed, gap.rounding / weights + EPS * (np.abs(w) + np.abs(v[inside])), 0.0)
+    A_inside = abs(A[inside][:, inside])
+    w_size = np.abs(w)  # nothing cancels: a norm from above
+    norm = product_root(w_size, A_inside @ w_size) + 2 * product_root(w_rounding, A_inside @ w_rounding)
     load = residual_rounding.load_with_rounding(grid.load, B, lambda_H)
     return residual_rounding.residual_with_rounding(
         A, grid.hierarchy.row_sums, v, load
@@ -75,10 +75,10 @@ def multiplier_norm_lower_bound(grids: Sequence[Grid], lambda_H: Array) -> float
         grid.hierarchy.levels[-1].restrict(R)
         functionals.insert(0, R[: grid.hierarchy.levels[-1].n_coarse])
     norm = 0.0
-    for left, grid, R in zip(range(len(grids))[::-1], grids, functionals, strict=True):
-        before = norm
+    for remaining, grid, R in zip(range(len(grids))[::-1], grids, functionals, strict=True):
+        previous_norm = norm
         norm = max(norm, functional_norm_lower_bound(grid.hierarchy, R))
-        if left * (norm**2 - before**2) < MIN_NORM_GAIN * norm**2:
+        if remaining * (norm**2 - previous_norm**2) < MIN_NORM_GAIN * norm**2:
             break
     return norm
 
@@ -99,21 +99,21 @@ def _solve_by_cycles(hierarchy: Hierarchy, R: Array) -> Array:
 
     Each is for the residual that is left, and its result is made conjugate to those before.
     """
-    left = R
+    residual = R
     v = np.zeros_like(R)
-    before = list[tuple[Array, Array]]()
+    directions = list[tuple[Array, Array]]()
     for _ in range(MAX_NORM_CYCLES):
-        p = apply_presmoothing_cycle(hierarchy, left)
+        p = apply_presmoothing_cycle(hierarchy, residual)
         A_p = residual_rounding.product_with_rounding(hierarchy.A, hierarchy.row_sums, p).values
-        for q, A_q in before:
-            share = (p @ A_q) / (q @ A_q)
-            p = p - share * q
-            A_p = A_p - share * A_q
-        gain = float(p @ left)
+        for q, A_q in directions:
+            coefficient = (p @ A_q) / (q @ A_q)
+            p = p - coefficient * q
+            A_p = A_p - coefficient * A_q
+        gain = float(p @ residual)
         square = float(p @ A_p)
         if not (square > 0 and gain**2 > MIN_NORM_GAIN * square * float(v @ R)):
             break
-        before.append((p, A_p))
+        directions.append((p, A_p))
         v = v + gain / square * p
-        left = left - gain / square * A_p
+        residual = residual - gain / square * A_p
     return v

@@ -64,8 +64,8 @@ def residual_bound(operator: DualOperator, offset: Array, mu: Array, rho: float)
     if operator.is_singular:
         return math.inf
     R = np.minimum(mu, rho * operator.gap(mu, offset))
-    in_L2 = dnrm2(np.sqrt(operator.H_i) * R)
-    return scaled_matrix_norm(operator.D, R, in_L2) + in_L2 / (rho * math.sqrt(operator.lambda_min))
+    R_norm = dnrm2(np.sqrt(operator.H_i) * R)
+    return scaled_matrix_norm(operator.D, R, R_norm) + R_norm / (rho * math.sqrt(operator.lambda_min))
 
 
 def energy_bound(operator: DualOperator, offset: Array, mu: Array) -> float:
@@ -111,18 +111,18 @@ def uzawa(
     check_offset(offset, tolerance)
     if method == "newton" and operator.is_singular:
         raise InputError("the method newton needs a regular S, with h/H small; take active_set")
-    step = STEP_METHODS[method]
-    root = np.sqrt(operator.H_i)
+    method_class = STEP_METHODS[method]
+    scaling = np.sqrt(operator.H_i)
     if rho is None:
-        rho = step.rho_factor / operator.lambda_max
+        rho = method_class.rho_factor / operator.lambda_max
     if not 0 < rho < math.inf:
         raise InputError(f"the step rho = {rho} must be positive and finite")
-    y = np.zeros(len(root)) if start is None else root * start
-    iteration = _Iteration(operator, root * offset, rho, apply, observe)
-    advance = step(operator.S, iteration.b, rho, y)
+    y = np.zeros(len(scaling)) if start is None else scaling * start
+    iteration = _Iteration(operator, scaling * offset, rho, apply, observe)
+    advance = method_class(operator.S, iteration.b, rho, y)
     with np.errstate(over="ignore", invalid="ignore"):
         steps, bound = iteration.run(y, advance, tolerance, max_steps)
-    result = DualResult(y / root, steps, iteration.applications, bound, bound <= tolerance, rho, method)
+    result = DualResult(y / scaling, steps, iteration.applications, bound, bound <= tolerance, rho, method)
     warn_of_missed_tolerance(result, tolerance)
     return result
 

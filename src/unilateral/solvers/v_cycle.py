@@ -69,16 +69,16 @@ class TruncatedCycle:
 
         Each level has one forward sweep on the way down, and one backward sweep on the way up.
         """
-        swept = []
+        sweeps = []
         for level, S in zip(reversed(self.lower_levels), reversed(self.matrices), strict=True):
-            swept.append(level.sweep_down(S, r))
+            sweeps.append(level.sweep_down(S, r))
             level.restrict(r)
         e = np.zeros_like(r)
         n = self.coarse_factors.shape[0]
         e[:n] = self.coarse_factors.solve(r[:n])
         for level, S in zip(self.lower_levels, self.matrices, strict=True):
             level.prolong(e)
-            level.sweep_up(S, e, *swept.pop())
+            level.sweep_up(S, e, *sweeps.pop())
         return e
 
 
@@ -99,14 +99,14 @@ def _extract_nodes(A: sp.csr_array, nodes: Index) -> NodalMatrix:
     rows = A[nodes].tocoo()
     i = nodes[rows.row]
     j = rows.col
-    chosen = np.zeros(A.shape[0], dtype=bool)
-    chosen[nodes] = True
-    other = ~chosen[j]
-    of, place = np.unique(np.concatenate([i, j]), return_inverse=True)
+    is_chosen = np.zeros(A.shape[0], dtype=bool)
+    is_chosen[nodes] = True
+    outside = ~is_chosen[j]
+    all_nodes, place = np.unique(np.concatenate([i, j]), return_inverse=True)
     i, j = np.split(place, [len(i)])
-    entries = np.concatenate([rows.data, rows.data[other]])
-    places = np.concatenate([i, j[other]]), np.concatenate([j, i[other]])
-    return NodalMatrix(of, sp.csr_array((entries, places), shape=(len(of), len(of))))
+    entries = np.concatenate([rows.data, rows.data[outside]])
+    places = np.concatenate([i, j[outside]]), np.concatenate([j, i[outside]])
+    return NodalMatrix(all_nodes, sp.csr_array((entries, places), shape=(len(all_nodes), len(all_nodes))))
 
 
 def _galerkin_product(level: FinerSpace, D: NodalMatrix) -> NodalMatrix:
@@ -114,11 +114,11 @@ def _galerkin_product(level: FinerSpace, D: NodalMatrix) -> NodalMatrix:
     new = D.nodes >= level.n_coarse
     rows = level.P[D.nodes[new] - level.n_coarse]
     reached = np.concatenate([D.nodes[~new], level.ends[rows.indices]])
-    nodes, place = np.unique(reached, return_inverse=True)
+    nodes, coarse = np.unique(reached, return_inverse=True)
     k = np.count_nonzero(~new)
-    at = np.concatenate([np.flatnonzero(~new), np.repeat(np.flatnonzero(new), 2)])
+    fine = np.concatenate([np.flatnonzero(~new), np.repeat(np.flatnonzero(new), 2)])
     entries = np.concatenate([np.ones(k), rows.data])
-    P = sp.csr_array((entries, (at, place)), shape=(len(D.nodes), len(nodes)))
+    P = sp.csr_array((entries, (fine, coarse)), shape=(len(D.nodes), len(nodes)))
     return NodalMatrix(nodes, ((D.values @ P).T.tocsr() @ P).tocsr())
 
 
@@ -147,12 +147,14 @@ def _subtract_in_pattern(
     count = A.indptr[row + 1] - A.indptr[row]
     place = np.arange(count.sum()) + np.repeat(A.indptr[row + 1] - np.cumsum(count), count)
     column = A.indices[place] if columns is None else columns[A.indices[place]]
-    at = np.minimum(np.searchsorted(D.nodes, column), len(D.nodes) - 1)
-    met = D.nodes[at] == column
+    position = np.minimum(np.searchsorted(D.nodes, column), len(D.nodes) - 1)
+    in_D = D.nodes[position] == column
     data = A.data.copy()
-    of_D = np.zeros(len(place))
-    of_D[met] = np.asarray(sp.csr_matrix(D.values)[np.repeat(some, count)[met], at[met]]).ravel()
-    data[place] -= of_D
+    D_entries = np.zeros(len(place))
+    D_entries[in_D] = np.asarray(
+        sp.csr_matrix(D.values)[np.repeat(some, count)[in_D], position[in_D]]
+    ).ravel()
+    data[place] -= D_entries
     cut_away = (np.repeat(row, count) == A.indices[place]) & (data[place] < MIN_ENERGY_SHARE * A.data[place])
     data[place[cut_away]] = A.data[place[cut_away]]
     return sp.csr_array((data, A.indices, A.indptr), shape=A.shape)
