@@ -88,6 +88,7 @@ def allowed_unknowns(levels: Sequence[Level], share: float = 1.0) -> dict[str, f
     last = levels[-1]
     base_mb = predict_mb(levels, 0.0)
     (unknowns, max_unknowns), (memory, max_mb), (time, max_seconds) = find_limits(last.goal, base_mb)
+    # memory: what the last level left of it; time: start + seconds_per_unknown n <= what is left of it
     in_memory = (max_mb - base_mb) * BYTES_PER_MB / bytes_per_unknown(last.goal)
     remaining = max_seconds - last.elapsed
     start, seconds_per_unknown = observe_seconds(levels)
@@ -199,6 +200,7 @@ def predict_unknowns(levels: Sequence[Level], min_rate: float = 0.0) -> float:
         target *= discrete_norm(last.solved, goal) / (1 + goal.accuracy)
     if target <= 0 or not math.isfinite(last.total):
         return math.inf
+    # the bound has to fall by the quotient: like n^{-LAMBDA_RATE}, like n^{-1/2}, or like H^rate, n ~ H^{-2}
     quotient = min(last.total / target, MAX_ERROR_QUOTIENT)
     if should_adapt(last) and goal.norm == "hm12":
         return last.unknowns * quotient ** (1 / LAMBDA_RATE)
@@ -217,6 +219,7 @@ def predict_sizes(levels: Sequence[Level]) -> list[float] | None:
     needed = predict_unknowns(levels)
     if not math.isfinite(needed):
         return None
+    # the sizes grow by one factor from level to level, the last one is what is needed
     step = MAX_TRIANGLE_RATIO if should_adapt(last) else 4.0
     count = max(math.ceil(math.log(needed / last.unknowns, step)), 1)
     return [*(last.unknowns * step**k for k in range(1, count)), max(needed, last.unknowns)]

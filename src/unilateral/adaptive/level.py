@@ -38,7 +38,7 @@ class Level:
         The solution.
     goal
         What is wanted.
-    predicted
+    predicted_total
         The bound as the level before predicted it, infinite for the first level.
     partition, unknowns
         The multiplier's partition, and the number of the mesh's nodes.
@@ -52,7 +52,7 @@ class Level:
         A lower bound on the solution's norm.
     target
         The error that is wanted, as far as this level knows the solution's norm.
-    nothing
+    zero_solution_error
         The error that counts as none where every number of the discrete solution is 0.
     certified
         Whether the bound proves the accuracy, with at most a tenth of it for the iteration.
@@ -60,9 +60,9 @@ class Level:
         The time of the level, with that for its mesh and its bound.
     elapsed
         The seconds from the beginning to the end of this level.
-    mb
+    peak_mb
         The peak memory of the process during the level.
-    enclosing
+    enclosing_seconds
         The part of the seconds in which f is enclosed, which may grow much slower than the unknowns.
     next_unknowns, next_seconds
         What the next level will have and take, as predicted; 0 if there is none.
@@ -88,7 +88,8 @@ class Level:
     next_seconds: float = 0.0
 
     def __repr__(self) -> str:
-        return f"Level: {self.unknowns} unknowns, the error is {format_interval(-math.inf, self.total, spec='.3g')}"
+        error = format_interval(-math.inf, self.total, spec=".3g")
+        return f"Level: {self.unknowns} unknowns, the error is {error}"
 
 
 def measure_level(solved: DiscreteSolution, goal: Goal, predicted_total: float = math.inf) -> Level:
@@ -173,6 +174,7 @@ def contradict(a: Level, b: Level) -> bool:
     form = a.solved.form
     u_factor = math.inf
     lambda_factor = math.inf
+    # |int v| <= u_factor ||v||, |<mu, 1>| <= lambda_factor ||mu||_{-1/2}
     if not form.clamped:
         area = a.partition.polygon.area
         u_factor = math.sqrt(area / form.c)

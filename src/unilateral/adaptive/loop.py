@@ -133,11 +133,11 @@ def search(
     goal
         The accuracy, and the limits. Without a limit of its own, the loop ends as soon as the default ones
         do not suffice by far.
-    tell : optional
+    report_level : optional
         A function that is called with each finished level.
     dry_run
         The loop ends when the levels are enough for a plan.
-    begin : optional
+    start_time : optional
         The `time.perf_counter()` from which the seconds of the limit count; by default now.
 
     Returns
@@ -277,6 +277,7 @@ def choose_division(levels: Sequence[Level], dry_run: bool = False) -> Division 
     ):
         return target_division
     triangle_ratio = min(allowed_unknowns(levels, LIMIT_SHARE).values()) / (NEIGHBOUR_RATIO * last.unknowns)
+    # the triangles that the limits allow, where the bound is largest
     has_shares = 0 < last.solved.bound_shares.max() < math.inf
     if not (last.goal.can_adapt and has_shares) or triangle_ratio < MIN_TRIANGLE_RATIO:
         return None
@@ -286,7 +287,7 @@ def choose_division(levels: Sequence[Level], dry_run: bool = False) -> Division 
 def discretise_level(
     mesh: AdaptedMesh, problem: Problem, goal: Goal, previous: DiscreteProblem | None, levels: Sequence[Level]
 ) -> DiscreteProblem:
-    """The discrete problem on a mesh, from the previous one and the last level's solution, if there are any."""
+    """The discrete problem on a mesh, from the previous one and the last solution, if there are any."""
     if wants_multigrid(goal.stop, math.inf):
         from unilateral.discrete.multilevel import MultilevelProblem, discretise_on_adapted_mesh  # and PyAMG
 
@@ -317,8 +318,9 @@ def solve_next_level(
     solved = discrete.iterate(tolerance, goal.stop, start, total)
     if levels:
         size = solved.norm_lower_bound(goal.norm, goal.sharp)
-        max_bound = target_error(goal, size, discrete_norm(solved, goal))
-        max_bound = ALGEBRAIC_SHARE * max(max_bound, predicted_total) * scale
+        # by the norm of this solution: a tenth of the wanted error, or of the predicted one if that is larger
+        target = target_error(goal, size, discrete_norm(solved, goal))
+        max_bound = ALGEBRAIC_SHARE * max(target, predicted_total) * scale
         if max_bound > 0:
             solved = discrete.improve(solved, max_bound, goal.stop)
     return solved

@@ -41,7 +41,7 @@ MACRO_ELEMENT_BYTES = 1000
 SPARSE_BYTES = 5000
 """Bytes per unknown, as measured with 1e6 unknowns: by multigrid, and condensed to the boundary.
 
-Condensing takes RECURSIVE where the mesh was refined often enough for macro-elements, else SPARSE.
+Condensing takes MACRO_ELEMENT_BYTES where the mesh was refined often enough for these, else SPARSE_BYTES.
 """
 CHEAP_BOUND_BYTES = 300
 SHARP_BOUND_BYTES = 5000
@@ -81,10 +81,7 @@ def discretise_on_spaces(problem: Problem, spaces: Spaces, source: Source | None
 
 
 def solve_on_mesh(problem: Problem, mesh: Mesh, partition: Partition, stop: Stop) -> DiscreteSolution:
-    """The solution (u_h, lambda_H) of a problem on a mesh and a partition, by multigrid or condensed to the boundary.
-
-    The shape is (u_h, lambda_H).
-    """
+    """The solution (u_h, lambda_H) of a problem on a mesh and a partition."""
     discrete = discretise_on_spaces(problem, choose_spaces(problem, mesh, partition, stop))
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
         return discrete.solve(stop)
@@ -119,10 +116,12 @@ def choose_halvings(polygon: Polygon, H: float, edges: int, stop: Stop) -> int:
     unknowns = polygon.area * (edges / H) ** 2
     if not wants_multigrid(stop, unknowns):
         return 0
+    # the coarse mesh gets about COARSE_MESH_UNKNOWNS, each halving makes four times as many
     max_halvings = max(math.ceil(math.log(unknowns / COARSE_MESH_UNKNOWNS, 4)), 1)
     cells = polygon.counts(H).sum()
     if stop.algorithm == "multigrid":
         return max_halvings
+    # 2^k cells for each coarse one, against those of a uniform partition
     candidates = (
         k
         for k in range(max_halvings, 0, -1)

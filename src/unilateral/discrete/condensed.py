@@ -56,7 +56,10 @@ MAX_BOUNDED_UNKNOWNS = 100_000
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CondensedProblem(DiscreteProblem):
-    """(P_h*) on the `spaces`; `offset` (m,) is F(0). True errors are known where the `project_case` solution is."""
+    """(P_h*) on the `spaces`; `offset` (m,) is F(0).
+
+    `exact` are the projections of the exact solution, by which true errors are known, None without one.
+    """
 
     spaces: MixedSpaces
     offset: Array
@@ -103,7 +106,10 @@ class CondensedProblem(DiscreteProblem):
         )
 
     def solve(self, stop: Stop) -> DiscreteSolution:
-        """The solution (u_h, lambda_H), with an algebraic error up to the tolerance of `stop`, or a fraction of other errors."""
+        """The solution (u_h, lambda_H) with an algebraic bound up to the tolerance of `stop`.
+
+        Without a tolerance it is a fraction of other errors, or of the residual at lambda = 0.
+        """
         return solve_condensed_problem(self, stop)
 
     def iterate(
@@ -122,6 +128,7 @@ class CondensedProblem(DiscreteProblem):
         operator = self.spaces.operator
         max_bound = self.crude_tolerance(FIRST_TOLERANCE_SHARE) if tolerance is None else tolerance
         min_tolerance = self.bound_floor if max_bound < self.bound_floor else 0.0
+        # what rounding adds to the bound depends on lambda_H: it is known once the iteration has ended
         result = run_algorithm(operator, self.offset, max(max_bound, min_tolerance), stop, start)
         u_h = self.response(result.lambda_H)
         certified = self.add_rounding_to_bound(result, u_h, max_bound)
@@ -140,10 +147,7 @@ class CondensedProblem(DiscreteProblem):
         return replace(further_solution, result=further_solution.result.add_counts(solution.result))
 
     def response(self, lambda_H: Array) -> Array:
-        """The function u_h that belongs to the multiplier lambda_H.
-
-        The shape is (n,).
-        """
+        """The function u_h that belongs to the multiplier lambda_H; shape (n,)."""
         return self.dirichlet_lift + self.spaces.response(self.homogeneous_data[0], lambda_H)
 
     def add_rounding_to_bound(self, result: DualResult, u_h: Array, tolerance: float = 0.0) -> DualResult:
@@ -153,19 +157,21 @@ class CondensedProblem(DiscreteProblem):
         return replace(result, bound=bound, converged=bound <= tolerance, rounding=rounding)
 
     def _bound_computed_solution(self, result: DualResult, u_h: Array) -> float:
-        """The bound for u_h (n,) as it was computed."""
+        """The bound for u_h (n,) as it was computed, with the norm of its residual in it."""
         spaces = self.spaces
         condensed = self.spaces.condensed
         boundary = self.mesh.boundary
         (homogeneous_load, g_means) = self.homogeneous_data
         mu = result.lambda_H
         v = u_h - self.dirichlet_lift
+        # r = load + B^T mu - A v for v = u_h - u_D, and F, the means of v - (g - u_D), with their rounding
         load = Rounded(homogeneous_load.copy(), np.zeros(len(homogeneous_load)))
         load.values[boundary], load.rounding[boundary] = load_with_rounding(
             homogeneous_load[boundary], spaces.B, mu
         )
         residual = residual_with_rounding(*condensed.matrix_and_row_sums, v, load)
         gap = gap_with_rounding(spaces.B, v[boundary], g_means[self.cells], spaces.operator.H_i)
+        # ||r|| by the lumped mass; if that is too large ||r|| <= ||z|| + ||r - A z|| with z = A^{-1} r
         delta = lumped_dual_norm_bound(np.abs(residual.values) + residual.rounding, condensed.nodal_weights)
         if delta > MAX_ROUNDING_EXCESS * result.bound:
             z = condensed.solve(residual.values)
@@ -182,11 +188,21 @@ def build_condensed_problem(
 ) -> CondensedProblem:
     """The discrete problem with a load, the means of g, and a Dirichlet lift.
 
-    `trace` (nb,) is A^{-1} times the load of `of_rest` on the boundary, if it is known.
+    `trace` (nb,) is A^{-1} times the load for u_h - u_D on the boundary, if it is known.
     """
-    on = spaces.mesh, spaces.partition, spaces.cells, load, g_means, spaces, np.zeros(len(spaces.cells))
-    discrete = CondensedProblem(*on, form=spaces.condensed.form, dirichlet_lift=dirichlet_lift)
+    discrete = CondensedProblem(
+        mesh=spaces.mesh,
+        partition=spaces.partition,
+        cells=spaces.cells,
+        load=load,
+        g_means=g_means,
+        form=spaces.condensed.form,
+        dirichlet_lift=dirichlet_lift,
+        spaces=spaces,
+        offset=np.zeros(len(spaces.cells)),
+    )
     homogeneous_load, homogeneous_means = discrete.homogeneous_data
+    # F(0): the means of A^{-1} load - g
     if trace is None:
         trace = spaces.condensed.solve(homogeneous_load)[spaces.mesh.boundary]
     discrete.offset[:] = spaces.B @ trace / spaces.operator.H_i - homogeneous_means[spaces.cells]
@@ -238,13 +254,13 @@ def solve_condensed_problem(
     stop: Stop = Stop(),  # noqa: B008
     beta: float | None = None,
 ) -> DiscreteSolution:
-    """The solution (u_h, lambda_H), with an algebraic error up to the tolerance of `stop`, or a fraction of other errors.
+    """The solution (u_h, lambda_H) with an algebraic bound up to a tolerance, or a fraction of other errors.
 
-    Without a tolerance the fraction is `stop.fraction`. Where the exact solution is known, it is kept in
-    every norm that is judged; `beta`, a lower bound on the constant in (3.4), turns the algebraic bound into
-    one in H^{-1/2}. Where there are data, and at most MOST_BOUNDED unknowns, it is a fraction of the bound on
-    ||u - u_h||_1, which is known after a first, cruder, solve, unless rounding hides it. Else it is a share
-    of the residual at lambda = 0.
+    Tolerance and fraction are those of `stop`. Where the exact solution is known, the fraction is kept in
+    every norm that is judged; `beta`, a lower bound on the constant in (3.4), turns the algebraic bound
+    into one in H^{-1/2}. Where there are data, and at most MAX_BOUNDED_UNKNOWNS, it is a fraction of the
+    bound on ||u - u_h||_1, which is known after a first, cruder, solve, unless rounding hides it. Else it is
+    one of the residual at lambda = 0.
     """
     if stop.tolerance is not None:
         return discrete.iterate(stop.tolerance, stop)
@@ -261,9 +277,9 @@ def solve_condensed_problem(
 def _solve_case(
     discrete: CondensedProblem, exact: CaseProjections, stop: Stop, beta: float
 ) -> DiscreteSolution:
-    """The solution of a case.
+    """The solution of a case, with an algebraic bound up to a fraction of its smallest true error.
 
-    It goes on from lambda_H if the H^{-1/2} error then still misses the fraction.
+    It goes on from lambda_H if it is then still too large beside the H^{-1/2} error.
     """
     spaces = discrete.spaces
     solution = discrete.iterate(stop.fraction * exact.smallest_error_part(spaces), stop)

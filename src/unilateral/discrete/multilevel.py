@@ -26,8 +26,7 @@ from unilateral.fem.hierarchy import Hierarchy, build_hierarchy
 from unilateral.fem.nested_cells import LevelCells, nested_cells
 from unilateral.fem.residual_rounding import max_row_entries
 from unilateral.formulas.taylor import EPS
-from unilateral.geometry.adapted import AdaptedMesh, refine_and_balance
-from unilateral.geometry.adapted import start_adapted_mesh as adapted_mesh
+from unilateral.geometry.adapted import AdaptedMesh, refine_and_balance, start_adapted_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.problem import Problem
@@ -54,7 +53,7 @@ class NestedSpaces:
 class MultilevelProblem(DiscreteProblem):
     """(P_h*) on nested spaces.
 
-    The iteration begins at the `start_u` (n,), which is 0 at fixed nodes, by default on coarser levels. Each
+    The iteration begins at `start_u` (n,), which is 0 at clamped nodes, by default on coarser levels. Each
     cell has a node inside, so lambda_H is `unique`. No lower bound on `beta` is known, so it is set to 1:
     algebraic bounds are then in ||.||_{-1/2,h}.
     """
@@ -80,7 +79,7 @@ class MultilevelProblem(DiscreteProblem):
         return build_multigrid(self.spaces.hierarchy, self.spaces.level_cells, load, integrals)
 
     def solve(self, stop: Stop) -> DiscreteSolution:
-        """The solution (u_h, lambda_H), with an algebraic bound up to the tolerance of `stop`, else a fraction of an error.
+        """The solution (u_h, lambda_H) with an algebraic bound up to the tolerance of `stop`.
 
         Without a tolerance it is at most `stop.fraction` of an estimate of ||u - u_h||_1 or, where there are
         no coarser levels to begin with, of the bound on that. The algebraic bound itself is guaranteed.
@@ -122,6 +121,7 @@ class MultilevelProblem(DiscreteProblem):
         return multiplier_norm_lower_bound(self.multigrid.grids, lambda_H)
 
     def _convert_result(self, multigrid_result: MultigridResult) -> DiscreteSolution:
+        """The solution u_D + u of a multigrid result, with the steps on the finest level as its steps."""
         finest = multigrid_result.iteration_counts[-1][0]
         steps = sum(count for level, count in multigrid_result.iteration_counts if level == finest)
         u_h = self.dirichlet_lift + multigrid_result.u
@@ -132,9 +132,10 @@ class MultilevelProblem(DiscreteProblem):
         return self.make_solution(result, multigrid_result.tolerance, u_h)
 
     def _bound_lift_rounding(self, u_h: Array) -> float:
-        """A bound on the norm of what rounding has done to the sum `held` + of.u."""
+        """A bound on the norm of what rounding has done to the sum u_h of the Dirichlet lift and u."""
         if not self.dirichlet_lift.any():
             return 0.0
+        # ||e||^2 <= (entries in a row) sum A_ii e_i^2 for e with |e_i| <= EPS |u_i|, as A_ij^2 <= A_ii A_jj
         A = self.multigrid.finest.hierarchy.A
         return EPS * max_row_entries(A) ** 0.5 * float(dnrm2(np.sqrt(A.diagonal()) * u_h))
 
@@ -142,9 +143,9 @@ class MultilevelProblem(DiscreteProblem):
 def nested_spaces(
     mesh: Mesh, partition: Partition, hierarchy: Hierarchy | None = None, form: Form = H1
 ) -> NestedSpaces | None:
-    """The spaces on the levels of a mesh, which may be `hierarchy`, or else those for a form.
+    """The spaces on the levels of a mesh: those of a `hierarchy`, if it is given, else those for a form.
 
-    None where the mesh has no coarse level, or one of more than MOST_COARSE unknowns, or where its levels
+    None where the mesh has no coarse level, or one of more than MAX_COARSE_UNKNOWNS, or where its levels
     cannot follow the partition: a point of the partition is no node of the mesh, or a cell has one edge only.
     """
     coarse = mesh.coarse or mesh
@@ -191,9 +192,7 @@ def discretise_on_nested_spaces(
 
 
 def _extend_clamped_values(clamped_values: Array, mesh: Mesh, form: Form) -> Array:
-    """The function with these values on clamped sides that falls to 0 on triangles of the first mesh.
-
-    The shape is (n,).
+    """The function (n,) with these values on clamped sides that falls to 0 on triangles of the first mesh.
 
     In nested iteration u_h less this function is as smooth as u_h, but for what the values are not linear.
     """
@@ -216,14 +215,15 @@ def discretise_on_adapted_mesh(
 ) -> MultilevelProblem:
     """The problem on a mesh and its cells.
 
-    If this mesh was refined from that of the problem `previous`, whose solution is the `previous_solution`
-    one, f is enclosed on new triangles only, and the iteration begins at that solution.
+    If this mesh was refined from that of the problem `previous`, whose solution is `previous_solution`, f is
+    enclosed on new triangles only, and the iteration begins at that solution.
     """
     mesh = adapted.mesh
     form = previous.form if previous else problem_form(problem, mesh)
     known_source = previous.data.source if previous and previous.data else None
     source = enclose_source(mesh, problem.source, form, known_source)
     hierarchy = build_hierarchy(mesh, previous.spaces.hierarchy if previous else None, form)
+    # the last solution, less its Dirichlet lift, interpolated on the new levels
     start_u = np.zeros(mesh.n_nodes)
     if previous and previous_solution:
         start_u[: len(previous_solution.u_h)] = previous_solution.u_h - previous.dirichlet_lift
@@ -248,7 +248,7 @@ def solve_refinements(
     solve starts from that solution. Algebraic bounds are at most `stop.fraction` of those on ||u - u_h||_1.
     Raises InputError as `choose_triangles` does.
     """
-    adapted = adapted_mesh(mesh)
+    adapted = start_adapted_mesh(mesh)
     discrete: MultilevelProblem | None = None
     solution: DiscreteSolution | None = None
     while adapted.mesh.n_nodes <= max_unknowns:

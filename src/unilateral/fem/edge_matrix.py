@@ -28,6 +28,7 @@ def edge_stiffness_and_areas(points: Array, triangles: Int32) -> tuple[Array, Ar
     area = np.empty(len(triangles))
     for block in row_blocks(len(triangles)):
         (x, y) = points.T[:, triangles[block].T]
+        # (e_i, f_i) is the edge opposite to node i: |T| = e_2 x e_0 / 2, and e_j . e_k / (4 |T|)
         e = x[[2, 0, 1]] - x[[1, 2, 0]]
         f = y[[2, 0, 1]] - y[[1, 2, 0]]
         area[block] = 0.5 * (e[2] * f[0] - f[2] * e[0])
@@ -37,10 +38,7 @@ def edge_stiffness_and_areas(points: Array, triangles: Int32) -> tuple[Array, Ar
 
 
 def _edge_entries(form: Form, stiffness: Array, area: Array) -> Array:
-    """Each triangle's contribution to the matrix entries of its three edges.
-
-    The shape is (T, 3).
-    """
+    """Each triangle's contribution to the matrix entries of its three edges; shape (T, 3)."""
     return form.k * stiffness + (form.c * area / 12)[:, None]
 
 
@@ -61,11 +59,13 @@ def assemble_by_edges(
         np.add.at(
             edge_values, triangulation.edges[block].ravel(), _edge_entries(form, stiffness, area).ravel()
         )
+    # rows of the stiffness add up to 0: what the diagonal has is c (1, phi_i)_0 less the entries beside it
     sums = form.c * mass
     diagonal = sums.copy()
     for end in triangulation.ends.T:
         np.subtract.at(diagonal, end, edge_values)
     if fixed is not None and fixed.any():
+        # entries between a fixed node and another one become 0, and the sums of rows follow
         fixed_edges = fixed[triangulation.ends].any(axis=1)
         for end in triangulation.ends[fixed_edges].T:
             np.subtract.at(sums, end, edge_values[fixed_edges])
@@ -73,21 +73,19 @@ def assemble_by_edges(
         edge_values[fixed_edges] = 0.0
     nodes = np.arange(n, dtype=np.int32)
     (a, b) = triangulation.ends.T
-    places = np.concatenate([nodes, a, b]), np.concatenate([nodes, b, a])
-    return (
-        _csr_from_distinct_entries(np.concatenate([diagonal, edge_values, edge_values]), *places, (n, n)),
-        sums,
-        mass,
+    A = _csr_from_distinct_entries(
+        np.concatenate([diagonal, edge_values, edge_values]),
+        rows=np.concatenate([nodes, a, b]),
+        columns=np.concatenate([nodes, b, a]),
+        shape=(n, n),
     )
+    return A, sums, mass
 
 
 def assemble_rows(
     points: Array, triangles: Int32, row_nodes: Int32, n: int, form: Form, fixed: Mask
 ) -> sp.csr_array:
-    """The rows of the matrix of a form that belong to some nodes.
-
-    The shape is (k, n).
-    """
+    """The rows of the matrix of a form that belong to some nodes; shape (k, n)."""
     blocks = [
         _assemble_row_block(points, triangles, row_nodes[block], n, form, fixed)
         for block in row_blocks(len(row_nodes), MATRIX_ROWS_PER_BLOCK)
@@ -98,9 +96,7 @@ def assemble_rows(
 def _assemble_row_block(
     points: Array, triangles: Int32, row_nodes: Int32, n: int, form: Form, fixed: Mask
 ) -> sp.csr_array:
-    """One block of the rows that `assemble_rows` makes.
-
-    The shape is (k, n).
+    """One block of the rows of `assemble_rows`; shape (k, n).
 
     Each edge from an inner node leads to the next node of one triangle and to the last node of another.
     """
@@ -111,12 +107,15 @@ def _assemble_row_block(
     corners = triangles[touching].T
     edge_values = _edge_entries(form, stiffness, area).T
     corner_rows = row_number[corners]
+    # for each of the corners i = 0, 1, 2, the triangles in which it is one of the row nodes
     incident = [np.flatnonzero(numbers >= 0) for numbers in corner_rows]
     rows = np.concatenate([numbers[chosen] for numbers, chosen in zip(corner_rows, incident, strict=True)])
     diagonal = np.zeros(len(row_nodes))
     shape = (len(row_nodes), n)
+    # as in `assemble_by_edges`: a row adds up to c thirds of the area around its node
     np.add.at(diagonal, rows, form.c * np.concatenate([area[chosen] for chosen in incident]) / 3)
     off_diagonal = sp.csr_array(shape)
+    # the next corner i + 1 lies on the edge opposite to i + 2, the last one i + 2 on that opposite to i + 1
     for step, opposite in ((1, 2), (2, 1)):
         columns = np.concatenate([corners[(i + step) % 3][chosen] for i, chosen in enumerate(incident)])
         values = np.concatenate(

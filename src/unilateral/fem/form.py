@@ -50,26 +50,18 @@ class Form(NamedTuple):
         return math.sqrt(self.k / self.coercivity)
 
     def has_multiplier(self, sides: Index) -> Mask:
-        """Whether each of these sides carries a multiplier: it is neither clamped nor free.
-
-        The shape is (k,).
-        """
+        """Whether each of these sides carries a multiplier: it is neither clamped nor free; shape (k,)."""
         return ~np.isin(sides, self.clamped + self.free)
 
     def clamped_edges(self, mesh: Mesh) -> Mask:
-        """Whether each boundary edge lies on a clamped side.
-
-        The shape is (nb,).
-        """
+        """Whether each boundary edge lies on a clamped side; shape (nb,)."""
         return np.isin(mesh.side, self.clamped)
 
     def clamped_nodes(self, mesh: Mesh) -> Mask:
-        """Whether each node lies on a clamped side.
-
-        The shape is (n,).
-        """
+        """Whether each node lies on a clamped side; shape (n,)."""
         is_clamped = np.zeros(mesh.n_nodes, dtype=bool)
         edges = self.clamped_edges(mesh)
+        # edge e begins at boundary node e, and ends at node e + 1
         is_clamped[mesh.boundary[edges | np.roll(edges, 1)]] = True
         return is_clamped
 
@@ -88,9 +80,6 @@ def decouple_nodes(A: sp.csr_array, fixed: Mask) -> sp.csr_array:
 
 
 def decoupled_row_sums(A: sp.csr_array, full_row_sums: Array, fixed: Mask) -> Array:
-    """The sums of the rows of a decoupled matrix, from those of the matrix before it was decoupled.
-
-    The shape is (n,).
-    """
+    """The sums (n,) of the rows of a decoupled matrix, from those of the matrix before it was decoupled."""
     meets_fixed = np.add.reduceat(fixed[A.indices], A.indptr[:-1], dtype=int) > 0
     return np.where(meets_fixed, A.sum(axis=1), full_row_sums)

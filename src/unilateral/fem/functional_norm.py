@@ -15,10 +15,11 @@ the cotangent of a right angle is 0, so |v|_1^2 has differences along legs only,
     sum of w_e^2 over the halved edges of t <= C |I_l v|_{1,t}^2                                    (2)
 
 with C = 1, 1.4473, 2 where t is green, blue, red, the largest eigenvalues of 3 to 6 unknowns, and M_k as in
-`interpolation_constant`, computed like those: the largest eigenvalue on two values, the others eliminated. Used twice, (1)
-gives M_{j+k} <= M_j M_k. Both are Proposition S13 of the supplement. The map from these variables, with the
-ratio r_T <= 1 of its singular values, the same for all descendants of the triangle T of level 0, changes
-|v|_1^2 by a factor between r_T and 1 / r_T, and w_e not at all. So, summed over the triangles t of a level,
+`interpolation_constant`, computed like those: the largest eigenvalue on two values, the others eliminated.
+Used twice, (1) gives M_{j+k} <= M_j M_k. Both are Proposition S13 of the supplement. The map from these
+variables, with the ratio r_T <= 1 of its singular values, the same for all descendants of the triangle T of
+level 0, changes |v|_1^2 by a factor between r_T and 1 / r_T, and w_e not at all. So, summed over the
+triangles t of a level,
 
     sum over e of w_e^2 rho_e <= k |v|_1^2,      rho_e = sum of k r_T / (C M) over the triangles t at e,
 
@@ -51,15 +52,16 @@ from unilateral.fem.hierarchy import Hierarchy
 from unilateral.formulas.taylor import EPS
 
 CHILDREN_CONSTANTS = np.array([1, 1, 1.0001, 1.4473, 2.0001])
-"""CONSTANT[k] is an upper bound on C for a triangle with k children."""
+"""The entry k is an upper bound on C in (2) for a triangle with k children (Proposition S13)."""
 INTERPOLATION_CONSTANTS = (2.0001, 2.6667, 3.4959, 4.3659, 5.2453, 6.1271, 7.0094, 7.8919)
-"""These are upper bounds on M_0, M_1, ..., M_7."""
+"""Upper bounds on M_0, M_1, ..., M_7 in (1) (Proposition S13)."""
 
 
 def interpolation_constant(halvings: int) -> float:
     """A bound on M for triangles whose areas were halved so often."""
     if halvings == 0:
         return 1.0
+    # M_{j+k} <= M_j M_k: as many factors M_7 as there are, times the rest
     times, k = divmod(halvings // 2, len(INTERPOLATION_CONSTANTS) - 1)
     return float(
         INTERPOLATION_CONSTANTS[-1] ** times * (INTERPOLATION_CONSTANTS[k] if k or not times else 1.0)
@@ -68,6 +70,7 @@ def interpolation_constant(halvings: int) -> float:
 
 def multilevel_dual_norm_bound(hierarchy: Hierarchy, R: Array, rounding: Array | float = 0.0) -> float:
     """An upper bound on ||R|| for a functional R on the hats of the last level, by ||z|| + (3)."""
+    # R = (z, .) + R', and ||z||^2 = z . A z
     z = apply_presmoothing_cycle(hierarchy, R)
     A_z = residual_rounding.product_with_rounding(hierarchy.A, hierarchy.row_sums, z)
     norm_of_z = residual_rounding.product_root(z, A_z.values)
@@ -84,10 +87,7 @@ def multilevel_dual_norm_bound(hierarchy: Hierarchy, R: Array, rounding: Array |
 
 
 def _bound_coarse_remainder(hierarchy: Hierarchy, R: Array) -> Array:
-    """Bounds, node by node, on what R has left on V_0 and on the rounding of its restrictions to all levels.
-
-    The shape is (n,).
-    """
+    """Bounds (n,), node by node, on what R has left on V_0 and on the rounding of its restrictions."""
     sizes = np.abs(R)
     R = R.copy()
     rounding = EPS * sizes
@@ -101,19 +101,25 @@ def _bound_coarse_remainder(hierarchy: Hierarchy, R: Array) -> Array:
 
 
 def apply_presmoothing_cycle(hierarchy: Hierarchy, R: Array) -> Array:
-    """z (n,) of the V-cycle, with one sweep of Gauss and Seidel on each level."""
+    """The z (n,) of a V-cycle for R, with one sweep of Gauss and Seidel on each level on its way down."""
+    # down: on each level a sweep from 0, and the residual goes to the level before
     g = R.copy()
     z = np.zeros_like(R)
     n = hierarchy.A_0.shape[0]
     corrections: list[Array] = []
     if hierarchy.levels:
-        _sweep_last_level(hierarchy, z, R)
-        g -= hierarchy.A @ z
+        A = hierarchy.A
+        nodes = hierarchy.levels[-1].smoothed_nodes
+        if nodes is None:
+            nodes = np.arange(hierarchy.n, dtype=np.int32)
+        gauss_seidel_indexed(A.indptr, A.indices, A.data, z, R, nodes, 0, len(nodes), 1)
+        g -= A @ z
         hierarchy.levels[-1].restrict(g)
     for level in reversed(hierarchy.levels[:-1]):
         assert level.rows is not None
         corrections.append(level.sweep_down(level.rows, g)[0])
         level.restrict(g)
+    # V_0 exactly; up: nothing is smoothed, so that R - (z, .) vanishes on V_0
     e = np.zeros_like(R)
     e[:n] = hierarchy.coarse_factors.solve(g[:n])
     for level in hierarchy.levels[:-1]:
@@ -124,19 +130,11 @@ def apply_presmoothing_cycle(hierarchy: Hierarchy, R: Array) -> Array:
     return z + e
 
 
-def _sweep_last_level(hierarchy: Hierarchy, z: Array, R: Array) -> None:
-    """One sweep of Gauss and Seidel for z, over the nodes whose hats the last level changed."""
-    A = hierarchy.A
-    smoothed = hierarchy.levels[-1].smoothed_nodes
-    if smoothed is None:
-        smoothed = np.arange(hierarchy.n, dtype=np.int32)
-    gauss_seidel_indexed(A.indptr, A.indices, A.data, z, R, smoothed, 0, len(smoothed), 1)
-
-
 def norm_bound_beyond_coarsest(hierarchy: Hierarchy, R: Array) -> float:
     """The bound (3), for an R (n,) that vanishes on V_0."""
     R = R.copy()
     level_sum = 0.0
+    # sum over the levels of (sum_e R_e^2 / rho_e)^{1/2}, from the last level to the first
     for level, rho in zip(reversed(hierarchy.levels), edge_weights(hierarchy), strict=True):
         level_sum += float(dnrm2(R[level.n_coarse : level.n] / np.sqrt(rho)))
         level.restrict(R)
@@ -144,20 +142,19 @@ def norm_bound_beyond_coarsest(hierarchy: Hierarchy, R: Array) -> float:
 
 
 def edge_weights(hierarchy: Hierarchy) -> Iterator[Array]:
-    """The weights rho_e of the edges that each level has halved, from the last level to the first.
-
-    The shape is (k,).
-    """
+    """The weights rho_e (k,) of the edges that each level has halved, from the last level to the first."""
     deepest = hierarchy.area_halvings
     M = np.array([interpolation_constant(k) for k in range(int(deepest.max()) + 1)])
     for level in reversed(hierarchy.levels):
         step = level.step
+        # how often areas are halved in all below each triangle of the level before, and below its children
         total_halvings = deepest[level.step.triangles]
         halvings_below = np.zeros(step.n_old_triangles, dtype=np.int16)
         deepest = deepest[: step.n_old_triangles].copy()
         np.maximum.at(halvings_below, step.parent, total_halvings - level.area_halvings)
         np.maximum.at(deepest, step.parent, total_halvings)
         children = np.bincount(step.parent, minlength=step.n_old_triangles)
+        # k r_T / (C M) of a triangle t; rho_e is its sum over the one or two triangles at the edge
         rho = (
             hierarchy.form.k
             * hierarchy.roundness[hierarchy.coarse_triangle[: step.n_old_triangles]]

@@ -64,7 +64,7 @@ class FinerSpace:
     def sweep_down(self, S: sp.csr_array, r: Array) -> tuple[Array, Array]:
         """x (s,), a forward sweep of Gauss and Seidel from 0 for r (n,), and what is left at its nodes.
 
-        S are the rows of a matrix at the `smoothed_nodes` nodes; S x is taken from r.
+        S are the rows of a matrix at the `smoothed_nodes`; S x is taken from r.
         """
         if self.smoothed_nodes is None:
             x = np.zeros(self.n)
@@ -96,7 +96,7 @@ class FinerSpace:
         e[self.smoothed_nodes] += x + y[:k]
 
     def attach_rows(self, rows: sp.csr_array) -> FinerSpace:
-        """This level with the rows (s, n) of its `smoothed_nodes` nodes, or with all rows if that is None."""
+        """This level with the rows (s, n) of its `smoothed_nodes`, or with all rows if these are None."""
         if self.smoothed_nodes is None:
             return replace(self, rows=rows)
         touched = np.zeros(self.n, dtype=bool)
@@ -116,9 +116,9 @@ class Hierarchy:
 
     `coarse_mesh` is the mesh of level 0, `A_0` its matrix, which `coarse_factors` factorises. `row_sums` (n,)
     are those of A's rows, and `nodal_weights` (n,) are numbers m_i with sum m_i v_i^2 <= 4 ||v||^2;
-    `boundary` (nb,) and `s` (nb + 1,) are as in `Mesh`. The last level has the triangles `triangles` (T, 3).
-    They lie in the triangles `coarse_triangle` (T,) of level 0, whose areas were halved `area_halvings` (T,)
-    times. The nodes `clamped_nodes` (n,) lie on clamped sides.
+    `boundary` (nb,) and `s` (nb + 1,) are as in `Mesh`. The last level has the `triangles` (T, 3), each in
+    the triangle `coarse_triangle` (T,) of level 0, whose area was halved `area_halvings` (T,) times.
+    `clamped_nodes` (n,) says which nodes lie on clamped sides.
     """
 
     coarse_mesh: Mesh
@@ -147,6 +147,7 @@ class Hierarchy:
 
         r + 1/r = |J|^2 / det J for the map J; its columns are the edges at the first node.
         """
+        # the smaller root r of r + 1/r = |J|^2 / det J, det J twice the area
         a, b, c = self.coarse_mesh.points[self.coarse_mesh.triangulation.nodes.T]
         ratio_sum = (((b - a) ** 2).sum(axis=1) + ((c - a) ** 2).sum(axis=1)) / (2 * self.coarse_mesh.areas)
         return np.asarray(2 / (ratio_sum + np.sqrt(np.maximum(ratio_sum**2 - 4, 0))))
@@ -175,6 +176,7 @@ class Hierarchy:
         A = levels[-1].rows if levels else self.A_0
         assert A is not None
         coarse_boundary = np.flatnonzero(self.boundary < n)
+        # a coarse hat is the sum of the finer ones in it, each times its value: so is its lumped mass
         mass = self.nodal_weights.copy()
         last.restrict(mass)
         sums = np.asarray(A.sum(axis=1)) if self.form.clamped else mass[:n]
@@ -192,9 +194,9 @@ class Hierarchy:
 
 
 def build_hierarchy(mesh: Mesh, previous: Hierarchy | None = None, form: Form = H1) -> Hierarchy:
-    """The levels from the coarse mesh that it was refined from, to the mesh itself.
+    """The levels from the coarse mesh that a mesh was refined from, to the mesh itself.
 
-    Those that are known of a mesh from which this one was refined are taken over.
+    Those of the `previous` hierarchy, of a mesh from which this one was refined, are taken over.
     """
     hierarchy = previous or _build_level_0(mesh.coarse or mesh, form)
     steps = mesh.steps[len(hierarchy.levels) :]
@@ -208,8 +210,10 @@ def build_hierarchy(mesh: Mesh, previous: Hierarchy | None = None, form: Form = 
     clamped_nodes = hierarchy.form.clamped_nodes(mesh)
     if levels:
         smoothed = levels[-1].smoothed_nodes
+        # it was the last level, which has no rows of its own
         levels[-1] = levels[-1].attach_rows(hierarchy.A if smoothed is None else hierarchy.A[smoothed])
     for step in steps:
+        # triangles of this step: their nodes, their triangle of level 0, and how often that was halved
         child_halvings = area_halvings[step.parent] + step.area_halvings
         triangles = step.replace_values(triangles, step.nodes)
         coarse_triangle = step.inherit(coarse_triangle)
@@ -258,14 +262,16 @@ def _assemble_level_rows(
 
 
 def _build_level_0(mesh: Mesh, form: Form) -> Hierarchy:
+    """The hierarchy of a mesh that was not refined."""
     triangulation = mesh.triangulation
     fields = _finest_fields(mesh, form)
     coarse_triangle = np.arange(len(triangulation.nodes), dtype=np.int32)
     area_halvings = np.zeros(len(triangulation.nodes), dtype=np.int16)
-    level_0 = mesh, fields["A"], splu(fields["A"].tocsc())
     return Hierarchy(
-        *level_0,
-        [],
+        coarse_mesh=mesh,
+        A_0=fields["A"],
+        coarse_factors=splu(fields["A"].tocsc()),
+        levels=[],
         **fields,
         triangles=triangulation.nodes,
         coarse_triangle=coarse_triangle,
@@ -283,11 +289,23 @@ def _build_level(step: RefinementStep, area_halvings: Int16, clamped_nodes: Mask
     ends = np.flatnonzero(changed).astype(np.int32)
     place = np.empty(n, dtype=np.int32)
     place[ends] = np.arange(len(ends), dtype=np.int32)
+    # the value at a new node is the mean of those at the ends of its edge, 0 at clamped ends
     start = np.arange(0, 2 * k + 1, 2, dtype=np.int32)
     half = np.where(clamped_nodes[step.ends.ravel()], 0.0, 0.5)
     P = sp.csr_array((half, place[step.ends.ravel()], start), shape=(k, len(ends)))
     smoothed = (
         None if step.refined_triangulation else np.concatenate([ends, np.arange(n, n + k, dtype=np.int32)])
     )
+    # a restricted number is that of the node itself and halves of those at the midpoints around it
     max_summands = 1 + int(np.bincount(P.indices).max())
-    return FinerSpace(n + k, ends, P, smoothed, None, None, step, area_halvings, max_summands)
+    return FinerSpace(
+        n=n + k,
+        ends=ends,
+        P=P,
+        smoothed_nodes=smoothed,
+        columns=None,
+        rows=None,
+        step=step,
+        area_halvings=area_halvings,
+        max_summands=max_summands,
+    )

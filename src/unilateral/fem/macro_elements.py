@@ -41,6 +41,7 @@ class EliminationStage:
 
     def reduce(self, loads: Array) -> None:
         """Moves the loads (k, n) of the inner nodes to the outer ones, in place."""
+        # b_o - W^T b_i, for the p copies of each shape together
         k = len(loads)
         (s, p, o) = self.outer.shape
         inner = np.moveaxis(loads[:, self.inner], 1, 0).reshape(s, k * p, -1)
@@ -51,6 +52,7 @@ class EliminationStage:
     def expand(self, x: Array) -> None:
         """Replaces the loads in the inner nodes of x (k, n) by the solution; the outer ones hold it."""
         for inner, outer, factor, W in zip(self.inner, self.outer, self.factor, self.W, strict=True):
+            # x_i = K_ii^{-1} b_i - W x_o
             loads = x[:, inner].reshape(-1, len(factor)).T
             inner_solution = cho_solve((factor, True), loads, check_finite=False).T
             x[:, inner] = inner_solution.reshape(len(x), *inner.shape) - x[:, outer] @ W.T
@@ -86,6 +88,7 @@ class MacroElementFactors:
             for shape_nodes, K in zip(nodes, matrices, strict=True)
             for perimeter in shape_nodes
         ]
+        # A_3: what is left of the matrix of the whole mesh, its rows in the order of `mesh.boundary`
         root = self._join_patches(patches, mesh.points, total_counts)
         order = np.argsort(root.nodes)[np.argsort(np.argsort(mesh.boundary))]
         coupled = ~(self.clamped_boundary[:, None] | self.clamped_boundary) | np.eye(len(order), dtype=bool)
@@ -107,6 +110,7 @@ class MacroElementFactors:
         """The nodes (s, p, 3m) around the coarse triangles, and the matrix (s, 3m, 3m) of each shape."""
         coarse = mesh.coarse or mesh
         triangulation = coarse.triangulation
+        # m = 1: all finest triangles in a coarse one are that one scaled, turned or not, with one matrix
         shapes = 1 if triangulation.all_alike else len(triangulation.nodes)
         K = element_matrices(coarse.points[triangulation.nodes[:shapes]] / 2.0**mesh.halvings, form)
         levels = (
@@ -122,6 +126,7 @@ class MacroElementFactors:
 
     def _condense_four_children(self, K: Array, children: Index, outer: Index) -> Array:
         """The matrices (s, 3m, 3m) on the nodes `outer` (s, p, 3m); K is that of each of four `children`."""
+        # nodes of the four children that are not on the outer ones are inner; one copy stands for all
         example = children[0, 0]
         different, first = np.unique(example, return_index=True)
         first = first[np.isin(different, outer[0, 0], invert=True)]
@@ -129,6 +134,7 @@ class MacroElementFactors:
         local = np.concatenate([inner[0, 0], outer[0, 0]])
         order = np.argsort(local)
         assembled = np.zeros((len(K), len(local), len(local)))
+        # the sum of the four children's matrices, in the numbering inner, outer
         for child in order[np.searchsorted(local[order], example)]:
             assembled[:, child[:, None], child] += K
         return self._eliminate_inner(assembled, inner, outer)
@@ -146,11 +152,13 @@ class MacroElementFactors:
             self._join_patches([patches[k] for k in members], points, total_counts)
             for members in (order[:half], order[half:])
         ]
+        # a node is inside once all of its triangles, `total_counts`, are in the union
         nodes = np.union1d(pair[0].nodes, pair[1].nodes)
         counts = np.zeros_like(nodes)
         for patch in pair:
             counts[np.searchsorted(nodes, patch.nodes)] += patch.triangle_counts
         inside = counts == total_counts[nodes]
+        # the sum of both matrices, in the numbering inside first
         order = np.argsort(~inside, kind="stable")
         rank = np.argsort(order)
         i = np.count_nonzero(inside)
@@ -171,6 +179,7 @@ class MacroElementFactors:
         factor = cholesky(K[:, :i, :i], lower=True)
         W = K[:, :i, i:].copy()
         schur = K[:, i:, i:].copy()
+        # with K_ii = L L^T and Y = L^{-1} K_io: S = K_oo - Y^T Y, and W = K_ii^{-1} K_io = L^{-T} Y
         for L, Y, S in zip(factor, W, schur, strict=True):
             Y[:] = solve_triangular(L, Y, lower=True, check_finite=False)
             S -= Y.T @ Y
@@ -180,12 +189,10 @@ class MacroElementFactors:
 
 
 def element_matrices(corners: Array, form: Form = H1) -> Array:
-    """The matrices of a form on triangles, for the barycentric functions of their corners.
-
-    The shape is (s, 3, 3).
-    """
+    """The matrices (s, 3, 3) of a form on triangles, for the barycentric functions of their corners."""
     sides = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
     area = 0.5 * np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0])[:, None, None]
+    # k e_i . e_j / (4 |T|) + c |T| (1 + delta_ij) / 12, e_i the edge opposite to corner i
     mass = form.c * area / 12 * (np.ones((3, 3)) + np.eye(3))
     return form.k * sides @ np.swapaxes(sides, 1, 2) / (4 * area) + mass
 

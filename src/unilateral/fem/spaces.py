@@ -27,7 +27,7 @@ STEKLOV_SHARE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class DualOperator:
-    """D = half^T half (m, m) of one mesh and partition, the cells' lengths H_i (m,), and a function w of V_h.
+    """D = D_factor^T D_factor (m, m) of a mesh and a partition, the cells' lengths H_i (m,), and w in V_h.
 
     mu . D mu is the squared discrete norm ||mu||_{-1/2,h} = sup over V_h of <mu, v> / ||v||; column i of
     `D_factor` (nb, m) is the boundary response to a unit load on cell i, measured in (A_3)^{1/2}. w is 1 at
@@ -46,19 +46,13 @@ class DualOperator:
 
     @cached_property
     def S(self) -> Array:
-        """The matrix D on the unknowns H_i^{1/2} mu_i, whose Euclidean norm is ||mu||_0.
-
-        The shape is (m, m).
-        """
+        """The matrix D on the unknowns H_i^{1/2} mu_i, whose Euclidean norm is ||mu||_0; shape (m, m)."""
         scaling = np.sqrt(self.H_i)
         return self.D / scaling[:, None] / scaling
 
     @cached_property
     def spectrum(self) -> Array:
-        """The eigenvalues of S, ascending.
-
-        The shape is (m,).
-        """
+        """The eigenvalues of S, ascending; shape (m,)."""
         return eigvalsh(self.S)
 
     @property
@@ -74,9 +68,8 @@ class DualOperator:
     @property
     def lambda_min_lower(self) -> float:
         """A lower bound on lambda_min: forming S and its spectrum rounds each by some EPS tr(S)."""
-        return (1 - FORM_ROUNDING) * self.lambda_min - EPS * sum(self.D_factor.shape) * float(
-            self.spectrum.sum()
-        )
+        rounding = EPS * sum(self.D_factor.shape) * float(self.spectrum.sum())
+        return (1 - FORM_ROUNDING) * self.lambda_min - rounding
 
     @property
     def is_singular(self) -> bool:
@@ -92,6 +85,7 @@ class DualOperator:
 
         It is infinite where such a mean cannot be raised, as all nodes of its cell are fixed.
         """
+        # t times the mean of w has to make up for the mean of u - g, where that is below 0
         below = gap < 0
         means = np.broadcast_to(self.shift_means, gap.shape)[below]
         with np.errstate(divide="ignore"):
@@ -119,9 +113,10 @@ class MixedSpaces:
 
     @cached_property
     def beta(self) -> float:
-        """A number in place of beta of (3.4) that needs no Gram matrix: (STEKLOV_SHARE sigma_1 lambda_min)^{1/2}."""
+        """A number in place of beta of (3.4), without a Gram matrix: (sigma_1 lambda_min / 2)^{1/2}."""
         if not len(self.cells):
             return 1.0
+        # ||mu||_{-1/2,h}^2 >= lambda_min ||mu||_0^2, and ||mu||_{-1/2}^2 <= ||mu||_0^2 / sigma_1
         return math.sqrt(STEKLOV_SHARE * self.condensed.sigma_1 * max(self.operator.lambda_min, 0.0))
 
     def extend_by_zero(self, lambda_H: Array) -> Array:
@@ -151,10 +146,12 @@ def mixed_spaces(condensed: CondensedMatrix, partition: Partition) -> MixedSpace
 def dual_operator(condensed: CondensedMatrix, B: sp.csr_array, H_i: Array) -> DualOperator:
     """The dual operator for B (m, nb) of `coupling`, or of some cells, whose lengths are H_i (m,).
 
-    Of B nothing is taken at fixed nodes.
+    The columns of B at clamped nodes are left out.
     """
     loads = B.T.toarray()
     loads[condensed.clamped_nodes[condensed.mesh.boundary]] = 0.0
+    # D = B A_3^{-1} B^T = D_factor^T D_factor with D_factor = R^{-T} B^T, as A_3 = R^T R
     D_factor = solve_triangular(condensed.cholesky, loads, trans="T", check_finite=False)
+    # w is 1 at all nodes that are not clamped; the integral of w over cell i is the sum of B[i]
     shift_norm = energy_norm(condensed.mesh, np.where(condensed.clamped_nodes, 0.0, 1.0), condensed.form)
     return DualOperator(D_factor, H_i, shift_norm, loads.sum(axis=0) / H_i)

@@ -1,11 +1,11 @@
 """Triangles cut into pieces on which a case's solution is smooth enough for a quadrature rule.
 
 Pieces are triangles given by the barycentric coordinates of their corners in a triangle of the mesh. Pieces
-that a kink crosses are quartered at least KINK_LEVELS times, and until they are smaller than KINK_SIZE of the
-shortest side (but no side counts as shorter than SHORTEST of the longest) and than KINK_SHARE of a circle's
-radius. Towards a singular point pieces are quartered until they are small against their distance from it; the
-piece that contains the point is split there into pieces that have it as their first corner, after it is small
-against the distance of other points.
+that a kink crosses are quartered at least MIN_KINK_QUARTERINGS times, and until they are smaller than
+KINK_PIECE_PER_SIDE of the shortest side (no side counts as shorter than MIN_SIDE_RATIO of the longest) and
+than KINK_PIECE_PER_RADIUS of a circle's radius. Towards a singular point pieces are quartered until they are
+small against their distance from it; the piece that contains the point is split there into pieces that have
+it as their first corner, after it is small against the distance of other points.
 """
 
 from __future__ import annotations
@@ -52,13 +52,14 @@ def split_triangles(mesh: Mesh, case: ExactSolution) -> tuple[Array, Index, list
     They are given by their corners (k, 3, 3) in the triangles (k,); those at singular points stand apart, for
     each grading. Every triangle that occurs is covered once; those that do not occur need no splitting.
     """
-    points = _locate_singular_points(case)
+    points = [(case.polygon.point(p.side, p.t), p.grading) for p in case.flux_singular_points()]
     kinks = case.kinks()
     parent = _find_cut_triangles(mesh, [point for point, _ in points], kinks)
     corners = np.broadcast_to(np.eye(3), (len(parent), 3, 3))
     lengths = case.polygon.lengths
     smallest = KINK_PIECE_PER_SIDE * max(lengths.min(), MIN_SIDE_RATIO * lengths.max())
     singular_groups: dict[int, list[tuple[Array, Index, Array]]] = {}
+    # the pieces at singular points: each contains one, which becomes the first corner of its parts
     corners, parent = _separate_singular_points(mesh, corners, parent, [point for point, _ in points])
     for point, grading in points:
         holds = _pieces_contain(mesh, corners, parent, point)
@@ -68,6 +69,7 @@ def split_triangles(mesh: Mesh, case: ExactSolution) -> tuple[Array, Index, list
         )
         corners = corners[~holds]
         parent = parent[~holds]
+    # the others: quartered as long as they are near a point, or larger than a kink allows
     done: list[tuple[Array, Index]] = []
     for level in range(MAX_PIECE_QUARTERINGS):
         centre, radius = _piece_circles(mesh, corners, parent)
@@ -123,11 +125,8 @@ def _separate_singular_points(
     return corners, parent
 
 
-def _locate_singular_points(case: ExactSolution) -> list[tuple[Array, int]]:
-    return [(case.polygon.point(p.side, p.t), p.grading) for p in case.flux_singular_points()]
-
-
 def _piece_corners(mesh: Mesh, corners: Array, parent: Index) -> Array:
+    """The corners (k, 3, 2) of the pieces in the plane."""
     return corners @ mesh.points[mesh.triangles[parent]]
 
 
@@ -137,16 +136,15 @@ def _piece_circles(mesh: Mesh, corners: Array, parent: Index) -> tuple[Array, Ar
 
 
 def _barycentric_in_pieces(mesh: Mesh, corners: Array, parent: Index, point: Array) -> Array:
-    """The barycentric coordinates of a point of the plane in each piece.
-
-    The shape is (k, 3).
-    """
+    """The barycentric coordinates of a point of the plane in each piece; shape (k, 3)."""
     a, b, c = np.moveaxis(_piece_corners(mesh, corners, parent) - point, 1, 0)
+    # a coordinate is the area of the triangle of the point and the opposite edge, over that of the piece
     areas = np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=-1)
     return areas / areas.sum(axis=1, keepdims=True)
 
 
 def _pieces_contain(mesh: Mesh, corners: Array, parent: Index, point: Array) -> Mask:
+    """Whether each piece contains the point, up to rounding."""
     return np.all(_barycentric_in_pieces(mesh, corners, parent, point) > -BARYCENTRIC_TOLERANCE, axis=1)
 
 
@@ -163,10 +161,7 @@ def _split_at_point(mesh: Mesh, corners: Array, parent: Index, point: Array) -> 
 
 
 def quarter(corners: Array) -> Array:
-    """The four congruent quarters of each piece.
-
-    The shape is (4k, 3, 3).
-    """
+    """The four congruent quarters of each piece; shape (4k, 3, 3)."""
     a, b, c = np.moveaxis(corners, 1, 0)
     ab = 0.5 * (a + b)
     bc = 0.5 * (b + c)

@@ -1,4 +1,4 @@
-"""The iteration, by the algorithm that is asked for."""
+"""Runs the iteration for lambda_H by the algorithm that is asked for."""
 
 from __future__ import annotations
 
@@ -54,6 +54,7 @@ def _check_rho(operator: DualOperator, algorithm: str, rho: float | None) -> Non
 def _choose_algorithm(
     operator: DualOperator, offset: Array, tolerance: float, stop: Stop, start: Array | None
 ) -> str:
+    """Plain Uzawa where rho is given or it is predicted to end within max_steps, else Nesterov."""
     if stop.rho is not None:
         return "uzawa"
     rho = 1.9 / operator.lambda_max

@@ -22,9 +22,9 @@ from unilateral.arrays import Array, Mask
 MAX_SET_UPDATES = 10
 MIN_T = 1e-300
 UNBOUNDED_T = 1e8
-"""NEAR is the least t, taken where q is 0.
+"""MIN_T is the least t, taken where q is 0.
 
-Where nothing bounds t, as |p|_S >= 1, it is FAR times 1 or |q|_S, whichever is larger.
+Where nothing bounds t, as |p|_S >= 1, it is UNBOUNDED_T times 1 or |q|_S, whichever is larger.
 """
 
 
@@ -48,11 +48,13 @@ def minimise_linear_plus_norm(
         if equalities.any()
         else np.ones_like(lower_bounds) * lower_bounds.max(axis=0)
     )
+    # without equalities begin with a constant: the largest bound
     T = _principal_pivot(S, usually_free)
     best = begin
     unsettled = np.arange(lower_bounds.shape[1])
     values = _objective(S, l, best)
     for _ in range(MAX_SET_UPDATES):
+        # the stationary v of the problems that have not settled, cut to v >= c, is kept where it is better
         sets = active[:, unsettled]
         bound = lower_bounds[:, unsettled]
         v, push = _stationary_point(T, usually_free, sets, bound, l)
@@ -61,6 +63,7 @@ def minimise_linear_plus_norm(
         better = objective < values[unsettled]
         best[:, unsettled[better]] = cut[:, better]
         values[unsettled[better]] = objective[better]
+        # active unknowns stay while the gradient is >= 0, others become so where v < c
         active[:, unsettled] = np.where(sets, (push >= 0) | equalities[:, None], v < bound)
         unsettled = unsettled[(active[:, unsettled] != sets).any(axis=0)]
         if not unsettled.size:
@@ -77,6 +80,7 @@ def _stationary_point(
 ) -> tuple[Array, Array]:
     """The stationary v (n, k) for the `active` sets (n, k), and the gradient l + S v / |v|_S."""
     (q, S_q), (p, S_p) = _solve_active_sets(T, usually_free, active, lower_bounds, l)
+    # t^2 = |q|_S^2 / (1 - |p|_S^2), and |p|_S^2 = -l . p
     q_norm = np.sqrt(np.maximum(np.sum(q * S_q, axis=0), 0.0))
     square = 1 + l @ p
     bounded = square > 0
@@ -86,10 +90,7 @@ def _stationary_point(
 
 
 def _objective(S: Array, l: Array, v: Array) -> Array:  # noqa: E741
-    """The values of l . v + |v|_S for each column of v.
-
-    The shape is (k,).
-    """
+    """The values of l . v + |v|_S for each column of v; shape (k,)."""
     return np.asarray(l @ v + np.sqrt(np.maximum(np.sum(v * (S @ v), axis=0), 0.0)))
 
 
@@ -101,6 +102,7 @@ def _principal_pivot(S: Array, usually_free: Mask) -> Array:
     """
     F = np.flatnonzero(usually_free)
     A = np.flatnonzero(~usually_free)
+    # v_F = S_FF^{-1} (r_F - S_FA v_A), and r_A = S_AF v_F + S_AA v_A
     inverse = np.linalg.inv(S[np.ix_(F, F)])
     across = inverse @ S[np.ix_(F, A)]
     T = np.empty_like(S)
@@ -123,6 +125,8 @@ def _solve_active_sets(
     arguments = np.zeros((n, 2, k))
     none = np.zeros_like(lower_bounds)
     data = np.stack([np.where(active, lower_bounds, none), np.where(active, none, -l[:, None])], axis=1)
+    # T acts on S v in usually free unknowns, on v in the others. The problem prescribes v in active unknowns
+    # and S v in the others: where an unknown is not as usual, the argument is what makes T yield that
     for j in range(k):
         differing = np.flatnonzero(active[:, j] == usually_free)
         arguments[:, :, j] = data[:, :, j]

@@ -34,7 +34,7 @@ class NodalMatrix(NamedTuple):
 
 
 class TruncatedCycle:
-    """The levels below the last one of a hierarchy that has at least two; T is zero at its nodes `truncated_nodes`."""
+    """The levels below the last one of a hierarchy that has at least two; T is 0 at the `truncated_nodes`."""
 
     def __init__(self, hierarchy: Hierarchy, truncated_nodes: Index) -> None:
         self.last_level = hierarchy.levels[-1]
@@ -42,6 +42,7 @@ class TruncatedCycle:
         self.truncated_nodes = truncated_nodes
         self.truncated_coarse_nodes = truncated_nodes[truncated_nodes < self.last_level.n_coarse]
         self.truncated_new_nodes = truncated_nodes[truncated_nodes >= self.last_level.n_coarse]
+        # from fine to coarse: S = P^T A P - P^T D P, and the next D is P^T D P
         D = _galerkin_product(self.last_level, _extract_nodes(hierarchy.A, truncated_nodes))
         self.matrices: list[sp.csr_array] = []
         for level in reversed(self.lower_levels):
@@ -53,6 +54,7 @@ class TruncatedCycle:
 
     def correct(self, A: sp.csr_array, z: Array, r: Array) -> None:
         """Adds T P C P^T T (r - A z) to z (n,), where C is one V-cycle and A the matrix of the last level."""
+        # T (r - A z), restricted; the correction is prolonged and truncated
         d = A @ z
         np.subtract(r, d, out=d)
         d[self.truncated_nodes] = 0
@@ -65,7 +67,7 @@ class TruncatedCycle:
         z[self.last_level.n_coarse :] += new
 
     def _apply_cycle(self, r: Array) -> Array:
-        """e (n,) from r (n,), which is overwritten.
+        """The correction e (n,) of one V-cycle for r (n,), which is overwritten.
 
         Each level has one forward sweep on the way down, and one backward sweep on the way up.
         """
@@ -83,7 +85,7 @@ class TruncatedCycle:
 
 
 def _factorise_coarsest(S: sp.csr_array, A_0: sp.csr_array) -> SuperLU:
-    """Factors of S or, if S is singular, of S + CUT_AWAY diag(A_0).
+    """Factors of S or, if S is singular, of S + MIN_ENERGY_SHARE diag(A_0).
 
     Hats that are cut may depend on each other, because few nodes are left. The added term makes the
     correction of such functions, which are 0, small in place of arbitrary.
@@ -101,6 +103,7 @@ def _extract_nodes(A: sp.csr_array, nodes: Index) -> NodalMatrix:
     j = rows.col
     is_chosen = np.zeros(A.shape[0], dtype=bool)
     is_chosen[nodes] = True
+    # rows of the nodes, and by symmetry their columns; entries between two of the nodes are taken once
     outside = ~is_chosen[j]
     all_nodes, place = np.unique(np.concatenate([i, j]), return_inverse=True)
     i, j = np.split(place, [len(i)])
@@ -110,7 +113,8 @@ def _extract_nodes(A: sp.csr_array, nodes: Index) -> NodalMatrix:
 
 
 def _galerkin_product(level: FinerSpace, D: NodalMatrix) -> NodalMatrix:
-    """P^T D P on the level before."""
+    """The matrix P^T D P on the level before."""
+    # P has a 1 for each old node of D, and the two halves for each new one
     new = D.nodes >= level.n_coarse
     rows = level.P[D.nodes[new] - level.n_coarse]
     reached = np.concatenate([D.nodes[~new], level.ends[rows.indices]])
@@ -143,6 +147,7 @@ def _subtract_in_pattern(
     some = np.flatnonzero(rows >= 0)
     if not len(some):
         return A
+    # all entries of these rows of A: their places in A.data, and the nodes of their columns
     row = rows[some]
     count = A.indptr[row + 1] - A.indptr[row]
     place = np.arange(count.sum()) + np.repeat(A.indptr[row + 1] - np.cumsum(count), count)
