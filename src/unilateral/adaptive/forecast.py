@@ -87,7 +87,9 @@ def allowed_unknowns(levels: Sequence[Level], share: float = 1.0) -> dict[str, f
     """
     last = levels[-1]
     base_mb = predict_mb(levels, 0.0)
-    (unknowns, max_unknowns), (memory, max_mb), (time, max_seconds) = find_limits(last.goal, base_mb)
+    (unknowns_name, max_unknowns), (memory_name, max_mb), (time_name, max_seconds) = find_limits(
+        last.goal, base_mb
+    )
     # memory: what the last level left of it; time: start + seconds_per_unknown n <= what is left of it
     in_memory = (max_mb - base_mb) * BYTES_PER_MB / bytes_per_unknown(last.goal)
     remaining = max_seconds - last.elapsed
@@ -95,7 +97,11 @@ def allowed_unknowns(levels: Sequence[Level], share: float = 1.0) -> dict[str, f
     in_time = (remaining - start) / seconds_per_unknown
     if len(levels) == 1:  # in which code is loaded, so that its time says nothing of the next one
         in_time = math.inf if remaining > 0 else 0.0
-    return {unknowns: max_unknowns, memory: share * max(in_memory, 0.0), time: share * max(in_time, 0.0)}
+    return {
+        unknowns_name: max_unknowns,
+        memory_name: share * max(in_memory, 0.0),
+        time_name: share * max(in_time, 0.0),
+    }
 
 
 def observe_seconds(levels: Sequence[Level]) -> tuple[float, float]:

@@ -183,7 +183,7 @@ def contradict(a: Level, b: Level) -> bool:
     if a.bound and b.bound:
         u_bound = a.bound.u + b.bound.u
         lambda_bound = a.bound.lambda_ + b.bound.lambda_
-    pairs = (
+    comparisons = (
         (a.solved.u_norm, b.solved.u_norm, u_bound),
         (a.solved.u_integral, b.solved.u_integral, u_factor * u_bound),
         (a.solved.force, b.solved.force, lambda_factor * lambda_bound),
@@ -191,7 +191,8 @@ def contradict(a: Level, b: Level) -> bool:
     # Norms on the exact meshes differ from the computed ones by their growth, and by rounding
     rounding = (1 + SQUARES_ROUNDING) * a.solved.mesh.exact_mesh_factor * b.solved.mesh.exact_mesh_factor - 1
     return any(
-        abs(x - y) > (1 + SQUARES_ROUNDING) * bound + rounding * max(abs(x), abs(y)) for x, y, bound in pairs
+        abs(x - y) > (1 + SQUARES_ROUNDING) * bound + rounding * max(abs(x), abs(y))
+        for x, y, bound in comparisons
     )
 
 

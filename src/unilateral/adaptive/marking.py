@@ -72,7 +72,7 @@ def divide_by_shares(
     times the triangles are needed, it is the best division within that.
     """
     logarithms = np.log2(np.maximum(shares / shares.max(), MIN_SHARE_RATIO))
-    squares = shares / shares.sum()
+    relative_shares = shares / shares.sum()
 
     # s_i / 16^{g_i} = 2^theta up to the rounding of g_i; the larger theta, the fewer triangles
     def divide_at(theta: float) -> Division:
@@ -80,7 +80,7 @@ def divide_by_shares(
         halvings = np.clip(np.rint((logarithms - theta) / 4), 0, MAX_HALVINGS).astype(np.int16)
         child_counts = 4.0**halvings
         return Division(
-            halvings, float(child_counts.mean()), math.sqrt(float((squares / child_counts).sum()))
+            halvings, float(child_counts.mean()), math.sqrt(float((relative_shares / child_counts).sum()))
         )
 
     low = float(logarithms.min()) - 4 * MAX_HALVINGS - 2

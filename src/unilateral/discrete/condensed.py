@@ -175,11 +175,11 @@ class CondensedProblem(DiscreteProblem):
         delta = lumped_dual_norm_bound(np.abs(residual.values) + residual.rounding, condensed.nodal_weights)
         if delta > MAX_ROUNDING_EXCESS * result.bound:
             z = condensed.solve(residual.values)
-            second_residual = residual_with_rounding(*condensed.matrix_and_row_sums, z, residual)
-            second_norm = lumped_dual_norm_bound(
-                np.abs(second_residual.values) + second_residual.rounding, condensed.nodal_weights
+            z_residual = residual_with_rounding(*condensed.matrix_and_row_sums, z, residual)
+            z_residual_norm = lumped_dual_norm_bound(
+                np.abs(z_residual.values) + z_residual.rounding, condensed.nodal_weights
             )
-            delta = (1 + FORM_ROUNDING) * energy_norm(self.mesh, z, self.form) + second_norm
+            delta = (1 + FORM_ROUNDING) * energy_norm(self.mesh, z, self.form) + z_residual_norm
         return condensed_algebraic_bound(spaces.operator, mu, gap, delta, result.rho)
 
 

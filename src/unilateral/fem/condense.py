@@ -91,8 +91,8 @@ class CondensedMatrix:
             R = self.cholesky
             return solve_triangular(R, mass @ solve_triangular(R, v), trans="T")
 
-        operator = LinearOperator((size, size), matvec=apply_scaled_mass, dtype=float)
-        return float(1 / eigsh(operator, k=1, v0=np.ones(size), return_eigenvectors=False)[0])
+        scaled_mass = LinearOperator((size, size), matvec=apply_scaled_mass, dtype=float)
+        return float(1 / eigsh(scaled_mass, k=1, v0=np.ones(size), return_eigenvectors=False)[0])
 
 
 def form_matrix(mesh: Mesh, form: Form = H1) -> sp.csr_array:

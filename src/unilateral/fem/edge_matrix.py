@@ -96,9 +96,10 @@ def assemble_rows(
 def _assemble_row_block(
     points: Array, triangles: Int32, row_nodes: Int32, n: int, form: Form, fixed: Mask
 ) -> sp.csr_array:
-    """One block of the rows of `assemble_rows`; shape (k, n).
+    """The rows (k, n) that belong to some nodes, assembled at once.
 
-    Each edge from an inner node leads to the next node of one triangle and to the last node of another.
+    An edge from a node leads to the next corner in at most one triangle, and to the last corner in at most
+    one. So two matrices with distinct entries add up to the part off the diagonal.
     """
     row_number = np.full(n, -1, dtype=np.int32)
     row_number[row_nodes] = np.arange(len(row_nodes), dtype=np.int32)

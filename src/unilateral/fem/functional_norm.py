@@ -75,9 +75,8 @@ def multilevel_dual_norm_bound(hierarchy: Hierarchy, R: Array, rounding: Array |
     A_z = residual_rounding.product_with_rounding(hierarchy.A, hierarchy.row_sums, z)
     norm_of_z = residual_rounding.product_root(z, A_z.values)
     remainder = R - A_z.values
-    rounding = (
-        rounding + 2 * A_z.rounding + _bound_coarse_remainder(hierarchy, remainder)
-    )  # of R - A z, and of ||z||
+    # what is not known of R, the rounding of A z, in R - A z and in ||z||, and what R' has left on V_0
+    rounding = rounding + 2 * A_z.rounding + _bound_coarse_remainder(hierarchy, remainder)
     rounding_norm = residual_rounding.lumped_dual_norm_bound(rounding, hierarchy.nodal_weights)
     return (
         residual_rounding.NORM_ROUNDING_FACTOR * norm_of_z
@@ -95,6 +94,7 @@ def _bound_coarse_remainder(hierarchy: Hierarchy, R: Array) -> Array:
         level.restrict(R)
         level.restrict(sizes)
         rounding[level.ends] += EPS * level.max_summands * sizes[level.ends]
+    # (3) is for functionals that vanish on V_0: all that is left there counts as rounding
     n = hierarchy.A_0.shape[0]
     rounding[:n] += np.abs(R[:n])
     return rounding

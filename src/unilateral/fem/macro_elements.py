@@ -73,7 +73,7 @@ class CondensedPatch:
 class MacroElementFactors:
     """The stages of a refined mesh; A_3 (nb, nb) on its boundary nodes, and its upper Cholesky factor.
 
-    A_3 is decoupled from the nodes that are fixed, see `form`.
+    A_3 is decoupled from clamped nodes, as all matrices of a form are.
     """
 
     def __init__(self, mesh: Mesh, form: Form = H1) -> None:
@@ -82,7 +82,7 @@ class MacroElementFactors:
         self.stages: list[EliminationStage] = []
         nodes, matrices = self._condense_macro_elements(mesh, form)
         total_counts = np.bincount(nodes.ravel(), minlength=mesh.n_nodes)
-        total_counts[mesh.boundary] += 1  # these are never met often enough
+        total_counts[mesh.boundary] += 1  # more than can meet, so that no boundary node is eliminated
         patches = [
             CondensedPatch(perimeter, np.ones_like(perimeter), K)
             for shape_nodes, K in zip(nodes, matrices, strict=True)

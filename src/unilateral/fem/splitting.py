@@ -57,52 +57,57 @@ def split_triangles(mesh: Mesh, case: ExactSolution) -> tuple[Array, Index, list
     parent = _find_cut_triangles(mesh, [point for point, _ in points], kinks)
     corners = np.broadcast_to(np.eye(3), (len(parent), 3, 3))
     lengths = case.polygon.lengths
-    smallest = KINK_PIECE_PER_SIDE * max(lengths.min(), MIN_SIDE_RATIO * lengths.max())
+    # a kink's pieces are at most this large
+    kink_piece_radius = KINK_PIECE_PER_SIDE * max(lengths.min(), MIN_SIDE_RATIO * lengths.max())
     singular_groups: dict[int, list[tuple[Array, Index, Array]]] = {}
     # the pieces at singular points: each contains one, which becomes the first corner of its parts
     corners, parent = _separate_singular_points(mesh, corners, parent, [point for point, _ in points])
     for point, grading in points:
-        holds = _pieces_contain(mesh, corners, parent, point)
-        pieces, piece_parent = _split_at_point(mesh, corners[holds], parent[holds], point)
+        contains = _pieces_contain(mesh, corners, parent, point)
+        pieces, piece_parent = _split_at_point(mesh, corners[contains], parent[contains], point)
         singular_groups.setdefault(grading, []).append(
             (pieces, piece_parent, np.tile(point, (len(piece_parent), 1)))
         )
-        corners = corners[~holds]
-        parent = parent[~holds]
+        corners = corners[~contains]
+        parent = parent[~contains]
     # the others: quartered as long as they are near a point, or larger than a kink allows
-    done: list[tuple[Array, Index]] = []
+    finished: list[tuple[Array, Index]] = []
     for level in range(MAX_PIECE_QUARTERINGS):
         centre, radius = _piece_circles(mesh, corners, parent)
         marked = np.zeros(len(parent), dtype=bool)
         for point, _ in points:
             marked |= np.hypot(*(centre - point).T) < NEAR_IN_RADII * radius
         for kink in kinks:
-            fine = min(smallest, KINK_PIECE_PER_RADIUS * kink.radius) if kink.radius else smallest
-            coarse = radius > (0.0 if level < MIN_KINK_QUARTERINGS else fine)
-            marked |= coarse & (np.abs(kink.signed_distances(centre)) < radius)
+            max_radius = (
+                min(kink_piece_radius, KINK_PIECE_PER_RADIUS * kink.radius)
+                if kink.radius
+                else kink_piece_radius
+            )
+            is_coarse = radius > (0.0 if level < MIN_KINK_QUARTERINGS else max_radius)
+            marked |= is_coarse & (np.abs(kink.signed_distances(centre)) < radius)
         if level > 0:
-            done.append((corners[~marked], parent[~marked]))
+            finished.append((corners[~marked], parent[~marked]))
         corners = quarter(corners[marked])
         parent = np.repeat(parent[marked], 4)
-    done.append((corners, parent))
-    corners = np.concatenate([pieces for pieces, _ in done])
-    parent = np.concatenate([triangles for _, triangles in done])
+    finished.append((corners, parent))
+    corners = np.concatenate([pieces for pieces, _ in finished])
+    parent = np.concatenate([triangles for _, triangles in finished])
     singular = []
     for grading, groups in singular_groups.items():
-        pieces, triangles, first = map(np.concatenate, zip(*groups, strict=True))
-        singular.append(SingularPieces(pieces, triangles, first, grading))
+        pieces, triangles, apex = map(np.concatenate, zip(*groups, strict=True))
+        singular.append(SingularPieces(pieces, triangles, apex, grading))
     return corners, parent, singular
 
 
 def _find_cut_triangles(mesh: Mesh, points: list[Array], kinks: list[Kink]) -> Index:
     """The triangles that a point is near or a kink may cross; no other one is ever cut."""
     centre, radius = mesh.enclosing_circles
-    concerned = np.zeros(len(radius), dtype=bool)
+    is_cut = np.zeros(len(radius), dtype=bool)
     for point in points:
-        concerned |= np.hypot(*(centre - point).T) < NEAR_IN_RADII * radius
+        is_cut |= np.hypot(*(centre - point).T) < NEAR_IN_RADII * radius
     for kink in kinks:
-        concerned |= np.abs(kink.signed_distances(centre)) < radius
-    return np.flatnonzero(concerned)
+        is_cut |= np.abs(kink.signed_distances(centre)) < radius
+    return np.flatnonzero(is_cut)
 
 
 def _separate_singular_points(
@@ -111,13 +116,13 @@ def _separate_singular_points(
     """Pieces quartered until those that contain a point have no other one near."""
     for _ in range(MAX_PIECE_QUARTERINGS):
         centre, radius = _piece_circles(mesh, corners, parent)
-        holds = np.zeros(len(parent), dtype=np.intp)
-        near = np.zeros(len(parent), dtype=np.intp)
+        contained = np.zeros(len(parent), dtype=np.intp)
+        near_points = np.zeros(len(parent), dtype=np.intp)
         for point in points:
-            close = np.flatnonzero(np.hypot(*(centre - point).T) < NEAR_IN_RADII * radius)
-            near[close] += 1
-            holds[close] += _pieces_contain(mesh, corners[close], parent[close], point)
-        crowded = (holds > 0) & (near > 1)
+            near = np.flatnonzero(np.hypot(*(centre - point).T) < NEAR_IN_RADII * radius)
+            near_points[near] += 1
+            contained[near] += _pieces_contain(mesh, corners[near], parent[near], point)
+        crowded = (contained > 0) & (near_points > 1)
         if not crowded.any():
             break
         corners = np.concatenate([corners[~crowded], quarter(corners[crowded])])

@@ -43,28 +43,28 @@ def minimise_linear_plus_norm(
     """
     active = active | equalities[:, None]
     usually_free = 2 * np.count_nonzero(active, axis=1) <= active.shape[1]
-    begin = (
+    # start with c where some unknowns are given, else with the constant that is the largest bound
+    start = (
         np.where(np.isfinite(lower_bounds), lower_bounds, 0.0)
         if equalities.any()
         else np.ones_like(lower_bounds) * lower_bounds.max(axis=0)
     )
-    # without equalities begin with a constant: the largest bound
     T = _principal_pivot(S, usually_free)
-    best = begin
+    best = start
     unsettled = np.arange(lower_bounds.shape[1])
     values = _objective(S, l, best)
     for _ in range(MAX_SET_UPDATES):
         # the stationary v of the problems that have not settled, cut to v >= c, is kept where it is better
         sets = active[:, unsettled]
         bound = lower_bounds[:, unsettled]
-        v, push = _stationary_point(T, usually_free, sets, bound, l)
+        v, gradient = _stationary_point(T, usually_free, sets, bound, l)
         cut = np.maximum(v, bound)
         objective = _objective(S, l, cut)
         better = objective < values[unsettled]
         best[:, unsettled[better]] = cut[:, better]
         values[unsettled[better]] = objective[better]
         # active unknowns stay while the gradient is >= 0, others become so where v < c
-        active[:, unsettled] = np.where(sets, (push >= 0) | equalities[:, None], v < bound)
+        active[:, unsettled] = np.where(sets, (gradient >= 0) | equalities[:, None], v < bound)
         unsettled = unsettled[(active[:, unsettled] != sets).any(axis=0)]
         if not unsettled.size:
             break
@@ -82,9 +82,11 @@ def _stationary_point(
     (q, S_q), (p, S_p) = _solve_active_sets(T, usually_free, active, lower_bounds, l)
     # t^2 = |q|_S^2 / (1 - |p|_S^2), and |p|_S^2 = -l . p
     q_norm = np.sqrt(np.maximum(np.sum(q * S_q, axis=0), 0.0))
-    square = 1 + l @ p
-    bounded = square > 0
-    t = np.where(bounded, q_norm / np.sqrt(np.where(bounded, square, 1)), UNBOUNDED_T * np.maximum(q_norm, 1))
+    denominator = 1 + l @ p
+    bounded = denominator > 0
+    t = np.where(
+        bounded, q_norm / np.sqrt(np.where(bounded, denominator, 1)), UNBOUNDED_T * np.maximum(q_norm, 1)
+    )
     t = np.maximum(t, MIN_T)
     return q + t * p, l[:, None] + S_q / t + S_p
 
@@ -123,15 +125,15 @@ def _solve_active_sets(
     """q and S q (n, k), p and S p (n, k) for the `active` sets (n, k)."""
     n, k = active.shape
     arguments = np.zeros((n, 2, k))
-    none = np.zeros_like(lower_bounds)
-    data = np.stack([np.where(active, lower_bounds, none), np.where(active, none, -l[:, None])], axis=1)
+    zero = np.zeros_like(lower_bounds)
+    prescribed = np.stack([np.where(active, lower_bounds, zero), np.where(active, zero, -l[:, None])], axis=1)
     # T acts on S v in usually free unknowns, on v in the others. The problem prescribes v in active unknowns
     # and S v in the others: where an unknown is not as usual, the argument is what makes T yield that
     for j in range(k):
         differing = np.flatnonzero(active[:, j] == usually_free)
-        arguments[:, :, j] = data[:, :, j]
+        arguments[:, :, j] = prescribed[:, :, j]
         arguments[differing, :, j] = 0
-        rhs = data[differing, :, j] - T[differing] @ arguments[:, :, j]
+        rhs = prescribed[differing, :, j] - T[differing] @ arguments[:, :, j]
         arguments[differing, :, j] = np.linalg.solve(T[np.ix_(differing, differing)], rhs)
     images = (T @ arguments.reshape(n, -1)).reshape(arguments.shape)
     is_free = usually_free[:, None, None]

@@ -166,22 +166,22 @@ def settle_active_set(
             u[:] = 0  # whose residual is the load itself, however small
         run = ActiveSetRun(grid, active, u)
         steps = steps + 1
-        after = _run_until_set_changes(run, criterion)
+        next_active = _run_until_set_changes(run, criterion)
         counts.append((len(grid.hierarchy.levels), len(run.cg_coefficients)))
-        if np.array_equal(after, active) or steps == MAX_ACTIVE_SETS:
+        if np.array_equal(next_active, active) or steps == MAX_ACTIVE_SETS:
             return run
-        active = after
+        active = next_active
         del run  # its memory is needed for the next one
 
 
 def _run_until_set_changes(run: ActiveSetRun, criterion: ReductionCriterion | BoundCriterion) -> Mask:
     """The active set (m,) after the run has ended, or as soon as it has changed."""
-    look: float | None = criterion.first_check(run)
-    while look is not None:
-        run.descend(look)
-        after = run.choose_next_set()
-        look = criterion(run) if np.array_equal(after, run.active) else None
-    return after
+    max_rz: float | None = criterion.first_check(run)
+    while max_rz is not None:
+        run.descend(max_rz)
+        next_active = run.choose_next_set()
+        max_rz = criterion(run) if np.array_equal(next_active, run.active) else None
+    return next_active
 
 
 @dataclass(frozen=True)

@@ -115,10 +115,10 @@ def _solve_by_cycles(hierarchy: Hierarchy, R: Array) -> Array:
             A_p = A_p - coefficient * A_q
         # the step gain / square along p adds gain^2 / square to R . v, which is ||v||^2
         gain = float(p @ residual)
-        square = float(p @ A_p)
-        if not (square > 0 and gain**2 > MIN_NORM_GAIN * square * float(v @ R)):
+        p_square = float(p @ A_p)
+        if not (p_square > 0 and gain**2 > MIN_NORM_GAIN * p_square * float(v @ R)):
             break
         directions.append((p, A_p))
-        v = v + gain / square * p
-        residual = residual - gain / square * A_p
+        v = v + gain / p_square * p
+        residual = residual - gain / p_square * A_p
     return v
