@@ -155,7 +155,7 @@ def make_plan(levels: Sequence[Level]) -> Plan | None:
     missed = [
         name for (name, limit), used in zip(limits, (unknowns, mb, seconds), strict=True) if used > limit
     ]
-    return Plan(should_adapt(last), round(unknowns), seconds, mb, tuple(missed))
+    return Plan(should_adapt(last), round(unknowns), seconds=seconds, peak_mb=mb, missed=tuple(missed))
 
 
 def show_costs(levels: Sequence[Level]) -> bool:

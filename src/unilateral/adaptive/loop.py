@@ -114,7 +114,9 @@ def make_search(
     candidates = reversed(believed or levels[-1:])
     best = min(candidates, key=lambda level: (not level.certified, level.total))
     certified = bool(believed) and best.certified
-    return Search(levels, ended, believed, best, certified, refusal=refusal, plan=plan, reach=reach)
+    return Search(
+        levels, ended, believed, best=best, certified=certified, refusal=refusal, plan=plan, reach=reach
+    )
 
 
 def search(

@@ -86,7 +86,15 @@ class CondensedProblem(DiscreteProblem):
         zero = np.zeros(len(self.offset))
         rho = 1.9 / operator.lambda_max if len(zero) else math.nan
         bound = residual_bound(operator, self.offset, zero, rho) if len(zero) else 0.0
-        result = DualResult(zero, 0, 0, bound, False, rho, "none")
+        result = DualResult(
+            zero,
+            iterations=0,
+            operator_applications=0,
+            bound=bound,
+            converged=False,
+            rho=rho,
+            algorithm="none",
+        )
         return self.add_rounding_to_bound(result, self.response(zero)) if bound < math.inf else result
 
     @cached_property
@@ -212,12 +220,11 @@ def build_condensed_problem(
 def discretise_case(spaces: MixedSpaces, exact: CaseProjections) -> CondensedProblem:
     """The discrete problem of a case whose exact solution is known on these spaces."""
     ritz = exact.ritz
-    return replace(
-        build_condensed_problem(
-            spaces, ritz.load, ritz.load_trace, exact.cell_means.g_means, ritz.dirichlet_lift
-        ),
-        exact=exact,
+    g_means = exact.cell_means.g_means
+    discrete = build_condensed_problem(
+        spaces, ritz.load, trace=ritz.load_trace, g_means=g_means, dirichlet_lift=ritz.dirichlet_lift
     )
+    return replace(discrete, exact=exact)
 
 
 def discretise(problem: Problem, mesh: Mesh, partition: Partition) -> CondensedProblem:
@@ -243,7 +250,9 @@ def discretise_on_condensed_spaces(
         return discretise_case(spaces, project_case(problem.exact, spaces))
     data = enclose_data(problem, spaces.mesh, spaces.condensed.form, source)
     g_means = problem.enclosed_obstacle.means(spaces.partition.points)
-    discrete = build_condensed_problem(spaces, data.load, None, g_means, data.constraint.clamped_values)
+    discrete = build_condensed_problem(
+        spaces, data.load, trace=None, g_means=g_means, dirichlet_lift=data.constraint.clamped_values
+    )
     if np.max(np.abs(discrete.offset), initial=0.0) < SMALLEST_NORMAL:
         discrete.offset[:] = 0.0  # of data that this mesh does not see
     return replace(discrete, data=data)

@@ -102,8 +102,9 @@ class MultilevelProblem(DiscreteProblem):
         that, too.
         """
         first_guess = None if self.start_u is None or start is None else (self.start_u, start > 0)
+        max_residual_norm = RESIDUAL_NORM_SHARE * predicted_total
         return self._convert_result(
-            self.multigrid.solve(tolerance, first_guess, stop.fraction, RESIDUAL_NORM_SHARE * predicted_total)
+            self.multigrid.solve(tolerance, first_guess, stop.fraction, max_residual_norm=max_residual_norm)
         )
 
     def iterate_further(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
@@ -127,7 +128,13 @@ class MultilevelProblem(DiscreteProblem):
         u_h = self.dirichlet_lift + multigrid_result.u
         bound = multigrid_result.bound + self._bound_lift_rounding(u_h)
         result = DualResult(
-            multigrid_result.lambda_H, steps, steps, bound, multigrid_result.converged, math.nan, "multigrid"
+            multigrid_result.lambda_H,
+            iterations=steps,
+            operator_applications=steps,
+            bound=bound,
+            converged=multigrid_result.converged,
+            rho=math.nan,
+            algorithm="multigrid",
         )
         return self.make_solution(result, multigrid_result.tolerance, u_h)
 

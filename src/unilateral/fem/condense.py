@@ -110,14 +110,14 @@ def condense(mesh: Mesh, form: Form = H1) -> CondensedMatrix:
         return condense_factors(mesh, factorise_by_dissection(form_matrix(mesh, form), mesh.boundary), form)
     factors = MacroElementFactors(mesh, form)
     _check_factors(mesh, factors, form)
-    return CondensedMatrix(mesh, factors, factors.A_3, factors.cholesky, form)
+    return CondensedMatrix(mesh, factors, A_3=factors.A_3, cholesky=factors.cholesky, form=form)
 
 
 def condense_factors(mesh: Mesh, factors: SparseFactors, form: Form = H1) -> CondensedMatrix:
     """The condensation from the factors of A with the boundary last. Raises InputError as `condense` does."""
     _check_factors(mesh, factors, form)
     cholesky = schur_factor(factors.lu, len(mesh.boundary))
-    return CondensedMatrix(mesh, factors, cholesky.T @ cholesky, cholesky, form)
+    return CondensedMatrix(mesh, factors, A_3=cholesky.T @ cholesky, cholesky=cholesky, form=form)
 
 
 def _check_factors(mesh: Mesh, factors: SparseFactors | MacroElementFactors, form: Form) -> None:

@@ -61,10 +61,10 @@ def gradients_at_nodes(hat_gradients: Array, hats: Array, bubbles: Array) -> Arr
     grad 4 psi_i psi_j is 4 grad psi_j at i, and 4 grad psi_i at j.
     """
     linear = np.einsum("tid,ti->td", hat_gradients, hats)[:, None]
-    after = np.roll(hat_gradients, -1, axis=1)
-    before = np.roll(hat_gradients, 1, axis=1)
-    before_terms = np.roll(bubbles, 1, axis=1)[..., None] * before
-    return np.asarray(linear + 4 * (bubbles[..., None] * after + before_terms))
+    next_gradients = np.roll(hat_gradients, -1, axis=1)
+    previous_gradients = np.roll(hat_gradients, 1, axis=1)
+    before_terms = np.roll(bubbles, 1, axis=1)[..., None] * previous_gradients
+    return np.asarray(linear + 4 * (bubbles[..., None] * next_gradients + before_terms))
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,8 +137,8 @@ class QuadraticSpace:
         contact_edges = np.flatnonzero(contact[len(nodes) :])
         rows = np.tile(middles[contact_edges], 2)
         ends = np.append(nodes[contact_edges], np.roll(nodes, -1)[contact_edges])
-        back = sp.coo_array((np.full(len(rows), -0.5), (rows, ends)), shape=(self.size, self.size))
-        return (sp.eye_array(self.size, format="csr") + back.tocsr())[:, ~fixed]
+        taken_back = sp.coo_array((np.full(len(rows), -0.5), (rows, ends)), shape=(self.size, self.size))
+        return (sp.eye_array(self.size, format="csr") + taken_back.tocsr())[:, ~fixed]
 
     def conjugate_gradients(
         self, A: sp.csr_array, load: Array, start: Array, basis: sp.csr_array
@@ -219,4 +219,6 @@ def boundary_layer(mesh: Mesh) -> BoundaryLayer:
     node = np.argmax(mesh.triangles[mesh.boundary_triangles] == mesh.boundary[:, None], axis=1)
     edge_places = np.column_stack([np.searchsorted(triangles, mesh.boundary_triangles), node])
     layer_mesh = mesh.select_triangles(triangles)
-    return BoundaryLayer(mesh, triangles, layer_mesh.areas, gradients(layer_mesh), edge_places)
+    return BoundaryLayer(
+        mesh, triangles, areas=layer_mesh.areas, hat_gradients=gradients(layer_mesh), edge_places=edge_places
+    )

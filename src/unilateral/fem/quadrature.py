@@ -63,25 +63,25 @@ def boundary_rule(polygon: Polygon, cuts: Array, singular: Iterable[SingularPoin
     With a case's singular points it is exact to round-off for the piecewise powers that its lambda and gap
     are made of.
     """
-    anchors, grading, place = _anchors(polygon, singular)
-    between = 0.5 * (anchors[1:] + anchors[:-1])
-    edges = np.union1d(
-        cuts, np.concatenate([anchors, between, *_cut_towards_anchors(anchors, between, grading)])
+    anchors, grading, anchor_t = _anchors(polygon, singular)
+    midpoints = 0.5 * (anchors[1:] + anchors[:-1])
+    breaks = np.union1d(
+        cuts, np.concatenate([anchors, midpoints, *_cut_towards_anchors(anchors, midpoints, grading)])
     )
-    # intervals [a, b] between cuts, each with its nearest anchor p, whose grading is k
-    edges = edges[(edges >= cuts[0]) & (edges <= cuts[-1])]
-    a = edges[:-1]
-    b = edges[1:]
+    # intervals [a, b] between breaks, each with its nearest anchor p, whose grading is k
+    breaks = breaks[(breaks >= cuts[0]) & (breaks <= cuts[-1])]
+    a = breaks[:-1]
+    b = breaks[1:]
     middle = 0.5 * (a + b)
-    nearest = np.searchsorted(between, middle)
+    nearest = np.searchsorted(midpoints, middle)
     p = anchors[nearest]
     k = grading[nearest][:, None]
     sign = np.where(middle >= p, 1.0, -1.0)[:, None]
-    ends = np.abs(np.stack([a, b]) - p) ** (1 / k[:, 0])
+    tau_ends = np.abs(np.stack([a, b]) - p) ** (1 / k[:, 0])
     # Gauss points in tau = |s - p|^{1/k}: s = p +- tau^k, ds = k tau^{k-1} dtau
     x, w = _gauss_rule(GAUSS_POINTS)
-    low = ends.min(axis=0)[:, None]
-    high = ends.max(axis=0)[:, None]
+    low = tau_ends.min(axis=0)[:, None]
+    high = tau_ends.max(axis=0)[:, None]
     tau = low + 0.5 * (high - low) * (x + 1)
     offset = sign * tau**k
     s = p[:, None] + offset
@@ -89,13 +89,15 @@ def boundary_rule(polygon: Polygon, cuts: Array, singular: Iterable[SingularPoin
     # t is the place of p on the side of the interval: 0 or 1 if p is one of its vertices
     side = polygon.sides_of(middle)
     interval = np.searchsorted(cuts, middle, side="right") - 1
-    t = np.where(p == polygon.starts[side], 0.0, np.where(p == polygon.starts[side + 1], 1.0, place[nearest]))
+    t = np.where(
+        p == polygon.starts[side], 0.0, np.where(p == polygon.starts[side + 1], 1.0, anchor_t[nearest])
+    )
     return BoundaryRule(
-        np.repeat(side, GAUSS_POINTS),
-        (s - polygon.starts[side][:, None]).ravel(),
-        weight.ravel(),
-        np.repeat(interval, GAUSS_POINTS),
-        (np.repeat(t, GAUSS_POINTS), offset.ravel()),
+        side=np.repeat(side, GAUSS_POINTS),
+        s=(s - polygon.starts[side][:, None]).ravel(),
+        weight=weight.ravel(),
+        interval=np.repeat(interval, GAUSS_POINTS),
+        nearest_anchor=(np.repeat(t, GAUSS_POINTS), offset.ravel()),
     )
 
 

@@ -140,7 +140,8 @@ def mixed_spaces(condensed: CondensedMatrix, partition: Partition) -> MixedSpace
     cells = np.flatnonzero(condensed.form.has_multiplier(partition.side))
     B = coupling(condensed.mesh, partition)[cells]
     B.data[condensed.clamped_nodes[condensed.mesh.boundary[B.indices]]] = 0.0
-    return MixedSpaces(condensed, partition, cells, B, dual_operator(condensed, B, partition.lengths[cells]))
+    operator = dual_operator(condensed, B, H_i=partition.lengths[cells])
+    return MixedSpaces(condensed, partition, cells=cells, B=B, operator=operator)
 
 
 def dual_operator(condensed: CondensedMatrix, B: sp.csr_array, H_i: Array) -> DualOperator:
@@ -154,4 +155,4 @@ def dual_operator(condensed: CondensedMatrix, B: sp.csr_array, H_i: Array) -> Du
     D_factor = solve_triangular(condensed.cholesky, loads, trans="T", check_finite=False)
     # w is 1 at all nodes that are not clamped; the integral of w over cell i is the sum of B[i]
     shift_norm = energy_norm(condensed.mesh, np.where(condensed.clamped_nodes, 0.0, 1.0), condensed.form)
-    return DualOperator(D_factor, H_i, shift_norm, loads.sum(axis=0) / H_i)
+    return DualOperator(D_factor, H_i, shift_norm=shift_norm, shift_means=loads.sum(axis=0) / H_i)

@@ -43,7 +43,15 @@ def solve_by_active_set(operator: DualOperator, offset: Array, tolerance: float)
     else:
         bound = residual_bound(operator, offset, lambda_H, 1 / operator.lambda_max)
         applications = 2
-    result = DualResult(lambda_H, math.nan, applications, bound, bound <= tolerance, math.nan, "active_set")
+    result = DualResult(
+        lambda_H,
+        iterations=math.nan,
+        operator_applications=applications,
+        bound=bound,
+        converged=bound <= tolerance,
+        rho=math.nan,
+        algorithm="active_set",
+    )
     warn_of_missed_tolerance(result, tolerance)
     return result
 

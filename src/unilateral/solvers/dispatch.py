@@ -20,7 +20,7 @@ def run_algorithm(
     """lambda_H (m,) for the offset F(0) (m,), by the algorithm that `stop` asks for."""
     algorithm = stop.algorithm
     if len(offset) == 0:
-        return DualResult(np.zeros(0), 0, 0, 0.0, True, math.nan, "direct")
+        return DualResult(np.zeros(0), 0, 0, bound=0.0, converged=True, rho=math.nan, algorithm="direct")
     if algorithm == "auto" and operator.is_singular:
         if stop.rho is not None:
             raise InputError(
@@ -32,7 +32,9 @@ def run_algorithm(
     _check_rho(operator, algorithm, stop.rho)
     if algorithm == "active_set":
         return solve_by_active_set(operator, offset, tolerance)
-    return uzawa(operator, offset, tolerance, stop.rho, start, stop.max_steps, algorithm)
+    return uzawa(
+        operator, offset, tolerance, rho=stop.rho, start=start, max_steps=stop.max_steps, method=algorithm
+    )
 
 
 def _check_rho(operator: DualOperator, algorithm: str, rho: float | None) -> None:

@@ -115,7 +115,14 @@ class Multigrid:
             else criterion.bound
         )
         return MultigridResult(
-            u, lambda_H, run.active, bound, counts, run.cg_coefficients, run.rz, criterion.tolerance or 0.0
+            u,
+            lambda_H,
+            active=run.active,
+            bound=bound,
+            iteration_counts=counts,
+            cg_coefficients=run.cg_coefficients,
+            rz=run.rz,
+            tolerance=criterion.tolerance or 0.0,
         )
 
     def _nested_iteration(self, counts: list[tuple[int, int]]) -> tuple[Array, Mask]:

@@ -124,7 +124,15 @@ def uzawa(
     advance = method_class(operator.S, iteration.b, rho, y)
     with np.errstate(over="ignore", invalid="ignore"):
         steps, bound = iteration.run(y, advance, tolerance, max_steps)
-    result = DualResult(y / scaling, steps, iteration.applications, bound, bound <= tolerance, rho, method)
+    result = DualResult(
+        y / scaling,
+        iterations=steps,
+        operator_applications=iteration.applications,
+        bound=bound,
+        converged=bound <= tolerance,
+        rho=rho,
+        algorithm=method,
+    )
     warn_of_missed_tolerance(result, tolerance)
     return result
 
