@@ -84,6 +84,7 @@ class CondensedProblem(DiscreteProblem):
         """The result lambda = 0 with its bound."""
         operator = self.spaces.operator
         zero = np.zeros(len(self.offset))
+        # with the rho of plain Uzawa
         rho = 1.9 / operator.lambda_max if len(zero) else math.nan
         bound = residual_bound(operator, self.offset, zero, rho) if len(zero) else 0.0
         result = DualResult(
@@ -294,6 +295,7 @@ def _solve_case(
     solution = discrete.iterate(stop.fraction * exact.smallest_error_part(spaces), stop)
     if spaces.operator.is_singular or exact.cell_means.lambda_is_zero:
         return solution
+    # of ||lambda - lambda_H||_{-1/2,h} <= ||lambda - lambda_H||_{-1/2} the bound over beta may be a fraction
     error = exact.ritz.discrete_dual_norm(exact.boundary_load(spaces, solution.result.lambda_H))
     further_stop = replace(stop, algorithm="nesterov") if solution.result.algorithm == "nesterov" else stop
     return discrete.improve(solution, stop.fraction * error * beta, further_stop, tolerance_share=1.0)

@@ -175,6 +175,7 @@ def discretise_on_nested_spaces(
     partition = spaces.partition
     form = spaces.hierarchy.form
     data: EnclosedData | None = None
+    # nested iteration ends by an estimate of the error, so that a case needs no bound, and no enclosed data
     if problem.exact and source is None and len(spaces.level_cells) > 1:
         load = case_load(problem.exact, mesh)
         clamped_values = np.zeros(mesh.n_nodes)

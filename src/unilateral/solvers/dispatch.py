@@ -59,7 +59,7 @@ def _choose_algorithm(
     """Plain Uzawa where rho is given or it is predicted to end within max_steps, else Nesterov."""
     if stop.rho is not None:
         return "uzawa"
-    rho = 1.9 / operator.lambda_max
+    rho = 1.9 / operator.lambda_max  # as `Uzawa` takes it
     with np.errstate(over="ignore", invalid="ignore"):
         first = residual_bound(operator, offset, np.zeros(len(offset)) if start is None else start, rho)
     return "uzawa" if predicted_steps(operator, rho, first, tolerance) <= stop.max_steps else "nesterov"
