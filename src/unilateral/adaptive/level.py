@@ -30,7 +30,7 @@ ZERO_SOLUTION_BOUND = 1e-140
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """One solve towards a goal, what it took, and what its bound says of the goal; see `measure_level`.
+    """One solve towards a goal, what it took, and what its bound says of the goal.
 
     Parameters
     ----------

@@ -47,7 +47,7 @@ CHEAP_BOUND_BYTES = 300
 SHARP_BOUND_BYTES = 5000
 """Bytes per unknown for a guaranteed bound, measured likewise: the cheap one, and the sharp one."""
 DENSE_ENTRY_BYTES = 64
-"""Bytes per entry of A_3 or S: about eight matrices of that size are held."""
+"""Bytes per entry of A_3 or S: about eight matrices of that size are in memory."""
 
 
 def choose_spaces(problem: Problem, mesh: Mesh, partition: Partition, stop: Stop) -> Spaces:

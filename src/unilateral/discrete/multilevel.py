@@ -41,7 +41,7 @@ MAX_COARSE_UNKNOWNS = 50_000
 
 @dataclass(frozen=True, eq=False)
 class NestedSpaces:
-    """The spaces on the `hierarchy` of a mesh, with the cells of the last levels; see `nested_cells`."""
+    """The spaces on the `hierarchy` of a mesh, with the cells of its last levels."""
 
     mesh: Mesh
     partition: Partition

@@ -45,10 +45,9 @@ def _edge_entries(form: Form, stiffness: Array, area: Array) -> Array:
 def assemble_by_edges(
     triangulation: Triangulation, points: Array, form: Form = H1, fixed: Mask | None = None
 ) -> tuple[sp.csr_array, Array, Array]:
-    """The matrix A of those triangles and of a form, in which some nodes (n,) may be `fixed`.
+    """The matrix A of a form on a triangulation, the sums (n,) of its rows, and the lumped mass (n,).
 
-    A (n, n) has rows that begin with the diagonal. With it come the sums (n,) of its rows, and the lumped
-    mass (n,).
+    Rows of A (n, n) begin with the diagonal. Nodes that are `fixed` (n,) are decoupled from the others.
     """
     n = triangulation.n_nodes
     mass = np.zeros(triangulation.n_nodes)

@@ -71,7 +71,7 @@ H1 = Form()
 
 
 def decouple_nodes(A: sp.csr_array, fixed: Mask) -> sp.csr_array:
-    """A (n, n) with 0 in the rows and columns of the `fixed` (n,), but for the diagonal."""
+    """A (n, n) with 0 in the rows and columns of the `fixed` nodes (n,), but for the diagonal."""
     if not fixed.any():
         return A
     rows = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))

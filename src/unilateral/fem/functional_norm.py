@@ -6,7 +6,7 @@ l = 1, ..., L, its hats at the new nodes times
     w_e = (I_l v)(midpoint of e) - mean of v at the ends of e,      e a halved edge of level l - 1.
 
 Let t be a triangle of level l - 1. In variables in which t is right and isosceles, its reference edge being
-the hypotenuse, its descendants are so, too, see `geometry.refinement`. If each came by at most 2 k + 1
+the hypotenuse, its descendants are so, too (`geometry.refinement`). If each came by at most 2 k + 1
 halvings of areas, halve them on until each came by so many. Their corners and legs are then those of the
 criss-cross lattice of 2^k squares on each leg of t, half of them in t; their hypotenuses may be others. But
 the cotangent of a right angle is 0, so |v|_1^2 has differences along legs only, and

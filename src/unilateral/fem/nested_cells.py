@@ -20,7 +20,7 @@ MIN_EDGES_PER_CELL = 2
 class LevelCells:
     """The m cells of a level on which there are multipliers, each a union of boundary edges.
 
-    `B` (m, n): the integrals of the hats over the cells, 0 at fixed nodes; `inner_node` (m,): a node inside
+    `B` (m, n): the integrals of the hats over the cells, 0 at clamped nodes; `inner_node` (m,): a node inside
     each cell; `parent` (m,): the cell of the level before that contains it, None if that level has no cells.
     """
 
@@ -100,7 +100,7 @@ def _choose_inner_nodes(hierarchy: Hierarchy, ends: Index) -> Index:
 
 
 def _integrate_hats(hierarchy: Hierarchy, ends: Index) -> sp.csr_array:
-    """B (m, n): half of each edge's length, for both of its ends unless these are fixed."""
+    """B (m, n): half of each edge's length, for both of its ends unless these are clamped."""
     count = ends[:, 1] - ends[:, 0]
     cell = np.repeat(np.arange(len(ends)), count)
     edge = np.arange(len(cell)) + (ends[:, 0] - np.cumsum(count) + count)[cell]

@@ -20,7 +20,7 @@ from unilateral.geometry.partition import Partition
 SINGULAR_EIGENVALUE_RATIO = 1e-12
 """beta counts as 0 if lambda_min / lambda_max of S is at most this."""
 FORM_ROUNDING = 1e-6
-"""At most this fraction of a quadratic form of A_3 or S is rounding; see `condense.MAX_CONSTANT_ERROR`."""
+"""At most this fraction of a quadratic form of A_3 or S is rounding: 100 times MAX_CONSTANT_ERROR."""
 STEKLOV_SHARE = 0.5
 """sigma_1 is known from above, by its Ritz value; this fraction of it is taken where beta is not known."""
 
@@ -31,7 +31,7 @@ class DualOperator:
 
     mu . D mu is the squared discrete norm ||mu||_{-1/2,h} = sup over V_h of <mu, v> / ||v||; column i of
     `D_factor` (nb, m) is the boundary response to a unit load on cell i, measured in (A_3)^{1/2}. w is 1 at
-    all nodes that are not fixed. `shift_norm` is ||w||, and `shift_means` (m,) are its means on the cells.
+    all nodes that are not clamped. `shift_norm` is ||w||, and `shift_means` (m,) are its means on the cells.
     """
 
     D_factor: Array
@@ -83,7 +83,7 @@ class DualOperator:
     def required_shift(self, gap: Array) -> float:
         """The least t >= 0 with which no mean of u + t w - g is below 0, those of u - g being the gap (m,).
 
-        It is infinite where such a mean cannot be raised, as all nodes of its cell are fixed.
+        It is infinite where such a mean cannot be raised, as all nodes of its cell are clamped.
         """
         # t times the mean of w has to make up for the mean of u - g, where that is below 0
         below = gap < 0
@@ -97,7 +97,7 @@ class MixedSpaces:
     """A condensed mesh and a partition, coupled by B (m, nb).
 
     B and the dual operator belong to the m `cells` of the partition, those that have a multiplier. At nodes
-    that are fixed B is 0.
+    that are clamped B is 0.
     """
 
     condensed: CondensedMatrix

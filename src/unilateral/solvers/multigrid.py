@@ -11,7 +11,7 @@ there: nested iteration.
 
 The last run ends by a bound that is guaranteed for any u and lambda >= 0, whatever the set
 (`multigrid_bounds`). In the cheap bound on the total error its residual R is a part of u_h - f - div q. There
-its size is that of (sum R_i^2 / m_i)^{1/2}, see `residual_rounding`, which may be larger than ||R|| by
+its size is that of (sum R_i^2 / m_i)^{1/2} (`residual_rounding`), which may be larger than ||R|| by
 1/h, h the shortest edge. So that has to be small, too.
 """
 
