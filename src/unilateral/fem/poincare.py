@@ -1,6 +1,6 @@
 """Constants in the inequalities of Poincare, on triangles, and of Friedrichs, on a polygon.
 
-Friedrichs' constant is a guaranteed C with ||v||_0 <= C |v|_1 for functions v of H^1 that vanish on some sides.
+Friedrichs' constant is a guaranteed C with ||v||_0 <= C |v|_1 for all v in H^1 that vanish on some sides.
 C^{-2} is the least eigenvalue lambda of -Delta with v = 0 there. The space of Crouzeix and Raviart has
 functions that are linear on each triangle, with one mean on each edge, 0 on clamped edges. With its least
 eigenvalue lambda_h and h the longest edge,

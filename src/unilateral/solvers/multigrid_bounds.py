@@ -60,9 +60,8 @@ def shift_to_feasible(grid: Grid, u: Array, lambda_H: Array) -> tuple[Rounded, f
     w_size = np.abs(w)  # nothing cancels: a norm from above
     norm = product_root(w_size, A_inside @ w_size) + 2 * product_root(w_rounding, A_inside @ w_rounding)
     load = residual_rounding.load_with_rounding(grid.load, B, lambda_H)
-    return residual_rounding.residual_with_rounding(
-        A, grid.hierarchy.row_sums, v, load
-    ), NORM_ROUNDING_FACTOR * norm
+    R = residual_rounding.residual_with_rounding(A, grid.hierarchy.row_sums, v, load)
+    return R, NORM_ROUNDING_FACTOR * norm
 
 
 def multiplier_norm_lower_bound(grids: Sequence[Grid], lambda_H: Array) -> float:
@@ -71,7 +70,7 @@ def multiplier_norm_lower_bound(grids: Sequence[Grid], lambda_H: Array) -> float
     The `grids` are tried from coarse to fine. The last one is the first that adds so little to the square
     that, if all others added as much, it would still be little.
     """
-    # the functional <lambda_H, .> on the hats of each level, from fine to coarse
+    # the functional <lambda_H, .> on the hats of each level, coarse levels first
     functionals = [grids[-1].cells.B.T @ lambda_H]
     for grid in grids[:0:-1]:
         R = functionals[0].copy()
