@@ -147,7 +147,7 @@ class Hierarchy:
 
         r + 1/r = |J|^2 / det J for the map J; its columns are the edges at the first node.
         """
-        # the smaller root r of r + 1/r = |J|^2 / det J, det J twice the area
+        # r <= 1 is the smaller root; det J is twice the area
         a, b, c = self.coarse_mesh.points[self.coarse_mesh.triangulation.nodes.T]
         ratio_sum = (((b - a) ** 2).sum(axis=1) + ((c - a) ** 2).sum(axis=1)) / (2 * self.coarse_mesh.areas)
         return np.asarray(2 / (ratio_sum + np.sqrt(np.maximum(ratio_sum**2 - 4, 0))))
