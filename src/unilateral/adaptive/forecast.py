@@ -57,26 +57,26 @@ def find_limits(goal: Goal, base_mb: float) -> tuple[tuple[str, float], ...]:
 
     Beside the `base_mb` that a level takes whatever its size, a part of the free memory may be used.
     """
-    most_unknowns = math.inf if goal.max_unknowns is None else goal.max_unknowns
-    most_mb = base_mb + FREE_MEMORY_SHARE * available_mb()
-    memory = f"{most_mb:.0f} MB of this machine's memory"
-    if goal.max_memory is not None and goal.max_memory <= most_mb:
-        most_mb = goal.max_memory
-        memory = f"max_memory={most_mb:g}"
-    most_seconds = DEFAULT_MAX_SECONDS if goal.max_seconds is None else goal.max_seconds
+    max_unknowns = math.inf if goal.max_unknowns is None else goal.max_unknowns
+    max_mb = base_mb + FREE_MEMORY_SHARE * available_mb()
+    memory = f"{max_mb:.0f} MB of this machine's memory"
+    if goal.max_memory is not None and goal.max_memory <= max_mb:
+        max_mb = goal.max_memory
+        memory = f"max_memory={max_mb:g}"
+    max_seconds = DEFAULT_MAX_SECONDS if goal.max_seconds is None else goal.max_seconds
     by_default = " by default" if goal.max_seconds is None else ""
     return (
-        (f"max_unknowns={most_unknowns:.0f}", most_unknowns),
-        (memory, most_mb),
-        (f"max_seconds={most_seconds:g}{by_default}", most_seconds),
+        (f"max_unknowns={max_unknowns:.0f}", max_unknowns),
+        (memory, max_mb),
+        (f"max_seconds={max_seconds:g}{by_default}", max_seconds),
     )
 
 
 def check_limits(polygon: Polygon, goal: Goal, elapsed: float) -> None:
     """Raises BudgetError where the memory or the seconds are already used up before the first level."""
     mb = peak_mb()
-    for (name, most), used in zip(find_limits(goal, mb), (0.0, mb, elapsed), strict=True):
-        if used >= most:
+    for (name, limit), used in zip(find_limits(goal, mb), (0.0, mb, elapsed), strict=True):
+        if used >= limit:
             raise BudgetError(f"{name} is not enough to solve on the coarsest mesh of '{polygon.name}'")
 
 
@@ -87,14 +87,21 @@ def allowed_unknowns(levels: Sequence[Level], share: float = 1.0) -> dict[str, f
     """
     last = levels[-1]
     base_mb = predict_mb(levels, 0.0)
-    (unknowns, most), (memory, most_mb), (time, most_seconds) = find_limits(last.goal, base_mb)
-    in_memory = (most_mb - base_mb) * BYTES_PER_MB / bytes_per_unknown(last.goal)
-    left = most_seconds - last.elapsed
+    (unknowns_name, max_unknowns), (memory_name, max_mb), (time_name, max_seconds) = find_limits(
+        last.goal, base_mb
+    )
+    # memory: what the last level left of it; time: start + seconds_per_unknown n <= what is left of it
+    in_memory = (max_mb - base_mb) * BYTES_PER_MB / bytes_per_unknown(last.goal)
+    remaining = max_seconds - last.elapsed
     start, seconds_per_unknown = observe_seconds(levels)
-    in_time = (left - start) / seconds_per_unknown
+    in_time = (remaining - start) / seconds_per_unknown
     if len(levels) == 1:  # in which code is loaded, so that its time says nothing of the next one
-        in_time = math.inf if left > 0 else 0.0
-    return {unknowns: most, memory: share * max(in_memory, 0.0), time: share * max(in_time, 0.0)}
+        in_time = math.inf if remaining > 0 else 0.0
+    return {
+        unknowns_name: max_unknowns,
+        memory_name: share * max(in_memory, 0.0),
+        time_name: share * max(in_time, 0.0),
+    }
 
 
 def observe_seconds(levels: Sequence[Level]) -> tuple[float, float]:
@@ -145,8 +152,10 @@ def make_plan(levels: Sequence[Level]) -> Plan | None:
     seconds = last.elapsed + sum(predict_seconds(levels, size) for size in sizes)
     mb = predict_mb(levels, unknowns)
     limits = find_limits(last.goal, predict_mb(levels, 0.0))
-    missed = [name for (name, most), used in zip(limits, (unknowns, mb, seconds), strict=True) if used > most]
-    return Plan(should_adapt(last), round(unknowns), seconds, mb, tuple(missed))
+    missed = [
+        name for (name, limit), used in zip(limits, (unknowns, mb, seconds), strict=True) if used > limit
+    ]
+    return Plan(should_adapt(last), round(unknowns), seconds=seconds, peak_mb=mb, missed=tuple(missed))
 
 
 def show_costs(levels: Sequence[Level]) -> bool:
@@ -192,12 +201,13 @@ def predict_unknowns(levels: Sequence[Level], min_rate: float = 0.0) -> float:
     """
     last = levels[-1]
     goal = last.goal
-    wanted = goal.accuracy
+    target = goal.accuracy
     if not goal.absolute:  # of a solution whose norm is the discrete one's less the error that is wanted
-        wanted *= discrete_norm(last.solved, goal) / (1 + goal.accuracy)
-    if wanted <= 0 or not math.isfinite(last.total):
+        target *= discrete_norm(last.solved, goal) / (1 + goal.accuracy)
+    if target <= 0 or not math.isfinite(last.total):
         return math.inf
-    quotient = min(last.total / wanted, MAX_ERROR_QUOTIENT)
+    # the bound has to fall by the quotient: like n^{-LAMBDA_RATE}, like n^{-1/2}, or like H^rate, n ~ H^{-2}
+    quotient = min(last.total / target, MAX_ERROR_QUOTIENT)
     if should_adapt(last) and goal.norm == "hm12":
         return last.unknowns * quotient ** (1 / LAMBDA_RATE)
     if should_adapt(last):
@@ -215,6 +225,7 @@ def predict_sizes(levels: Sequence[Level]) -> list[float] | None:
     needed = predict_unknowns(levels)
     if not math.isfinite(needed):
         return None
+    # the sizes grow by one factor from level to level, the last one is what is needed
     step = MAX_TRIANGLE_RATIO if should_adapt(last) else 4.0
     count = max(math.ceil(math.log(needed / last.unknowns, step)), 1)
     return [*(last.unknowns * step**k for k in range(1, count)), max(needed, last.unknowns)]

@@ -30,7 +30,7 @@ ZERO_SOLUTION_BOUND = 1e-140
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """One solve towards a goal, what it took, and what its bound says of the goal; see `measure_level`.
+    """One solve towards a goal, what it took, and what its bound says of the goal.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Level:
         The solution.
     goal
         What is wanted.
-    predicted
+    predicted_total
         The bound as the level before predicted it, infinite for the first level.
     partition, unknowns
         The multiplier's partition, and the number of the mesh's nodes.
@@ -52,7 +52,7 @@ class Level:
         A lower bound on the solution's norm.
     target
         The error that is wanted, as far as this level knows the solution's norm.
-    nothing
+    zero_solution_error
         The error that counts as none where every number of the discrete solution is 0.
     certified
         Whether the bound proves the accuracy, with at most a tenth of it for the iteration.
@@ -60,9 +60,9 @@ class Level:
         The time of the level, with that for its mesh and its bound.
     elapsed
         The seconds from the beginning to the end of this level.
-    mb
+    peak_mb
         The peak memory of the process during the level.
-    enclosing
+    enclosing_seconds
         The part of the seconds in which f is enclosed, which may grow much slower than the unknowns.
     next_unknowns, next_seconds
         What the next level will have and take, as predicted; 0 if there is none.
@@ -88,7 +88,8 @@ class Level:
     next_seconds: float = 0.0
 
     def __repr__(self) -> str:
-        return f"Level: {self.unknowns} unknowns, the error is {format_interval(-math.inf, self.total, spec='.3g')}"
+        error = format_interval(-math.inf, self.total, spec=".3g")
+        return f"Level: {self.unknowns} unknowns, the error is {error}"
 
 
 def measure_level(solved: DiscreteSolution, goal: Goal, predicted_total: float = math.inf) -> Level:
@@ -98,12 +99,14 @@ def measure_level(solved: DiscreteSolution, goal: Goal, predicted_total: float =
     algebraic = solved.algebraic_bound(goal.norm)
     size = solved.norm_lower_bound(goal.norm, goal.sharp)
     target = target_error(goal, size, discrete_norm(solved, goal))
-    nothing = max(ZERO_SOLUTION_BOUND, 2 * mesh.exact_mesh_factor * underflow_allowance(mesh, solved.form))
+    zero_solution_error = max(
+        ZERO_SOLUTION_BOUND, 2 * mesh.exact_mesh_factor * underflow_allowance(mesh, solved.form)
+    )
 
     # The accuracy is one of the lower bound on the norm, of which the iteration may have a tenth
-    wanted = goal.accuracy if goal.absolute else goal.accuracy * size
-    wanted = wanted if target else nothing
-    certified = total <= wanted and algebraic <= ALGEBRAIC_SHARE * wanted
+    max_error = goal.accuracy if goal.absolute else goal.accuracy * size
+    max_error = max_error if target else zero_solution_error
+    certified = total <= max_error and algebraic <= ALGEBRAIC_SHARE * max_error
     return Level(
         solved=solved,
         goal=goal,
@@ -115,7 +118,7 @@ def measure_level(solved: DiscreteSolution, goal: Goal, predicted_total: float =
         algebraic=algebraic,
         size=size,
         target=target,
-        zero_solution_error=nothing,
+        zero_solution_error=zero_solution_error,
         certified=certified,
     )
 
@@ -169,25 +172,27 @@ def contradict(a: Level, b: Level) -> bool:
     sides only ||u||_1 tells: u - u_h need not vanish there, as Friedrichs' inequality asks, and 1 does not.
     """
     form = a.solved.form
-    of_u = math.inf
-    of_lambda = math.inf
+    u_factor = math.inf
+    lambda_factor = math.inf
+    # |int v| <= u_factor ||v||, |<mu, 1>| <= lambda_factor ||mu||_{-1/2}
     if not form.clamped:
         area = a.partition.polygon.area
-        of_u = math.sqrt(area / form.c)
-        of_lambda = math.sqrt(area * form.c)
+        u_factor = math.sqrt(area / form.c)
+        lambda_factor = math.sqrt(area * form.c)
     u_bound = lambda_bound = math.inf
     if a.bound and b.bound:
         u_bound = a.bound.u + b.bound.u
         lambda_bound = a.bound.lambda_ + b.bound.lambda_
-    pairs = (
+    comparisons = (
         (a.solved.u_norm, b.solved.u_norm, u_bound),
-        (a.solved.u_integral, b.solved.u_integral, of_u * u_bound),
-        (a.solved.force, b.solved.force, of_lambda * lambda_bound),
+        (a.solved.u_integral, b.solved.u_integral, u_factor * u_bound),
+        (a.solved.force, b.solved.force, lambda_factor * lambda_bound),
     )
     # Norms on the exact meshes differ from the computed ones by their growth, and by rounding
     rounding = (1 + SQUARES_ROUNDING) * a.solved.mesh.exact_mesh_factor * b.solved.mesh.exact_mesh_factor - 1
     return any(
-        abs(x - y) > (1 + SQUARES_ROUNDING) * bound + rounding * max(abs(x), abs(y)) for x, y, bound in pairs
+        abs(x - y) > (1 + SQUARES_ROUNDING) * bound + rounding * max(abs(x), abs(y))
+        for x, y, bound in comparisons
     )
 
 

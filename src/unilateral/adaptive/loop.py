@@ -114,7 +114,9 @@ def make_search(
     candidates = reversed(believed or levels[-1:])
     best = min(candidates, key=lambda level: (not level.certified, level.total))
     certified = bool(believed) and best.certified
-    return Search(levels, ended, believed, best, certified, refusal=refusal, plan=plan, reach=reach)
+    return Search(
+        levels, ended, believed, best=best, certified=certified, refusal=refusal, plan=plan, reach=reach
+    )
 
 
 def search(
@@ -133,11 +135,11 @@ def search(
     goal
         The accuracy, and the limits. Without a limit of its own, the loop ends as soon as the default ones
         do not suffice by far.
-    tell : optional
+    report_level : optional
         A function that is called with each finished level.
     dry_run
         The loop ends when the levels are enough for a plan.
-    begin : optional
+    start_time : optional
         The `time.perf_counter()` from which the seconds of the limit count; by default now.
 
     Returns
@@ -235,19 +237,19 @@ def make_first_mesh(polygon: Polygon, goal: Goal) -> AdaptedMesh:
     """
     kind = goal.kind or default_mesh_kind(polygon)
     H = float(polygon.lengths.max())
-    most = math.inf if goal.max_unknowns is None else goal.max_unknowns
-    expected = min_unknowns(polygon, H / 2)
-    graded = expected > MIN_ADAPTED_UNKNOWNS and kind == "unstructured" and goal.can_adapt
-    if graded or expected <= most:
+    max_unknowns = math.inf if goal.max_unknowns is None else goal.max_unknowns
+    min_count = min_unknowns(polygon, H / 2)
+    graded = min_count > MIN_ADAPTED_UNKNOWNS and kind == "unstructured" and goal.can_adapt
+    if graded or min_count <= max_unknowns:
         mesh = make_edge_pair_mesh(polygon, H, kind, BOUNDARY_GROWTH if graded else None)
-        if mesh.n_nodes <= most:
+        if mesh.n_nodes <= max_unknowns:
             return start_adapted_mesh(mesh)
         needed = str(mesh.n_nodes)
     else:
-        needed = f"at least {expected:.2g}"
+        needed = f"at least {min_count:.2g}"
     raise InputError(
         f"the coarsest mesh of '{polygon.name}' needs {needed} unknowns; "
-        f"max_unknowns={most:.0f} has to be at least that"
+        f"max_unknowns={max_unknowns:.0f} has to be at least that"
     )
 
 
@@ -271,20 +273,23 @@ def choose_division(levels: Sequence[Level], dry_run: bool = False) -> Division 
     last = levels[-1]
     if last.certified or (dry_run and show_costs(levels)) or is_hopeless(levels):
         return None
-    best = choose_target_division(last)
-    if NEIGHBOUR_RATIO * best.triangle_ratio * last.unknowns <= min(allowed_unknowns(levels).values()):
-        return best
-    times = min(allowed_unknowns(levels, LIMIT_SHARE).values()) / (NEIGHBOUR_RATIO * last.unknowns)
-    known = 0 < last.solved.bound_shares.max() < math.inf
-    if not (last.goal.can_adapt and known) or times < MIN_TRIANGLE_RATIO:
+    target_division = choose_target_division(last)
+    if NEIGHBOUR_RATIO * target_division.triangle_ratio * last.unknowns <= min(
+        allowed_unknowns(levels).values()
+    ):
+        return target_division
+    triangle_ratio = min(allowed_unknowns(levels, LIMIT_SHARE).values()) / (NEIGHBOUR_RATIO * last.unknowns)
+    # the triangles that the limits allow, where the bound is largest
+    has_shares = 0 < last.solved.bound_shares.max() < math.inf
+    if not (last.goal.can_adapt and has_shares) or triangle_ratio < MIN_TRIANGLE_RATIO:
         return None
-    return divide_by_shares(last.solved.bound_shares, 0.0, times)
+    return divide_by_shares(last.solved.bound_shares, 0.0, triangle_ratio)
 
 
 def discretise_level(
     mesh: AdaptedMesh, problem: Problem, goal: Goal, previous: DiscreteProblem | None, levels: Sequence[Level]
 ) -> DiscreteProblem:
-    """The discrete problem on a mesh, from the previous one and the last level's solution, if there are any."""
+    """The discrete problem on a mesh, from the previous one and the last solution, if there are any."""
     if wants_multigrid(goal.stop, math.inf):
         from unilateral.discrete.multilevel import MultilevelProblem, discretise_on_adapted_mesh  # and PyAMG
 
@@ -315,8 +320,9 @@ def solve_next_level(
     solved = discrete.iterate(tolerance, goal.stop, start, total)
     if levels:
         size = solved.norm_lower_bound(goal.norm, goal.sharp)
-        wanted = target_error(goal, size, discrete_norm(solved, goal))
-        wanted = ALGEBRAIC_SHARE * max(wanted, predicted_total) * scale
-        if wanted > 0:
-            solved = discrete.improve(solved, wanted, goal.stop)
+        # by the norm of this solution: a tenth of the wanted error, or of the predicted one if that is larger
+        target = target_error(goal, size, discrete_norm(solved, goal))
+        max_bound = ALGEBRAIC_SHARE * max(target, predicted_total) * scale
+        if max_bound > 0:
+            solved = discrete.improve(solved, max_bound, goal.stop)
     return solved

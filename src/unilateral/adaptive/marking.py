@@ -21,7 +21,7 @@ from unilateral.geometry.polygon import Polygon
 MAX_HALVINGS = 4
 """A triangle's edges are halved at most this many times at once."""
 BISECTIONS = 40
-"""A bisection for theta has this many steps, which leave a part of 1e-12 of its first interval."""
+"""A bisection for theta has this many steps, which leave 1e-12 of its first interval."""
 MIN_SHARE_RATIO = 1e-60
 """Shares below this fraction of the largest one are not told apart."""
 MIN_ADAPTED_GAIN = 1.5
@@ -33,9 +33,9 @@ MIN_ADAPTED_UNKNOWNS = 200
 """Below so many unknowns all meshes cost alike, and none is adapted."""
 MIN_TRIANGLE_RATIO = 1.25
 MAX_TRIANGLE_RATIO = 8.0
-"""A level has at most LARGEST_STEP times the triangles of the one before, before neighbours follow.
+"""A level has at most MAX_TRIANGLE_RATIO times the triangles of the one before, before neighbours follow.
 
-If the limits allow neither the wanted step nor LEAST_STEP times the triangles, there is no other level.
+If the limits allow neither the wanted division nor MIN_TRIANGLE_RATIO, there is no other level.
 """
 TARGET_SHARE = 0.93
 """The next level aims at this fraction of the wanted error."""
@@ -66,23 +66,31 @@ def divide_uniformly(triangles: int, halvings: int = 1) -> Division:
 def divide_by_shares(
     shares: Array, bound_ratio: float = 0.0, max_triangle_ratio: float = math.inf
 ) -> Division:
-    """The division into the fewest triangles that leaves a given fraction of the bound, within a limit of triangles.
+    """The division into the fewest triangles that leaves `bound_ratio` of the bound, within a limit.
 
-    The part is `bound_ratio`. The `shares` (m,) are the triangles' parts of the square of the bound.
+    The `shares` (m,) are the triangles' parts of the square of the bound. If more than `max_triangle_ratio`
+    times the triangles are needed, it is the best division within that.
     """
     logarithms = np.log2(np.maximum(shares / shares.max(), MIN_SHARE_RATIO))
-    squares = shares / shares.sum()
+    relative_shares = shares / shares.sum()
 
+    # s_i / 16^{g_i} = 2^theta up to the rounding of g_i; the larger theta, the fewer triangles
     def divide_at(theta: float) -> Division:
+        """The division with g_i = (log2 s_i - theta) / 4; sum s_i / 4^{g_i} of the squared bound is left."""
         halvings = np.clip(np.rint((logarithms - theta) / 4), 0, MAX_HALVINGS).astype(np.int16)
-        parts = 4.0**halvings
-        return Division(halvings, float(parts.mean()), math.sqrt(float((squares / parts).sum())))
+        child_counts = 4.0**halvings
+        return Division(
+            halvings, float(child_counts.mean()), math.sqrt(float((relative_shares / child_counts).sum()))
+        )
 
-    ends = float(logarithms.min()) - 4 * MAX_HALVINGS - 2, float(logarithms.max()) + 2
-    enough = divide_at(bisect(lambda theta: divide_at(theta).bound_ratio <= bound_ratio, *ends)[0])
-    if enough.triangle_ratio <= max_triangle_ratio:
-        return enough
-    return divide_at(bisect(lambda theta: divide_at(theta).triangle_ratio > max_triangle_ratio, *ends)[1])
+    low = float(logarithms.min()) - 4 * MAX_HALVINGS - 2
+    high = float(logarithms.max()) + 2
+    theta, _ = bisect(lambda theta: divide_at(theta).bound_ratio <= bound_ratio, low, high)
+    division = divide_at(theta)
+    if division.triangle_ratio <= max_triangle_ratio:
+        return division
+    _, theta = bisect(lambda theta: divide_at(theta).triangle_ratio > max_triangle_ratio, low, high)
+    return divide_at(theta)
 
 
 def bisect(condition: Callable[[float], bool], low: float, high: float) -> tuple[float, float]:
@@ -103,6 +111,8 @@ def evenness(shares: Array) -> float:
     """
     if not 0 < shares.max() < math.inf:
         return 1.0
+    # triangles into n_i each leave sum s_i / n_i: (sum s_i^{1/2})^2 / n at best, for n_i ~ s_i^{1/2}, and
+    # m sum s_i / n if all n_i are equal
     s = shares / shares.max()
     return float(np.sqrt(s).sum() ** 2 / (len(s) * s.sum()))
 
@@ -134,23 +144,24 @@ def refinement_pays(level: Level) -> bool:
 
 
 def choose_target_division(level: Level) -> Division:
-    """The wanted division, which is uniform where that takes at most ADAPTED_GAIN times the triangles.
+    """The wanted division, which is uniform where that takes at most MIN_ADAPTED_GAIN times the triangles.
 
     If several steps are needed, they are of one size.
     """
-    part = target_bound_ratio(level)
+    bound_ratio = target_bound_ratio(level)
     shares = level.solved.bound_shares
-    if part == 0 or not level.goal.can_adapt or not 0 < shares.max() < math.inf:
+    if bound_ratio == 0 or not level.goal.can_adapt or not 0 < shares.max() < math.inf:
         return divide_uniformly(len(shares))
-    needed = evenness(shares) / part**2
+    # uniform meshes need 1 / bound_ratio^2 times the triangles, the best one `evenness` times that
+    needed = evenness(shares) / bound_ratio**2
     if needed > MAX_TRIANGLE_RATIO and not should_adapt(level):
         return divide_uniformly(len(shares))
-    most = MAX_TRIANGLE_RATIO
+    max_triangle_ratio = MAX_TRIANGLE_RATIO
     if needed > MAX_TRIANGLE_RATIO:
         steps = math.ceil(math.log(needed) / math.log(MAX_TRIANGLE_RATIO))
-        most = max(needed ** (1 / steps), 4.0)
-    adapted_division = divide_by_shares(shares, part, most)
-    halvings = max(math.ceil(-math.log2(part)), 1)
+        max_triangle_ratio = max(needed ** (1 / steps), 4.0)
+    adapted_division = divide_by_shares(shares, bound_ratio, max_triangle_ratio)
+    halvings = max(math.ceil(-math.log2(bound_ratio)), 1)
     if 4**halvings <= MIN_ADAPTED_GAIN * adapted_division.triangle_ratio:
         return divide_uniformly(len(shares), halvings)
     return adapted_division
@@ -164,7 +175,7 @@ def target_bound_ratio(level: Level) -> float:
     """
     if not (level.target > 0 and math.isfinite(level.total)):
         return 0.0
-    missed = level.total / level.predicted_total
-    missed = min(max(missed, MIN_MISS_FACTOR), MAX_MISS_FACTOR) if missed > 0 else 1.0
-    part = TARGET_SHARE * level.target / (level.total * missed)
-    return part if level.goal.norm == "h1" else part ** (0.5 / LAMBDA_RATE)
+    miss_factor = level.total / level.predicted_total
+    miss_factor = min(max(miss_factor, MIN_MISS_FACTOR), MAX_MISS_FACTOR) if miss_factor > 0 else 1.0
+    bound_ratio = TARGET_SHARE * level.target / (level.total * miss_factor)
+    return bound_ratio if level.goal.norm == "h1" else bound_ratio ** (0.5 / LAMBDA_RATE)

@@ -20,6 +20,7 @@ from unilateral.solvers.stop import Stop
 from unilateral.solvers.uzawa import DualResult
 
 NO_LIFT = np.zeros(1)
+"""The Dirichlet lift 0, which broadcasts."""
 RETRY_TOLERANCE_SHARE = 0.5
 """After an iteration has missed a tolerance that follows from bounds, it goes on to this fraction of it."""
 
@@ -61,9 +62,9 @@ class DiscreteProblem(ABC):
 
     @abstractmethod
     def solve(self, stop: Stop) -> DiscreteSolution:
-        """The solution (u_h, lambda_H) with an algebraic bound up to the tolerance of `stop`, else a fraction of other errors.
+        """The solution (u_h, lambda_H) with an algebraic bound up to the tolerance of `stop`.
 
-        The shape is (u_h, lambda_H).
+        Without one the bound is at most the fraction of `stop` of other errors.
         """
 
     @abstractmethod
@@ -94,8 +95,8 @@ class DiscreteProblem(ABC):
 
         It stays as it is where half of the bound or more is rounding, which no step takes away.
         """
-        enough = max(tolerance, 2 * solution.result.rounding)
-        if solution.result.bound <= enough or not solution.result.converged:
+        max_bound = max(tolerance, 2 * solution.result.rounding)
+        if solution.result.bound <= max_bound or not solution.result.converged:
             return solution
         return self.iterate_further(solution, tolerance_share * tolerance, stop)
 
@@ -146,14 +147,11 @@ class DiscreteProblem(ABC):
 
     @cached_property
     def homogeneous_data(self) -> tuple[Array, Array]:
-        """The load (n,) and the means (cells,) of g for u_h - held, which vanishes on clamped sides."""
+        """The load (n,) and the means (cells,) of g for u_h - u_D, which vanishes on clamped sides."""
         if not self.form.clamped:
             return self.load, self.g_means
-        means = (
-            coupling(self.mesh, self.partition)
-            @ self.dirichlet_lift[self.mesh.boundary]
-            / self.partition.lengths
-        )
-        return subtract_lift_from_load(
-            self.mesh, self.form, self.load, self.dirichlet_lift
-        ), self.g_means - means
+        # u_h - u_D has to be above g - u_D in the mean
+        B = coupling(self.mesh, self.partition)
+        lift_means = B @ self.dirichlet_lift[self.mesh.boundary] / self.partition.lengths
+        load = subtract_lift_from_load(self.mesh, self.form, self.load, self.dirichlet_lift)
+        return load, self.g_means - lift_means

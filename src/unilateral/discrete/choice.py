@@ -41,13 +41,13 @@ MACRO_ELEMENT_BYTES = 1000
 SPARSE_BYTES = 5000
 """Bytes per unknown, as measured with 1e6 unknowns: by multigrid, and condensed to the boundary.
 
-Condensing takes RECURSIVE where the mesh was refined often enough for macro-elements, else SPARSE.
+Condensing takes MACRO_ELEMENT_BYTES where the mesh was refined often enough for these, else SPARSE_BYTES.
 """
 CHEAP_BOUND_BYTES = 300
 SHARP_BOUND_BYTES = 5000
 """Bytes per unknown for a guaranteed bound, measured likewise: the cheap one, and the sharp one."""
 DENSE_ENTRY_BYTES = 64
-"""Bytes per entry of A_3 or S: about eight matrices of that size are held."""
+"""Bytes per entry of A_3 or S: about eight matrices of that size are in memory."""
 
 
 def choose_spaces(problem: Problem, mesh: Mesh, partition: Partition, stop: Stop) -> Spaces:
@@ -81,10 +81,7 @@ def discretise_on_spaces(problem: Problem, spaces: Spaces, source: Source | None
 
 
 def solve_on_mesh(problem: Problem, mesh: Mesh, partition: Partition, stop: Stop) -> DiscreteSolution:
-    """The solution (u_h, lambda_H) of a problem on a mesh and a partition, by multigrid or condensed to the boundary.
-
-    The shape is (u_h, lambda_H).
-    """
+    """The solution (u_h, lambda_H) of a problem on a mesh and a partition."""
     discrete = discretise_on_spaces(problem, choose_spaces(problem, mesh, partition, stop))
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
         return discrete.solve(stop)
@@ -119,12 +116,18 @@ def choose_halvings(polygon: Polygon, H: float, edges: int, stop: Stop) -> int:
     unknowns = polygon.area * (edges / H) ** 2
     if not wants_multigrid(stop, unknowns):
         return 0
-    most = max(math.ceil(math.log(unknowns / COARSE_MESH_UNKNOWNS, 4)), 1)
+    # the coarse mesh gets about COARSE_MESH_UNKNOWNS, each halving makes four times as many
+    max_halvings = max(math.ceil(math.log(unknowns / COARSE_MESH_UNKNOWNS, 4)), 1)
     cells = polygon.counts(H).sum()
     if stop.algorithm == "multigrid":
-        return most
-    fit = (k for k in range(most, 0, -1) if 2**k * polygon.counts(2**k * H).sum() <= MAX_CELL_RATIO * cells)
-    return next(fit, 0)
+        return max_halvings
+    # 2^k cells for each coarse one, against those of a uniform partition
+    candidates = (
+        k
+        for k in range(max_halvings, 0, -1)
+        if 2**k * polygon.counts(2**k * H).sum() <= MAX_CELL_RATIO * cells
+    )
+    return next(candidates, 0)
 
 
 def wants_multigrid(stop: Stop, unknowns: float) -> bool:

@@ -56,7 +56,10 @@ MAX_BOUNDED_UNKNOWNS = 100_000
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CondensedProblem(DiscreteProblem):
-    """(P_h*) on the `spaces`; `offset` (m,) is F(0). True errors are known where the `project_case` solution is."""
+    """(P_h*) on the `spaces`; `offset` (m,) is F(0).
+
+    `exact` are the projections of the exact solution, by which true errors are known, None without one.
+    """
 
     spaces: MixedSpaces
     offset: Array
@@ -81,9 +84,18 @@ class CondensedProblem(DiscreteProblem):
         """The result lambda = 0 with its bound."""
         operator = self.spaces.operator
         zero = np.zeros(len(self.offset))
+        # with the rho of plain Uzawa
         rho = 1.9 / operator.lambda_max if len(zero) else math.nan
         bound = residual_bound(operator, self.offset, zero, rho) if len(zero) else 0.0
-        result = DualResult(zero, 0, 0, bound, False, rho, "none")
+        result = DualResult(
+            zero,
+            iterations=0,
+            operator_applications=0,
+            bound=bound,
+            converged=False,
+            rho=rho,
+            algorithm="none",
+        )
         return self.add_rounding_to_bound(result, self.response(zero)) if bound < math.inf else result
 
     @cached_property
@@ -103,7 +115,10 @@ class CondensedProblem(DiscreteProblem):
         )
 
     def solve(self, stop: Stop) -> DiscreteSolution:
-        """The solution (u_h, lambda_H), with an algebraic error up to the tolerance of `stop`, or a fraction of other errors."""
+        """The solution (u_h, lambda_H) with an algebraic bound up to the tolerance of `stop`.
+
+        Without a tolerance it is a fraction of other errors, or of the residual at lambda = 0.
+        """
         return solve_condensed_problem(self, stop)
 
     def iterate(
@@ -120,30 +135,28 @@ class CondensedProblem(DiscreteProblem):
         known at the end only. If the bound then misses the tolerance, the iteration goes on once.
         """
         operator = self.spaces.operator
-        wanted = self.crude_tolerance(FIRST_TOLERANCE_SHARE) if tolerance is None else tolerance
-        least = self.bound_floor if wanted < self.bound_floor else 0.0
-        result = run_algorithm(operator, self.offset, max(wanted, least), stop, start)
+        max_bound = self.crude_tolerance(FIRST_TOLERANCE_SHARE) if tolerance is None else tolerance
+        min_tolerance = self.bound_floor if max_bound < self.bound_floor else 0.0
+        # what rounding adds to the bound depends on lambda_H: it is known once the iteration has ended
+        result = run_algorithm(operator, self.offset, max(max_bound, min_tolerance), stop, start)
         u_h = self.response(result.lambda_H)
-        certified = self.add_rounding_to_bound(result, u_h, wanted)
-        less = wanted - ROUNDING_ALLOWANCE * certified.rounding
-        if result.converged and certified.bound > wanted and less > least:
-            more = run_algorithm(operator, self.offset, less, stop, result.lambda_H)
-            u_h = self.response(more.lambda_H)
-            certified = self.add_rounding_to_bound(more.add_counts(result), u_h, wanted)
+        certified = self.add_rounding_to_bound(result, u_h, max_bound)
+        second_tolerance = max_bound - ROUNDING_ALLOWANCE * certified.rounding
+        if result.converged and certified.bound > max_bound and second_tolerance > min_tolerance:
+            second_result = run_algorithm(operator, self.offset, second_tolerance, stop, result.lambda_H)
+            u_h = self.response(second_result.lambda_H)
+            certified = self.add_rounding_to_bound(second_result.add_counts(result), u_h, max_bound)
         if result.converged:
-            warn_of_missed_tolerance(certified, wanted)
-        return self.make_solution(certified, wanted, u_h)
+            warn_of_missed_tolerance(certified, max_bound)
+        return self.make_solution(certified, max_bound, u_h)
 
     def iterate_further(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
         """The solution, iterated further to a smaller tolerance."""
-        more = self.iterate(tolerance, stop, solution.result.lambda_H)
-        return replace(more, result=more.result.add_counts(solution.result))
+        further_solution = self.iterate(tolerance, stop, solution.result.lambda_H)
+        return replace(further_solution, result=further_solution.result.add_counts(solution.result))
 
     def response(self, lambda_H: Array) -> Array:
-        """The function u_h that belongs to the multiplier lambda_H.
-
-        The shape is (n,).
-        """
+        """The function u_h that belongs to the multiplier lambda_H; shape (n,)."""
         return self.dirichlet_lift + self.spaces.response(self.homogeneous_data[0], lambda_H)
 
     def add_rounding_to_bound(self, result: DualResult, u_h: Array, tolerance: float = 0.0) -> DualResult:
@@ -153,23 +166,29 @@ class CondensedProblem(DiscreteProblem):
         return replace(result, bound=bound, converged=bound <= tolerance, rounding=rounding)
 
     def _bound_computed_solution(self, result: DualResult, u_h: Array) -> float:
-        """The bound for u_h (n,) as it was computed."""
+        """The bound for u_h (n,) as it was computed, with the norm of its residual in it."""
         spaces = self.spaces
-        on = self.spaces.condensed
+        condensed = self.spaces.condensed
         boundary = self.mesh.boundary
-        (of_f, g_means) = self.homogeneous_data
+        (homogeneous_load, g_means) = self.homogeneous_data
         mu = result.lambda_H
         v = u_h - self.dirichlet_lift
-        load = Rounded(of_f.copy(), np.zeros(len(of_f)))
-        load.values[boundary], load.rounding[boundary] = load_with_rounding(of_f[boundary], spaces.B, mu)
-        left = residual_with_rounding(*on.matrix_and_row_sums, v, load)
+        # r = load + B^T mu - A v for v = u_h - u_D, and F, the means of v - (g - u_D), with their rounding
+        load = Rounded(homogeneous_load.copy(), np.zeros(len(homogeneous_load)))
+        load.values[boundary], load.rounding[boundary] = load_with_rounding(
+            homogeneous_load[boundary], spaces.B, mu
+        )
+        residual = residual_with_rounding(*condensed.matrix_and_row_sums, v, load)
         gap = gap_with_rounding(spaces.B, v[boundary], g_means[self.cells], spaces.operator.H_i)
-        delta = lumped_dual_norm_bound(np.abs(left.values) + left.rounding, on.nodal_weights)
+        # ||r|| by the lumped mass; if that is too large ||r|| <= ||z|| + ||r - A z|| with z = A^{-1} r
+        delta = lumped_dual_norm_bound(np.abs(residual.values) + residual.rounding, condensed.nodal_weights)
         if delta > MAX_ROUNDING_EXCESS * result.bound:
-            z = on.solve(left.values)
-            rest = residual_with_rounding(*on.matrix_and_row_sums, z, left)
-            of_rest = lumped_dual_norm_bound(np.abs(rest.values) + rest.rounding, on.nodal_weights)
-            delta = (1 + FORM_ROUNDING) * energy_norm(self.mesh, z, self.form) + of_rest
+            z = condensed.solve(residual.values)
+            z_residual = residual_with_rounding(*condensed.matrix_and_row_sums, z, residual)
+            z_residual_norm = lumped_dual_norm_bound(
+                np.abs(z_residual.values) + z_residual.rounding, condensed.nodal_weights
+            )
+            delta = (1 + FORM_ROUNDING) * energy_norm(self.mesh, z, self.form) + z_residual_norm
         return condensed_algebraic_bound(spaces.operator, mu, gap, delta, result.rho)
 
 
@@ -178,26 +197,35 @@ def build_condensed_problem(
 ) -> CondensedProblem:
     """The discrete problem with a load, the means of g, and a Dirichlet lift.
 
-    `trace` (nb,) is A^{-1} times the load of `of_rest` on the boundary, if it is known.
+    `trace` (nb,) is A^{-1} times the load for u_h - u_D on the boundary, if it is known.
     """
-    on = spaces.mesh, spaces.partition, spaces.cells, load, g_means, spaces, np.zeros(len(spaces.cells))
-    discrete = CondensedProblem(*on, form=spaces.condensed.form, dirichlet_lift=dirichlet_lift)
-    of_f, of_g = discrete.homogeneous_data
+    discrete = CondensedProblem(
+        mesh=spaces.mesh,
+        partition=spaces.partition,
+        cells=spaces.cells,
+        load=load,
+        g_means=g_means,
+        form=spaces.condensed.form,
+        dirichlet_lift=dirichlet_lift,
+        spaces=spaces,
+        offset=np.zeros(len(spaces.cells)),
+    )
+    homogeneous_load, homogeneous_means = discrete.homogeneous_data
+    # F(0): the means of A^{-1} load - g
     if trace is None:
-        trace = spaces.condensed.solve(of_f)[spaces.mesh.boundary]
-    discrete.offset[:] = spaces.B @ trace / spaces.operator.H_i - of_g[spaces.cells]
+        trace = spaces.condensed.solve(homogeneous_load)[spaces.mesh.boundary]
+    discrete.offset[:] = spaces.B @ trace / spaces.operator.H_i - homogeneous_means[spaces.cells]
     return discrete
 
 
 def discretise_case(spaces: MixedSpaces, exact: CaseProjections) -> CondensedProblem:
     """The discrete problem of a case whose exact solution is known on these spaces."""
     ritz = exact.ritz
-    return replace(
-        build_condensed_problem(
-            spaces, ritz.load, ritz.load_trace, exact.cell_means.g_means, ritz.dirichlet_lift
-        ),
-        exact=exact,
+    g_means = exact.cell_means.g_means
+    discrete = build_condensed_problem(
+        spaces, ritz.load, trace=ritz.load_trace, g_means=g_means, dirichlet_lift=ritz.dirichlet_lift
     )
+    return replace(discrete, exact=exact)
 
 
 def discretise(problem: Problem, mesh: Mesh, partition: Partition) -> CondensedProblem:
@@ -223,7 +251,9 @@ def discretise_on_condensed_spaces(
         return discretise_case(spaces, project_case(problem.exact, spaces))
     data = enclose_data(problem, spaces.mesh, spaces.condensed.form, source)
     g_means = problem.enclosed_obstacle.means(spaces.partition.points)
-    discrete = build_condensed_problem(spaces, data.load, None, g_means, data.constraint.clamped_values)
+    discrete = build_condensed_problem(
+        spaces, data.load, trace=None, g_means=g_means, dirichlet_lift=data.constraint.clamped_values
+    )
     if np.max(np.abs(discrete.offset), initial=0.0) < SMALLEST_NORMAL:
         discrete.offset[:] = 0.0  # of data that this mesh does not see
     return replace(discrete, data=data)
@@ -234,13 +264,13 @@ def solve_condensed_problem(
     stop: Stop = Stop(),  # noqa: B008
     beta: float | None = None,
 ) -> DiscreteSolution:
-    """The solution (u_h, lambda_H), with an algebraic error up to the tolerance of `stop`, or a fraction of other errors.
+    """The solution (u_h, lambda_H) with an algebraic bound up to a tolerance, or a fraction of other errors.
 
-    Without a tolerance the fraction is `stop.fraction`. Where the exact solution is known, it is kept in
-    every norm that is judged; `beta`, a lower bound on the constant in (3.4), turns the algebraic bound into
-    one in H^{-1/2}. Where there are data, and at most MOST_BOUNDED unknowns, it is a fraction of the bound on
-    ||u - u_h||_1, which is known after a first, cruder, solve, unless rounding hides it. Else it is a share
-    of the residual at lambda = 0.
+    Tolerance and fraction are those of `stop`. Where the exact solution is known, the fraction is kept in
+    every norm that is judged; `beta`, a lower bound on the constant in (3.4), turns the algebraic bound
+    into one in H^{-1/2}. Where there are data, and at most MAX_BOUNDED_UNKNOWNS, it is a fraction of the
+    bound on ||u - u_h||_1, which is known after a first, cruder, solve, unless rounding hides it. Else it is
+    one of the residual at lambda = 0.
     """
     if stop.tolerance is not None:
         return discrete.iterate(stop.tolerance, stop)
@@ -257,14 +287,15 @@ def solve_condensed_problem(
 def _solve_case(
     discrete: CondensedProblem, exact: CaseProjections, stop: Stop, beta: float
 ) -> DiscreteSolution:
-    """The solution of a case.
+    """The solution of a case, with an algebraic bound up to a fraction of its smallest true error.
 
-    It goes on from lambda_H if the H^{-1/2} error then still misses the fraction.
+    It goes on from lambda_H if it is then still too large beside the H^{-1/2} error.
     """
     spaces = discrete.spaces
-    solved = discrete.iterate(stop.fraction * exact.smallest_error_part(spaces), stop)
+    solution = discrete.iterate(stop.fraction * exact.smallest_error_part(spaces), stop)
     if spaces.operator.is_singular or exact.cell_means.lambda_is_zero:
-        return solved
-    error = exact.ritz.discrete_dual_norm(exact.boundary_load(spaces, solved.result.lambda_H))
-    going_on = replace(stop, algorithm="nesterov") if solved.result.algorithm == "nesterov" else stop
-    return discrete.improve(solved, stop.fraction * error * beta, going_on, tolerance_share=1.0)
+        return solution
+    # of ||lambda - lambda_H||_{-1/2,h} <= ||lambda - lambda_H||_{-1/2} the bound over beta may be a fraction
+    error = exact.ritz.discrete_dual_norm(exact.boundary_load(spaces, solution.result.lambda_H))
+    further_stop = replace(stop, algorithm="nesterov") if solution.result.algorithm == "nesterov" else stop
+    return discrete.improve(solution, stop.fraction * error * beta, further_stop, tolerance_share=1.0)

@@ -26,8 +26,7 @@ from unilateral.fem.hierarchy import Hierarchy, build_hierarchy
 from unilateral.fem.nested_cells import LevelCells, nested_cells
 from unilateral.fem.residual_rounding import max_row_entries
 from unilateral.formulas.taylor import EPS
-from unilateral.geometry.adapted import AdaptedMesh, refine_and_balance
-from unilateral.geometry.adapted import start_adapted_mesh as adapted_mesh
+from unilateral.geometry.adapted import AdaptedMesh, refine_and_balance, start_adapted_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.partition import Partition
 from unilateral.problems.problem import Problem
@@ -42,7 +41,7 @@ MAX_COARSE_UNKNOWNS = 50_000
 
 @dataclass(frozen=True, eq=False)
 class NestedSpaces:
-    """The spaces on the `hierarchy` of a mesh, with the cells of the last levels; see `nested_cells`."""
+    """The spaces on the `hierarchy` of a mesh, with the cells of its last levels."""
 
     mesh: Mesh
     partition: Partition
@@ -54,7 +53,7 @@ class NestedSpaces:
 class MultilevelProblem(DiscreteProblem):
     """(P_h*) on nested spaces.
 
-    The iteration begins at the `start_u` (n,), which is 0 at fixed nodes, by default on coarser levels. Each
+    The iteration begins at `start_u` (n,), which is 0 at clamped nodes, by default on coarser levels. Each
     cell has a node inside, so lambda_H is `unique`. No lower bound on `beta` is known, so it is set to 1:
     algebraic bounds are then in ||.||_{-1/2,h}.
     """
@@ -80,7 +79,7 @@ class MultilevelProblem(DiscreteProblem):
         return build_multigrid(self.spaces.hierarchy, self.spaces.level_cells, load, integrals)
 
     def solve(self, stop: Stop) -> DiscreteSolution:
-        """The solution (u_h, lambda_H), with an algebraic bound up to the tolerance of `stop`, else a fraction of an error.
+        """The solution (u_h, lambda_H) with an algebraic bound up to the tolerance of `stop`.
 
         Without a tolerance it is at most `stop.fraction` of an estimate of ||u - u_h||_1 or, where there are
         no coarser levels to begin with, of the bound on that. The algebraic bound itself is guaranteed.
@@ -102,39 +101,48 @@ class MultilevelProblem(DiscreteProblem):
         Where the bound on the total error will be about `predicted_total`, the residual is made small against
         that, too.
         """
-        begin = None if self.start_u is None or start is None else (self.start_u, start > 0)
+        first_guess = None if self.start_u is None or start is None else (self.start_u, start > 0)
+        max_residual_norm = RESIDUAL_NORM_SHARE * predicted_total
         return self._convert_result(
-            self.multigrid.solve(tolerance, begin, stop.fraction, RESIDUAL_NORM_SHARE * predicted_total)
+            self.multigrid.solve(tolerance, first_guess, stop.fraction, max_residual_norm=max_residual_norm)
         )
 
     def iterate_further(self, solution: DiscreteSolution, tolerance: float, stop: Stop) -> DiscreteSolution:
         """The solution, iterated further to a smaller tolerance."""
         start = solution.u_h - self.dirichlet_lift, solution.result.lambda_H > 0
-        more = self._convert_result(
+        further_solution = self._convert_result(
             self.multigrid.solve(
                 tolerance, start, max_residual_norm=RESIDUAL_NORM_SHARE * tolerance / stop.fraction
             )
         )
-        return replace(more, result=more.result.add_counts(solution.result))
+        return replace(further_solution, result=further_solution.result.add_counts(solution.result))
 
     def lambda_norm(self, lambda_H: Array) -> float:
         """A lower bound on ||lambda_H||_{-1/2,h}."""
         return multiplier_norm_lower_bound(self.multigrid.grids, lambda_H)
 
     def _convert_result(self, multigrid_result: MultigridResult) -> DiscreteSolution:
+        """The solution u_D + u of a multigrid result, with the steps on the finest level as its steps."""
         finest = multigrid_result.iteration_counts[-1][0]
         steps = sum(count for level, count in multigrid_result.iteration_counts if level == finest)
         u_h = self.dirichlet_lift + multigrid_result.u
         bound = multigrid_result.bound + self._bound_lift_rounding(u_h)
         result = DualResult(
-            multigrid_result.lambda_H, steps, steps, bound, multigrid_result.converged, math.nan, "multigrid"
+            multigrid_result.lambda_H,
+            iterations=steps,
+            operator_applications=steps,
+            bound=bound,
+            converged=multigrid_result.converged,
+            rho=math.nan,
+            algorithm="multigrid",
         )
         return self.make_solution(result, multigrid_result.tolerance, u_h)
 
     def _bound_lift_rounding(self, u_h: Array) -> float:
-        """A bound on the norm of what rounding has done to the sum `held` + of.u."""
+        """A bound on the norm of what rounding has done to the sum u_h of the Dirichlet lift and u."""
         if not self.dirichlet_lift.any():
             return 0.0
+        # ||e||^2 <= (entries in a row) sum A_ii e_i^2 for e with |e_i| <= EPS |u_i|, as A_ij^2 <= A_ii A_jj
         A = self.multigrid.finest.hierarchy.A
         return EPS * max_row_entries(A) ** 0.5 * float(dnrm2(np.sqrt(A.diagonal()) * u_h))
 
@@ -142,9 +150,9 @@ class MultilevelProblem(DiscreteProblem):
 def nested_spaces(
     mesh: Mesh, partition: Partition, hierarchy: Hierarchy | None = None, form: Form = H1
 ) -> NestedSpaces | None:
-    """The spaces on the levels of a mesh, which may be `hierarchy`, or else those for a form.
+    """The spaces on the levels of a mesh: those of a `hierarchy`, if it is given, else those for a form.
 
-    None where the mesh has no coarse level, or one of more than MOST_COARSE unknowns, or where its levels
+    None where the mesh has no coarse level, or one of more than MAX_COARSE_UNKNOWNS, or where its levels
     cannot follow the partition: a point of the partition is no node of the mesh, or a cell has one edge only.
     """
     coarse = mesh.coarse or mesh
@@ -167,6 +175,7 @@ def discretise_on_nested_spaces(
     partition = spaces.partition
     form = spaces.hierarchy.form
     data: EnclosedData | None = None
+    # nested iteration ends by an estimate of the error, so that a case needs no bound, and no enclosed data
     if problem.exact and source is None and len(spaces.level_cells) > 1:
         load = case_load(problem.exact, mesh)
         clamped_values = np.zeros(mesh.n_nodes)
@@ -191,19 +200,19 @@ def discretise_on_nested_spaces(
 
 
 def _extend_clamped_values(clamped_values: Array, mesh: Mesh, form: Form) -> Array:
-    """The function with these values on clamped sides that falls to 0 on triangles of the first mesh.
-
-    The shape is (n,).
+    """The function (n,) with these values on clamped sides that falls to 0 on triangles of the first mesh.
 
     In nested iteration u_h less this function is as smooth as u_h, but for what the values are not linear.
     """
-    held = clamped_values.copy()
+    lift = clamped_values.copy()
     if form.clamped:
-        fixed = form.clamped_nodes(mesh)
+        clamped_nodes = form.clamped_nodes(mesh)
         for step in mesh.steps:
-            new = slice(step.n_old_nodes, step.n_old_nodes + len(step.ends))
-            held[new] = np.where(fixed[new], held[new], held[step.ends].mean(axis=1))
-    return held
+            new_nodes = slice(step.n_old_nodes, step.n_old_nodes + len(step.ends))
+            lift[new_nodes] = np.where(
+                clamped_nodes[new_nodes], lift[new_nodes], lift[step.ends].mean(axis=1)
+            )
+    return lift
 
 
 def discretise_on_adapted_mesh(
@@ -214,23 +223,24 @@ def discretise_on_adapted_mesh(
 ) -> MultilevelProblem:
     """The problem on a mesh and its cells.
 
-    If this mesh was refined from that of the problem `previous`, whose solution is the `previous_solution`
-    one, f is enclosed on new triangles only, and the iteration begins at that solution.
+    If this mesh was refined from that of the problem `previous`, whose solution is `previous_solution`, f is
+    enclosed on new triangles only, and the iteration begins at that solution.
     """
     mesh = adapted.mesh
     form = previous.form if previous else problem_form(problem, mesh)
-    known = previous.data.source if previous and previous.data else None
-    source = enclose_source(mesh, problem.source, form, known)
-    levels = build_hierarchy(mesh, previous.spaces.hierarchy if previous else None, form)
-    guess = np.zeros(mesh.n_nodes)
+    known_source = previous.data.source if previous and previous.data else None
+    source = enclose_source(mesh, problem.source, form, known_source)
+    hierarchy = build_hierarchy(mesh, previous.spaces.hierarchy if previous else None, form)
+    # the last solution, less its Dirichlet lift, interpolated on the new levels
+    start_u = np.zeros(mesh.n_nodes)
     if previous and previous_solution:
-        guess[: len(previous_solution.u_h)] = previous_solution.u_h - previous.dirichlet_lift
-        for level in levels.levels:
+        start_u[: len(previous_solution.u_h)] = previous_solution.u_h - previous.dirichlet_lift
+        for level in hierarchy.levels:
             if level.n > len(previous_solution.u_h):
-                level.prolong(guess)
-    spaces = nested_spaces(mesh, adapted.partition, levels)
+                level.prolong(start_u)
+    spaces = nested_spaces(mesh, adapted.partition, hierarchy)
     assert spaces is not None
-    return discretise_on_nested_spaces(problem, spaces, source, guess)
+    return discretise_on_nested_spaces(problem, spaces, source, start_u)
 
 
 def solve_refinements(
@@ -246,14 +256,14 @@ def solve_refinements(
     solve starts from that solution. Algebraic bounds are at most `stop.fraction` of those on ||u - u_h||_1.
     Raises InputError as `choose_triangles` does.
     """
-    of = adapted_mesh(mesh)
+    adapted = start_adapted_mesh(mesh)
     discrete: MultilevelProblem | None = None
-    last: DiscreteSolution | None = None
-    while of.mesh.n_nodes <= max_unknowns:
-        discrete = discretise_on_adapted_mesh(problem, of, discrete, last)
-        last = _solve_from_previous(last, discrete, stop)
-        yield last
-        of = refine_and_balance(of, choose_triangles(last))
+    solution: DiscreteSolution | None = None
+    while adapted.mesh.n_nodes <= max_unknowns:
+        discrete = discretise_on_adapted_mesh(problem, adapted, discrete, solution)
+        solution = _solve_from_previous(solution, discrete, stop)
+        yield solution
+        adapted = refine_and_balance(adapted, choose_triangles(solution))
 
 
 def _solve_from_previous(

@@ -42,18 +42,12 @@ def problem_form(problem: Problem, mesh: Mesh) -> Form:
 
 
 def case_load(case: ExactSolution, mesh: Mesh) -> Array:
-    """The load of a case's source, by quadrature.
-
-    The shape is (n,).
-    """
+    """The load of a case's source, by quadrature; shape (n,)."""
     return assemble_load_by_blocks(mesh, partial(case_moments, case))
 
 
 def obstacle_means(problem: Problem, cells: Partition) -> Array:
-    """The means of g over the cells: of a case exact up to rounding, else of the enclosure.
-
-    The shape is (cells,).
-    """
+    """The means (cells,) of g over the cells: of a case exact up to rounding, else of the enclosure."""
     if problem.exact:
         return cell_means(problem.exact, cells).g_means
     return problem.enclosed_obstacle.means(cells.points)

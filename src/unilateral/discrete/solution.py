@@ -89,10 +89,7 @@ class DiscreteSolution:
 
     @cached_property
     def gap(self) -> Array:
-        """The means of u_h - g on all cells, NaN on cells without a multiplier.
-
-        The shape is (all cells,).
-        """
+        """The means of u_h - g on all cells, NaN on cells without a multiplier; shape (all cells,)."""
         means = coupling(self.mesh, self.partition) @ self.u_h[self.mesh.boundary] / self.partition.lengths
         gap = np.full(self.partition.n_cells, math.nan)
         gap[self.cells] = (means - self.g_means)[self.cells]
@@ -117,6 +114,7 @@ class DiscreteSolution:
         return self._compute_bound(sharp_bound)
 
     def _compute_bound(self, compute: Callable[..., Bound]) -> Bound | None:
+        """The bounds by one of the two functions; None without data."""
         if self.data is None:
             return None
         return compute(
@@ -130,10 +128,7 @@ class DiscreteSolution:
 
     @cached_property
     def flux(self) -> Array | None:
-        """The equilibrated flux of the cheap bound, by its normal components on the edges; None without data.
-
-        The shape is (2, E).
-        """
+        """Equilibrated flux of the cheap bound, by normal components (2, E) on edges; None without data."""
         if self.data is None:
             return None
         potential = self.u_h if self.potential is None else self.potential
@@ -144,10 +139,7 @@ class DiscreteSolution:
 
     @property
     def bound_shares(self) -> Array:
-        """Each triangle's share of the square of the cheap bound on ||u - u_h||_1; 0 if it is unknown.
-
-        The shape is (triangles,).
-        """
+        """Shares (m,) of the triangles in the square of the cheap bound on ||u - u_h||_1; 0 without data."""
         return self.local_bound.shares if self.local_bound else np.zeros(len(self.mesh.triangles))
 
     def total_bound(self, norm: str, sharp: bool = False) -> float:
@@ -170,6 +162,7 @@ class DiscreteSolution:
 
     def norm_lower_bound(self, norm: str, sharp: bool = False) -> float:
         """A lower bound on the norm of the exact solution, from that of the discrete one."""
+        # ||u|| >= ||u_h|| - ||u - u_h||; on the exact mesh ||u_h|| may be smaller by its factor
         discrete_norm = self.u_norm if norm == "h1" else self.lambda_norm
         return max(
             (1 - SQUARES_ROUNDING) * discrete_norm / self.mesh.exact_mesh_factor

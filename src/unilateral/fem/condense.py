@@ -44,33 +44,24 @@ class CondensedMatrix:
 
     @cached_property
     def A(self) -> sp.csr_array:
-        """The matrix of the form on V_h.
-
-        The shape is (n, n).
-        """
+        """The matrix of the form on V_h; shape (n, n)."""
         return form_matrix(self.mesh, self.form)
 
     @cached_property
     def clamped_nodes(self) -> Mask:
-        """Whether each node lies on a clamped side.
-
-        The shape is (n,).
-        """
+        """Whether each node lies on a clamped side; shape (n,)."""
         return self.form.clamped_nodes(self.mesh)
 
     @cached_property
     def nodal_weights(self) -> Array:
-        """Weights m_i of the nodes with sum m_i v_i^2 <= 4 ||v||^2 for all v in V_h: lumped masses times the coercivity.
-
-        The shape is (n,).
-        """
+        """Weights m_i (n,) with sum m_i v_i^2 <= 4 ||v||^2 on V_h: lumped masses times the coercivity."""
         return self.form.coercivity * lumped_mass(self.mesh)
 
     @cached_property
     def matrix_and_row_sums(self) -> tuple[sp.csr_array, Array]:
         """A (n, n) up to rounding, its rows not sorted, and their sums (n,).
 
-        That is faster to make where the mesh knows its edges.
+        It is assembled from edges where the mesh knows these, which is faster.
         """
         if self.mesh.stored_triangulation:
             return edge_matrix.assemble_by_edges(
@@ -89,17 +80,19 @@ class CondensedMatrix:
     @cached_property
     def sigma_1(self) -> float:
         """The smallest sigma with (v, w) = sigma <v, w> for all w in V_h: above Steklov's by O(h^2)."""
-        mass = boundary_mass(self.mesh)
-        size = len(self.mesh.boundary)
-        mass = decouple_nodes(mass, fixed := self.clamped_nodes[self.mesh.boundary])
-        mass.setdiag(np.where(fixed, 0.0, mass.diagonal()))
+        clamped = self.clamped_nodes[self.mesh.boundary]
+        size = len(clamped)
+        mass = decouple_nodes(boundary_mass(self.mesh), clamped)
+        mass.setdiag(np.where(clamped, 0.0, mass.diagonal()))
 
+        # A_3 v = sigma M v on the boundary, so 1 / sigma is the largest eigenvalue of R^{-T} M R^{-1}
         def apply_scaled_mass(v: Array) -> Array:
+            """R^{-T} M R^{-1} v, for A_3 = R^T R and the mass matrix M of the boundary."""
             R = self.cholesky
             return solve_triangular(R, mass @ solve_triangular(R, v), trans="T")
 
-        operator = LinearOperator((size, size), matvec=apply_scaled_mass, dtype=float)
-        return float(1 / eigsh(operator, k=1, v0=np.ones(size), return_eigenvectors=False)[0])
+        scaled_mass = LinearOperator((size, size), matvec=apply_scaled_mass, dtype=float)
+        return float(1 / eigsh(scaled_mass, k=1, v0=np.ones(size), return_eigenvectors=False)[0])
 
 
 def form_matrix(mesh: Mesh, form: Form = H1) -> sp.csr_array:
@@ -117,19 +110,20 @@ def condense(mesh: Mesh, form: Form = H1) -> CondensedMatrix:
         return condense_factors(mesh, factorise_by_dissection(form_matrix(mesh, form), mesh.boundary), form)
     factors = MacroElementFactors(mesh, form)
     _check_factors(mesh, factors, form)
-    return CondensedMatrix(mesh, factors, factors.A_3, factors.cholesky, form)
+    return CondensedMatrix(mesh, factors, A_3=factors.A_3, cholesky=factors.cholesky, form=form)
 
 
 def condense_factors(mesh: Mesh, factors: SparseFactors, form: Form = H1) -> CondensedMatrix:
     """The condensation from the factors of A with the boundary last. Raises InputError as `condense` does."""
     _check_factors(mesh, factors, form)
     cholesky = schur_factor(factors.lu, len(mesh.boundary))
-    return CondensedMatrix(mesh, factors, cholesky.T @ cholesky, cholesky, form)
+    return CondensedMatrix(mesh, factors, A_3=cholesky.T @ cholesky, cholesky=cholesky, form=form)
 
 
 def _check_factors(mesh: Mesh, factors: SparseFactors | MacroElementFactors, form: Form) -> None:
-    """Raises InputError as `condense`."""
+    """Raises InputError where the factors do not solve for constants, if no side is clamped."""
     if not form.clamped:
+        # the load of c (1, v)_0 has the solution 1
         check_constants(mesh, form, factors.solve(form.c * lumped_mass(mesh)))
 
 

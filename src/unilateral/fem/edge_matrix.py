@@ -26,94 +26,101 @@ def edge_stiffness_and_areas(points: Array, triangles: Int32) -> tuple[Array, Ar
     """The products (T, 3) that belong to the edges opposite to the `triangles` (T, 3), and the areas (T,)."""
     stiffness = np.empty(triangles.shape)
     area = np.empty(len(triangles))
-    for of in row_blocks(len(triangles)):
-        (x, y) = points.T[:, triangles[of].T]
+    for block in row_blocks(len(triangles)):
+        (x, y) = points.T[:, triangles[block].T]
+        # (e_i, f_i) is the edge opposite to node i: |T| = e_2 x e_0 / 2, and e_j . e_k / (4 |T|)
         e = x[[2, 0, 1]] - x[[1, 2, 0]]
         f = y[[2, 0, 1]] - y[[1, 2, 0]]
-        area[of] = 0.5 * (e[2] * f[0] - f[2] * e[0])
+        area[block] = 0.5 * (e[2] * f[0] - f[2] * e[0])
         product = e[[1, 2, 0]] * e[[2, 0, 1]] + f[[1, 2, 0]] * f[[2, 0, 1]]
-        stiffness[of] = (0.25 * product / area[of]).T
+        stiffness[block] = (0.25 * product / area[block]).T
     return stiffness, area
 
 
 def _edge_entries(form: Form, stiffness: Array, area: Array) -> Array:
-    """Each triangle's contribution to the matrix entries of its three edges.
-
-    The shape is (T, 3).
-    """
+    """Each triangle's contribution to the matrix entries of its three edges; shape (T, 3)."""
     return form.k * stiffness + (form.c * area / 12)[:, None]
 
 
 def assemble_by_edges(
     triangulation: Triangulation, points: Array, form: Form = H1, fixed: Mask | None = None
 ) -> tuple[sp.csr_array, Array, Array]:
-    """The matrix A of those triangles and of a form, in which some nodes (n,) may be `fixed`.
+    """The matrix A of a form on a triangulation, the sums (n,) of its rows, and the lumped mass (n,).
 
-    A (n, n) has rows that begin with the diagonal. With it come the sums (n,) of its rows, and the lumped
-    mass (n,).
+    Rows of A (n, n) begin with the diagonal. Nodes that are `fixed` (n,) are decoupled from the others.
     """
     n = triangulation.n_nodes
     mass = np.zeros(triangulation.n_nodes)
-    beside = np.zeros(len(triangulation.ends))
-    for of in row_blocks(len(triangulation.nodes)):
-        stiffness, area = edge_stiffness_and_areas(points, triangulation.nodes[of])
-        np.add.at(mass, triangulation.nodes[of].ravel(), np.repeat(area / 3, 3))
-        np.add.at(beside, triangulation.edges[of].ravel(), _edge_entries(form, stiffness, area).ravel())
+    edge_values = np.zeros(len(triangulation.ends))
+    for block in row_blocks(len(triangulation.nodes)):
+        stiffness, area = edge_stiffness_and_areas(points, triangulation.nodes[block])
+        np.add.at(mass, triangulation.nodes[block].ravel(), np.repeat(area / 3, 3))
+        np.add.at(
+            edge_values, triangulation.edges[block].ravel(), _edge_entries(form, stiffness, area).ravel()
+        )
+    # rows of the stiffness add up to 0: what the diagonal has is c (1, phi_i)_0 less the entries beside it
     sums = form.c * mass
     diagonal = sums.copy()
     for end in triangulation.ends.T:
-        np.subtract.at(diagonal, end, beside)
+        np.subtract.at(diagonal, end, edge_values)
     if fixed is not None and fixed.any():
-        cut = fixed[triangulation.ends].any(axis=1)
-        for end in triangulation.ends[cut].T:
-            np.subtract.at(sums, end, beside[cut])
+        # entries between a fixed node and another one become 0, and the sums of rows follow
+        fixed_edges = fixed[triangulation.ends].any(axis=1)
+        for end in triangulation.ends[fixed_edges].T:
+            np.subtract.at(sums, end, edge_values[fixed_edges])
         sums[fixed] = diagonal[fixed]
-        beside[cut] = 0.0
-    every = np.arange(n, dtype=np.int32)
+        edge_values[fixed_edges] = 0.0
+    nodes = np.arange(n, dtype=np.int32)
     (a, b) = triangulation.ends.T
-    places = np.concatenate([every, a, b]), np.concatenate([every, b, a])
-    return _csr_from_distinct_entries(np.concatenate([diagonal, beside, beside]), *places, (n, n)), sums, mass
+    A = _csr_from_distinct_entries(
+        np.concatenate([diagonal, edge_values, edge_values]),
+        rows=np.concatenate([nodes, a, b]),
+        columns=np.concatenate([nodes, b, a]),
+        shape=(n, n),
+    )
+    return A, sums, mass
 
 
 def assemble_rows(
     points: Array, triangles: Int32, row_nodes: Int32, n: int, form: Form, fixed: Mask
 ) -> sp.csr_array:
-    """The rows of the matrix of a form that belong to some nodes.
-
-    The shape is (k, n).
-    """
-    parts = [
-        _assemble_row_block(points, triangles, row_nodes[of], n, form, fixed)
-        for of in row_blocks(len(row_nodes), MATRIX_ROWS_PER_BLOCK)
+    """The rows of the matrix of a form that belong to some nodes; shape (k, n)."""
+    blocks = [
+        _assemble_row_block(points, triangles, row_nodes[block], n, form, fixed)
+        for block in row_blocks(len(row_nodes), MATRIX_ROWS_PER_BLOCK)
     ]
-    return sp.vstack(parts, format="csr") if parts else sp.csr_array((0, n))
+    return sp.vstack(blocks, format="csr") if blocks else sp.csr_array((0, n))
 
 
 def _assemble_row_block(
     points: Array, triangles: Int32, row_nodes: Int32, n: int, form: Form, fixed: Mask
 ) -> sp.csr_array:
-    """One block of the rows that `assemble_rows` makes.
+    """The rows (k, n) that belong to some nodes, assembled at once.
 
-    The shape is (k, n).
-
-    Each edge from an inner node leads to the next node of one triangle and to the last node of another.
+    An edge from a node leads to the next corner in at most one triangle, and to the last corner in at most
+    one. So two matrices with distinct entries add up to the part off the diagonal.
     """
-    place = np.full(n, -1, dtype=np.int32)
-    place[row_nodes] = np.arange(len(row_nodes), dtype=np.int32)
-    some = np.flatnonzero((place[triangles] >= 0).any(axis=1))
-    (stiffness, area) = edge_stiffness_and_areas(points, triangles[some])
-    corners = triangles[some].T
-    beside = _edge_entries(form, stiffness, area).T
-    row = place[corners]
-    at = [np.flatnonzero(each >= 0) for each in row]
-    rows = np.concatenate([each[here] for each, here in zip(row, at, strict=True)])
+    row_number = np.full(n, -1, dtype=np.int32)
+    row_number[row_nodes] = np.arange(len(row_nodes), dtype=np.int32)
+    touching = np.flatnonzero((row_number[triangles] >= 0).any(axis=1))
+    (stiffness, area) = edge_stiffness_and_areas(points, triangles[touching])
+    corners = triangles[touching].T
+    edge_values = _edge_entries(form, stiffness, area).T
+    corner_rows = row_number[corners]
+    # for each of the corners i = 0, 1, 2, the triangles in which it is one of the row nodes
+    incident = [np.flatnonzero(numbers >= 0) for numbers in corner_rows]
+    rows = np.concatenate([numbers[chosen] for numbers, chosen in zip(corner_rows, incident, strict=True)])
     diagonal = np.zeros(len(row_nodes))
     shape = (len(row_nodes), n)
-    np.add.at(diagonal, rows, form.c * np.concatenate([area[here] for here in at]) / 3)
+    # as in `assemble_by_edges`: a row adds up to c thirds of the area around its node
+    np.add.at(diagonal, rows, form.c * np.concatenate([area[chosen] for chosen in incident]) / 3)
     off_diagonal = sp.csr_array(shape)
-    for to, opposite in ((1, 2), (2, 1)):
-        columns = np.concatenate([corners[(i + to) % 3][here] for i, here in enumerate(at)])
-        values = np.concatenate([beside[(i + opposite) % 3][here] for i, here in enumerate(at)])
+    # the next corner i + 1 lies on the edge opposite to i + 2, the last one i + 2 on that opposite to i + 1
+    for step, opposite in ((1, 2), (2, 1)):
+        columns = np.concatenate([corners[(i + step) % 3][chosen] for i, chosen in enumerate(incident)])
+        values = np.concatenate(
+            [edge_values[(i + opposite) % 3][chosen] for i, chosen in enumerate(incident)]
+        )
         np.subtract.at(diagonal, rows, values)
         values = np.where(fixed[columns] | fixed[row_nodes[rows]], 0.0, values)
         off_diagonal = off_diagonal + _csr_from_distinct_entries(values, rows, columns, shape)

@@ -50,28 +50,20 @@ class Form(NamedTuple):
         return math.sqrt(self.k / self.coercivity)
 
     def has_multiplier(self, sides: Index) -> Mask:
-        """Whether each of these sides carries a multiplier: it is neither clamped nor free.
-
-        The shape is (k,).
-        """
+        """Whether each of these sides carries a multiplier: it is neither clamped nor free; shape (k,)."""
         return ~np.isin(sides, self.clamped + self.free)
 
     def clamped_edges(self, mesh: Mesh) -> Mask:
-        """Whether each boundary edge lies on a clamped side.
-
-        The shape is (nb,).
-        """
+        """Whether each boundary edge lies on a clamped side; shape (nb,)."""
         return np.isin(mesh.side, self.clamped)
 
     def clamped_nodes(self, mesh: Mesh) -> Mask:
-        """Whether each node lies on a clamped side.
-
-        The shape is (n,).
-        """
-        fixed = np.zeros(mesh.n_nodes, dtype=bool)
+        """Whether each node lies on a clamped side; shape (n,)."""
+        is_clamped = np.zeros(mesh.n_nodes, dtype=bool)
         edges = self.clamped_edges(mesh)
-        fixed[mesh.boundary[edges | np.roll(edges, 1)]] = True
-        return fixed
+        # edge e begins at boundary node e, and ends at node e + 1
+        is_clamped[mesh.boundary[edges | np.roll(edges, 1)]] = True
+        return is_clamped
 
 
 H1 = Form()
@@ -79,18 +71,15 @@ H1 = Form()
 
 
 def decouple_nodes(A: sp.csr_array, fixed: Mask) -> sp.csr_array:
-    """A (n, n) with 0 in the rows and columns of the `fixed` (n,), but for the diagonal."""
+    """A (n, n) with 0 in the rows and columns of the `fixed` nodes (n,), but for the diagonal."""
     if not fixed.any():
         return A
     rows = np.repeat(np.arange(A.shape[0]), np.diff(A.indptr))
-    off = (fixed[rows] | fixed[A.indices]) & (rows != A.indices)
-    return sp.csr_array((np.where(off, 0.0, A.data), A.indices, A.indptr), shape=A.shape)
+    decoupled = (fixed[rows] | fixed[A.indices]) & (rows != A.indices)
+    return sp.csr_array((np.where(decoupled, 0.0, A.data), A.indices, A.indptr), shape=A.shape)
 
 
 def decoupled_row_sums(A: sp.csr_array, full_row_sums: Array, fixed: Mask) -> Array:
-    """The sums of the rows of a decoupled matrix, from those of the matrix before it was decoupled.
-
-    The shape is (n,).
-    """
-    beside = np.add.reduceat(fixed[A.indices], A.indptr[:-1], dtype=int) > 0
-    return np.where(beside, A.sum(axis=1), full_row_sums)
+    """The sums (n,) of the rows of a decoupled matrix, from those of the matrix before it was decoupled."""
+    meets_fixed = np.add.reduceat(fixed[A.indices], A.indptr[:-1], dtype=int) > 0
+    return np.where(meets_fixed, A.sum(axis=1), full_row_sums)

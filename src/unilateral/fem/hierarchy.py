@@ -64,14 +64,14 @@ class FinerSpace:
     def sweep_down(self, S: sp.csr_array, r: Array) -> tuple[Array, Array]:
         """x (s,), a forward sweep of Gauss and Seidel from 0 for r (n,), and what is left at its nodes.
 
-        S are the rows of a matrix at the `smoothed_nodes` nodes; S x is taken from r.
+        S are the rows of a matrix at the `smoothed_nodes`; S x is taken from r.
         """
         if self.smoothed_nodes is None:
             x = np.zeros(self.n)
-            of = r[: self.n]
-            gauss_seidel(S.indptr, S.indices, S.data, x, of, 0, self.n, 1)
-            of -= S @ x
-            return x, of.copy()
+            level_r = r[: self.n]
+            gauss_seidel(S.indptr, S.indices, S.data, x, level_r, 0, self.n, 1)
+            level_r -= S @ x
+            return x, level_r.copy()
         assert self.columns is not None
         x = np.zeros(S.shape[1])
         k = S.shape[0]
@@ -82,12 +82,12 @@ class FinerSpace:
     def sweep_up(self, S: sp.csr_array, e: Array, x: Array, residual: Array) -> None:
         """Add x and a backward sweep for what is left (s,) to e (n,), which comes from coarser levels."""
         if self.smoothed_nodes is None:
-            below = e[: self.n]
+            level_e = e[: self.n]
             y = np.zeros(self.n)
-            residual -= S @ below
+            residual -= S @ level_e
             gauss_seidel(S.indptr, S.indices, S.data, y, residual, self.n - 1, -1, -1)
-            below += x
-            below += y
+            level_e += x
+            level_e += y
             return
         y = np.zeros(S.shape[1])
         k = S.shape[0]
@@ -96,7 +96,7 @@ class FinerSpace:
         e[self.smoothed_nodes] += x + y[:k]
 
     def attach_rows(self, rows: sp.csr_array) -> FinerSpace:
-        """This level with the rows (s, n) of its `smoothed_nodes` nodes, or with all rows if that is None."""
+        """This level with the rows (s, n) of its `smoothed_nodes`, or with all rows if these are None."""
         if self.smoothed_nodes is None:
             return replace(self, rows=rows)
         touched = np.zeros(self.n, dtype=bool)
@@ -116,9 +116,9 @@ class Hierarchy:
 
     `coarse_mesh` is the mesh of level 0, `A_0` its matrix, which `coarse_factors` factorises. `row_sums` (n,)
     are those of A's rows, and `nodal_weights` (n,) are numbers m_i with sum m_i v_i^2 <= 4 ||v||^2;
-    `boundary` (nb,) and `s` (nb + 1,) are as in `Mesh`. The last level has the triangles `triangles` (T, 3).
-    They lie in the triangles `coarse_triangle` (T,) of level 0, whose areas were halved `area_halvings` (T,)
-    times. The nodes `clamped_nodes` (n,) lie on clamped sides.
+    `boundary` (nb,) and `s` (nb + 1,) are as in `Mesh`. The last level has the `triangles` (T, 3), each in
+    the triangle `coarse_triangle` (T,) of level 0, whose area was halved `area_halvings` (T,) times.
+    `clamped_nodes` (n,) says which nodes lie on clamped sides.
     """
 
     coarse_mesh: Mesh
@@ -147,18 +147,19 @@ class Hierarchy:
 
         r + 1/r = |J|^2 / det J for the map J; its columns are the edges at the first node.
         """
+        # r <= 1 is the smaller root; det J is twice the area
         a, b, c = self.coarse_mesh.points[self.coarse_mesh.triangulation.nodes.T]
-        both = (((b - a) ** 2).sum(axis=1) + ((c - a) ** 2).sum(axis=1)) / (2 * self.coarse_mesh.areas)
-        return np.asarray(2 / (both + np.sqrt(np.maximum(both**2 - 4, 0))))
+        ratio_sum = (((b - a) ** 2).sum(axis=1) + ((c - a) ** 2).sum(axis=1)) / (2 * self.coarse_mesh.areas)
+        return np.asarray(2 / (ratio_sum + np.sqrt(np.maximum(ratio_sum**2 - 4, 0))))
 
     @cached_property
     def smoothed_nodes(self) -> Int32:
         """The inner nodes whose hats the last level has changed; none on level 0."""
         if not self.levels:
             return np.zeros(0, dtype=np.int32)
-        of = self.levels[-1].smoothed_nodes
+        nodes = self.levels[-1].smoothed_nodes
         inside = np.zeros(self.n, dtype=bool)
-        inside[slice(None) if of is None else of] = True
+        inside[slice(None) if nodes is None else nodes] = True
         inside[self.boundary] = False
         return np.flatnonzero(inside).astype(np.int32)
 
@@ -174,16 +175,17 @@ class Hierarchy:
         n = last.n_coarse
         A = levels[-1].rows if levels else self.A_0
         assert A is not None
-        kept = np.flatnonzero(self.boundary < n)
+        coarse_boundary = np.flatnonzero(self.boundary < n)
+        # a coarse hat is the sum of the finer ones in it, each times its value: so is its lumped mass
         mass = self.nodal_weights.copy()
         last.restrict(mass)
         sums = np.asarray(A.sum(axis=1)) if self.form.clamped else mass[:n]
-        s = np.append(self.s[kept], self.s[-1])
+        s = np.append(self.s[coarse_boundary], self.s[-1])
         return replace(
             self,
             levels=levels,
             A=A,
-            boundary=self.boundary[kept],
+            boundary=self.boundary[coarse_boundary],
             s=s,
             row_sums=sums,
             nodal_weights=mass[:n],
@@ -192,48 +194,57 @@ class Hierarchy:
 
 
 def build_hierarchy(mesh: Mesh, previous: Hierarchy | None = None, form: Form = H1) -> Hierarchy:
-    """The levels from the coarse mesh that it was refined from, to the mesh itself.
+    """The levels from the coarse mesh that a mesh was refined from, to the mesh itself.
 
-    Those that are known of a mesh from which this one was refined are taken over.
+    Those of the `previous` hierarchy, of a mesh from which this one was refined, are taken over.
     """
-    found = previous or _build_level_0(mesh.coarse or mesh, form)
-    steps = mesh.steps[len(found.levels) :]
+    hierarchy = previous or _build_level_0(mesh.coarse or mesh, form)
+    steps = mesh.steps[len(hierarchy.levels) :]
     if not steps:
-        return found
-    levels = [*found.levels]
-    nodes = found.triangles
-    root = found.coarse_triangle
-    halved = found.area_halvings
-    form = found.form
-    fixed = found.form.clamped_nodes(mesh)
+        return hierarchy
+    levels = [*hierarchy.levels]
+    triangles = hierarchy.triangles
+    coarse_triangle = hierarchy.coarse_triangle
+    area_halvings = hierarchy.area_halvings
+    form = hierarchy.form
+    clamped_nodes = hierarchy.form.clamped_nodes(mesh)
     if levels:
         smoothed = levels[-1].smoothed_nodes
-        levels[-1] = levels[-1].attach_rows(found.A if smoothed is None else found.A[smoothed])
+        # it was the last level, which has no rows of its own
+        levels[-1] = levels[-1].attach_rows(hierarchy.A if smoothed is None else hierarchy.A[smoothed])
     for step in steps:
-        more = halved[step.parent] + step.area_halvings
-        nodes = step.replace_values(nodes, step.nodes)
-        root = step.inherit(root)
-        halved = step.replace_values(halved, more)
-        level = _build_level(step, more, fixed)
+        # triangles of this step: their nodes, their triangle of level 0, and how often that was halved
+        child_halvings = area_halvings[step.parent] + step.area_halvings
+        triangles = step.replace_values(triangles, step.nodes)
+        coarse_triangle = step.inherit(coarse_triangle)
+        area_halvings = step.replace_values(area_halvings, child_halvings)
+        level = _build_level(step, child_halvings, clamped_nodes)
         if step is not steps[-1]:
-            level = level.attach_rows(_assemble_level_rows(level, mesh.points, nodes, form, fixed))
+            level = level.attach_rows(
+                _assemble_level_rows(level, mesh.points, triangles, form, clamped_nodes)
+            )
         levels.append(level)
-    of_mesh = _finest_fields(mesh, form)
+    fields = _finest_fields(mesh, form)
     return replace(
-        found, levels=levels, triangles=nodes, coarse_triangle=root, area_halvings=halved, **of_mesh
+        hierarchy,
+        levels=levels,
+        triangles=triangles,
+        coarse_triangle=coarse_triangle,
+        area_halvings=area_halvings,
+        **fields,
     )
 
 
 def _finest_fields(mesh: Mesh, form: Form) -> dict[str, Any]:
     """The fields that belong to the mesh of the last level."""
-    fixed = form.clamped_nodes(mesh)
-    A, sums, mass = assemble_by_edges(mesh.triangulation, mesh.points, form, fixed)
+    clamped_nodes = form.clamped_nodes(mesh)
+    A, sums, mass = assemble_by_edges(mesh.triangulation, mesh.points, form, clamped_nodes)
     mass *= form.coercivity
     return {
         "A": A,
         "row_sums": sums,
         "nodal_weights": mass,
-        "clamped_nodes": fixed,
+        "clamped_nodes": clamped_nodes,
         "boundary": mesh.boundary,
         "s": mesh.s,
     }
@@ -251,13 +262,21 @@ def _assemble_level_rows(
 
 
 def _build_level_0(mesh: Mesh, form: Form) -> Hierarchy:
-    tri = mesh.triangulation
-    known = _finest_fields(mesh, form)
-    root = np.arange(len(tri.nodes), dtype=np.int32)
-    halved = np.zeros(len(tri.nodes), dtype=np.int16)
-    level_0 = mesh, known["A"], splu(known["A"].tocsc())
+    """The hierarchy of a mesh that was not refined."""
+    triangulation = mesh.triangulation
+    fields = _finest_fields(mesh, form)
+    coarse_triangle = np.arange(len(triangulation.nodes), dtype=np.int32)
+    area_halvings = np.zeros(len(triangulation.nodes), dtype=np.int16)
     return Hierarchy(
-        *level_0, [], **known, triangles=tri.nodes, coarse_triangle=root, area_halvings=halved, form=form
+        coarse_mesh=mesh,
+        A_0=fields["A"],
+        coarse_factors=splu(fields["A"].tocsc()),
+        levels=[],
+        **fields,
+        triangles=triangulation.nodes,
+        coarse_triangle=coarse_triangle,
+        area_halvings=area_halvings,
+        form=form,
     )
 
 
@@ -270,11 +289,23 @@ def _build_level(step: RefinementStep, area_halvings: Int16, clamped_nodes: Mask
     ends = np.flatnonzero(changed).astype(np.int32)
     place = np.empty(n, dtype=np.int32)
     place[ends] = np.arange(len(ends), dtype=np.int32)
+    # the value at a new node is the mean of those at the ends of its edge, 0 at clamped ends
     start = np.arange(0, 2 * k + 1, 2, dtype=np.int32)
     half = np.where(clamped_nodes[step.ends.ravel()], 0.0, 0.5)
     P = sp.csr_array((half, place[step.ends.ravel()], start), shape=(k, len(ends)))
     smoothed = (
         None if step.refined_triangulation else np.concatenate([ends, np.arange(n, n + k, dtype=np.int32)])
     )
-    met = 1 + int(np.bincount(P.indices).max())
-    return FinerSpace(n + k, ends, P, smoothed, None, None, step, area_halvings, met)
+    # a restricted number is that of the node itself and halves of those at the midpoints around it
+    max_summands = 1 + int(np.bincount(P.indices).max())
+    return FinerSpace(
+        n=n + k,
+        ends=ends,
+        P=P,
+        smoothed_nodes=smoothed,
+        columns=None,
+        rows=None,
+        step=step,
+        area_halvings=area_halvings,
+        max_summands=max_summands,
+    )

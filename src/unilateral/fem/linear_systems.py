@@ -45,7 +45,7 @@ class SparseFactors:
 
 
 def factorise_by_dissection(A: sp.csr_array, boundary: Index = NO_UNKNOWNS) -> SparseFactors:
-    """A (n, n) factorised in its `elimination_order`."""
+    """A (n, n) factorised in the order of `elimination_order`."""
     order = elimination_order(A, boundary)
     return SparseFactors(factorise(A, order), order)
 
@@ -58,9 +58,7 @@ def factorise(A: sp.csr_array, order: Index) -> SuperLU:
 
 
 def elimination_order(A: sp.csr_array, boundary: Index = NO_UNKNOWNS) -> Index:
-    """The order in which unknowns are eliminated: the interior by nested dissection, then the boundary as it is listed.
-
-    The shape is (n,).
+    """The order (n,) of elimination: the interior by nested dissection, then the boundary as it is listed.
 
     Without METIS the interior has SuperLU's order of minimum degree, for which it is factorised once more.
 
@@ -70,14 +68,14 @@ def elimination_order(A: sp.csr_array, boundary: Index = NO_UNKNOWNS) -> Index:
     interior = np.delete(np.arange(A.shape[0]), boundary)
     inner = A[interior][:, interior]
     graph = inner.tocoo()
-    off = graph.row != graph.col
-    if not np.any(off):
+    off_diagonal = graph.row != graph.col
+    if not np.any(off_diagonal):
         return np.concatenate([interior, boundary])
     if not pymetis:
         first = splu(inner.tocsc(), permc_spec="MMD_AT_PLUS_A", options=SUPERLU_OPTIONS)
         return np.concatenate([interior[np.argsort(first.perm_c)], boundary])
-    rows = graph.row[off]
-    neighbours = graph.col[off]
+    rows = graph.row[off_diagonal]
+    neighbours = graph.col[off_diagonal]
     starts = np.concatenate([[0], np.cumsum(np.bincount(rows, minlength=len(interior)))])
     dissection, _ = pymetis.nested_dissection(pymetis.CSRAdjacency(starts, neighbours))
     return np.concatenate([interior[np.asarray(dissection)], boundary])
@@ -107,9 +105,10 @@ def half_solve(A: sp.csr_array, F: sp.csc_array, order: Index) -> sp.csr_array:
     lu = factorise(bordered, np.append(order, np.arange(n, n + k)))
     if not np.array_equal(lu.perm_r, lu.perm_c):
         raise RuntimeError("SuperLU exchanged rows of a symmetric matrix")
-    of_A = lu.perm_c[:n]
+    # X = diag(pivots)^{-1/2} L^{-1} F, where L^{-1} F is the block of U beside the factors of A
+    A_rows = lu.perm_c[:n]
     pivots = lu.U.diagonal()
-    return sp.csr_array(lu.U[:, lu.perm_c[n:]].tocsr()[of_A] / np.sqrt(pivots[of_A])[:, None])
+    return sp.csr_array(lu.U[:, lu.perm_c[n:]].tocsr()[A_rows] / np.sqrt(pivots[A_rows])[:, None])
 
 
 class OrderedMatrix(NamedTuple):
@@ -119,10 +118,7 @@ class OrderedMatrix(NamedTuple):
     order: Index
 
     def inverse_products(self, F: sp.csc_array) -> Array:
-        """The matrix F^T A^{-1} F for a sparse F.
-
-        The shape is (k, k).
-        """
+        """The matrix F^T A^{-1} F for a sparse F; shape (k, k)."""
         half = half_solve(self.A, F, self.order)
         return (half.T @ half).toarray()
 
@@ -145,6 +141,7 @@ class ConjugateGradients:
         """Makes a step. Returns the decrease of x . A x - 2 b . x, which has its minimum where A x = b."""
         if not self.rz > 0:
             return 0.0
+        # x + alpha p with alpha = r . z / p . A p; the next p is z + (r . z / its value before) p
         A_p = self.A @ self.p
         old = self.rz
         curvature = float(self.p @ A_p)
@@ -175,7 +172,7 @@ def solve_sparse(
 ) -> tuple[Array, int]:
     """x (n,) with A x = b, and the number of steps.
 
-    They begin at the given x (n,) and end when sum r_i^2 / mass_i is at most `max_residual_square`.
+    They begin at `start` (n,) and end when sum r_i^2 / weights_i is at most `max_residual_square`.
     """
     if len(b) <= MAX_FACTORISED_UNKNOWNS:
         return factorise_by_dissection(A).solve(b), 1

@@ -20,7 +20,7 @@ MIN_EDGES_PER_CELL = 2
 class LevelCells:
     """The m cells of a level on which there are multipliers, each a union of boundary edges.
 
-    `B` (m, n): the integrals of the hats over the cells, 0 at fixed nodes; `inner_node` (m,): a node inside
+    `B` (m, n): the integrals of the hats over the cells, 0 at clamped nodes; `inner_node` (m,): a node inside
     each cell; `parent` (m,): the cell of the level before that contains it, None if that level has no cells.
     """
 
@@ -30,10 +30,7 @@ class LevelCells:
 
     @cached_property
     def lengths(self) -> Array:
-        """The lengths H_i of the cells.
-
-        The shape is (m,).
-        """
+        """The lengths H_i of the cells; shape (m,)."""
         return np.asarray(self.B.sum(axis=1))
 
     def nodes(self, selection: Mask) -> Index:
@@ -49,19 +46,24 @@ def nested_cells(hierarchy: Hierarchy, partition: Partition) -> list[LevelCells]
     one edge only.
     """
     s = hierarchy.s
+    # cell i reaches from boundary node ends[i, 0] to ends[i, 1]
     chosen = hierarchy.form.has_multiplier(partition.side)
     place = np.searchsorted(0.5 * (s[1:] + s[:-1]), partition.points)
     ends = np.column_stack([place[:-1], place[1:]])[chosen]
     side = partition.side[chosen]
+    # every point of T_H is a node, up to the rounding of arc lengths
     apart = float(np.max(np.abs(s[place] - partition.points)))
     if apart > VERTEX_TOLERANCE * partition.polygon.perimeter or np.any(np.diff(ends) < MIN_EDGES_PER_CELL):
         return None
-    found: list[LevelCells] = []
+    levels: list[LevelCells] = []
     while True:
         first = _group_cells(ends, side) if hierarchy.coarser else None
-        found.insert(0, _make_level_cells(hierarchy, ends, first))
+        parent = None if first is None else np.searchsorted(first, np.arange(len(ends)), side="right") - 1
+        B = _integrate_hats(hierarchy, ends)
+        levels.insert(0, LevelCells(B, _choose_inner_nodes(hierarchy, ends), parent))
         if first is None or hierarchy.coarser is None:
-            return found
+            return levels
+        # a union reaches from the first of its cells to the last one; the level before has every second node
         last = np.append(first, len(ends))[1:] - 1
         ends = np.column_stack([ends[first, 0], ends[last, 1]]) // 2
         side = side[first]
@@ -70,32 +72,26 @@ def nested_cells(hierarchy: Hierarchy, partition: Partition) -> list[LevelCells]
 
 def _group_cells(ends: Index, side: Index) -> Index | None:
     """The first cell of each union that is a cell of the level before; None if a side has no room."""
-    found: list[int] = []
-    for one in np.unique(side):
-        first, *others = np.flatnonzero(side == one).tolist()
+    firsts: list[int] = []
+    for number in np.unique(side):
+        first, *candidates = np.flatnonzero(side == number).tolist()
         begins = [first]
-        for i in others:
+        for i in candidates:
+            # a cell of the level before begins at one of its nodes, and after enough edges
             if ends[i, 0] % 2 == 0 and ends[i, 0] - ends[begins[-1], 0] >= 2 * MIN_EDGES_PER_CELL:
                 begins.append(i)
-        if ends[side == one].max() - ends[begins[-1], 0] < 2 * MIN_EDGES_PER_CELL:
+        # what is left of the side goes to the union before, if it is too short for one of its own
+        if ends[side == number].max() - ends[begins[-1], 0] < 2 * MIN_EDGES_PER_CELL:
             begins.pop()
         if not begins:
             return None
-        found += begins
-    return np.array(found, dtype=np.intp)
-
-
-def _make_level_cells(hierarchy: Hierarchy, ends: Index, first: Index | None) -> LevelCells:
-    """The cells from boundary node ends[:, 0] to ends[:, 1]; unions of them begin with the cells `first`."""
-    parent = None if first is None else np.searchsorted(first, np.arange(len(ends)), side="right") - 1
-    return LevelCells(_integrate_hats(hierarchy, ends), _choose_inner_nodes(hierarchy, ends), parent)
+        firsts += begins
+    return np.array(firsts, dtype=np.intp)
 
 
 def _choose_inner_nodes(hierarchy: Hierarchy, ends: Index) -> Index:
-    """The node inside each cell that has the longest edges beside it.
-
-    The shape is (m,).
-    """
+    """The node inside each cell that has the longest edges beside it; shape (m,)."""
+    # nodes inside cells, sorted by cell and then by the length of their two edges, the longest first
     length = np.diff(hierarchy.s)
     cell = np.repeat(np.arange(len(ends)), ends[:, 1] - ends[:, 0] - 1)
     node = np.concatenate([np.arange(begin + 1, end) for begin, end in ends] or [cell])
@@ -104,7 +100,7 @@ def _choose_inner_nodes(hierarchy: Hierarchy, ends: Index) -> Index:
 
 
 def _integrate_hats(hierarchy: Hierarchy, ends: Index) -> sp.csr_array:
-    """B (m, n): half of each edge's length, for both of its ends unless these are fixed."""
+    """B (m, n): half of each edge's length, for both of its ends unless these are clamped."""
     count = ends[:, 1] - ends[:, 0]
     cell = np.repeat(np.arange(len(ends)), count)
     edge = np.arange(len(cell)) + (ends[:, 0] - np.cumsum(count) + count)[cell]

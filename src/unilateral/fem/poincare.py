@@ -1,6 +1,6 @@
 """Constants in the inequalities of Poincare, on triangles, and of Friedrichs, on a polygon.
 
-That of Friedrichs is a guaranteed C with ||v||_0 <= C |v|_1 for functions v of H^1 that vanish on some sides.
+Friedrichs' constant is a guaranteed C with ||v||_0 <= C |v|_1 for all v in H^1 that vanish on some sides.
 C^{-2} is the least eigenvalue lambda of -Delta with v = 0 there. The space of Crouzeix and Raviart has
 functions that are linear on each triangle, with one mean on each edge, 0 on clamped edges. With its least
 eigenvalue lambda_h and h the longest edge,
@@ -61,19 +61,19 @@ MIN_FRIEDRICHS_NODES = 250
 MAX_FRIEDRICHS_NODES = 10_000
 """A mesh with more nodes is not used. Another one has almost the same constant, and takes less time."""
 EIGENVALUE_SHARE = 1 - 1e-6
-"""mu is this part of what is left of the eigenvalue that was computed."""
+"""mu is this fraction of the computed eigenvalue less what the shift takes."""
 MAX_EDGE_RATIO = 4.0
 """A mesh whose boundary edges at a clamped side are longer by this than their neighbours is too coarse there.
 
 Only the size of the constant depends on it.
 """
 MIN_EDGES_PER_DIAMETER = 8
-"""No boundary edge of the graded mesh is longer than this fraction of the diameter: 1 / BOUNDARY_PARTS.
+"""No boundary edge of the graded mesh is longer than the diameter over this.
 
 None is more than twice as long as its neighbours.
 """
 GRADED_MESH_GROWTH = 0.4
-"""How fast triangles grow with the distance from the boundary in the graded mesh, see `triangulate_from_boundary`."""
+"""Triangles of the graded mesh grow by this times their distance from the boundary."""
 
 
 def friedrichs_constant(mesh: Mesh, clamped: tuple[int, ...]) -> float:
@@ -136,7 +136,10 @@ def friedrichs_constant(mesh: Mesh, clamped: tuple[int, ...]) -> float:
 
 
 def crouzeix_raviart_constant(mesh: Mesh, clamped: tuple[int, ...]) -> float:
-    """The least constant by a mesh and by its halves, up to MIN_NODES; infinite if rounding hides all."""
+    """The least constant C by a mesh and its refinements; infinite where rounding hides all of them.
+
+    C^{-2} = lambda_h / (1 + KAPPA^2 h^2 lambda_h), h the longest edge (Proposition S15).
+    """
     constant = math.inf
     while True:
         B, _ = crouzeix_raviart_matrix(mesh)
@@ -157,18 +160,19 @@ def crouzeix_raviart_constant(mesh: Mesh, clamped: tuple[int, ...]) -> float:
 
 
 def crouzeix_raviart_matrix(mesh: Mesh) -> tuple[sp.csr_array, Array]:
-    """The least quotients |v|_1^2 / ||v||_0^2 of functions that are linear on triangles, with means on edges.
+    """B = M^{-1/2} K M^{-1/2} (n, n) of the space of Crouzeix and Raviart, and the diagonal (n,) of M^{1/2}.
 
-    Returns (n, n) B = M^{-1/2} K M^{-1/2} on the n edges and (n,) the diagonal of M^{1/2}: K is the stiffness
-    matrix, and M the mass matrix, which is diagonal.
+    K is the stiffness matrix on the n edges, and M the mass matrix, which is diagonal. Eigenvalues of B are
+    those of |v|_1^2 over ||v||_0^2.
     """
     edges = mesh.opposite_edges
     n = len(mesh.triangulation.ends)
-    slopes = -2 * gradients(mesh)
-    stiffness = mesh.areas[:, None, None] * (slopes @ slopes.transpose(0, 2, 1))
+    # the function of edge i is 1 - 2 psi_i, i the opposite node; the midpoint rule is exact for its square
+    function_gradients = -2 * gradients(mesh)
+    stiffness = mesh.areas[:, None, None] * (function_gradients @ function_gradients.transpose(0, 2, 1))
     mass = np.bincount(edges.ravel(), np.repeat(mesh.areas / 3, 3), n)
-    root = sp.diags_array(1 / np.sqrt(mass))
-    return (root @ assemble_matrix(edges, stiffness, n) @ root).tocsr(), np.sqrt(mass)
+    scaling = sp.diags_array(1 / np.sqrt(mass))
+    return (scaling @ assemble_matrix(edges, stiffness, n) @ scaling).tocsr(), np.sqrt(mass)
 
 
 def bound_eigenvalue(B: sp.csr_array) -> float:
@@ -184,6 +188,7 @@ def bound_eigenvalue(B: sp.csr_array) -> float:
     b = int(below.max(initial=0))
     band = np.zeros((b + 1, len(D)))
     band[below, entries.col] = entries.data
+    # what rounding may do to A = B - shift D - mu (Higham, theorem 10.3, and Gershgorin, as above)
     shift = (b + 28) * (b + 1) * EPS
     try:
         factor = cholesky_banded(band, lower=True)
@@ -194,6 +199,7 @@ def bound_eigenvalue(B: sp.csr_array) -> float:
         )
         # v . shift D v counts twice, for what it takes is of second order, too
         mu = EIGENVALUE_SHARE * float(eigenvalue[0] - 2 * shift * (D @ x[:, 0] ** 2))
+        # that Cholesky's algorithm ends proves B >= mu
         band[0] -= mu + shift * D
         cholesky_banded(band, lower=True)
     except (LinAlgError, ArpackError):  # no factor, or the iteration for the eigenvalue does not end

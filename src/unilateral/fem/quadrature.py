@@ -32,11 +32,11 @@ FINE_MESH_DEGREE = 5
 FINE_MESH_RATIO = 1 / 64
 """A mesh is fine if h is at most this times the shortest side, and this times four times a cutoff's radius.
 
-h^(FINE_DEGREE + 1), in these units, is then below 2e-11.
+h^(FINE_MESH_DEGREE + 1), in these units, is then below 2e-11.
 """
 STRONG_GRADING = 2
 GRADED_CUTS = 6
-"""Towards a point whose grading is above STRONG the rule is cut, TOWARDS times on either side."""
+"""Towards a point whose grading is above STRONG_GRADING the rule is cut so often on either side."""
 
 
 class BoundaryRule(NamedTuple):
@@ -53,10 +53,7 @@ class BoundaryRule(NamedTuple):
     nearest_anchor: tuple[Array, Array]
 
     def integrate(self, values: Array, n_intervals: int) -> Array:
-        """The integrals over the intervals of a function with these values at the points.
-
-        The shape is (n_intervals,).
-        """
+        """The integrals (n_intervals,) over the intervals of a function with these values at the points."""
         return np.bincount(self.interval, self.weight * values, n_intervals).astype(float, copy=False)
 
 
@@ -66,47 +63,52 @@ def boundary_rule(polygon: Polygon, cuts: Array, singular: Iterable[SingularPoin
     With a case's singular points it is exact to round-off for the piecewise powers that its lambda and gap
     are made of.
     """
-    anchors, grading, place = _anchors(polygon, singular)
-    between = 0.5 * (anchors[1:] + anchors[:-1])
-    edges = np.union1d(
-        cuts, np.concatenate([anchors, between, *_cut_towards_anchors(anchors, between, grading)])
+    anchors, grading, anchor_t = _anchors(polygon, singular)
+    midpoints = 0.5 * (anchors[1:] + anchors[:-1])
+    breaks = np.union1d(
+        cuts, np.concatenate([anchors, midpoints, *_cut_towards_anchors(anchors, midpoints, grading)])
     )
-    edges = edges[(edges >= cuts[0]) & (edges <= cuts[-1])]
-    a = edges[:-1]
-    b = edges[1:]
+    # intervals [a, b] between breaks, each with its nearest anchor p, whose grading is k
+    breaks = breaks[(breaks >= cuts[0]) & (breaks <= cuts[-1])]
+    a = breaks[:-1]
+    b = breaks[1:]
     middle = 0.5 * (a + b)
-    nearest = np.searchsorted(between, middle)
+    nearest = np.searchsorted(midpoints, middle)
     p = anchors[nearest]
     k = grading[nearest][:, None]
     sign = np.where(middle >= p, 1.0, -1.0)[:, None]
-    ends = np.abs(np.stack([a, b]) - p) ** (1 / k[:, 0])
+    tau_ends = np.abs(np.stack([a, b]) - p) ** (1 / k[:, 0])
+    # Gauss points in tau = |s - p|^{1/k}: s = p +- tau^k, ds = k tau^{k-1} dtau
     x, w = _gauss_rule(GAUSS_POINTS)
-    low = ends.min(axis=0)[:, None]
-    high = ends.max(axis=0)[:, None]
+    low = tau_ends.min(axis=0)[:, None]
+    high = tau_ends.max(axis=0)[:, None]
     tau = low + 0.5 * (high - low) * (x + 1)
     offset = sign * tau**k
     s = p[:, None] + offset
     weight = 0.5 * (high - low) * w * k * tau ** (k - 1)
+    # t is the place of p on the side of the interval: 0 or 1 if p is one of its vertices
     side = polygon.sides_of(middle)
     interval = np.searchsorted(cuts, middle, side="right") - 1
-    t = np.where(p == polygon.starts[side], 0.0, np.where(p == polygon.starts[side + 1], 1.0, place[nearest]))
+    t = np.where(
+        p == polygon.starts[side], 0.0, np.where(p == polygon.starts[side + 1], 1.0, anchor_t[nearest])
+    )
     return BoundaryRule(
-        np.repeat(side, GAUSS_POINTS),
-        (s - polygon.starts[side][:, None]).ravel(),
-        weight.ravel(),
-        np.repeat(interval, GAUSS_POINTS),
-        (np.repeat(t, GAUSS_POINTS), offset.ravel()),
+        side=np.repeat(side, GAUSS_POINTS),
+        s=(s - polygon.starts[side][:, None]).ravel(),
+        weight=weight.ravel(),
+        interval=np.repeat(interval, GAUSS_POINTS),
+        nearest_anchor=(np.repeat(t, GAUSS_POINTS), offset.ravel()),
     )
 
 
 def _anchors(polygon: Polygon, singular: Iterable[SingularPoint]) -> tuple[Array, Array, Array]:
     """Arc lengths of the vertices and singular points, increasing, their gradings, and places t on a side."""
-    found = {s: (1, 0.0) for s in polygon.starts.tolist()}
+    grading_and_t = {s: (1, 0.0) for s in polygon.starts.tolist()}
     for p in singular:
         s = polygon.arc_length(p.side, p.t)
-        found[s] = (lcm(found.get(s, (1, 0.0))[0], p.grading), p.t)
-    anchors = np.array(sorted(found))
-    grading, place = np.array([found[s] for s in anchors.tolist()], dtype=float).T
+        grading_and_t[s] = (lcm(grading_and_t.get(s, (1, 0.0))[0], p.grading), p.t)
+    anchors = np.array(sorted(grading_and_t))
+    grading, place = np.array([grading_and_t[s] for s in anchors.tolist()], dtype=float).T
     return anchors, grading, place
 
 
@@ -141,40 +143,39 @@ class TriangleRule:
 
     @property
     def points(self) -> Array:
-        """The points of all pieces in the plane, rounded.
-
-        The shape is (k q, 2).
-        """
+        """The points of all pieces in the plane, rounded; shape (k q, 2)."""
         return self.origin + self.offset
 
 
 def triangle_rules(mesh: Mesh, case: ExactSolution, degree: int | None = None) -> Iterator[TriangleRule]:
     """Rules which together cover the mesh, in blocks that keep memory bounded.
 
-    If no `degree` is given it is DEGREE, or FINE_DEGREE on whole triangles of a fine mesh, see FINE.
+    If no `degree` is given it is TRIANGLE_DEGREE, or FINE_MESH_DEGREE on whole triangles of a fine mesh.
     """
     corners, parent, singular = split_triangles(mesh, case)
     special = np.zeros(len(mesh.triangles), dtype=bool)
     special[parent] = True
-    for apart in singular:
-        special[apart.parent] = True
+    for pieces in singular:
+        special[pieces.parent] = True
     regular = np.flatnonzero(~special)
     radii = [4 * kink.radius for kink in case.kinks() if kink.radius]
     fine = mesh.h <= FINE_MESH_RATIO * min([mesh.polygon.lengths.min(), *radii])
-    of_whole = degree or (FINE_MESH_DEGREE if fine else TRIANGLE_DEGREE)
-    of_pieces = degree or TRIANGLE_DEGREE
+    whole_degree = degree or (FINE_MESH_DEGREE if fine else TRIANGLE_DEGREE)
+    piece_degree = degree or TRIANGLE_DEGREE
+    # whole triangles; then pieces at kinks; then pieces with a singular point as their first corner
     for block in row_blocks(len(regular)):
         index = regular[block]
-        whole = np.broadcast_to(np.eye(3), (len(index), 3, 3))
-        yield _place_rule(mesh, whole, index, *symmetric_rule(of_whole))
+        unit_corners = np.broadcast_to(np.eye(3), (len(index), 3, 3))
+        yield _place_rule(mesh, unit_corners, index, *symmetric_rule(whole_degree))
     for block in row_blocks(len(parent)):
-        yield _place_rule(mesh, corners[block], parent[block], *symmetric_rule(of_pieces))
-    for apart in singular:
-        points, weights = duffy_rule(of_pieces, apart.grading)
-        rule = _place_rule(mesh, apart.corners, apart.parent, points, weights)
-        edges = apart.corners[:, 1:] @ mesh.points[mesh.triangles[apart.parent]] - apart.point[:, None]
+        yield _place_rule(mesh, corners[block], parent[block], *symmetric_rule(piece_degree))
+    for pieces in singular:
+        points, weights = duffy_rule(piece_degree, pieces.grading)
+        rule = _place_rule(mesh, pieces.corners, pieces.parent, points, weights)
+        # offsets from the singular point, not rounded by its coordinates
+        edges = pieces.corners[:, 1:] @ mesh.points[mesh.triangles[pieces.parent]] - pieces.point[:, None]
         offset = (points[:, 1:] @ edges).reshape(-1, 2)
-        yield replace(rule, origin=np.repeat(apart.point, len(weights), axis=0), offset=offset)
+        yield replace(rule, origin=np.repeat(pieces.point, len(weights), axis=0), offset=offset)
 
 
 @cache
@@ -204,6 +205,7 @@ def duffy_rule(n_points: int, grading: int = 1) -> tuple[Array, Array]:
     tau = 0.5 * (x[:, None] + 1)
     across = 0.5 * (y + 1)
     rho = tau**grading
+    # the point (1 - rho) a + rho (1 - y) b + rho y c has the area element 2 |T| rho drho dy, rho = tau^k
     weight = 0.5 * rho * grading * tau ** (grading - 1) * w[:, None] * v
     points = np.stack(np.broadcast_arrays(1 - rho, rho * (1 - across), rho * across), axis=-1)
     return points.reshape(-1, 3), weight.ravel()
@@ -212,6 +214,7 @@ def duffy_rule(n_points: int, grading: int = 1) -> tuple[Array, Array]:
 def _place_rule(mesh: Mesh, corners: Array, parent: Index, points: Array, weights: Array) -> TriangleRule:
     """The rule on the pieces with barycentric corners (k, 3, 3) of the triangles `parent` (k,)."""
     vertices = corners @ mesh.points[mesh.triangles[parent]]
+    # a piece has the fraction |a . (b x c)| of the area of its triangle
     a, b, c = np.moveaxis(corners, 1, 0)
     share = np.abs(np.sum(a * np.cross(b, c), axis=1)) * mesh.areas[parent]
     return TriangleRule(

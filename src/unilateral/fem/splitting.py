@@ -1,11 +1,11 @@
 """Triangles cut into pieces on which a case's solution is smooth enough for a quadrature rule.
 
 Pieces are triangles given by the barycentric coordinates of their corners in a triangle of the mesh. Pieces
-that a kink crosses are quartered at least KINK_LEVELS times, and until they are smaller than KINK_SIZE of the
-shortest side (but no side counts as shorter than SHORTEST of the longest) and than KINK_SHARE of a circle's
-radius. Towards a singular point pieces are quartered until they are small against their distance from it; the
-piece that contains the point is split there into pieces that have it as their first corner, after it is small
-against the distance of other points.
+that a kink crosses are quartered at least MIN_KINK_QUARTERINGS times, and until they are smaller than
+KINK_PIECE_PER_SIDE of the shortest side (no side counts as shorter than MIN_SIDE_RATIO of the longest) and
+than KINK_PIECE_PER_RADIUS of a circle's radius. Towards a singular point pieces are quartered until they are
+small against their distance from it; the piece that contains the point is split there into pieces that have
+it as their first corner, after it is small against the distance of other points.
 """
 
 from __future__ import annotations
@@ -52,53 +52,62 @@ def split_triangles(mesh: Mesh, case: ExactSolution) -> tuple[Array, Index, list
     They are given by their corners (k, 3, 3) in the triangles (k,); those at singular points stand apart, for
     each grading. Every triangle that occurs is covered once; those that do not occur need no splitting.
     """
-    points = _locate_singular_points(case)
+    points = [(case.polygon.point(p.side, p.t), p.grading) for p in case.flux_singular_points()]
     kinks = case.kinks()
     parent = _find_cut_triangles(mesh, [point for point, _ in points], kinks)
     corners = np.broadcast_to(np.eye(3), (len(parent), 3, 3))
     lengths = case.polygon.lengths
-    smallest = KINK_PIECE_PER_SIDE * max(lengths.min(), MIN_SIDE_RATIO * lengths.max())
-    apart: dict[int, list[tuple[Array, Index, Array]]] = {}
+    # a kink's pieces are at most this large
+    kink_piece_radius = KINK_PIECE_PER_SIDE * max(lengths.min(), MIN_SIDE_RATIO * lengths.max())
+    singular_groups: dict[int, list[tuple[Array, Index, Array]]] = {}
+    # the pieces at singular points: each contains one, which becomes the first corner of its parts
     corners, parent = _separate_singular_points(mesh, corners, parent, [point for point, _ in points])
     for point, grading in points:
-        holds = _pieces_contain(mesh, corners, parent, point)
-        pieces, of = _split_at_point(mesh, corners[holds], parent[holds], point)
-        apart.setdefault(grading, []).append((pieces, of, np.tile(point, (len(of), 1))))
-        corners = corners[~holds]
-        parent = parent[~holds]
-    done: list[tuple[Array, Index]] = []
+        contains = _pieces_contain(mesh, corners, parent, point)
+        pieces, piece_parent = _split_at_point(mesh, corners[contains], parent[contains], point)
+        singular_groups.setdefault(grading, []).append(
+            (pieces, piece_parent, np.tile(point, (len(piece_parent), 1)))
+        )
+        corners = corners[~contains]
+        parent = parent[~contains]
+    # the others: quartered as long as they are near a point, or larger than a kink allows
+    finished: list[tuple[Array, Index]] = []
     for level in range(MAX_PIECE_QUARTERINGS):
         centre, radius = _piece_circles(mesh, corners, parent)
         marked = np.zeros(len(parent), dtype=bool)
         for point, _ in points:
             marked |= np.hypot(*(centre - point).T) < NEAR_IN_RADII * radius
         for kink in kinks:
-            fine = min(smallest, KINK_PIECE_PER_RADIUS * kink.radius) if kink.radius else smallest
-            coarse = radius > (0.0 if level < MIN_KINK_QUARTERINGS else fine)
-            marked |= coarse & (np.abs(kink.signed_distances(centre)) < radius)
+            max_radius = (
+                min(kink_piece_radius, KINK_PIECE_PER_RADIUS * kink.radius)
+                if kink.radius
+                else kink_piece_radius
+            )
+            is_coarse = radius > (0.0 if level < MIN_KINK_QUARTERINGS else max_radius)
+            marked |= is_coarse & (np.abs(kink.signed_distances(centre)) < radius)
         if level > 0:
-            done.append((corners[~marked], parent[~marked]))
+            finished.append((corners[~marked], parent[~marked]))
         corners = quarter(corners[marked])
         parent = np.repeat(parent[marked], 4)
-    done.append((corners, parent))
-    corners = np.concatenate([pieces for pieces, _ in done])
-    parent = np.concatenate([triangles for _, triangles in done])
+    finished.append((corners, parent))
+    corners = np.concatenate([pieces for pieces, _ in finished])
+    parent = np.concatenate([triangles for _, triangles in finished])
     singular = []
-    for grading, parts in apart.items():
-        pieces, triangles, first = map(np.concatenate, zip(*parts, strict=True))
-        singular.append(SingularPieces(pieces, triangles, first, grading))
+    for grading, groups in singular_groups.items():
+        pieces, triangles, apex = map(np.concatenate, zip(*groups, strict=True))
+        singular.append(SingularPieces(pieces, triangles, apex, grading))
     return corners, parent, singular
 
 
 def _find_cut_triangles(mesh: Mesh, points: list[Array], kinks: list[Kink]) -> Index:
     """The triangles that a point is near or a kink may cross; no other one is ever cut."""
     centre, radius = mesh.enclosing_circles
-    concerned = np.zeros(len(radius), dtype=bool)
+    is_cut = np.zeros(len(radius), dtype=bool)
     for point in points:
-        concerned |= np.hypot(*(centre - point).T) < NEAR_IN_RADII * radius
+        is_cut |= np.hypot(*(centre - point).T) < NEAR_IN_RADII * radius
     for kink in kinks:
-        concerned |= np.abs(kink.signed_distances(centre)) < radius
-    return np.flatnonzero(concerned)
+        is_cut |= np.abs(kink.signed_distances(centre)) < radius
+    return np.flatnonzero(is_cut)
 
 
 def _separate_singular_points(
@@ -107,13 +116,13 @@ def _separate_singular_points(
     """Pieces quartered until those that contain a point have no other one near."""
     for _ in range(MAX_PIECE_QUARTERINGS):
         centre, radius = _piece_circles(mesh, corners, parent)
-        holds = np.zeros(len(parent), dtype=np.intp)
-        near = np.zeros(len(parent), dtype=np.intp)
+        contained = np.zeros(len(parent), dtype=np.intp)
+        near_points = np.zeros(len(parent), dtype=np.intp)
         for point in points:
-            close = np.flatnonzero(np.hypot(*(centre - point).T) < NEAR_IN_RADII * radius)
-            near[close] += 1
-            holds[close] += _pieces_contain(mesh, corners[close], parent[close], point)
-        crowded = (holds > 0) & (near > 1)
+            near = np.flatnonzero(np.hypot(*(centre - point).T) < NEAR_IN_RADII * radius)
+            near_points[near] += 1
+            contained[near] += _pieces_contain(mesh, corners[near], parent[near], point)
+        crowded = (contained > 0) & (near_points > 1)
         if not crowded.any():
             break
         corners = np.concatenate([corners[~crowded], quarter(corners[crowded])])
@@ -121,11 +130,8 @@ def _separate_singular_points(
     return corners, parent
 
 
-def _locate_singular_points(case: ExactSolution) -> list[tuple[Array, int]]:
-    return [(case.polygon.point(p.side, p.t), p.grading) for p in case.flux_singular_points()]
-
-
 def _piece_corners(mesh: Mesh, corners: Array, parent: Index) -> Array:
+    """The corners (k, 3, 2) of the pieces in the plane."""
     return corners @ mesh.points[mesh.triangles[parent]]
 
 
@@ -135,16 +141,15 @@ def _piece_circles(mesh: Mesh, corners: Array, parent: Index) -> tuple[Array, Ar
 
 
 def _barycentric_in_pieces(mesh: Mesh, corners: Array, parent: Index, point: Array) -> Array:
-    """The barycentric coordinates of a point of the plane in each piece.
-
-    The shape is (k, 3).
-    """
+    """The barycentric coordinates of a point of the plane in each piece; shape (k, 3)."""
     a, b, c = np.moveaxis(_piece_corners(mesh, corners, parent) - point, 1, 0)
+    # a coordinate is the area of the triangle of the point and the opposite edge, over that of the piece
     areas = np.stack([cross(b, c), cross(c, a), cross(a, b)], axis=-1)
     return areas / areas.sum(axis=1, keepdims=True)
 
 
 def _pieces_contain(mesh: Mesh, corners: Array, parent: Index, point: Array) -> Mask:
+    """Whether each piece contains the point, up to rounding."""
     return np.all(_barycentric_in_pieces(mesh, corners, parent, point) > -BARYCENTRIC_TOLERANCE, axis=1)
 
 
@@ -161,13 +166,10 @@ def _split_at_point(mesh: Mesh, corners: Array, parent: Index, point: Array) -> 
 
 
 def quarter(corners: Array) -> Array:
-    """The four congruent quarters of each piece.
-
-    The shape is (4k, 3, 3).
-    """
+    """The four congruent quarters of each piece; shape (4k, 3, 3)."""
     a, b, c = np.moveaxis(corners, 1, 0)
     ab = 0.5 * (a + b)
     bc = 0.5 * (b + c)
     ca = 0.5 * (c + a)
-    parts = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    return np.stack([np.stack(part, axis=1) for part in parts], axis=1).reshape(-1, 3, 3)
+    quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.stack([np.stack(vertices, axis=1) for vertices in quarters], axis=1).reshape(-1, 3, 3)

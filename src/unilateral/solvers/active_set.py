@@ -1,9 +1,9 @@
 """An active-set solver of the same discrete problem, independent of Uzawa and of lambda_min(S) > 0.
 
 With y = R (u_h - A^{-1} f) on the boundary, A_3 = R^T R, the discrete problem is the least-distance problem
-min |y|^2 subject to half^T y >= -H_i F(0), whose multipliers are lambda_H. Lawson and Hanson (Solving Least
-Squares Problems, 1974, chapter 23) reduce it to one non-negative least-squares problem, which
-an active-set method solves in finitely many steps, whatever the rank of D.
+min |y|^2 subject to D_factor^T y >= -H_i F(0), whose multipliers are lambda_H. Lawson and Hanson (Solving
+Least Squares Problems, 1974, chapter 23) reduce it to one non-negative least-squares problem, which an
+active-set method solves in finitely many steps, whatever the rank of D.
 """
 
 from __future__ import annotations
@@ -43,7 +43,15 @@ def solve_by_active_set(operator: DualOperator, offset: Array, tolerance: float)
     else:
         bound = residual_bound(operator, offset, lambda_H, 1 / operator.lambda_max)
         applications = 2
-    result = DualResult(lambda_H, math.nan, applications, bound, bound <= tolerance, math.nan, "active_set")
+    result = DualResult(
+        lambda_H,
+        iterations=math.nan,
+        operator_applications=applications,
+        bound=bound,
+        converged=bound <= tolerance,
+        rho=math.nan,
+        algorithm="active_set",
+    )
     warn_of_missed_tolerance(result, tolerance)
     return result
 
@@ -56,6 +64,8 @@ def _solve_least_distance(operator: DualOperator, offset: Array) -> Array:
     """
     from scipy.optimize import nnls
 
+    # with h = -H_i F(0) / scale the x >= 0 of least |D_factor x|^2 + (h . x - 1)^2 gives lambda_H, as the
+    # last residual is 1 - h . x = 1 / (1 + |y|^2): lambda_H = scale x / (1 - h . x)
     scale = dnrm2(np.sqrt(operator.H_i) * np.minimum(offset, 0))
     if scale == 0:
         return np.zeros(len(offset))

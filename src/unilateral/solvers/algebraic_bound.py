@@ -50,16 +50,18 @@ def condensed_algebraic_bound(
         rho = 1 / operator.lambda_max
     if not operator.lambda_min_lower > 0:
         return _energy_algebraic_bound(operator, mu, gap, delta)
+    # R = mu - max(0, mu - rho F) = min(mu, rho F), with the least and the largest F that rounding allows
     low = np.minimum(mu, rho * (gap.values + (-1) * gap.rounding))
     R = np.minimum(mu, rho * (gap.values + 0 * gap.rounding))
     high = np.minimum(mu, rho * (gap.values + 1 * gap.rounding))
-    root = np.sqrt(operator.H_i)
-    in_L2 = float(dnrm2(root * R))
-    doubt = float(dnrm2(root * (high - low)))
-    a = (1 + FORM_ROUNDING) * scaled_matrix_norm(operator.D, R, in_L2) + doubt * math.sqrt(
+    weights = np.sqrt(operator.H_i)
+    R_norm = float(dnrm2(weights * R))
+    R_rounding = float(dnrm2(weights * (high - low)))
+    # ||R||_{-1/2,h} <= lambda_max(S)^{1/2} ||R||_0 for what rounding has done to R, with room for lambda_max
+    a = (1 + FORM_ROUNDING) * scaled_matrix_norm(operator.D, R, R_norm) + R_rounding * math.sqrt(
         2 * operator.lambda_max
     )
-    return a + (in_L2 + doubt) / (rho * math.sqrt(operator.lambda_min_lower)) + 3 * delta
+    return a + (R_norm + R_rounding) / (rho * math.sqrt(operator.lambda_min_lower)) + 3 * delta
 
 
 def _energy_algebraic_bound(operator: DualOperator, mu: Array, gap: Rounded, delta: float) -> float:
@@ -68,12 +70,13 @@ def _energy_algebraic_bound(operator: DualOperator, mu: Array, gap: Rounded, del
     It is computed in units of the largest number, because the square of a tiny one would be 0.
     """
     weighted = operator.H_i * mu
-    unit = max(float(np.max(each)) for each in (np.abs(gap.values), gap.rounding, weighted, [delta]))
+    unit = max(float(np.max(numbers)) for numbers in (np.abs(gap.values), gap.rounding, weighted, [delta]))
     if not 0 < unit < math.inf:
         return unit
     t = operator.required_shift(gap.values - gap.rounding) / unit
     if not t < math.inf:
         return math.inf
+    # 2 <mu, v - g> + (t ||w|| + 2 delta)^2, v = u + t w; the delta added last is for lambda
     product = float(weighted / unit @ ((gap.values + gap.rounding) / unit + t * operator.shift_means))
     linear = t * operator.shift_norm + 2 * delta / unit
     return NORM_ROUNDING_FACTOR * unit * math.hypot(math.sqrt(2 * max(product, 0.0)), linear) + delta

@@ -50,18 +50,12 @@ class Grid:
 
     @cached_property
     def ring(self) -> Index:
-        """The nodes of the ring, increasing: those on the boundary, or all on level 0.
-
-        The shape is (k,).
-        """
+        """The nodes of the ring, increasing: those on the boundary, or all on level 0; shape (k,)."""
         return np.arange(self.hierarchy.n) if self.is_coarsest else np.sort(self.hierarchy.boundary)
 
     @cached_property
     def ring_rows(self) -> sp.csr_array:
-        """The rows of A at the nodes of the ring.
-
-        The shape is (k, n).
-        """
+        """The rows of A at the nodes of the ring; shape (k, n)."""
         return self.hierarchy.A[self.ring]
 
 
@@ -82,10 +76,14 @@ class ActiveSetRun:
         # A grows with k, B with lengths: for other units the matrix is the same up to a factor
         largest = abs(self.B_T).max() if B.shape[0] else 1.0
         self.scale = 2.0 ** np.rint(np.log2(abs(A).max() / largest))
-        self.saddle_factors = splu(_saddle_matrix(A, self.scale * self.B_T))
+        # (A B_a^T; B_a 0) on the ring, or A if no cell is active
+        B_T = self.scale * self.B_T
+        saddle = sp.block_array([[A, B_T], [B_T.T, None]], format="csc") if B.shape[0] else A.tocsc()
+        self.saddle_factors = splu(saddle)
         self.coarse_correction = (
             None if grid.is_coarsest else TruncatedCycle(grid.hierarchy, grid.cells.nodes(active))
         )
+        # a first step on the ring fulfils the constraints; all others are in the kernel of B_a
         self.multiplier = np.zeros(B.shape[0])
         self.r = grid.load - grid.hierarchy.A @ u
         change = self._correct_ring(grid.d[active] - B @ u)
@@ -97,10 +95,7 @@ class ActiveSetRun:
 
     @property
     def lambda_H(self) -> Array:
-        """The multiplier on all cells, which may be negative.
-
-        The shape is (m,).
-        """
+        """The multiplier on all cells, which may be negative; shape (m,)."""
         lambda_H = np.zeros(len(self.active))
         lambda_H[self.active] = self.multiplier
         return lambda_H
@@ -116,24 +111,23 @@ class ActiveSetRun:
         return float(dnrm2(self.r / np.sqrt(self.grid.hierarchy.nodal_weights)))
 
     def descend(self, max_rz: float) -> None:
-        """Makes steps until r . z is at most `max_rz`."""
+        """Make steps until r . z is at most `max_rz`."""
         while self.rz > max_rz and not self.is_exhausted:
             self._advance()
 
     def choose_next_set(self) -> Mask:
-        """The cells that are active next: active ones with lambda_H > 0, and others whose mean of u is below that of g.
-
-        The shape is (m,).
+        """Which cells (m,) are active next.
 
         Of the active ones these are those with lambda_H > 0, of the others those where the mean of u is below
-        g's.
+        that of g.
         """
         cells = self.grid.cells
-        allowed = MEAN_ROUNDING * np.max(np.abs(self.u))
-        below = cells.B @ self.u - self.grid.d < -allowed * cells.lengths
+        rounding = MEAN_ROUNDING * np.max(np.abs(self.u))
+        below = cells.B @ self.u - self.grid.d < -rounding * cells.lengths
         return np.where(self.active, self.lambda_H > 0, below)
 
     def _advance(self) -> None:
+        """Make one step: u + alpha p, alpha = r . z / p . A p; then p = z + beta p with the new r and z."""
         A_p = self.grid.hierarchy.A @ self.p
         alpha = self.rz / float(self.p @ A_p)
         daxpy(self.p, self.u, a=alpha)
@@ -159,22 +153,19 @@ class ActiveSetRun:
         z = np.zeros_like(self.r)
         ring = grid.ring
         zero = np.zeros_like(self.multiplier)
+        # symmetric: ring, inner nodes forward, coarser levels, inner nodes backward, ring
         z[ring] = self._correct_ring(zero)
         if self.coarse_correction:
             last = len(grid.hierarchy.smoothed_nodes)
             self._sweep_inner_nodes(z, 0, last, 1)
             self.coarse_correction.correct(grid.hierarchy.A, z, self.r)
             self._sweep_inner_nodes(z, last - 1, -1, -1)
-            left = self.r[ring] - grid.ring_rows @ z
-            z[ring] += self.saddle_factors.solve(np.concatenate([left, zero]))[: len(ring)]
+            ring_residual = self.r[ring] - grid.ring_rows @ z
+            z[ring] += self.saddle_factors.solve(np.concatenate([ring_residual, zero]))[: len(ring)]
         return z
 
     def _sweep_inner_nodes(self, z: Array, start: int, stop: int, step: int) -> None:
+        """One sweep of Gauss and Seidel for A z = r, over the inner nodes whose hats changed last."""
         A = self.grid.hierarchy.A
         nodes = self.grid.hierarchy.smoothed_nodes
         gauss_seidel_indexed(A.indptr, A.indices, A.data, z, self.r, nodes, start, stop, step)
-
-
-def _saddle_matrix(A: sp.csr_array, B_T: sp.csr_array) -> sp.csc_array:
-    """The saddle-point matrix of A with the constraints B x = 0, or A if there are none."""
-    return sp.block_array([[A, B_T], [B_T.T, None]], format="csc") if B_T.shape[1] else A.tocsc()

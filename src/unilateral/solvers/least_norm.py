@@ -22,9 +22,9 @@ from unilateral.arrays import Array, Mask
 MAX_SET_UPDATES = 10
 MIN_T = 1e-300
 UNBOUNDED_T = 1e8
-"""NEAR is the least t, taken where q is 0.
+"""MIN_T is the least t, taken where q is 0.
 
-Where nothing bounds t, as |p|_S >= 1, it is FAR times 1 or |q|_S, whichever is larger.
+Where nothing bounds t, as |p|_S >= 1, it is UNBOUNDED_T times 1 or |q|_S, whichever is larger.
 """
 
 
@@ -42,28 +42,31 @@ def minimise_linear_plus_norm(
     one that was met. A constant is never better, if nothing is exact.
     """
     active = active | equalities[:, None]
-    usual = 2 * np.count_nonzero(active, axis=1) <= active.shape[1]
-    begin = (
+    usually_free = 2 * np.count_nonzero(active, axis=1) <= active.shape[1]
+    # start with c where some unknowns are given, else with the constant that is the largest bound
+    start = (
         np.where(np.isfinite(lower_bounds), lower_bounds, 0.0)
         if equalities.any()
         else np.ones_like(lower_bounds) * lower_bounds.max(axis=0)
     )
-    T = _principal_pivot(S, usual)
-    best = begin
-    left = np.arange(lower_bounds.shape[1])
+    T = _principal_pivot(S, usually_free)
+    best = start
+    unsettled = np.arange(lower_bounds.shape[1])
     values = _objective(S, l, best)
     for _ in range(MAX_SET_UPDATES):
-        of = active[:, left]
-        bound = lower_bounds[:, left]
-        v, push = _stationary_point(T, usual, of, bound, l)
+        # the stationary v of the problems that have not settled, cut to v >= c, is kept where it is better
+        sets = active[:, unsettled]
+        bound = lower_bounds[:, unsettled]
+        v, gradient = _stationary_point(T, usually_free, sets, bound, l)
         cut = np.maximum(v, bound)
-        now = _objective(S, l, cut)
-        better = now < values[left]
-        best[:, left[better]] = cut[:, better]
-        values[left[better]] = now[better]
-        active[:, left] = np.where(of, (push >= 0) | equalities[:, None], v < bound)
-        left = left[(active[:, left] != of).any(axis=0)]
-        if not left.size:
+        objective = _objective(S, l, cut)
+        better = objective < values[unsettled]
+        best[:, unsettled[better]] = cut[:, better]
+        values[unsettled[better]] = objective[better]
+        # active unknowns stay while the gradient is >= 0, others become so where v < c
+        active[:, unsettled] = np.where(sets, (gradient >= 0) | equalities[:, None], v < bound)
+        unsettled = unsettled[(active[:, unsettled] != sets).any(axis=0)]
+        if not unsettled.size:
             break
     return best
 
@@ -77,19 +80,19 @@ def _stationary_point(
 ) -> tuple[Array, Array]:
     """The stationary v (n, k) for the `active` sets (n, k), and the gradient l + S v / |v|_S."""
     (q, S_q), (p, S_p) = _solve_active_sets(T, usually_free, active, lower_bounds, l)
-    of_q = np.sqrt(np.maximum(np.sum(q * S_q, axis=0), 0.0))
-    left = 1 + l @ p
-    bounded = left > 0
-    t = np.where(bounded, of_q / np.sqrt(np.where(bounded, left, 1)), UNBOUNDED_T * np.maximum(of_q, 1))
+    # t^2 = |q|_S^2 / (1 - |p|_S^2), and |p|_S^2 = -l . p
+    q_norm = np.sqrt(np.maximum(np.sum(q * S_q, axis=0), 0.0))
+    denominator = 1 + l @ p
+    bounded = denominator > 0
+    t = np.where(
+        bounded, q_norm / np.sqrt(np.where(bounded, denominator, 1)), UNBOUNDED_T * np.maximum(q_norm, 1)
+    )
     t = np.maximum(t, MIN_T)
     return q + t * p, l[:, None] + S_q / t + S_p
 
 
 def _objective(S: Array, l: Array, v: Array) -> Array:  # noqa: E741
-    """The values of l . v + |v|_S for each column of v.
-
-    The shape is (k,).
-    """
+    """The values of l . v + |v|_S for each column of v; shape (k,)."""
     return np.asarray(l @ v + np.sqrt(np.maximum(np.sum(v * (S @ v), axis=0), 0.0)))
 
 
@@ -101,6 +104,7 @@ def _principal_pivot(S: Array, usually_free: Mask) -> Array:
     """
     F = np.flatnonzero(usually_free)
     A = np.flatnonzero(~usually_free)
+    # v_F = S_FF^{-1} (r_F - S_FA v_A), and r_A = S_AF v_F + S_AA v_A
     inverse = np.linalg.inv(S[np.ix_(F, F)])
     across = inverse @ S[np.ix_(F, A)]
     T = np.empty_like(S)
@@ -120,17 +124,19 @@ def _solve_active_sets(
 ) -> list[tuple[Array, Array]]:
     """q and S q (n, k), p and S p (n, k) for the `active` sets (n, k)."""
     n, k = active.shape
-    known = np.zeros((n, 2, k))
-    none = np.zeros_like(lower_bounds)
-    given = np.stack([np.where(active, lower_bounds, none), np.where(active, none, -l[:, None])], axis=1)
+    arguments = np.zeros((n, 2, k))
+    zero = np.zeros_like(lower_bounds)
+    prescribed = np.stack([np.where(active, lower_bounds, zero), np.where(active, zero, -l[:, None])], axis=1)
+    # T acts on S v in usually free unknowns, on v in the others. The problem prescribes v in active unknowns
+    # and S v in the others: where an unknown is not as usual, the argument is what makes T yield that
     for j in range(k):
-        other = np.flatnonzero(active[:, j] == usually_free)
-        known[:, :, j] = given[:, :, j]
-        known[other, :, j] = 0
-        rest = given[other, :, j] - T[other] @ known[:, :, j]
-        known[other, :, j] = np.linalg.solve(T[np.ix_(other, other)], rest)
-    out = (T @ known.reshape(n, -1)).reshape(known.shape)
-    here = usually_free[:, None, None]
-    v = np.where(here, out, known)
-    S_v = np.where(here, known, out)
+        differing = np.flatnonzero(active[:, j] == usually_free)
+        arguments[:, :, j] = prescribed[:, :, j]
+        arguments[differing, :, j] = 0
+        rhs = prescribed[differing, :, j] - T[differing] @ arguments[:, :, j]
+        arguments[differing, :, j] = np.linalg.solve(T[np.ix_(differing, differing)], rhs)
+    images = (T @ arguments.reshape(n, -1)).reshape(arguments.shape)
+    is_free = usually_free[:, None, None]
+    v = np.where(is_free, images, arguments)
+    S_v = np.where(is_free, arguments, images)
     return [(v[:, i], S_v[:, i]) for i in (0, 1)]

@@ -11,7 +11,7 @@ there: nested iteration.
 
 The last run ends by a bound that is guaranteed for any u and lambda >= 0, whatever the set
 (`multigrid_bounds`). In the cheap bound on the total error its residual R is a part of u_h - f - div q. There
-its size is that of (sum R_i^2 / m_i)^{1/2}, see `residual_rounding`, which may be larger than ||R|| by
+its size is that of (sum R_i^2 / m_i)^{1/2} (`residual_rounding`), which may be larger than ||R|| by
 1/h, h the shortest edge. So that has to be small, too.
 """
 
@@ -100,20 +100,29 @@ class Multigrid:
     ) -> MultigridResult:
         """The solution (u_h, lambda_H) on the finest level, with a bound of at most `tolerance`.
 
-        The shape is (u_h, lambda_H).
-
         The iteration begins at a `start`, u (n,) and the active cells (m,), or with 0 on the coarsest level.
         If the tolerance or `max_residual_norm` is not given, it is a fraction of an estimate of the
-        discretisation error. Rounding, MOST_STEPS or MOST_ITERATIONS may end the iteration before.
+        discretisation error. Rounding, MAX_ACTIVE_SETS or MAX_KERNEL_ITERATIONS may end it before.
         """
         counts: list[tuple[int, int]] = []
         u, active = (start[0].copy(), start[1]) if start else self._nested_iteration(counts)
-        ends = BoundCriterion(tolerance, fraction, max_residual_norm)
-        run = settle_active_set(self.finest, u, active, ends, counts)
+        criterion = BoundCriterion(tolerance, fraction, max_residual_norm)
+        run = settle_active_set(self.finest, u, active, criterion, counts)
         lambda_H = np.maximum(run.lambda_H, 0)
-        bound = multilevel_algebraic_bound(self.finest, u, lambda_H) if ends.bound is None else ends.bound
+        bound = (
+            multilevel_algebraic_bound(self.finest, u, lambda_H)
+            if criterion.bound is None
+            else criterion.bound
+        )
         return MultigridResult(
-            u, lambda_H, run.active, bound, counts, run.cg_coefficients, run.rz, ends.tolerance or 0.0
+            u,
+            lambda_H,
+            active=run.active,
+            bound=bound,
+            iteration_counts=counts,
+            cg_coefficients=run.cg_coefficients,
+            rz=run.rz,
+            tolerance=criterion.tolerance or 0.0,
         )
 
     def _nested_iteration(self, counts: list[tuple[int, int]]) -> tuple[Array, Mask]:
@@ -124,6 +133,7 @@ class Multigrid:
         active = np.ones(len(first.d), dtype=bool)
         for coarse, fine in itertools.pairwise(self.grids):
             active = settle_active_set(coarse, u, active, ReductionCriterion(share), counts).active
+            # u and the active cells of the coarse level begin the next one
             u = np.append(u, np.empty(fine.hierarchy.n - len(u)))
             active = active[fine.cells.parent]
             share = RZ_RATIO_PER_CHECK
@@ -139,6 +149,7 @@ def build_multigrid(
     for finer, coarser in zip(level_cells[:0:-1], level_cells[-2::-1], strict=True):
         assert hierarchy.coarser is not None
         assert finer.parent is not None
+        # restricted: the load of coarse hats, and integrals of g over unions of cells
         load = load.copy()
         hierarchy.levels[-1].restrict(load)
         load = load[: hierarchy.coarser.n]
@@ -155,29 +166,29 @@ def settle_active_set(
     criterion: ReductionCriterion | BoundCriterion,
     counts: list[tuple[int, int]],
 ) -> ActiveSetRun:
-    """The run whose set stays the same, or the last of MOST_STEPS; u (n,) changes in place."""
+    """The run whose set stays the same, or the last of MAX_ACTIVE_SETS; u (n,) changes in place."""
     steps = 0
     while True:
         if grid.is_coarsest:
             u[:] = 0  # whose residual is the load itself, however small
         run = ActiveSetRun(grid, active, u)
         steps = steps + 1
-        after = _run_until_set_changes(run, criterion)
+        next_active = _run_until_set_changes(run, criterion)
         counts.append((len(grid.hierarchy.levels), len(run.cg_coefficients)))
-        if np.array_equal(after, active) or steps == MAX_ACTIVE_SETS:
+        if np.array_equal(next_active, active) or steps == MAX_ACTIVE_SETS:
             return run
-        active = after
+        active = next_active
         del run  # its memory is needed for the next one
 
 
 def _run_until_set_changes(run: ActiveSetRun, criterion: ReductionCriterion | BoundCriterion) -> Mask:
     """The active set (m,) after the run has ended, or as soon as it has changed."""
-    look: float | None = criterion.first_check(run)
-    while look is not None:
-        run.descend(look)
-        after = run.choose_next_set()
-        look = criterion(run) if np.array_equal(after, run.active) else None
-    return after
+    max_rz: float | None = criterion.first_check(run)
+    while max_rz is not None:
+        run.descend(max_rz)
+        next_active = run.choose_next_set()
+        max_rz = criterion(run) if np.array_equal(next_active, run.active) else None
+    return next_active
 
 
 @dataclass(frozen=True)
@@ -198,12 +209,13 @@ class ReductionCriterion:
 
 @dataclass(eq=False)
 class BoundCriterion:
-    """Ends a run when its `bound` is at most the tolerance and R at most `max_residual_norm`, or nothing falls any more.
+    """Ends a run when its `bound` and its residual are small enough, or fall no further.
 
-    If these two are not given, the first run sets them to fractions of an estimate of ||u - u_h||_1. That run
-    begins at u_2h, the solution on the mesh twice as coarse, and (r . z)^{1/2} is about ||u_h - u_2h||_1.
-    Where errors are like h, and u_h - u_2h is nearly orthogonal to u - u_h, that is 3^{1/2} ||u - u_h||_1.
-    Where u_2h is u_h up to rounding, the tolerance is FLOOR times ||u||_1.
+    The bound has to be at most the tolerance, the norm of R at most `max_residual_norm`. If these two are not
+    given, the first run sets them to fractions of an estimate of ||u - u_h||_1. That run begins at u_2h, the
+    solution on the mesh twice as coarse, and (r . z)^{1/2} is about ||u_h - u_2h||_1. Where errors are like
+    h, and u_h - u_2h is nearly orthogonal to u - u_h, that is 3^{1/2} ||u - u_h||_1. Where u_2h is u_h up to
+    rounding, the tolerance is MIN_TOLERANCE_PER_NORM times ||u||_1.
     """
 
     tolerance: float | None
@@ -214,10 +226,11 @@ class BoundCriterion:
 
     def first_check(self, run: ActiveSetRun) -> float:
         """The r . z at which to look at the set."""
+        # ||u - u_h||_1 from (r . z)^{1/2}, about ||u_h - u_2h||_1 = 3^{1/2} ||u - u_h||_1
         estimate = math.sqrt(max(run.first_rz, 0.0) / 3)
         if self.tolerance is None:
-            least = MIN_TOLERANCE_PER_NORM * product_root(run.u, run.grid.hierarchy.A @ run.u)
-            self.tolerance = max(self.fraction * estimate, least)
+            min_tolerance = MIN_TOLERANCE_PER_NORM * product_root(run.u, run.grid.hierarchy.A @ run.u)
+            self.tolerance = max(self.fraction * estimate, min_tolerance)
         if self.max_residual_norm == math.inf:
             self.max_residual_norm = RESIDUAL_NORM_SHARE * estimate
         return max(RZ_RATIO_PER_CHECK * run.rz, self._max_rz_for_bound(run, self.tolerance))
@@ -225,17 +238,14 @@ class BoundCriterion:
     def __call__(self, run: ActiveSetRun) -> float | None:
         """The r . z at which to look again, None to end."""
         tolerance = self.tolerance or 0.0
-        least = MIN_RZ_RATIO * run.first_rz
+        min_rz = MIN_RZ_RATIO * run.first_rz
         if run.rz > self._max_rz_for_bound(run, tolerance) and not run.is_exhausted:
             return self.first_check(run)
-        if run.rz > least and not run.is_exhausted and run.residual_norm > self.max_residual_norm:
-            return max(
-                run.rz
-                * max(
-                    RZ_RATIO_PER_CHECK, (MISSED_BOUND_SHARE * self.max_residual_norm / run.residual_norm) ** 2
-                ),
-                least,
-            )
+        # the residual is still too large: go on by the factor that it misses, squared as r . z is
+        if run.rz > min_rz and not run.is_exhausted and run.residual_norm > self.max_residual_norm:
+            miss = MISSED_BOUND_SHARE * self.max_residual_norm / run.residual_norm
+            return max(run.rz * max(RZ_RATIO_PER_CHECK, miss**2), min_rz)
+        # the bound is computed last, for it takes as long as several steps
         bound = multilevel_algebraic_bound(run.grid, run.u, np.maximum(run.lambda_H, 0))
         if bound <= tolerance or bound > STAGNATION_RATIO * self.last_bound or run.is_exhausted:
             self.bound = bound

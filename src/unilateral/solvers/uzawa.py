@@ -59,20 +59,20 @@ def residual_bound(operator: DualOperator, offset: Array, mu: Array, rho: float)
     """||R||_S + ||R||_0 / (rho lambda_min^{1/2}), R = mu - max(0, mu - rho F(mu)); inf if S is singular.
 
     It is guaranteed for the problem with the operator and the offset as they were computed. For the problem
-    itself see `certified`.
+    itself `condensed_algebraic_bound` has the rounding, too.
     """
     if operator.is_singular:
         return math.inf
     R = np.minimum(mu, rho * operator.gap(mu, offset))
-    in_L2 = dnrm2(np.sqrt(operator.H_i) * R)
-    return scaled_matrix_norm(operator.D, R, in_L2) + in_L2 / (rho * math.sqrt(operator.lambda_min))
+    R_norm = dnrm2(np.sqrt(operator.H_i) * R)
+    return scaled_matrix_norm(operator.D, R, R_norm) + R_norm / (rho * math.sqrt(operator.lambda_min))
 
 
 def energy_bound(operator: DualOperator, offset: Array, mu: Array) -> float:
-    """The bound (t^2 ||w||^2 + 2 <mu, v - g>)^{1/2} with v = u(mu) + t w and the least t >= 0 with no mean of v - g below 0.
+    """The bound (t^2 ||w||^2 + 2 <mu, v - g>)^{1/2} with v = u(mu) + t w.
 
-    w is that of `DualOperator`. It bounds the same error as `residual_bound`, also where S is singular;
-    rounding leaves about 5e-7.
+    w is that of `DualOperator`, and t >= 0 the least with which no mean of v - g is below 0. It bounds the
+    same error as `residual_bound`, also where S is singular; rounding leaves about 5e-7.
     """
     return _scaled_energy_bound(operator.gap(mu, offset), operator.H_i * mu, operator)
 
@@ -81,6 +81,7 @@ def predicted_steps(operator: DualOperator, rho: float, start_bound: float, tole
     """Steps of plain Uzawa from bound0 to tolerance: ln(bound0/tolerance) / -ln max |1 - rho lambda|."""
     if start_bound <= tolerance:
         return 0.0
+    # each step multiplies the error by at most q = max |1 - rho lambda| over the spectrum of S, at its ends
     q = max(abs(1 - rho * operator.lambda_min), abs(1 - rho * operator.lambda_max))
     if operator.is_singular or q >= 1 or tolerance <= 0:
         return math.inf
@@ -106,23 +107,32 @@ def uzawa(
     y that it finds. `observe(y, F, R)` sees every step. A run that ends by `max_steps` or leaves the range of
     floating point warns and has converged False. Raises InputError for an offset, a rho or a tolerance that
     cannot be meant, for "newton" where S is singular, and for data or a start from which the first residual
-    is not below DIVERGED.
+    is not below MAX_RESIDUAL.
     """
     check_offset(offset, tolerance)
     if method == "newton" and operator.is_singular:
         raise InputError("the method newton needs a regular S, with h/H small; take active_set")
-    step = STEP_METHODS[method]
-    root = np.sqrt(operator.H_i)
+    method_class = STEP_METHODS[method]
+    scaling = np.sqrt(operator.H_i)
     if rho is None:
-        rho = step.rho_factor / operator.lambda_max
+        rho = method_class.rho_factor / operator.lambda_max
     if not 0 < rho < math.inf:
         raise InputError(f"the step rho = {rho} must be positive and finite")
-    y = np.zeros(len(root)) if start is None else root * start
-    iteration = _Iteration(operator, root * offset, rho, apply, observe)
-    advance = step(operator.S, iteration.b, rho, y)
+    # y_i = H_i^{1/2} mu_i
+    y = np.zeros(len(scaling)) if start is None else scaling * start
+    iteration = _Iteration(operator, scaling * offset, rho, apply, observe)
+    advance = method_class(operator.S, iteration.b, rho, y)
     with np.errstate(over="ignore", invalid="ignore"):
         steps, bound = iteration.run(y, advance, tolerance, max_steps)
-    result = DualResult(y / root, steps, iteration.applications, bound, bound <= tolerance, rho, method)
+    result = DualResult(
+        y / scaling,
+        iterations=steps,
+        operator_applications=iteration.applications,
+        bound=bound,
+        converged=bound <= tolerance,
+        rho=rho,
+        algorithm=method,
+    )
     warn_of_missed_tolerance(result, tolerance)
     return result
 
@@ -173,6 +183,7 @@ class _Iteration:
         F = np.empty_like(y)
         R = np.empty_like(y)
         for step in range(max_steps + 1):
+            # F = S y + b, R = min(y, rho F): by (5.2), (5.3) the next iterate is y - R
             self.apply(y, F)
             np.add(F, self.b, out=F)
             np.multiply(F, self.rho, out=R)
@@ -182,8 +193,8 @@ class _Iteration:
             size = dnrm2(R)  # scaled: the square of a tiny R would be 0
             if step == 0 and not size < MAX_RESIDUAL:
                 raise InputError(
-                    f"the first residual, {size:.3g}, is not below {MAX_RESIDUAL:g}; scale the data to about 1, "
-                    "start from smaller numbers, or take a smaller rho"
+                    f"the first residual, {size:.3g}, is not below {MAX_RESIDUAL:g}; scale the data to about "
+                    "1, start from smaller numbers, or take a smaller rho"
                 )
             last = step == max_steps or not size < MAX_RESIDUAL
             if last or self.singular or size * self.bound_per_residual <= tolerance:
@@ -195,6 +206,7 @@ class _Iteration:
         return step, bound
 
     def _bound(self, y: Array, F: Array, R: Array, size: float) -> float:
+        """||R||_S + ||R||_0 / (rho lambda_min^{1/2}), or the bound by the energy where S is singular."""
         if self.singular:
             root = np.sqrt(self.operator.H_i)
             return _scaled_energy_bound(F / root, root * y, self.operator)
@@ -205,7 +217,7 @@ class _Iteration:
 
 
 def _scaled_energy_bound(gap: Array, weighted_mu: Array, operator: DualOperator) -> float:
-    """The value of `energy_bound`.
+    """The bound by the energy, from the means of u(mu) - g and H_i mu_i.
 
     It is computed in units of the largest number, because the square of a tiny one would be 0.
     """
@@ -215,15 +227,13 @@ def _scaled_energy_bound(gap: Array, weighted_mu: Array, operator: DualOperator)
     t = operator.required_shift(gap) / unit
     if not t < math.inf:
         return math.inf
+    # (t ||w||)^2 + 2 <mu, v - g>, v = u(mu) + t w
     product = float(weighted_mu / unit @ (gap / unit + t * operator.shift_means))
     return unit * math.sqrt(max((t * operator.shift_norm) ** 2 + 2 * product, 0.0))
 
 
 def scaled_matrix_norm(matrix: Array, R: Array, scale: float) -> float:
-    """The norm (R . matrix R)^{1/2}, computed in units in which squares neither overflow nor vanish.
-
-    matrix R)^{1/2} for R (m,) of the size `scale`, with which squares neither overflow nor vanish.
-    """
+    """The norm (R . matrix R)^{1/2} for R (m,) of the size `scale`; squares neither overflow nor vanish."""
     return scale * math.sqrt(max(float(R / scale @ (matrix @ (R / scale))), 0.0)) if scale > 0 else 0.0
 
 

@@ -40,6 +40,7 @@ class Nesterov:
         self.previous_F = np.zeros_like(y)
 
     def __call__(self, y: Array, F: Array, R: Array) -> None:
+        # the step from z = y + momentum (y - y before), whose F is on the line through the two known ones
         t = 0.5 * (1 + math.sqrt(1 + 4 * self.t**2))
         momentum = (self.t - 1) / t
         z = _extrapolate(y, self.previous_y, momentum)
@@ -56,7 +57,7 @@ class Nesterov:
 
 
 def _extrapolate(current: Array, previous: Array, momentum: float) -> Array:
-    """now + momentum (now - before), (m,)."""
+    """The values current + momentum (current - previous); shape (m,)."""
     ahead = current - previous
     ahead *= momentum
     ahead += current
@@ -87,6 +88,7 @@ class BarzilaiBorwein:
         self.values_since_best = 0
 
     def __call__(self, y: Array, F: Array, R: Array) -> None:
+        # the step s has changed the objective by slope + curvature / 2, slope = s . F, curvature = s . S s
         s = (y - self.previous_y) / self.unit
         change = (F - self.previous_F) / self.unit
         curvature = float(s @ change)
@@ -106,6 +108,7 @@ class BarzilaiBorwein:
         y[:] = np.maximum(0, y - self.step_length * F)
 
     def _update_reference(self, value: float) -> None:
+        """Take note of a value of the objective, relative to the best one so far."""
         if value < 0:
             self.reference -= value
             self.value = 0.0

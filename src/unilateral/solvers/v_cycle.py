@@ -34,7 +34,7 @@ class NodalMatrix(NamedTuple):
 
 
 class TruncatedCycle:
-    """The levels below the last one of a hierarchy that has at least two; T is zero at its nodes `truncated_nodes`."""
+    """The levels below the last one of a hierarchy that has at least two; T is 0 at the `truncated_nodes`."""
 
     def __init__(self, hierarchy: Hierarchy, truncated_nodes: Index) -> None:
         self.last_level = hierarchy.levels[-1]
@@ -42,6 +42,7 @@ class TruncatedCycle:
         self.truncated_nodes = truncated_nodes
         self.truncated_coarse_nodes = truncated_nodes[truncated_nodes < self.last_level.n_coarse]
         self.truncated_new_nodes = truncated_nodes[truncated_nodes >= self.last_level.n_coarse]
+        # from fine to coarse: S = P^T A P - P^T D P, and the next D is P^T D P
         D = _galerkin_product(self.last_level, _extract_nodes(hierarchy.A, truncated_nodes))
         self.matrices: list[sp.csr_array] = []
         for level in reversed(self.lower_levels):
@@ -53,6 +54,7 @@ class TruncatedCycle:
 
     def correct(self, A: sp.csr_array, z: Array, r: Array) -> None:
         """Adds T P C P^T T (r - A z) to z (n,), where C is one V-cycle and A the matrix of the last level."""
+        # T (r - A z), restricted; the correction is prolonged and truncated
         d = A @ z
         np.subtract(r, d, out=d)
         d[self.truncated_nodes] = 0
@@ -65,25 +67,25 @@ class TruncatedCycle:
         z[self.last_level.n_coarse :] += new
 
     def _apply_cycle(self, r: Array) -> Array:
-        """e (n,) from r (n,), which is overwritten.
+        """The correction e (n,) of one V-cycle for r (n,), which is overwritten.
 
         Each level has one forward sweep on the way down, and one backward sweep on the way up.
         """
-        swept = []
+        sweeps = []
         for level, S in zip(reversed(self.lower_levels), reversed(self.matrices), strict=True):
-            swept.append(level.sweep_down(S, r))
+            sweeps.append(level.sweep_down(S, r))
             level.restrict(r)
         e = np.zeros_like(r)
         n = self.coarse_factors.shape[0]
         e[:n] = self.coarse_factors.solve(r[:n])
         for level, S in zip(self.lower_levels, self.matrices, strict=True):
             level.prolong(e)
-            level.sweep_up(S, e, *swept.pop())
+            level.sweep_up(S, e, *sweeps.pop())
         return e
 
 
 def _factorise_coarsest(S: sp.csr_array, A_0: sp.csr_array) -> SuperLU:
-    """Factors of S or, if S is singular, of S + CUT_AWAY diag(A_0).
+    """Factors of S or, if S is singular, of S + MIN_ENERGY_SHARE diag(A_0).
 
     Hats that are cut may depend on each other, because few nodes are left. The added term makes the
     correction of such functions, which are 0, small in place of arbitrary.
@@ -99,26 +101,28 @@ def _extract_nodes(A: sp.csr_array, nodes: Index) -> NodalMatrix:
     rows = A[nodes].tocoo()
     i = nodes[rows.row]
     j = rows.col
-    chosen = np.zeros(A.shape[0], dtype=bool)
-    chosen[nodes] = True
-    other = ~chosen[j]
-    of, place = np.unique(np.concatenate([i, j]), return_inverse=True)
+    is_chosen = np.zeros(A.shape[0], dtype=bool)
+    is_chosen[nodes] = True
+    # rows of the nodes, and by symmetry their columns; entries between two of the nodes are taken once
+    outside = ~is_chosen[j]
+    all_nodes, place = np.unique(np.concatenate([i, j]), return_inverse=True)
     i, j = np.split(place, [len(i)])
-    entries = np.concatenate([rows.data, rows.data[other]])
-    places = np.concatenate([i, j[other]]), np.concatenate([j, i[other]])
-    return NodalMatrix(of, sp.csr_array((entries, places), shape=(len(of), len(of))))
+    entries = np.concatenate([rows.data, rows.data[outside]])
+    places = np.concatenate([i, j[outside]]), np.concatenate([j, i[outside]])
+    return NodalMatrix(all_nodes, sp.csr_array((entries, places), shape=(len(all_nodes), len(all_nodes))))
 
 
 def _galerkin_product(level: FinerSpace, D: NodalMatrix) -> NodalMatrix:
-    """P^T D P on the level before."""
+    """The matrix P^T D P on the level before."""
+    # P has a 1 for each old node of D, and the two halves for each new one
     new = D.nodes >= level.n_coarse
     rows = level.P[D.nodes[new] - level.n_coarse]
     reached = np.concatenate([D.nodes[~new], level.ends[rows.indices]])
-    nodes, place = np.unique(reached, return_inverse=True)
+    nodes, coarse = np.unique(reached, return_inverse=True)
     k = np.count_nonzero(~new)
-    at = np.concatenate([np.flatnonzero(~new), np.repeat(np.flatnonzero(new), 2)])
+    fine = np.concatenate([np.flatnonzero(~new), np.repeat(np.flatnonzero(new), 2)])
     entries = np.concatenate([np.ones(k), rows.data])
-    P = sp.csr_array((entries, (at, place)), shape=(len(D.nodes), len(nodes)))
+    P = sp.csr_array((entries, (fine, coarse)), shape=(len(D.nodes), len(nodes)))
     return NodalMatrix(nodes, ((D.values @ P).T.tocsr() @ P).tocsr())
 
 
@@ -143,16 +147,19 @@ def _subtract_in_pattern(
     some = np.flatnonzero(rows >= 0)
     if not len(some):
         return A
+    # all entries of these rows of A: their places in A.data, and the nodes of their columns
     row = rows[some]
     count = A.indptr[row + 1] - A.indptr[row]
     place = np.arange(count.sum()) + np.repeat(A.indptr[row + 1] - np.cumsum(count), count)
     column = A.indices[place] if columns is None else columns[A.indices[place]]
-    at = np.minimum(np.searchsorted(D.nodes, column), len(D.nodes) - 1)
-    met = D.nodes[at] == column
+    position = np.minimum(np.searchsorted(D.nodes, column), len(D.nodes) - 1)
+    in_D = D.nodes[position] == column
     data = A.data.copy()
-    of_D = np.zeros(len(place))
-    of_D[met] = np.asarray(sp.csr_matrix(D.values)[np.repeat(some, count)[met], at[met]]).ravel()
-    data[place] -= of_D
+    D_entries = np.zeros(len(place))
+    D_entries[in_D] = np.asarray(
+        sp.csr_matrix(D.values)[np.repeat(some, count)[in_D], position[in_D]]
+    ).ravel()
+    data[place] -= D_entries
     cut_away = (np.repeat(row, count) == A.indices[place]) & (data[place] < MIN_ENERGY_SHARE * A.data[place])
     data[place[cut_away]] = A.data[place[cut_away]]
     return sp.csr_array((data, A.indices, A.indptr), shape=A.shape)
