@@ -106,9 +106,8 @@ def raise_to_obstacle(
     contact_cost = cost(v, touching)
     plain_cost = cost(v, nowhere)
     lifted_cost = cost(v_lifted, nowhere) + bubble_square_norms * midpoint_raise**2
-    is_lifted = (
-        lifted_cost < np.where(touching, np.minimum(contact_cost, plain_cost), plain_cost)
-    ) & ~constraint.clamped_edges
+    unlifted_cost = np.where(touching, np.minimum(contact_cost, plain_cost), plain_cost)
+    is_lifted = (lifted_cost < unlifted_cost) & ~constraint.clamped_edges
     v[constraint.unknowns[is_lifted, 2]] = v_lifted[constraint.unknowns[is_lifted, 2]]
     return v, constraint.clamped_edges | touching & ~is_lifted & (contact_cost <= plain_cost)
 
@@ -146,9 +145,8 @@ def _midpoint_raises(constraint: Constraint, v: Array) -> Array:
     """By how much each midpoint has to be raised for v > p, seen at the points of the rule, (nb,)."""
     raises = np.zeros(len(constraint.unknowns))
     bubble = 4 * constraint.x * (1 - constraint.x)
-    ratio = np.where(
-        bubble > 0, (constraint.p - constraint.trace_and_slope(v)[0]) / np.where(bubble > 0, bubble, 1.0), 0.0
-    )
+    lacking = constraint.p - constraint.trace_and_slope(v)[0]
+    ratio = np.where(bubble > 0, lacking / np.where(bubble > 0, bubble, 1.0), 0.0)
     np.maximum.at(raises, constraint.edge, np.max(ratio, axis=1))
     return MIDPOINT_OVERSHOOT * raises
 
@@ -162,11 +160,8 @@ def _edge_shortfalls(
     v_rounding = BERNSTEIN_ROUNDING * np.abs(v[constraint.unknowns]).max(axis=1)
     remainder = constraint.remainder + 2 * v_rounding[constraint.edge]
     # r = p - v, less the rounding where it stands for (p - v)_+
-    r = (
-        constraint.p
-        - value
-        - np.where(any_sign, 0.0, (constraint.rounding + v_rounding)[constraint.edge])[:, None]
-    )
+    rounding = np.where(any_sign, 0.0, (constraint.rounding + v_rounding)[constraint.edge])
+    r = constraint.p - value - rounding[:, None]
     low, high = bernstein_bounds(r)
     foot, height = _extension_apexes(constraint.mesh, form)
     arm = constraint.x * np.diff(constraint.mesh.s)[constraint.edge][:, None] - foot[constraint.edge][:, None]
@@ -178,15 +173,14 @@ def _edge_shortfalls(
     # k |w|_1^2 + c ||w||^2 by the formulas above, and the extension of u_D - p on clamped edges
     squares = form.k * 0.5 * (height * slope_squares + (arm_squares + 2 * r_squares) / height)
     squares += form.c * 0.25 * height * r_squares
-    squares = (
-        np.sqrt(squares)
-        + constraint.slope_remainder * np.sqrt(_extension_constants(constraint.mesh, form, foot, height))
-    ) ** 2
+    constants = _extension_constants(constraint.mesh, form, foot, height)
+    squares = (np.sqrt(squares) + constraint.slope_remainder * np.sqrt(constants)) ** 2
     # v + w - p is -r where r is not extended, at most (-low)_+ where r_+ is, and 0 in contact
     gap = np.where(counts, np.maximum(-low, 0.0)[:, None], -r)
     gap = np.where(any_sign[:, None], 0.0, gap) + remainder[:, None]
     q_n = sigma[constraint.edge, :1] * (1 - constraint.x) + sigma[constraint.edge, 1:] * constraint.x
     complementarity = constraint.edge_integrals(np.where(q_n > 0, gap, 0.0) * q_n)
+    # v + w >= g up to the remainder, which is needed where v is not above g as it is
     is_needed = any_sign | ((high + remainder > 0) & ~(bernstein_bounds(value)[0] >= constraint.g_upper))
     edge_remainder = np.zeros(len(constraint.unknowns))
     np.maximum.at(edge_remainder, constraint.edge, np.where(is_needed, remainder, 0.0))
@@ -197,6 +191,7 @@ def _extension_constants(mesh: Mesh, form: Form, foot: Array, height: Array) -> 
     """Bounds on ||w||^2 for an r that vanishes at the ends of each edge, with ||r'||_e = 1, (nb,)."""
     lengths = np.diff(mesh.s)
     arm = np.maximum(np.abs(foot), np.abs(lengths - foot))
+    # ||r||_e <= |e| / pi, and |s - x| <= arm, in the formulas of the docstring above
     r_square = (lengths / math.pi) ** 2
     gradient_square = 0.5 * (height + (arm**2 + 2 * r_square) / height)
     return np.asarray(form.k * gradient_square + form.c * 0.25 * height * r_square)
@@ -204,7 +199,7 @@ def _extension_constants(mesh: Mesh, form: Form, foot: Array, height: Array) -> 
 
 def _extension_apexes(mesh: Mesh, form: Form) -> tuple[Array, Array]:
     """The centres of extensions, by their place along each edge and their distance from it, (nb,) each."""
-    # the vertex off the edge: the sum of the triangle's nodes less both ends
+    # the vertex off the edge, whose number is the sum of the triangle's numbers less both ends
     start = mesh.boundary
     end = np.roll(mesh.boundary, -1)
     apex = mesh.points[mesh.triangles[mesh.boundary_triangles].sum(axis=1) - start - end] - mesh.points[start]
@@ -246,21 +241,19 @@ class Lifting(NamedTuple):
         v, contact_edges = raise_to_obstacle(
             self.constraint,
             self.form,
-            before,
-            self.contact,
-            self.sigma,
-            self.layer.bubble_square_norms(self.form),
+            v=before,
+            contact=self.contact,
+            sigma=self.sigma,
+            bubble_square_norms=self.layer.bubble_square_norms(self.form),
         )
-        return *_p2_coefficients(v - before), bound_shortfall(
-            self.constraint, self.form, v, contact_edges, self.sigma
-        )
+        shortfall = bound_shortfall(self.constraint, self.form, v, contact_edges, self.sigma)
+        return *_p2_coefficients(v - before), shortfall
 
     def remainder_squares(self, shortfall: Shortfall) -> Array:
         """Bounds (k,) on the squared energy norms, by triangles of the layer, of what the remainder adds."""
         no_bubbles = np.zeros_like(shortfall.nodal_raise)
-        raise_squares = self.layer.square_norms(
-            self.form, *self.layer.function(shortfall.nodal_raise, no_bubbles)
-        )
+        hats, bubbles = self.layer.function(shortfall.nodal_raise, no_bubbles)
+        raise_squares = self.layer.square_norms(self.form, hats, bubbles)
         # at clamped nodes the sign is not known: the norms of the hats, times the sizes, are added
         if not np.any(shortfall.nodal_change):
             return raise_squares

@@ -230,11 +230,8 @@ def rounding_allowances(
     largest_flow = _max_rows([first[k] + last[j] for _, j, k in CYCLIC_CORNERS])
     flows_in = _sum_rows(first) + _sum_rows(last)
     # |grad v| is at most longest / |T| times the largest |v|, and |q| half of that times flows at a node
-    field = (
-        longest
-        * inverse_area
-        * (SUM_ROUNDING * (form.k * v_size + flows_in) + 0.5 * distortion * largest_flow)
-    )
+    gradient_factor = longest * inverse_area
+    field = gradient_factor * (SUM_ROUNDING * (form.k * v_size + flows_in) + 0.5 * distortion * largest_flow)
     rho = SUM_ROUNDING * (form.c * v_size + _max_rows(np.abs(f_h)) + flows_in * inverse_area)
     rho += 0.5 * distortion * flow * inverse_area + stretch_allowance
     return field + longest * stretch_allowance + UNDERFLOW, rho + UNDERFLOW

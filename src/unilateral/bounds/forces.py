@@ -156,7 +156,7 @@ def enclose_total_force(source: Source, flux: GivenFlux) -> tuple[float, float]:
     lengths = np.diff(flux.points)
     sizes = np.abs(flux.c).sum(axis=0)
     integral += float(lengths @ (np.where(k % 2, 0.0, 1 / (k + 1)) @ flux.c))
-    # beside a jump, and where places are rounded, as much of q as reaches there is in doubt
+    # beside a jump, and where places are rounded, as much of q as reaches there is not known
     remainder += float(lengths @ flux.remainder + 2 * flux.reach * (flux.jumps.sum() + sizes.sum()))
     remainder += (SQUARES_ROUNDING + float(polygon.stretch.max())) * float(lengths @ sizes)
     return -integral - remainder, -integral + remainder

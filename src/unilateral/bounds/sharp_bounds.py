@@ -111,9 +111,8 @@ def sharp_bound(
     clamped_norm = lift.layer.norm(form, clamped_nodal, np.where(clamped, edge_bubbles, 0.0))
     clamped_norm += math.sqrt(float(shortfall.extension_squares[clamped].sum()))
     underflow = underflow_allowance(mesh, form)
-    D = (1 + SQUARES_ROUNDING) * (
-        lift.layer.norm(form, nodal, edge_bubbles) + shortfall.extension_norm + raise_norm
-    ) + underflow
+    y_norm = lift.layer.norm(form, nodal, edge_bubbles) + shortfall.extension_norm + raise_norm
+    D = (1 + SQUARES_ROUNDING) * y_norm + underflow
     D_clamped = (1 + SQUARES_ROUNDING) * (clamped_norm + raise_norm) + underflow
 
     # the flux q + curl phi, and a feasible v = w + d
@@ -126,18 +125,19 @@ def sharp_bound(
     v_raise_norm = math.sqrt(float(lift.remainder_squares(v_shortfall).sum()))
     missing_norm = (1 + SQUARES_ROUNDING) * (v_shortfall.extension_norm + v_raise_norm) + underflow
 
-    # the residual of u_h, with s' where q stays as it is
+    # the residuals of u_h, with s' where q stays as it is, and of v
     residual = field.residual_parts(spaces.embed_linear(u_h - w), tau)
     if field.is_thick.any():
         s_prime = residual_parts(source, tau, u_h, q, form).s_prime
         residual = residual._replace(s_prime=np.where(field.is_thick, s_prime, math.inf))
+    v_residual = field.residual_parts(d, tau)
 
-    tau_error = tau.projection_error(mesh, form)
     # Theorem 8 (Proposition S14), with S of u_h and of v by Lemma S18
+    tau_error = tau.projection_error(mesh, form)
     errors = bound_total_errors(
         mesh.exact_mesh_factor,
         bound_residual(residual, tau_error, shortfall.complementarity),
-        bound_residual(field.residual_parts(d, tau), missing_norm + tau_error, v_shortfall.complementarity),
+        bound_residual(v_residual, missing_norm + tau_error, v_shortfall.complementarity),
         D=D,
         D_clamped=D_clamped,
         sigma_distance=flux.multiplier_distance(mesh, form),

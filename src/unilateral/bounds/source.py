@@ -156,13 +156,12 @@ def enclose_function(
             mesh.select_triangles(wide_triangles),
             f,
             length_scale,
-            source.piece_sums(~wide),
-            max(MAX_SOURCE_PIECES, 4 * n),
+            sums=source.piece_sums(~wide),
+            max_pieces=max(MAX_SOURCE_PIECES, 4 * n),
         )
         source.fill_from_source(wide_triangles, pieces)
-    resolved = float(source.remainder @ source.remainder) <= MAX_RESOLVED_RATIO * sums.target(
-        relative_mesh_size(mesh, length_scale)
-    )
+    target = sums.target(relative_mesh_size(mesh, length_scale))
+    resolved = float(source.remainder @ source.remainder) <= MAX_RESOLVED_RATIO * target
     return replace(source, is_resolved=resolved, ancestors=search.ancestors)
 
 
@@ -170,11 +169,9 @@ def enclose_source(
     mesh: Mesh, f: SourceFunction | Array, form: Form, coarser: Source | None = None
 ) -> Source:
     """f on the mesh, `enclose_function`, or linear if it is given at the nodes (n,)."""
-    return (
-        linear_source(mesh, f)
-        if isinstance(f, np.ndarray)
-        else enclose_function(mesh, f, coarser, form.length_scale)
-    )
+    if isinstance(f, np.ndarray):
+        return linear_source(mesh, f)
+    return enclose_function(mesh, f, coarser, form.length_scale)
 
 
 def linear_source(mesh: Mesh, f: Array) -> Source:

@@ -56,14 +56,14 @@ TRIANGLES_PER_BLOCK = 1 << 11
 MIN_RUN_LENGTH = 128
 """Runs of triangles that lie alike in those around them get matrices if they are this long on average."""
 TARGET_REMAINDER_RATIO = 0.003
-"""The rest of f may be as large as this times `relative_mesh_size` times ||p - mean p||.
+"""E may be as large as this times `relative_mesh_size` times ||p - mean p||.
 
 It falls with h, like discretisation errors.
 """
 COARSE_TARGET_SHARE = 0.1
 """On coarser triangles only this fraction of the target is allowed, for there it costs next to nothing."""
 MIN_TARGET_RATIO = 1e-13
-"""The rest of f may always be this times ||p||: that is the rounding of p, the same on smaller pieces."""
+"""E may always be this times ||p||: that is the rounding of p, the same on smaller pieces."""
 
 
 class Polynomials(NamedTuple):
@@ -190,7 +190,7 @@ def _corner_projection_matrix() -> Array:
 
 
 class Ancestors(NamedTuple):
-    """Polynomials; triangle t has the one with the number of[t], found halvings[t] halvings above it.
+    """Polynomials; triangle t has the one with the number numbers[t], found halvings[t] halvings above it.
 
     `numbers` and `halvings` are (m,).
     """
@@ -221,14 +221,8 @@ class PieceSums:
         E = math.sqrt(self.remainder_squares)
         norm = math.sqrt(self.p_squares)
         spread = math.sqrt(max(self.p_squares - self.p_integral * (self.p_integral / self.area), 0.0)) - E
-        return (
-            max(
-                share * TARGET_REMAINDER_RATIO * relative_size * spread,
-                MIN_TARGET_RATIO * (norm - E),
-                0.0,
-            )
-            ** 2
-        )
+        wanted_E = share * TARGET_REMAINDER_RATIO * relative_size * spread
+        return max(wanted_E, MIN_TARGET_RATIO * (norm - E), 0.0) ** 2
 
 
 def relative_mesh_size(mesh: Mesh, length_scale: float) -> float:
@@ -337,9 +331,8 @@ class AncestorSearch:
         n = len(self.mesh.triangles)
         rad = self.polynomials.remainder[self.numbers]
         candidates = np.flatnonzero(self.is_coarse & self.is_new)
-        target = self._extend_sums(
-            self.polynomials.select(self.numbers[candidates]), area[candidates]
-        ).target(self.relative_size)
+        polynomials = self.polynomials.select(self.numbers[candidates])
+        target = self._extend_sums(polynomials, area[candidates]).target(self.relative_size)
         share = 0.5 * (area / float(area.sum()) + 1 / n)
         is_coarse = self.is_coarse & (area * rad**2 > 0.5 * target * share)
         fine = candidates[~is_coarse[candidates]]

@@ -59,7 +59,7 @@ class ResidualBounds(NamedTuple):
 def bound_residual(residual: ResidualParts, missing_norm: float, B: float) -> ResidualBounds:
     """The bounds from the parts of the residual."""
     form = residual.form
-    on_H1, on_V = residual.dual_norms()
+    S_1, S = residual.dual_norms()
     m = e = e_N = math.inf
     if math.isfinite(form.friedrichs):
         # e and e_N: the bounds on what is left of the residual without the misfit
@@ -67,10 +67,10 @@ def bound_residual(residual: ResidualParts, missing_norm: float, B: float) -> Re
         remainder = residual._replace(misfit=zeros, s_prime=np.broadcast_to(math.inf, zeros.shape))
         m = float(np.linalg.norm(residual.misfit)) / math.sqrt(form.k)
         _, e = remainder.dual_norms()
-        e_N, _ = remainder._replace(
-            form=form._replace(c=max(form.c, form.k / form.friedrichs**2))
-        ).dual_norms()
-    return ResidualBounds(on_H1, on_V, m, e, e_N, missing_norm, B)
+        # N is the energy norm with K = max(c, k / C^2) for c
+        N_form = form._replace(c=max(form.c, form.k / form.friedrichs**2))
+        e_N, _ = remainder._replace(form=N_form).dual_norms()
+    return ResidualBounds(S_1=S_1, S=S, misfit_norm=m, e=e, e_N=e_N, missing_norm=missing_norm, B=B)
 
 
 class TotalErrors(NamedTuple):
@@ -110,19 +110,21 @@ def bound_total_errors(
     eta = _eta(v_residual, v_residual.S)
     eta_with_D = math.hypot(eta, D_clamped)
     Y = min(D + X, eta, Y_1)
-    S_of_v = v_residual.S + v_residual.missing_norm
+    S_v = v_residual.S + v_residual.missing_norm
+    u_bounds = (
+        _u_bound(u_residual, u_residual.S_1, D, eta_1),
+        _u_bound(u_residual, u_residual.S, D, eta_with_D),
+    )
 
     # (iii): E of u_h, E of v with D = 0, or Y of (i)
     E = min(Y_1, _reaction_bound(u_residual, D), _reaction_bound(v_residual, 0.0))
     return TotalErrors(
-        u=growth
-        * min(
-            _u_bound(u_residual, u_residual.S_1, D, eta_1), _u_bound(u_residual, u_residual.S, D, eta_with_D)
-        ),
+        u=growth * min(u_bounds),
         lambda_=growth * (Y + sigma_distance),
         reaction_bound=growth * (E + sigma_distance),
         eta=growth * eta,
-        gamma_force_bound=growth * growth * (v_residual.B + S_of_v * S_of_v / 4),
+        # gamma <lambda, w> <= <sigma, v - g> + S^2 / 4 (Proposition S16)
+        gamma_force_bound=growth * growth * (v_residual.B + S_v * S_v / 4),
     )
 
 

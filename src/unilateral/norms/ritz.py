@@ -192,7 +192,7 @@ def integrate_case(
     mesh = _drop_zero_triangles(case, mesh, v_h)
     nodal = v_h[mesh.triangles]
     slopes = gradients(mesh)
-    slope_of_v = np.einsum("ti,tid->td", nodal, slopes)
+    grad_v = np.einsum("ti,tid->td", nodal, slopes)
     m = len(mesh.triangles)
     f_moments = np.zeros((m, 3))
     difference_moments = np.zeros((m, 3))
@@ -203,7 +203,7 @@ def integrate_case(
         w = rule.weight
         phi = rule.barycentric
         u, grad_u, f = _evaluate_at_rule(case.value_gradient_and_source, rule)
-        value, slope = _difference_at_rule(rule, u, grad_u, nodal, slope_of_v)
+        value, slope = _difference_at_rule(rule, u, grad_u, nodal, grad_v)
         u_square += _squared_energy(w, u, grad_u, form)
         square += _squared_energy(w, value, slope, form)
         np.add.at(f_moments, rule.triangle, np.einsum("kq,kqb->kb", w * f, phi))
