@@ -233,7 +233,7 @@ def _accumulate_flows(patches: _Patches, first_flow: Array | float, last_flow: A
     """F_j on the spokes, from F on the first and on the last one, (k + 1, p)."""
     F = np.empty_like(patches.rise)
     F[0] = first_flow
-    # F_{j+1} - F_j = int_{T_j} div q_1, less what the divergences have too much in sum, spread evenly
+    # F_{j+1} - F_j is the divergence of T_j, less its part by area of what all have too much in sum
     lacking = (patches.divergence.sum(axis=0) - (last_flow - first_flow)) / patches.area.sum(axis=0)
     for j, (d, area) in enumerate(zip(patches.divergence, patches.area, strict=True)):
         np.add(F[j], d - area * lacking, out=F[j + 1])
@@ -246,6 +246,7 @@ def _solve_inner_patches(patches: _Patches) -> Array:
     The unknown of the border is 2 F_0.
     """
     S = _accumulate_flows(patches, 0.0, 0.0)
+    # second derivatives by 2 F_0 and z_j: -with_c, z_{j+1}: -with_b, and 2 F_0 again: 1.5 (with_b + with_c)
     with_b = patches.bb + patches.bc
     with_c = patches.cc + patches.bc
     z_diagonal, load, load_next = _quadratic_terms(patches, S)
@@ -256,11 +257,11 @@ def _solve_inner_patches(patches: _Patches) -> Array:
     columns[1] = -_sum_at_spokes(with_c, with_b)
     columns[2] = _sum_at_spokes(load, load_next)
     z, F = _solve_bordered_periodic(
-        _sum_at_spokes(z_diagonal, z_diagonal),
-        patches.bc,
-        columns,
-        1.5 * with_both.sum(axis=0),
-        -F_terms.sum(axis=0),
+        diagonal=_sum_at_spokes(z_diagonal, z_diagonal),
+        off_diagonal=patches.bc,
+        columns=columns,
+        border_diagonal=1.5 * with_both.sum(axis=0),
+        border_load=-F_terms.sum(axis=0),
     )
     # q_0.n = psi_a times the mean of k grad u_h.n on both sides: F = z = half of that times the length
     q_0 = 0.5 * _sum_at_spokes(patches.through_c, -patches.through_b)
@@ -325,19 +326,17 @@ def _solve_boundary_patches(patches: _Patches, first_spoke: Array, last_spoke: A
     is_given = ~np.isnan([first_spoke[0], last_spoke[0]])
     total_divergence = patches.divergence.sum(axis=0)
     # F_0 is given, or follows from the last F and the divergence, or is this plus an unknown
-    F_0 = np.where(
-        is_given[0],
-        first_spoke[0],
-        np.where(is_given[1], last_spoke[0] - total_divergence, -0.5 * total_divergence),
-    )
+    from_last = np.where(is_given[1], last_spoke[0] - total_divergence, -0.5 * total_divergence)
+    F_0 = np.where(is_given[0], first_spoke[0], from_last)
     S = _accumulate_flows(patches, F_0, np.where(is_given[1], last_spoke[0], F_0 + total_divergence))
     z_diagonal, load, load_next = _quadratic_terms(patches, S)
     with_b = patches.bb + patches.bc
     with_c = patches.cc + patches.bc
+    # the system of a patch inside, without a triangle before the first spoke and after the last one
     no_triangle = np.zeros((1, S.shape[1]))
     columns = np.zeros((3, *S.shape))
     diagonal = np.concatenate([z_diagonal, no_triangle]) + np.concatenate([no_triangle, z_diagonal])
-    columns[1] = np.concatenate([(-with_c), no_triangle]) + np.concatenate([no_triangle, (-with_b)])
+    columns[1] = np.concatenate([-with_c, no_triangle]) + np.concatenate([no_triangle, -with_b])
     columns[2] = np.concatenate([load, no_triangle]) + np.concatenate([no_triangle, load_next])
     off_diagonal = np.concatenate([patches.bc, no_triangle])
     # z on a spoke where the flux is given is known, and its row is that of the identity
@@ -359,9 +358,9 @@ def _solve_boundary_patches(patches: _Patches, first_spoke: Array, last_spoke: A
     F_diagonal = np.where(free, 1.5 * with_both.sum(axis=0), 1.0)
     z, F = _solve_bordered_periodic(diagonal, off_diagonal, columns, F_diagonal, np.where(free, F_load, 0.0))
     # q_0: on outer spokes there is a flux on one side only, and what is given is kept
-    mean = 0.5 * (
-        np.concatenate([patches.through_c, no_triangle]) - np.concatenate([no_triangle, patches.through_b])
-    )
+    after = np.concatenate([patches.through_c, no_triangle])
+    before = np.concatenate([no_triangle, patches.through_b])
+    mean = 0.5 * (after - before)
     mean[[0, -1]] *= 2
     q_0 = np.stack([mean, mean])
     for fixed, j, spoke in ((is_given[0], 0, first_spoke), (is_given[1], -1, last_spoke)):

@@ -112,6 +112,7 @@ def bound_forces(
     ]
     lower, upper = np.zeros((2, len(side_sets)))
     signed = np.array([bool({*side_set} & {*reactions.form.clamped}) for side_set in sides], dtype=bool)
+    # what has reactions has the error of fluxes, a force alone that of lambda, and it is not negative
     for chosen, error in (
         (np.flatnonzero(signed), reactions.reaction_bound),
         (np.flatnonzero(~signed), multiplier_bound),
@@ -179,13 +180,12 @@ def _force_bounds(
     exact = reactions.form.clamped_nodes(force_mesh)[force_mesh.boundary]
     best = LeastBound(force_mesh, space, pairing, E, load, exact, Form(c=reactions.depth**-2))
     limits = [_nodal_lower_bounds(force_mesh, sides, reactions) for sides in side_sets]
-    above = np.column_stack([bounds[0] for bounds in limits])
-    below = np.column_stack([bounds[1] for bounds in limits])
+    above = np.column_stack([c for c, _ in limits])
+    below = np.column_stack([c for _, c in limits])
     flows, magnitudes = np.array([reactions.outflows[:, sides].sum(axis=1) for sides in side_sets]).T
     flow_rounding = (SQUARES_ROUNDING + mesh.polygon.stretch.max()) * magnitudes
-    lacking = (
-        np.array([conflict_allowances(force_mesh, sides, reactions) for sides in side_sets]).T + flow_rounding
-    )
+    conflicts = np.array([conflict_allowances(force_mesh, sides, reactions) for sides in side_sets]).T
+    lacking = conflicts + flow_rounding
     # the search for w begins where w >= c is an equation: on P, and where lambda_H pushes
     active = (above > 0) | (above == 0) & (load > 0)[:, None]
     lower = flows - best.minimise(below, np.isfinite(below)) - lacking[0]
@@ -246,10 +246,8 @@ class LeastBound:
             v = minimise_linear_plus_norm(self.condensed.A_3, self.load, c, active, self.is_fixed)
             columns = np.flatnonzero(v.any(axis=0) | self.is_fixed.any())
             if columns.size:
-                best[columns] = np.minimum(
-                    best[columns],
-                    self._bound_on_exact_mesh(extend_with_least_norm(self.condensed, v[:, columns])),
-                )
+                w = extend_with_least_norm(self.condensed, v[:, columns])
+                best[columns] = np.minimum(best[columns], self._bound_on_exact_mesh(w))
         return best
 
     def _bound_on_exact_mesh(self, w: Array) -> Array:

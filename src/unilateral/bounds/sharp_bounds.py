@@ -256,7 +256,7 @@ def balance_potential(source: Source, u_h: Array, sigma: Array, form: Form) -> t
 
 
 def _solve_discrete_equations(source: Source, w: Array, sigma: Array, tolerance: float, form: Form) -> Array:
-    """w with (w, psi_a) = (f, psi_a) + <sigma, psi_a>, up to an error that div q may have.
+    """w with k (grad w, grad psi_a) + c (w, psi_a) = (f, psi_a) + <sigma, psi_a>, up to what div q may lack.
 
     Let r_a be what is left of this equation. Patch a spreads it over the area |a| of its triangles, and at
     most three patches lie at any place. So the square of what div q lacks is at most sum 3 r_a^2 / |a|, which
@@ -327,7 +327,7 @@ def _minimise_eta(
     outer = np.zeros(len(spaces.boundary_unknowns), dtype=bool)
     outer[lifting.constraint.unknowns[~lifting.constraint.clamped_edges]] = True
     outer[0] = True  # constants have no curl
-    # v starts with g in contact; what is free of v, and of phi, vanishes there and on the boundary
+    # v starts as g in contact, and stays that there; phi is 0 on sides not clamped, and on thick triangles
     d[spaces.boundary_unknowns] = np.concatenate(lifting.meet_obstacle(field.w[spaces.mesh.boundary]))
     free = spaces.vanishing_basis(lifting.contact)
     inner = spaces.vanishing_basis(outer, spaces.unknowns[field.is_thick])
