@@ -63,9 +63,8 @@ def _refine_at_clamped_ends(mesh: Mesh, reactions: ReactionData) -> Mesh:
             np.diff(mesh.s)[node + edge] > reactions.clamped_ends.gap_length[vertex]
             and len(mesh.boundary) < 2 * MAX_BOUNDARY_NODES
         ):
-            finer = _halve_triangles(
-                mesh, np.flatnonzero((mesh.triangles == mesh.boundary[node]).any(axis=1))
-            )
+            triangles = np.flatnonzero((mesh.triangles == mesh.boundary[node]).any(axis=1))
+            finer = _halve_triangles(mesh, triangles)
             if finer is None:
                 break
             mesh = finer
@@ -130,6 +129,7 @@ def _mark_loaded_triangles(mesh: Mesh, partition: Partition, load: Array, depth:
     node_load = np.zeros(mesh.n_nodes)
     ends = _steep_ends(mesh, partition, load)
     node_load[mesh.boundary[ends]] = (coupling(mesh, partition).T @ load)[ends]
+    # halve at the nodes with the largest loads, as many as may be, and where triangles hide the fall of w
     heavy = np.zeros(mesh.n_nodes, dtype=bool)
     heaviest = np.argsort(-node_load, kind="stable")[: max(MAX_BOUNDARY_NODES - len(mesh.boundary), 0) // 2]
     heavy[heaviest] = node_load[heaviest] > max(MAX_LIGHT_LOAD, HEAVY_LOAD_FRACTION * float(node_load.max()))

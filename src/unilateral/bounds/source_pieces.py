@@ -155,15 +155,14 @@ def enclose_block(
     near = {step: ~np.isnan(wrong_area) for step, wrong_area in wrong_areas.items()}
     for step, is_near in near.items():
         near_steps = {other_step: value[is_near] for other_step, value in steps.items()}
-        jump = _taylor_model(
-            vertices[is_near], size, source_function, near_steps | {step: 1 - near_steps[step]}
-        ) + f.select_boxes(is_near).scale(-1.0)
+        other_steps = near_steps | {step: 1 - near_steps[step]}
+        f_beyond = _taylor_model(vertices[is_near], size, source_function, other_steps)
         _add_jump(
             pieces,
             is_near,
-            jump,
-            wrong_areas[step][is_near],
-            step_area_rounding(vertices[is_near], source_function.jumps[step], size),
+            jump=f_beyond + f.select_boxes(is_near).scale(-1.0),
+            wrong_area=wrong_areas[step][is_near],
+            area_error=step_area_rounding(vertices[is_near], source_function.jumps[step], size),
         )
     is_crossed = np.sum([*near.values()], axis=0) > 1
     if is_crossed.any():
