@@ -29,7 +29,7 @@ from unilateral.fem.form import H1, Form
 from unilateral.geometry.mesh import Mesh
 
 LOWERING_PER_REMAINDER = 4.0
-"""v is below u_h at a node by less than this times the larger doubt of the edges there, see `shift_to_feasible`."""
+"""At a node v is below u_h by less than this times the larger remainder on the edges there."""
 MIN_GAP_FRACTION = 0.5
 """Of a side with contact the part at a clamped vertex counts on which the gap is this part of that there."""
 
@@ -52,10 +52,10 @@ def no_clamped_ends(n: int) -> ClampedEnds:
 
 
 class ReactionData(NamedTuple):
-    """What is known of clamped sides: the form, and the `outflows` (2, n) and the `clamped_ends` of a `Bound`.
+    """What is known of clamped sides: the form, and `outflows` (2, n) and `clamped_ends` of a `Bound`.
 
-    `reaction_bound` is the bound on the functional of reactions, which is `of_fluxes` of the bounds. The
-    `total_force` is that of `forces`, if c = 0.
+    `reaction_bound` is that of the `Bound`, on the functional of reactions. The `total_force` is that of
+    `enclose_total_force`, if c = 0.
     """
 
     form: Form
@@ -89,40 +89,43 @@ def find_clamped_ends(
 ) -> ClampedEnds:
     """How far v - g is known to be positive on the sides with contact beside clamped ones."""
     n = mesh.polygon.n_sides
-    found = no_clamped_ends(n)._replace(gamma_force_bound=gamma_force_bound)
+    clamped_ends = no_clamped_ends(n)._replace(gamma_force_bound=gamma_force_bound)
     upper = np.full(len(mesh.side), -np.inf)
-    doubt = np.zeros(len(mesh.side))
+    remainder = np.zeros(len(mesh.side))
     np.maximum.at(upper, lifting.constraint.edge, lifting.constraint.g_upper)
-    np.maximum.at(doubt, lifting.constraint.edge, lifting.constraint.remainder)
-    # v is lowered at a node by the larger doubt of the two edges there, and one of them may be clamped
-    lowered = LOWERING_PER_REMAINDER * np.maximum(doubt, np.maximum(np.roll(doubt, 1), np.roll(doubt, -1)))
+    np.maximum.at(remainder, lifting.constraint.edge, lifting.constraint.remainder)
+    # v is lowered at a node by the larger remainder of the two edges there, and one of them may be clamped
+    beside = np.maximum(np.roll(remainder, 1), np.roll(remainder, -1))
+    lowered = LOWERING_PER_REMAINDER * np.maximum(remainder, beside)
+    # v - g on an edge is at least the lower nodal value less g_upper, and less what v is lowered by
     trace = v_lower[mesh.boundary]
     gap = np.minimum(trace, np.roll(trace, -1)) - upper - lowered
-    pushed = normal_flux.contact_scale > 0
-    gap[pushed | np.roll(pushed, 1) | np.roll(pushed, -1)] = 0.0
+    # in contact v is p at the nodes, which the edges beside share
+    in_contact = normal_flux.contact_scale > 0
+    gap[in_contact | np.roll(in_contact, 1) | np.roll(in_contact, -1)] = 0.0
     clamped = np.isin(np.arange(n), form.clamped)
     lengths = np.diff(mesh.s)
+    # from each vertex between a clamped side and another one along this, as long as the gap is wide
     for vertex in np.flatnonzero(clamped != np.roll(clamped, 1)).tolist():
         side = (vertex - 1) % n if clamped[vertex] else vertex
         edges = np.flatnonzero(mesh.side == side)[:: -1 if clamped[vertex] else 1]
         wide = gap[edges] > MIN_GAP_FRACTION * max(gap[edges[0]], 0.0)
         edges = edges[: len(edges) if wide.all() else int(np.argmin(wide))]
         if edges.size and np.isfinite(gap[edges]).all():
-            found.gap_length[vertex] = lengths[edges].sum()
-            found.gamma[vertex] = gap[edges].min()
-    return found
+            clamped_ends.gap_length[vertex] = lengths[edges].sum()
+            clamped_ends.gamma[vertex] = gap[edges].min()
+    return clamped_ends
 
 
 def outflows(mesh: Mesh, form: Form, q: Array) -> Array:
-    """The integrals of q.n over the clamped sides, 0 on others, and the sums of their magnitudes on edges.
+    """The integrals of q.n over clamped sides, 0 on others, and the sums of their sizes on edges, (2, n).
 
-    The shape is (2, n).
-
-    Beside them are the sums of their magnitudes on edges, which rounding is measured by.
+    Rounding is measured by the sizes.
     """
-    through = -q[0, mesh.triangulation.boundary_edges] * form.clamped_edges(mesh)
+    # the flow over an edge is that to its left, which is into the domain
+    outflow = -q[0, mesh.triangulation.boundary_edges] * form.clamped_edges(mesh)
     n = mesh.polygon.n_sides
-    return np.array([np.bincount(mesh.side, each, n) for each in (through, np.abs(through))])
+    return np.array([np.bincount(mesh.side, values, n) for values in (outflow, np.abs(outflow))])
 
 
 def boundary_index(mesh: Mesh, vertex: int) -> int:
@@ -144,28 +147,29 @@ def find_conflicts(sides: Index, reactions: ReactionData) -> list[tuple[int, int
 
     Each comes with the bound for which w cannot pass from one side to the other: 0 is that below, 1 above.
     """
-    found = []
+    conflicts = []
     n = len(reactions.clamped_ends.gap_length)
     for vertex in range(n):
         pair = {vertex, (vertex - 1) % n}
         inside = pair & {*sides.tolist()}
         clamped = pair & {*reactions.form.clamped}
         if len(inside) == len(clamped) == 1 and not pair & {*reactions.form.free}:
-            found.append((vertex, int(inside != clamped)))
-    return found
+            conflicts.append((vertex, int(inside != clamped)))
+    return conflicts
 
 
 def conflict_allowances(mesh: Mesh, sides: Index, reactions: ReactionData) -> tuple[float, float]:
     """How much the lower and the upper bound on a force lack at its conflicts."""
-    most = [0.0, 0.0]
-    edges = np.diff(mesh.s)
+    allowances = [0.0, 0.0]
+    lengths = np.diff(mesh.s)
     for vertex, which in find_conflicts(sides, reactions):
-        first = edges[boundary_index(mesh, vertex) - (vertex in reactions.form.clamped)]
-        known = first <= reactions.clamped_ends.gap_length[vertex]
+        first_length = lengths[boundary_index(mesh, vertex) - (vertex in reactions.form.clamped)]
+        is_bounded = first_length <= reactions.clamped_ends.gap_length[vertex]
+        # int lambda over that part is at most gamma <lambda, w> / gamma (Proposition S16)
         amount = (
             reactions.clamped_ends.gamma_force_bound / reactions.clamped_ends.gamma[vertex]
-            if known
+            if is_bounded
             else np.inf
         )
-        most[which] = max(most[which], amount)
-    return most[0], most[1]
+        allowances[which] = max(allowances[which], amount)
+    return allowances[0], allowances[1]

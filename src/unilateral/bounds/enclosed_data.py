@@ -24,10 +24,10 @@ class EnclosedData:
     source
         f on the triangles.
     constraint
-        g on the boundary edges with multipliers, and the u that is given on clamped ones.
-    tau
-        The flux that is given on free edges.
-    balance
+        g on the boundary edges with multipliers, and u_D on clamped ones.
+    given_flux
+        The flux that is given on free edges, tau~ and what that leaves of it.
+    total_force
         If c = 0, two numbers between which - int f - int q lies, the sum of all forces and reactions.
     """
 
@@ -43,10 +43,7 @@ class EnclosedData:
 
     @property
     def load(self) -> Array:
-        """The load vector of f and q, exact for the polynomials of their enclosures.
-
-        The shape is (n,).
-        """
+        """The load vector of f and q, exact for the polynomials of their enclosures, (n,)."""
         return self.source.load + edge_load(self.mesh, self.given_flux.end_values)
 
 

@@ -1,4 +1,4 @@
-"""k grad v - q and f + div q - c v on triangles, for a flux q that is given on edges, as by `equilibrate_flux`.
+"""k grad v - q and f + div q - c v on triangles, for a flux q given on edges, as by `equilibrate_flux`.
 
 Their norms are those of `residual_norm`. Where (k/c)^{1/2} is smaller than a triangle T, there is another
 bound on what T adds for a linear v. As (q - k grad v).n is linear on the edges e of T, by parts
@@ -38,10 +38,7 @@ SUM_ROUNDING = 2.0**-45
 
 
 def misfit(mesh: Mesh, u_h: Array, q: Array, triangles: Index | slice, k: float = 1.0) -> Array:
-    """k grad u_h - q at the nodes of triangles.
-
-    The shape is (m, 3, 2).
-    """
+    """k grad u_h - q at the nodes of triangles, (m, 3, 2)."""
     node = mesh.triangles[triangles].T
     return _misfit_at_nodes(
         mesh, node, k * u_h.take(node), triangle_inflows(mesh, q, triangles), mesh.areas[triangles]
@@ -49,25 +46,24 @@ def misfit(mesh: Mesh, u_h: Array, q: Array, triangles: Index | slice, k: float 
 
 
 def _misfit_at_nodes(mesh: Mesh, node: Index, u: Array, inflows: tuple[Array, Array], area: Array) -> Array:
-    """grad u - q at the nodes of triangles, from u and the inflows there.
-
-    The shape is (2, 3, m).
+    """grad u - q at the nodes of triangles, from u and the inflows there, (2, 3, m).
 
     At a node the flow in through the edge to the next node and the flow out through the edge from the node
     before determine q.
     """
-    (first, last) = inflows
-    found = np.empty((2, *u.shape), dtype=u.dtype)
+    first, last = inflows
+    field = np.empty((2, *u.shape), dtype=u.dtype)
     points = mesh.points.ravel()
     x = points.take(2 * node)
     y = points.take(2 * node + 1)
-    along = [[z[k] - z[j] for _, j, k in CYCLIC_CORNERS] for z in (x, y)]
-    for values, e, sign, f in zip(found, along, (-1, 1), along[::-1], strict=True):
+    # grad u = sum_i u_i (edge opposite to i, turned) / (2 |T|), and q at a node = flows times edges / (2 |T|)
+    edge_vectors = [[z[k] - z[j] for _, j, k in CYCLIC_CORNERS] for z in (x, y)]
+    for values, e, sign, f in zip(field, edge_vectors, (-1, 1), edge_vectors[::-1], strict=True):
         slope = sign * (u[0] * f[0] + u[1] * f[1] + u[2] * f[2])
         for i, j, k in CYCLIC_CORNERS:
             np.add(slope, e[j] * first[k] - e[k] * last[j], out=values[i])
-    found *= 0.5 / area
-    return found
+    field *= 0.5 / area
+    return field
 
 
 def residual_parts(
@@ -76,24 +72,24 @@ def residual_parts(
     """The parts of the residual of u_h (n,) in V_h."""
     mesh = source.mesh
     # s' is not stored where no triangle needs it
-    by_parts = np.broadcast_to(math.inf, len(mesh.triangles))
+    s_prime = np.broadcast_to(math.inf, len(mesh.triangles))
     if form.c * mesh.diameter**2 > form.k:
-        by_parts = by_parts.copy()
-    # one array for the stretched divergence and then `rest`, which takes its place block by block
+        s_prime = s_prime.copy()
+    # one array for the stretched divergence and then `remainder`, which takes its place block by block
     stretched = stretched_divergence(mesh, q)
-    parts = ResidualParts(
+    residual = ResidualParts(
         mesh,
         form,
         misfit=np.empty_like(mesh.areas),
         oscillation=np.empty_like(mesh.areas),
         mean=np.empty_like(mesh.areas),
         remainder=stretched,
-        s_prime=by_parts,
+        s_prime=s_prime,
     )
-    for of in row_blocks(len(mesh.triangles)):
-        _fill_residual(parts, of, source, q, stretched[of], u_h.take(mesh.triangles[of].T))
-    add_given_flux_remainder(parts, given_flux)
-    return parts
+    for block in row_blocks(len(mesh.triangles)):
+        _fill_residual(residual, block, source, q, stretched[block], u_h.take(mesh.triangles[block].T))
+    add_given_flux_remainder(residual, given_flux)
+    return residual
 
 
 def add_lift_to_residual(
@@ -136,19 +132,19 @@ def _fill_residual(
     k = form.k
     c = form.c
     area = mesh.areas[triangles]
-    ends = triangle_inflows(mesh, q, triangles)
+    inflows = triangle_inflows(mesh, q, triangles)
     f_h = source.f_h[triangles].T
-    field = _misfit_at_nodes(mesh, mesh.triangles[triangles].T, k * v, ends, area)
-    divergence = -0.5 * (_sum_rows(ends[0]) + _sum_rows(ends[1])) / area
+    field = _misfit_at_nodes(mesh, mesh.triangles[triangles].T, k * v, inflows, area)
+    divergence = -0.5 * (_sum_rows(inflows[0]) + _sum_rows(inflows[1])) / area
 
     # the mean of f_h - c v, and the norm of p - c v less that
     g = f_h - c * v
     if bubbles is None or hat_gradients is None:
         size = _max_rows(np.abs(v))
         mean = _sum_rows(g) / 3
-        linear = area / 36 * ((g[1] - g[0]) ** 2 + (g[2] - g[1]) ** 2 + (g[0] - g[2]) ** 2)
+        linear_squares = area / 36 * ((g[1] - g[0]) ** 2 + (g[2] - g[1]) ** 2 + (g[0] - g[2]) ** 2)
         # p - f_h is orthogonal to a linear f_h - c v
-        mean_free = np.sqrt(linear + source.oscillation[triangles] ** 2)
+        mean_free = np.sqrt(linear_squares + source.oscillation[triangles] ** 2)
     else:
         size = _max_rows(np.abs(v)) + np.abs(bubbles).sum(axis=1)
         field += k * gradients_at_nodes(hat_gradients, 0 * bubbles, bubbles).transpose(2, 1, 0)
@@ -156,14 +152,16 @@ def _fill_residual(
         mean_free = (
             np.sqrt(quadratic_square_norms(area, (g - mean).T, -c * bubbles)) + source.oscillation[triangles]
         )
-    more_field, more_rho = rounding_allowances(mesh, triangles, size, f_h, ends, form, stretch_allowance)
+    misfit_allowance, rho_allowance = rounding_allowances(
+        mesh, triangles, size, f_h, inflows, form, stretch_allowance
+    )
     length = np.sqrt(area)
     residual.misfit[triangles] = (
-        np.sqrt(linear_square_norms(area, field.transpose(2, 1, 0))) + length * more_field
+        np.sqrt(linear_square_norms(area, field.transpose(2, 1, 0))) + length * misfit_allowance
     )
     residual.oscillation[triangles] = mean_free + source.jumps[triangles]
     residual.mean[triangles] = length * np.abs(mean + divergence)
-    residual.remainder[triangles] = source.remainder[triangles] + length * more_rho
+    residual.remainder[triangles] = source.remainder[triangles] + length * rho_allowance
 
     # s', which is for linear v
     thick = np.flatnonzero(c * mesh.longest_edges[triangles] ** 2 > k)
@@ -171,39 +169,39 @@ def _fill_residual(
         residual.s_prime[triangles] = math.inf
     elif thick.size:
         rows = np.arange(len(residual.misfit))[triangles][thick]
-        inside = (
+        source_norm = (
             np.sqrt(mean_free**2 + area * mean**2) + source.jumps[triangles] + residual.remainder[triangles]
         )
         residual.s_prime[rows] = bound_by_parts(
-            mesh, rows, field[..., thick], inside[thick], more_field[thick], form
+            mesh, rows, field[..., thick], source_norm[thick], misfit_allowance[thick], form
         )
 
 
 def bound_by_parts(
     mesh: Mesh, triangles: Index, misfit: Array, source_norm: Array, misfit_allowance: Array, form: Form
 ) -> Array:
-    """The bound s' on each of some triangles, which integrates by parts; for c > 0.
-
-    The shape is (m,).
+    """The bound s' (m,) on each of some triangles, which integrates by parts; for c > 0.
 
     The `misfit` k grad v - q has these values (2, 3, m) at the nodes, up to `misfit_allowance` (m,);
     `source_norm` (m,) are bounds on ||f - c v||_T.
     """
     # the exact mesh changes grad v, too, and k |grad v| is at most |q - k grad v| + |q|
-    added = 2 * misfit_allowance + mesh.distortion[triangles] * _max_rows(np.hypot(misfit[0], misfit[1]))
+    allowance = 2 * misfit_allowance + mesh.distortion[triangles] * _max_rows(np.hypot(misfit[0], misfit[1]))
     corners = mesh.points[mesh.triangles[triangles]].transpose(2, 1, 0)
     area = mesh.areas[triangles]
-    through = np.empty((3, len(triangles)))
+    a = np.empty((3, len(triangles)))
     for i, j, k in CYCLIC_CORNERS:
         x, y = corners[:, k] - corners[:, j]
         length = np.hypot(x, y)
+        # a_e = (|e|/|T|)^{1/2} ||(q - k grad v).n||_e, whose integrand is the square of a linear function
         start = (misfit[0, j] * y - misfit[1, j] * x) / length
         end = (misfit[0, k] * y - misfit[1, k] * x) / length
-        norm = np.sqrt(length / 3 * (start**2 + start * end + end**2)) + np.sqrt(length) * added
-        through[i] = np.sqrt(length / area) * norm
-    total = _sum_rows(through)
-    centre = (through * corners).sum(axis=1) / total
-    R = _max_rows(np.hypot(*(corners - centre[:, None])))
+        norm = np.sqrt(length / 3 * (start**2 + start * end + end**2)) + np.sqrt(length) * allowance
+        a[i] = np.sqrt(length / area) * norm
+    # x_0, R and s' of the docstring above
+    total = _sum_rows(a)
+    x_0 = (a * corners).sum(axis=1) / total
+    R = _max_rows(np.hypot(*(corners - x_0[:, None])))
     constant = np.sqrt((1 + np.sqrt(1 + R**2 * (form.c / form.k))) / (2 * form.c))
     return np.asarray(source_norm / math.sqrt(form.c) + constant * total)
 
@@ -217,61 +215,56 @@ def rounding_allowances(
     form: Form,
     stretch_allowance: Array,
 ) -> tuple[Array, Array]:
-    """Bounds on the parts of |k grad v - q| and |f_h + div q - c v| that rounding and the exact mesh may add, on some triangles.
+    """Bounds (m,) on what rounding and the exact mesh add to |k grad v - q| and to |f_h + div q - c v|.
 
-    Returns arrays of the shapes (m,), (m,).
-
-    It is at least UNDERFLOW, below which squares may be 0.
-
-    That is on some triangles, where v is at most `v_size` (m,) in its coefficients, f_h has the values (3, m)
-    at nodes, and q the `triangle_inflows` there.
+    They are at least UNDERFLOW, below which squares may be 0. On these triangles v is at most `v_size` (m,)
+    in its coefficients, f_h has the values (3, m) at nodes, and q the `triangle_inflows` there.
     """
     area = mesh.areas[triangles]
     longest = mesh.longest_edges[triangles]
     distortion = mesh.distortion[triangles]
-    over = 1 / area
+    inverse_area = 1 / area
     flow = np.abs(_sum_rows(inflows[0]) + _sum_rows(inflows[1]))
     first = np.abs(inflows[0])
     last = np.abs(inflows[1])
-    most = _max_rows([first[k] + last[j] for _, j, k in CYCLIC_CORNERS])
+    largest_flow = _max_rows([first[k] + last[j] for _, j, k in CYCLIC_CORNERS])
     flows_in = _sum_rows(first) + _sum_rows(last)
-    field = longest * over * (SUM_ROUNDING * (form.k * v_size + flows_in) + 0.5 * distortion * most)
-    rho = SUM_ROUNDING * (form.c * v_size + _max_rows(np.abs(f_h)) + flows_in * over)
-    rho += 0.5 * distortion * flow * over + stretch_allowance
+    # |grad v| is at most longest / |T| times the largest |v|, and |q| half of that times flows at a node
+    gradient_factor = longest * inverse_area
+    field = gradient_factor * (SUM_ROUNDING * (form.k * v_size + flows_in) + 0.5 * distortion * largest_flow)
+    rho = SUM_ROUNDING * (form.c * v_size + _max_rows(np.abs(f_h)) + flows_in * inverse_area)
+    rho += 0.5 * distortion * flow * inverse_area + stretch_allowance
     return field + longest * stretch_allowance + UNDERFLOW, rho + UNDERFLOW
 
 
 def stretched_divergence(mesh: Mesh, q: Array) -> Array:
-    """A bound on the divergence of the flux that the stretch of the sides adds to q, on each triangle.
-
-    The shape is (m,).
+    """A bound on the divergence of the flux that the stretch of the sides adds to q, on each triangle, (m,).
 
     |q_T| is at most that times the longest edge.
     """
-    at = mesh.boundary_triangles
-    found = np.zeros(len(mesh.triangles))
+    triangles = mesh.boundary_triangles
+    divergence = np.zeros(len(mesh.triangles))
     flow, tilt = q[:, mesh.triangulation.boundary_edges]
     flow = mesh.polygon.stretch[mesh.side] * (np.abs(flow + tilt) + np.abs(flow - tilt))
-    np.add.at(found, at, 0.5 * flow / mesh.areas[at])
-    return found
+    np.add.at(divergence, triangles, 0.5 * flow / mesh.areas[triangles])
+    return divergence
 
 
 def add_given_flux_remainder(residual: ResidualParts, given_flux: GivenEdgeFlux) -> None:
     """Put in rho, which is not known of the flux that is given on free sides, on the triangles there."""
     mesh = residual.mesh
     form = residual.form
-    at = mesh.boundary_triangles
-    np.add.at(residual.misfit, at, given_flux.gradient_coefficients(mesh))
-    np.add.at(residual.remainder, at, given_flux.value_coefficients(mesh))
+    triangles = mesh.boundary_triangles
+    np.add.at(residual.misfit, triangles, given_flux.gradient_coefficients(mesh))
+    np.add.at(residual.remainder, triangles, given_flux.value_coefficients(mesh))
     if form.c and residual.s_prime.flags.writeable:
-        np.add.at(residual.s_prime, at, np.sqrt(value_constants(mesh, form)) * given_flux.remainder_norms)
+        # s' bounds the whole of R on T, so ||z||_e is bounded by the energy norm there
+        value_factors = np.sqrt(value_constants(mesh, form))
+        np.add.at(residual.s_prime, triangles, value_factors * given_flux.remainder_norms)
 
 
 def _sum_rows(rows: Array) -> Array:
-    """The sum of three rows; this is faster than a reduction.
-
-    The shape is (m,).
-    """
+    """The sum (m,) of three rows; this is faster than a reduction."""
     return np.asarray(rows[0] + rows[1] + rows[2])
 
 

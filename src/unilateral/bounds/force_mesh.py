@@ -18,7 +18,7 @@ from unilateral.geometry.structured import default_mesh_kind, make_structured_me
 
 MIN_UNGRADED_NODES = 250
 MAX_FIRST_NODES = 2000
-"""Before it is graded, the mesh is halved until it has FEW nodes; one with more than LARGE is not taken."""
+"""Before it is graded, the mesh is halved up to the first number of nodes; none above the second is taken."""
 MAX_BOUNDARY_NODES = 640
 """The mesh is graded up to at most this many nodes on the boundary, for their matrix is full."""
 MAX_LIGHT_LOAD = 1 / 16
@@ -57,25 +57,24 @@ def condense_force_mesh(
 def _refine_at_clamped_ends(mesh: Mesh, reactions: ReactionData) -> Mesh:
     """The mesh, refined at clamped vertices until an edge there lies within reach."""
     for vertex in np.flatnonzero(reactions.clamped_ends.gap_length).tolist():
-        at = boundary_index(mesh, vertex)
+        node = boundary_index(mesh, vertex)
         edge = 0 if vertex not in reactions.form.clamped else -1
         while (
-            np.diff(mesh.s)[at + edge] > reactions.clamped_ends.gap_length[vertex]
+            np.diff(mesh.s)[node + edge] > reactions.clamped_ends.gap_length[vertex]
             and len(mesh.boundary) < 2 * MAX_BOUNDARY_NODES
         ):
-            finer = _halve_triangles(mesh, np.flatnonzero((mesh.triangles == mesh.boundary[at]).any(axis=1)))
+            triangles = np.flatnonzero((mesh.triangles == mesh.boundary[node]).any(axis=1))
+            finer = _halve_triangles(mesh, triangles)
             if finer is None:
                 break
             mesh = finer
-            at = boundary_index(mesh, vertex)
+            node = boundary_index(mesh, vertex)
     return mesh
 
 
 def extend_with_least_norm(condensed: CondensedMatrix, v: Array) -> Array:
-    """The functions with the values v on the boundary and, up to rounding, the least norm.
-
-    The shape is (n, k).
-    """
+    """The functions with the values v on the boundary and, up to rounding, the least norm, (n, k)."""
+    # with the load S v on the boundary the solution is v there, and has the least norm
     loads = np.zeros((condensed.mesh.n_nodes, v.shape[1]))
     loads[condensed.mesh.boundary] = condensed.A_3 @ v
     w = condensed.solve(loads)
@@ -91,6 +90,7 @@ def grade_force_mesh(mesh: Mesh, partition: Partition, load: Array, depth: float
     Raises InputError where gmsh has to make one, and it is not sound.
     """
     graded = _choose_first_mesh(mesh)
+    # halve all triangles, then those where functions of least norm are steep
     while graded.n_nodes < MIN_UNGRADED_NODES and (finer := _halve_triangles(graded)):
         graded = finer
     while len(chosen := _mark_loaded_triangles(graded, partition, load, depth)) and (
@@ -126,12 +126,13 @@ def _halve_triangles(mesh: Mesh, triangles: Index | None = None) -> Mesh | None:
 
 def _mark_loaded_triangles(mesh: Mesh, partition: Partition, load: Array, depth: float) -> Index:
     """The triangles at the ends with the largest loads, and those at the boundary above the `depth`."""
-    at = np.zeros(mesh.n_nodes)
+    node_load = np.zeros(mesh.n_nodes)
     ends = _steep_ends(mesh, partition, load)
-    at[mesh.boundary[ends]] = (coupling(mesh, partition).T @ load)[ends]
+    node_load[mesh.boundary[ends]] = (coupling(mesh, partition).T @ load)[ends]
+    # halve at the nodes with the largest loads, as many as may be, and where triangles hide the fall of w
     heavy = np.zeros(mesh.n_nodes, dtype=bool)
-    heaviest = np.argsort(-at, kind="stable")[: max(MAX_BOUNDARY_NODES - len(mesh.boundary), 0) // 2]
-    heavy[heaviest] = at[heaviest] > max(MAX_LIGHT_LOAD, HEAVY_LOAD_FRACTION * float(at.max()))
+    heaviest = np.argsort(-node_load, kind="stable")[: max(MAX_BOUNDARY_NODES - len(mesh.boundary), 0) // 2]
+    heavy[heaviest] = node_load[heaviest] > max(MAX_LIGHT_LOAD, HEAVY_LOAD_FRACTION * float(node_load.max()))
     outer = mesh.boundary_triangles
     thick = outer[mesh.longest_edges[outer] > depth]
     return np.union1d(np.flatnonzero(heavy[mesh.triangles].any(axis=1)), thick)
@@ -141,8 +142,8 @@ def _steep_ends(mesh: Mesh, partition: Partition, load: Array) -> Index:
     """The places in `mesh.boundary` of the polygon's vertices, and of the nodes next to ends of contact."""
     contact = load > 0
     nb = len(mesh.boundary)
-    at = partition.points[:-1][contact != np.roll(contact, 1)]
-    before = np.searchsorted(mesh.s, at, side="left") - 1
-    after = np.searchsorted(mesh.s, at, side="right") - 1
+    contact_ends = partition.points[:-1][contact != np.roll(contact, 1)]
+    before = np.searchsorted(mesh.s, contact_ends, side="left") - 1
+    after = np.searchsorted(mesh.s, contact_ends, side="right") - 1
     vertices = np.flatnonzero(mesh.side != np.roll(mesh.side, 1))
     return np.unique(np.concatenate([vertices, before % nb, after, (after + 1) % nb]))

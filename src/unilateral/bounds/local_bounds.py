@@ -12,11 +12,12 @@ the smaller one is taken.
 S is that of `residual_norm` for a flux q with q.n = sigma on these sides, made by `equilibrate_flux` with the
 flux tau~ near the one that is given on free sides (`boundary_flux`). What tau~ leaves of that, what the
 enclosure of f misses (`source`), and what rounding may have done on a triangle are parts of the residual. y
-is what makes u_h feasible (`shift_to_feasible`); it is 0 but on the triangles at boundary nodes. Nothing is
+is what makes u_h feasible (`feasible`); it is 0 but on the triangles at boundary nodes. Nothing is
 assumed of u_h and lambda_H.
 
 u_h stands for the function with its nodal values on the exact mesh (`geometry.exact_mesh`), a triangulation
-of the polygon itself. What that changes of differences is added like rounding, and `growth` has the rest.
+of the polygon itself. What that changes of differences is added like rounding, and the rest is in
+`exact_mesh_factor`.
 """
 
 from __future__ import annotations
@@ -50,28 +51,28 @@ class Bound:
     Parameters
     ----------
     u, lambda_
-        Bounds on the energy norm of u - u_h, and on its dual norm of lambda - lambda_H.
-    lifting
-        A bound on the energy norm of y.
-    unknown, irreducible
+        Bounds on the energy norm of u - u_h, and on the dual norm of lambda - lambda_H.
+    lift_norm
+        A bound on the energy norm of y, D.
+    data_remainder, irreducible_remainder
         A bound on the part of both that would be 0 if f, g and tau were the polynomials by which they are
         enclosed, and the part of that which hardly falls on finer meshes.
     outflows : (2, sides)
-        Those of `find_clamped_ends`.
-    of_fluxes
+        The integrals of q.n over clamped sides, and those of its size, by `clamped_ends.outflows`.
+    reaction_bound
         A bound on lambda - lambda_H and, on clamped sides, k du/dn - q.n, as one functional on H^1, in the
         norm of `ReactionData`.
     eta
-        That of `bound_total_errors`, for the v of this bound.
+        A bound on (S^2 + 2 B)^{1/2} for the v of this bound.
     shares : (triangles,)
         Of the cheap bound: the triangles' parts of S^2 + 2 B + D^2. Their sum is at most that and, but for
         rounding, at least u^2 / 6.
     lift : (2, boundary edges)
         Of the cheap bound: the coefficients of y at boundary nodes, and of the bubbles of boundary edges.
-    ends
+    clamped_ends
         Of the cheap bound: what is known of lambda at the ends of clamped sides.
     steps
-        Of the sharp bound: those of v and q, see `sharp_bounds`.
+        Of the sharp bound: how many steps towards the best v and q were made.
     """
 
     u: float
@@ -115,61 +116,64 @@ def local_bound(
     flux = build_normal_flux(mesh, partition, lambda_H, w, form)
     q = equilibrate_source(source, w, flux.end_values + tau.end_values, form)
 
-    # y, and what is missing of u_h + y >= g; D = ||y||, B = <sigma, u_h + y - g>
+    # y, and what is missing of u_h + y >= g; D = ||y||, B = <sigma, u_h + y - g> (S8.1)
     lift = build_lifting(data.constraint, form, u_h, flux)
     layer = lift.layer
-    nodal, edges, short = lift.make_feasible(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
-    hats, bubbles = layer.function(nodal, edges)
-    of_y = layer.square_norms(form, hats, bubbles)
-    of_added = lift.remainder_squares(short)
-    added = math.sqrt(float(of_added.sum()))
-    missing = (1 + SQUARES_ROUNDING) * (short.extension_norm + added) + underflow_allowance(mesh, form)
-    D = (1 + SQUARES_ROUNDING) * math.sqrt(float(of_y.sum())) + missing
+    nodal, edge_bubbles, shortfall = lift.make_feasible(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
+    hats, bubbles = layer.function(nodal, edge_bubbles)
+    y_squares = layer.square_norms(form, hats, bubbles)
+    raise_squares = lift.remainder_squares(shortfall)
+    raise_norm = math.sqrt(float(raise_squares.sum()))
+    underflow = underflow_allowance(mesh, form)
+    missing_norm = (1 + SQUARES_ROUNDING) * (shortfall.extension_norm + raise_norm) + underflow
+    D = (1 + SQUARES_ROUNDING) * math.sqrt(float(y_squares.sum())) + missing_norm
 
-    # the residuals of u_h and of the feasible v = u_h + y, and the norm of what tau~ leaves of tau
-    of_tau = tau.projection_error(mesh, form)
-    parts = residual_parts(source, tau, u_h, q, form)
-    of_u = bound_residual(parts, of_tau, short.complementarity)
-    shares = parts.shares()
-    add_lift_to_residual(parts, source, tau, u_h, q, layer, hats, bubbles)
-    of_v = bound_residual(parts, missing + of_tau, short.complementarity)
+    # S of the residuals of u_h and of the feasible v = u_h + y (Lemma S18); tau~ leaves tau_error of p
+    tau_error = tau.projection_error(mesh, form)
+    residual = residual_parts(source, tau, u_h, q, form)
+    u_residual = bound_residual(residual, tau_error, shortfall.complementarity)
+    shares = residual.shares()
+    add_lift_to_residual(residual, source, tau, u_h, q, layer, hats, bubbles)
+    v_residual = bound_residual(residual, missing_norm + tau_error, shortfall.complementarity)
+    # Theorem 8 (Proposition S14)
     errors = bound_total_errors(
         mesh.exact_mesh_factor,
-        of_u,
-        of_v,
+        u_residual,
+        v_residual,
         D=D,
         D_clamped=D,
         sigma_distance=flux.multiplier_distance(mesh, form),
     )
 
     # v at the boundary nodes may be below u_h where u_h is above u_D
-    least = u_h.copy()
-    least[mesh.boundary] += np.minimum(nodal, 0.0)
-    ends = find_clamped_ends(mesh, form, lift, least, flux, errors.gamma_force_bound)
+    v_lower = u_h.copy()
+    v_lower[mesh.boundary] += np.minimum(nodal, 0.0)
+    clamped_ends = find_clamped_ends(mesh, form, lift, v_lower, flux, errors.gamma_force_bound)
 
-    doubt = added + tau.remainder_dual_norm(mesh, form)
-    shares[layer.triangles] += of_y + of_added
-    on_edges = short.extension_squares + 2 * short.edge_complementarity + tau.shares(mesh, form)
-    np.add.at(shares, mesh.boundary_triangles, on_edges)
+    # the part of the bounds that is 0 for polynomial data, and the triangles' parts of S^2 + 2 B + D^2
+    remainder = raise_norm + tau.remainder_dual_norm(mesh, form)
+    shares[layer.triangles] += y_squares + raise_squares
+    edge_shares = shortfall.extension_squares + 2 * shortfall.edge_complementarity + tau.shares(mesh, form)
+    np.add.at(shares, mesh.boundary_triangles, edge_shares)
     return Bound(
         u=errors.u,
         lambda_=errors.lambda_ if form.has_multiplier(mesh.side).any() else 0.0,
         lift_norm=D,
-        data_remainder=form.value_constant * source.remainder_norm + doubt,
-        irreducible_remainder=doubt + form.value_constant * source.irreducible_remainder,
+        data_remainder=form.value_constant * source.remainder_norm + remainder,
+        irreducible_remainder=remainder + form.value_constant * source.irreducible_remainder,
         outflows=outflows(mesh, form, q),
         reaction_bound=errors.reaction_bound,
         eta=errors.eta,
         shares=shares,
-        lift=np.stack([nodal, edges]),
-        clamped_ends=ends,
+        lift=np.stack([nodal, edge_bubbles]),
+        clamped_ends=clamped_ends,
     )
 
 
 def equilibrate_source(source: Source, u_h: Array, sigma: Array, form: Form) -> Array:
     """The flux by `equilibrate_flux` with q.n = sigma (nb, 2) on the edges that are not clamped."""
-    given = np.where(form.clamped_edges(source.mesh)[:, None], math.nan, sigma)
-    return equilibrate_flux(source.mesh, u_h, source.moments, given, form)
+    normal_flux = np.where(form.clamped_edges(source.mesh)[:, None], math.nan, sigma)
+    return equilibrate_flux(source.mesh, u_h, source.moments, normal_flux, form)
 
 
 def check_discrete_solution(
@@ -187,8 +191,8 @@ def check_discrete_solution(
             raise InputError(f"{name} must hold {n} finite numbers; it has the shape {np.shape(values)}")
     if np.min(lambda_H) < 0:
         raise InputError(f"lambda_H has the value {np.min(lambda_H):.4g}; it must not be negative")
-    at = np.flatnonzero(~form.has_multiplier(partition.side) & (lambda_H > 0))
-    if at.size:
+    cells = np.flatnonzero(~form.has_multiplier(partition.side) & (lambda_H > 0))
+    if cells.size:
         raise InputError(
-            f"lambda_H is not 0 on side {partition.side[at[0]]}, which has no contact; it must be"
+            f"lambda_H is not 0 on side {partition.side[cells[0]]}, which has no contact; it must be"
         )

@@ -47,14 +47,14 @@ QUOTIENT_UNDERFLOW = 1e-156
 """What squares that underflow take from the root of a sum, at most.
 
 It is UNDERFLOW times the sum of 1 and the squared perimeter, plus, where squares are divided by areas,
-DIVIDED over the root of the least area. There are fewer than 10^9 triangles with fewer than 20 squares each,
-and each square is off by 2^-1074 at most. Squares are multiplied by areas and squares of lengths, or divided
-by areas.
+QUOTIENT_UNDERFLOW over the root of the least area. There are fewer than 10^9 triangles with fewer than 20
+squares each, and each square is off by 2^-1074 at most. Squares are multiplied by areas and squares of
+lengths, or divided by areas.
 """
 
 
 def underflow_allowance(mesh: Mesh, form: Form) -> float:
-    """A bound on what underflow takes from the energy norms of functions on a mesh, and from those of residuals."""
+    """A bound on what underflow takes from the energy norms of functions and from dual norms of residuals."""
     sizes = math.sqrt(form.k + form.c + 1 / form.k + 1 / form.coercivity)
     divided = QUOTIENT_UNDERFLOW / math.sqrt(float(mesh.areas.min()))
     return sizes * (UNDERFLOW * (1 + mesh.polygon.perimeter**2) + divided)
@@ -77,10 +77,7 @@ class ResidualParts(NamedTuple):
     s_prime: Array
 
     def squares(self) -> Array:
-        """The square of min(s, s') on each triangle.
-
-        The shape is (m,).
-        """
+        """The square of min(s, s') on each triangle, (m,)."""
         squares = np.empty_like(self.misfit)
         for block in row_blocks(len(squares)):
             squares[block] = self._squares_of_block(block)
@@ -91,18 +88,18 @@ class ResidualParts(NamedTuple):
 
         S_1 is infinite for c = 0.
         """
-        on_H1 = of_gradients = of_values = 0.0
+        squares = gradient_squares = value_squares = 0.0
         for block in row_blocks(len(self.misfit)):
-            on_H1 += float(self._squares_of_block(block).sum())
+            squares += float(self._squares_of_block(block).sum())
             m = self.misfit[block] + self.mesh.longest_edges[block] / BESSEL_ZERO * self.oscillation[block]
             r = self.mean[block] + self.remainder[block]
-            of_gradients += float(m @ m)
-            of_values += float(r @ r)
-        S_1 = _root_with_rounding(on_H1)
-        M = _root_with_rounding(of_gradients)
-        N = _root_with_rounding(of_values)
+            gradient_squares += float(m @ m)
+            value_squares += float(r @ r)
+        S_1 = _root_with_rounding(squares)
+        M = _root_with_rounding(gradient_squares)
+        N = _root_with_rounding(value_squares)
 
-        # (ii)
+        # (ii): S_2, where the largest value is not that of (i) for theta = 1
         k = self.form.k
         c = self.form.c
         C = self.form.friedrichs
@@ -111,25 +108,20 @@ class ResidualParts(NamedTuple):
         return S_1, min(S_1, (M + C * N) / math.hypot(math.sqrt(k), math.sqrt(c) * C))
 
     def shares(self) -> Array:
-        """The triangles' parts of S^2: but for rounding their sum is at most that and at least half of it.
-
-        The shape is (m,).
-        """
+        """The triangles' parts (m,) of S^2: but for rounding their sum is at most that and at least half."""
         k = self.form.k
         c = self.form.c
         C = self.form.friedrichs
         S_1, S = self.dual_norms() if math.isfinite(C) else (0.0, 0.0)
         if S == S_1:
             return self.squares()
+        # S_2^2 <= 2 sum (m^2 + r^2) / (k + c C^2), with C times (r + E) for r
         m = self.misfit + self.mesh.longest_edges / BESSEL_ZERO * self.oscillation
         r = C * (self.mean + self.remainder)
         return np.asarray((m**2 + r**2) / (k + c * C**2))
 
     def _squares_of_block(self, block: slice) -> Array:
-        """The square of min(s, s') on each triangle of a block.
-
-        The shape is (k,).
-        """
+        """The square of min(s, s') on each triangle of a block, (k,)."""
         k = self.form.k
         c = self.form.c
         m = self.misfit[block]
@@ -145,9 +137,9 @@ class ResidualParts(NamedTuple):
         with np.errstate(divide="ignore", invalid="ignore"):
             theta = (o - ratio * poincare * m) / (o + ratio * poincare**2 * o)
         theta = np.fmin(np.fmax(theta, 0.0), 1.0)
-        of_gradients = (m + theta * poincare * o) / math.sqrt(k)
-        of_values = (np.hypot(r, (1 - theta) * o) + E) / math.sqrt(c)
-        return np.asarray(np.minimum(of_gradients**2 + of_values**2, self.s_prime[block] ** 2))
+        gradient_term = (m + theta * poincare * o) / math.sqrt(k)
+        value_term = (np.hypot(r, (1 - theta) * o) + E) / math.sqrt(c)
+        return np.asarray(np.minimum(gradient_term**2 + value_term**2, self.s_prime[block] ** 2))
 
 
 def _root_with_rounding(squares: float) -> float:

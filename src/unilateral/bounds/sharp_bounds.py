@@ -103,49 +103,52 @@ def sharp_bound(
     w, q = balance_potential(source, w, flux.end_values + tau.end_values, form)
     field = _build_misfit_field(spaces, source, w, q, form)
 
-    # D = ||y||, and the norm of the part of y at clamped sides
-    nodal, edges, short = lift.make_feasible(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
-    added = math.sqrt(float(lift.remainder_squares(short).sum()))
+    # D = ||y||, and D_D, the norm of the part of y at clamped sides
+    nodal, edge_bubbles, shortfall = lift.make_feasible(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
+    raise_norm = math.sqrt(float(lift.remainder_squares(shortfall).sum()))
     clamped = form.clamped_edges(mesh)
-    at_nodes = np.where(clamped | np.roll(clamped, 1), nodal, 0.0)
-    at_clamped = lift.layer.norm(form, at_nodes, np.where(clamped, edges, 0.0))
-    at_clamped += math.sqrt(float(short.extension_squares[clamped].sum()))
-    lost = underflow_allowance(mesh, form)
-    D = (1 + SQUARES_ROUNDING) * (lift.layer.norm(form, nodal, edges) + short.extension_norm + added) + lost
-    D_clamped = (1 + SQUARES_ROUNDING) * (at_clamped + added) + lost
+    clamped_nodal = np.where(clamped | np.roll(clamped, 1), nodal, 0.0)
+    clamped_norm = lift.layer.norm(form, clamped_nodal, np.where(clamped, edge_bubbles, 0.0))
+    clamped_norm += math.sqrt(float(shortfall.extension_squares[clamped].sum()))
+    underflow = underflow_allowance(mesh, form)
+    y_norm = lift.layer.norm(form, nodal, edge_bubbles) + shortfall.extension_norm + raise_norm
+    D = (1 + SQUARES_ROUNDING) * y_norm + underflow
+    D_clamped = (1 + SQUARES_ROUNDING) * (clamped_norm + raise_norm) + underflow
 
     # the flux q + curl phi, and a feasible v = w + d
     load = spaces.load(source.f_h) + spaces.edge_load(tau.end_values)
-    d, phi, steps = _minimise_eta(lift, field, load, 2 * short.complementarity)
+    d, phi, steps = _minimise_eta(lift, field, load, 2 * shortfall.complementarity)
     field = field.add_curl(phi)
-    of_nodes, of_edges = np.split(d[spaces.boundary_unknowns], 2)
-    *more, short_of_v = lift.make_feasible(w[mesh.boundary] + of_nodes, of_edges)
-    d[spaces.boundary_unknowns] += np.concatenate(more)
-    added_to_v = math.sqrt(float(lift.remainder_squares(short_of_v).sum()))
-    missing = (1 + SQUARES_ROUNDING) * (short_of_v.extension_norm + added_to_v) + lost
+    d_nodal, d_bubbles = np.split(d[spaces.boundary_unknowns], 2)
+    nodal_raise, bubble_raise, v_shortfall = lift.make_feasible(w[mesh.boundary] + d_nodal, d_bubbles)
+    d[spaces.boundary_unknowns] += np.concatenate([nodal_raise, bubble_raise])
+    v_raise_norm = math.sqrt(float(lift.remainder_squares(v_shortfall).sum()))
+    missing_norm = (1 + SQUARES_ROUNDING) * (v_shortfall.extension_norm + v_raise_norm) + underflow
 
-    # the residual of u_h, with s' where q stays as it is
+    # the residuals of u_h, with s' where q stays as it is, and of v
     residual = field.residual_parts(spaces.embed_linear(u_h - w), tau)
     if field.is_thick.any():
-        by_parts = residual_parts(source, tau, u_h, q, form).s_prime
-        residual = residual._replace(s_prime=np.where(field.is_thick, by_parts, math.inf))
+        s_prime = residual_parts(source, tau, u_h, q, form).s_prime
+        residual = residual._replace(s_prime=np.where(field.is_thick, s_prime, math.inf))
+    v_residual = field.residual_parts(d, tau)
 
-    of_tau = tau.projection_error(mesh, form)
+    # Theorem 8 (Proposition S14), with S of u_h and of v by Lemma S18
+    tau_error = tau.projection_error(mesh, form)
     errors = bound_total_errors(
         mesh.exact_mesh_factor,
-        bound_residual(residual, of_tau, short.complementarity),
-        bound_residual(field.residual_parts(d, tau), missing + of_tau, short_of_v.complementarity),
+        bound_residual(residual, tau_error, shortfall.complementarity),
+        bound_residual(v_residual, missing_norm + tau_error, v_shortfall.complementarity),
         D=D,
         D_clamped=D_clamped,
         sigma_distance=flux.multiplier_distance(mesh, form),
     )
-    doubt = max(added, added_to_v) + tau.remainder_dual_norm(mesh, form)
+    remainder = max(raise_norm, v_raise_norm) + tau.remainder_dual_norm(mesh, form)
     return Bound(
         u=errors.u,
         lambda_=errors.lambda_ if form.has_multiplier(mesh.side).any() else 0.0,
         lift_norm=D,
-        data_remainder=form.value_constant * source.remainder_norm + doubt,
-        irreducible_remainder=doubt + form.value_constant * source.irreducible_remainder,
+        data_remainder=form.value_constant * source.remainder_norm + remainder,
+        irreducible_remainder=remainder + form.value_constant * source.irreducible_remainder,
         eta=errors.eta,
         steps=steps,
         outflows=field.outflows,
@@ -180,25 +183,22 @@ class _MisfitField:
         mesh = self.spaces.mesh
         # a height of a triangle is twice its area over an edge
         size = np.abs(phi[self.spaces.unknowns]).sum(axis=1) * mesh.longest_edges / mesh.areas
-        more = (SUM_ROUNDING + mesh.distortion) * size
+        allowance = (SUM_ROUNDING + mesh.distortion) * size
         hats = self.hats + _curl(self.spaces.gradient(phi))
-        return replace(self, hats=hats, misfit_allowance=self.misfit_allowance + more)
+        return replace(self, hats=hats, misfit_allowance=self.misfit_allowance + allowance)
 
     def square_norms(self, d: Array) -> Array:
-        """For v = w + d the squared norms on each triangle of q - k grad v, of rho less its mean, and of its mean.
-
-        The shape is (3, m).
-        """
+        """The squared norms (3, m) of q - k grad v, of rho less its mean, and of its mean, for v = w + d."""
         k = self.form.k
         c = self.form.c
         areas = self.spaces.mesh.areas
-        of_hats, of_bubbles = self.spaces.coefficients(d)
-        hats = self.rho - c * of_hats
-        bubbles = -c * of_bubbles
+        d_hats, d_bubbles = self.spaces.coefficients(d)
+        hats = self.rho - c * d_hats
+        bubbles = -c * d_bubbles
         mean = hats.mean(axis=1) + bubbles.sum(axis=1) / 3
-        of_gradients = quadratic_square_norms(areas, self.hats - k * self.spaces.gradient(d), self.bubbles)
+        misfit_squares = quadratic_square_norms(areas, self.hats - k * self.spaces.gradient(d), self.bubbles)
         return np.stack(
-            [of_gradients, quadratic_square_norms(areas, hats - mean[:, None], bubbles), areas * mean**2]
+            [misfit_squares, quadratic_square_norms(areas, hats - mean[:, None], bubbles), areas * mean**2]
         )
 
     def residual_parts(self, d: Array, given_flux: GivenEdgeFlux) -> ResidualParts:
@@ -207,30 +207,27 @@ class _MisfitField:
         source = self.source
         form = self.form
         size = SUM_ROUNDING * np.abs(d[self.spaces.unknowns]).sum(axis=1)
-        more_field = self.misfit_allowance + form.k * size * mesh.longest_edges / mesh.areas
-        more_rho = self.rho_allowance + form.c * size
-        of_field, of_rho, mean = np.sqrt(self.square_norms(d))
+        misfit_allowance = self.misfit_allowance + form.k * size * mesh.longest_edges / mesh.areas
+        rho_allowance = self.rho_allowance + form.c * size
+        misfit_norm, rho_norm, mean = np.sqrt(self.square_norms(d))
         # p - f_h is orthogonal to linear functions
         is_linear = not np.any(d[len(self.w) :])
-        mean_free = np.hypot(of_rho, source.oscillation) if is_linear else of_rho + source.oscillation
-        parts = ResidualParts(
+        mean_free = np.hypot(rho_norm, source.oscillation) if is_linear else rho_norm + source.oscillation
+        residual = ResidualParts(
             mesh,
             form,
-            misfit=of_field + np.sqrt(mesh.areas) * more_field,
+            misfit=misfit_norm + np.sqrt(mesh.areas) * misfit_allowance,
             oscillation=mean_free + source.jumps,
             mean=mean,
-            remainder=source.remainder + np.sqrt(mesh.areas) * more_rho,
+            remainder=source.remainder + np.sqrt(mesh.areas) * rho_allowance,
             s_prime=np.broadcast_to(math.inf, mean.shape),
         )
-        add_given_flux_remainder(parts, given_flux)
-        return parts
+        add_given_flux_remainder(residual, given_flux)
+        return residual
 
 
 def _curl(gradient: Array) -> Array:
-    """The curl (d_y phi, -d_x phi) at the nodes of each triangle, from the gradient of phi.
-
-    The shape is (m, 3, 2).
-    """
+    """The curl (d_y phi, -d_x phi) at the nodes of each triangle, from the gradient of phi, (m, 3, 2)."""
     return np.stack([gradient[..., 1], -gradient[..., 0]], axis=2)
 
 
@@ -242,30 +239,33 @@ def balance_potential(source: Source, u_h: Array, sigma: Array, form: Form) -> t
     nothing beside the error of u_h, and much beside the error of lambda_H, which is smaller.
     """
     mesh = source.mesh
+    # the error of w in L2 over W^2 is nearly ||q - k grad w||_T min(h / W, k^{1/2}) / (k W)
     w = u_h
     W = form.value_constant
-    for last in (False, True):
+    for is_last in (False, True):
         q = equilibrate_source(source, w, sigma, form)
-        parts = residual_parts(source, no_given_flux(mesh), w, q, form)
-        error = np.minimum(mesh.longest_edges / W, math.sqrt(form.k)) * parts.misfit / (form.k * W)
-        least = max(MAX_IMBALANCE_FRACTION * float(error @ error), float(parts.remainder @ parts.remainder))
-        if last or parts.mean @ parts.mean <= least:
+        residual = residual_parts(source, no_given_flux(mesh), w, q, form)
+        error = np.minimum(mesh.longest_edges / W, math.sqrt(form.k)) * residual.misfit / (form.k * W)
+        tolerance = max(
+            MAX_IMBALANCE_FRACTION * float(error @ error), float(residual.remainder @ residual.remainder)
+        )
+        if is_last or residual.mean @ residual.mean <= tolerance:
             break
-        w = _solve_discrete_equations(source, w, sigma, least, form)
+        w = _solve_discrete_equations(source, w, sigma, tolerance, form)
     return w, q
 
 
 def _solve_discrete_equations(source: Source, w: Array, sigma: Array, tolerance: float, form: Form) -> Array:
-    """w with (w, psi_a) = (f, psi_a) + <sigma, psi_a>, up to an error that div q may have.
+    """w with k (grad w, grad psi_a) + c (w, psi_a) = (f, psi_a) + <sigma, psi_a>, up to what div q may lack.
 
     Let r_a be what is left of this equation. Patch a spreads it over the area |a| of its triangles, and at
     most three patches lie at any place. So the square of what div q lacks is at most sum 3 r_a^2 / |a|, which
     is brought down to `tolerance`.
     """
     mesh = source.mesh
-    held = np.where(form.clamped_nodes(source.mesh), w, 0.0)
-    rhs = subtract_lift_from_load(mesh, form, source.load + edge_load(mesh, sigma), held)
-    return held + solve_sparse(form_matrix(mesh, form), rhs, w - held, lumped_mass(mesh), tolerance)[0]
+    lift = np.where(form.clamped_nodes(source.mesh), w, 0.0)
+    rhs = subtract_lift_from_load(mesh, form, source.load + edge_load(mesh, sigma), lift)
+    return lift + solve_sparse(form_matrix(mesh, form), rhs, w - lift, lumped_mass(mesh), tolerance)[0]
 
 
 def _build_misfit_field(
@@ -274,28 +274,29 @@ def _build_misfit_field(
     """The `_MisfitField` of q + theta r for w; w and q are as `balance_potential` gives them."""
     mesh = spaces.mesh
 
-    # theta r, and rho with what that leaves of its mean-free part, -p
+    # theta r as above, and rho with what that leaves of its mean-free part, -p
     p = form.c * w[mesh.triangles] - source.f_h
     x = mesh.points[mesh.triangles]
     along = np.roll(x, -1, axis=1) - x
+    # on the edge from x_i to x_j r is a bubble, 4 psi_i psi_j, times (p_i - p_j) (x_j - x_i) / 12
     fall = p - np.roll(p, -1, axis=1)
     r = fall[..., None] * along / 12
     p_free = p - p.mean(axis=1, keepdims=True)
-    of_div = form.k * linear_square_norms(mesh.areas, p_free)
-    both = of_div + form.c * quadratic_square_norms(mesh.areas, np.zeros_like(r), r)
-    theta = np.divide(of_div, both, out=np.ones_like(both), where=both > 0)
+    div_squares = form.k * linear_square_norms(mesh.areas, p_free)
+    total_squares = div_squares + form.c * quadratic_square_norms(mesh.areas, np.zeros_like(r), r)
+    theta = np.divide(div_squares, total_squares, out=np.ones_like(total_squares), where=total_squares > 0)
     thick = form.c * mesh.longest_edges**2 > THICK_TRIANGLE_LAYERS**2 * form.k
     theta = np.where(thick, 0.0, theta)[:, None]
-    ends = triangle_inflows(mesh, q, slice(None))
-    divergence = -0.5 * (ends[0] + ends[1]).sum(axis=0) / mesh.areas
+    inflows = triangle_inflows(mesh, q, slice(None))
+    divergence = -0.5 * (inflows[0] + inflows[1]).sum(axis=0) / mesh.areas
     rho = (divergence - p.mean(axis=1))[:, None] - (1 - theta) * p_free
 
     # what rounding may do to w, q and r
     size = (SUM_ROUNDING + mesh.distortion) * np.abs(p).max(axis=1)
     largest = np.abs(w[mesh.triangles]).max(axis=1)
     stretched = stretched_divergence(mesh, q)
-    more_field, more_rho = rounding_allowances(
-        mesh, slice(None), largest, source.f_h.T, ends, form, stretched
+    misfit_allowance, rho_allowance = rounding_allowances(
+        mesh, slice(None), largest, source.f_h.T, inflows, form, stretched
     )
     return _MisfitField(
         spaces,
@@ -305,8 +306,8 @@ def _build_misfit_field(
         hats=-misfit(mesh, w, q, slice(None), form.k),
         bubbles=theta[..., None] * r,
         rho=rho,
-        misfit_allowance=more_field + mesh.longest_edges * size,
-        rho_allowance=more_rho + 2 * size,
+        misfit_allowance=misfit_allowance + mesh.longest_edges * size,
+        rho_allowance=rho_allowance + 2 * size,
         is_thick=thick,
         outflows=outflows(mesh, form, q),
     )
@@ -325,23 +326,24 @@ def _minimise_eta(
     d = np.zeros(spaces.size)
     outer = np.zeros(len(spaces.boundary_unknowns), dtype=bool)
     outer[lifting.constraint.unknowns[~lifting.constraint.clamped_edges]] = True
-    outer[0] = True
+    outer[0] = True  # constants have no curl
+    # v starts as g in contact, and stays that there; phi is 0 on sides not clamped, and on thick triangles
     d[spaces.boundary_unknowns] = np.concatenate(lifting.meet_obstacle(field.w[spaces.mesh.boundary]))
     free = spaces.vanishing_basis(lifting.contact)
     inner = spaces.vanishing_basis(outer, spaces.unknowns[field.is_thick])
 
     # eta^2 before the first step, with W^2 in place of 1/c; both summands as quadratic functions
-    of_field, *of_rho = field.square_norms(d).sum(axis=1)
-    square = of_field / form.k + form.value_constant**2 * sum(of_rho) + complementarity
-    of_curl = spaces.gradient_load(_curl(field.hats), _curl(field.bubbles)) / form.k
-    of_phi = spaces.conjugate_gradients(
-        spaces.matrix(Form(1 / form.k, 0.0)), of_curl, np.zeros(spaces.size), inner
+    misfit_squares, *rho_squares = field.square_norms(d).sum(axis=1)
+    eta_square = misfit_squares / form.k + form.value_constant**2 * sum(rho_squares) + complementarity
+    curl_load = spaces.gradient_load(_curl(field.hats), _curl(field.bubbles)) / form.k
+    phi_descent = spaces.conjugate_gradients(
+        spaces.matrix(Form(1 / form.k, 0.0)), curl_load, np.zeros(spaces.size), inner
     )
-    of_v = spaces.conjugate_gradients(spaces.matrix(form), load, w + d, free)
+    v_descent = spaces.conjugate_gradients(spaces.matrix(form), load, w + d, free)
     gain = math.inf
     steps = 0
-    while gain > MIN_RELATIVE_GAIN * abs(square) and steps < MAX_DESCENT_STEPS:  # below 0 where v < g
-        gain = of_v.step() + of_phi.step()
-        square = square - gain
+    while gain > MIN_RELATIVE_GAIN * abs(eta_square) and steps < MAX_DESCENT_STEPS:  # below 0 where v < g
+        gain = v_descent.step() + phi_descent.step()
+        eta_square = eta_square - gain
         steps = steps + 1
-    return d + free @ of_v.x, inner @ of_phi.x, steps
+    return d + free @ v_descent.x, inner @ phi_descent.x, steps

@@ -71,17 +71,11 @@ class Source:
 
     @property
     def load(self) -> Array:
-        """The load vector (f_h, phi_i).
-
-        The shape is (n,).
-        """
+        """The load vector (f_h, phi_i), (n,)."""
         return load_vector(self.mesh, self.moments())
 
     def moments(self, triangles: slice = slice(None)) -> Array:
-        """The moments of f_h, and so of p, with the hats of some triangles, or of all.
-
-        The shape is (k, 3).
-        """
+        """The moments of f_h, and so of p, with the hats of some triangles, or of all, (k, 3)."""
         return linear_moments(self.mesh.areas[triangles], self.f_h[triangles])
 
     @property
@@ -106,63 +100,68 @@ class Source:
         mesh = self.mesh
         size = coordinate_scale(self.mesh)
         places = np.ascontiguousarray(mesh.points.T)
-        for some in (triangles[of] for of in row_blocks(len(triangles), TRIANGLES_PER_BLOCK)):
+        for block in row_blocks(len(triangles), TRIANGLES_PER_BLOCK):
+            some = triangles[block]
             area = mesh.areas[some]
-            of = ancestors.numbers[some]
-            f_h, squares = project_polynomials(places[:, mesh.triangles[some].T], ancestors.polynomials, of)
+            numbers = ancestors.numbers[some]
+            corners = places[:, mesh.triangles[some].T]
+            f_h, squares = project_polynomials(corners, ancestors.polynomials, numbers)
+            # E_T = |T|^{1/2} rad, on the triangle and on what rounding leaves between triangles
             outer = widen_areas(area, 3 * mesh.longest_edges[some], size)
             self.f_h[some] = f_h.T
             self.oscillation[some] = np.sqrt(area * squares)
             self.jumps[some] = 0.0
-            self.remainder[some] = np.sqrt(outer) * ancestors.polynomials.remainder[of]
+            self.remainder[some] = np.sqrt(outer) * ancestors.polynomials.remainder[numbers]
 
     def piece_sums(self, triangles: Mask) -> PieceSums:
         """The sums over some of the triangles."""
         area = self.mesh.areas[triangles]
         means = self.f_h[triangles].mean(axis=1)
-        squares = (
+        p_squares = (
             linear_square_norms(area, self.f_h[triangles])
             + (self.oscillation[triangles] + self.jumps[triangles]) ** 2
         )
-        unknown = float(np.sum(self.remainder[triangles] ** 2))
-        return PieceSums(unknown, float(squares.sum()), float(area @ means), float(area.sum()), len(area))
+        remainder_squares = float(np.sum(self.remainder[triangles] ** 2))
+        return PieceSums(
+            remainder_squares, float(p_squares.sum()), float(area @ means), float(area.sum()), len(area)
+        )
 
 
 def enclose_function(
     mesh: Mesh, f: SourceFunction, coarser: Source | None = None, length_scale: float = 1.0
 ) -> Source:
-    """f on the mesh; `rest` is infinite where f has no bound, and large where the pieces did not suffice.
+    """f on the mesh; `remainder` is infinite where f has no bound, and large where pieces did not suffice.
 
     What is known on a mesh `coarser`, from which this one was refined, is kept where that is enough. For the
     `length_scale` see `relative_mesh_size`.
     """
     n = len(mesh.triangles)
     source = Source(mesh, np.empty((n, 3)), *np.empty((3, n)))
-    seen = None
+    ancestors = None
     sums = PieceSums()
     if coarser:
         source.fill_from_source(slice(len(coarser.f_h)), coarser)
     if coarser and coarser.ancestors:
-        seen = coarser.ancestors
+        ancestors = coarser.ancestors
         sums = coarser.piece_sums(np.ones(len(coarser.f_h), dtype=bool))
     first = coarser.mesh if coarser else mesh.coarse or mesh
-    search = AncestorSearch(mesh, f, relative_mesh_size(mesh, length_scale), first, seen, sums)
+    search = AncestorSearch(mesh, f, relative_mesh_size(mesh, length_scale), first, ancestors, sums)
+    # triangles of the mesh itself on which no ancestor's polynomial is near enough are quartered
     wide = search.is_new & search.find_coarse_triangles()
     source.fill_from_ancestors(np.flatnonzero(search.is_new & ~wide), search.ancestors)
     sums = search.sums
     if wide.any():
-        left = np.flatnonzero(wide)
+        wide_triangles = np.flatnonzero(wide)
         pieces, sums = _enclose_by_quartering(
-            mesh.select_triangles(left),
+            mesh.select_triangles(wide_triangles),
             f,
             length_scale,
-            source.piece_sums(~wide),
-            max(MAX_SOURCE_PIECES, 4 * n),
+            sums=source.piece_sums(~wide),
+            max_pieces=max(MAX_SOURCE_PIECES, 4 * n),
         )
-        source.fill_from_source(left, pieces)
-    resolved = float(source.remainder @ source.remainder) <= MAX_RESOLVED_RATIO * sums.target(
-        relative_mesh_size(mesh, length_scale)
-    )
+        source.fill_from_source(wide_triangles, pieces)
+    target = sums.target(relative_mesh_size(mesh, length_scale))
+    resolved = float(source.remainder @ source.remainder) <= MAX_RESOLVED_RATIO * target
     return replace(source, is_resolved=resolved, ancestors=search.ancestors)
 
 
@@ -170,11 +169,9 @@ def enclose_source(
     mesh: Mesh, f: SourceFunction | Array, form: Form, coarser: Source | None = None
 ) -> Source:
     """f on the mesh, `enclose_function`, or linear if it is given at the nodes (n,)."""
-    return (
-        linear_source(mesh, f)
-        if isinstance(f, np.ndarray)
-        else enclose_function(mesh, f, coarser, form.length_scale)
-    )
+    if isinstance(f, np.ndarray):
+        return linear_source(mesh, f)
+    return enclose_function(mesh, f, coarser, form.length_scale)
 
 
 def linear_source(mesh: Mesh, f: Array) -> Source:
@@ -185,59 +182,64 @@ def linear_source(mesh: Mesh, f: Array) -> Source:
 def _enclose_by_quartering(
     mesh: Mesh, f: SourceFunction, length_scale: float, sums: PieceSums, max_pieces: int
 ) -> tuple[Source, PieceSums]:
-    """f on a part of a mesh, from pieces that are quartered until the sum of E^2 meets its target, and the sums over all pieces."""
+    """f on a part of a mesh, from pieces quartered until the sum of E^2 meets its target, and all sums."""
     n = len(mesh.triangles)
     corners = np.broadcast_to(np.eye(3), (n, 3, 3))
     parent = np.arange(n)
-    done = []
+    piece_blocks = []
     while parent.size:
         pieces, owner = enclose_pieces(mesh, corners, parent, f)
         max_pieces -= len(owner)
         # E^2, where what may lack in the integral is spread over the piece's triangle
-        rest = pieces.remainder_squares + pieces.jump_integral**2 / mesh.areas[pieces.parent]
+        remainder_squares = pieces.remainder_squares + pieces.jump_integral**2 / mesh.areas[pieces.parent]
         area = pieces.area
-        of_p = polynomial_means(pieces.c)
-        squares = np.bincount(owner, rest, len(parent)).astype(float)
-        total = sums + sum_pieces(of_p, area, rest)
-        enough = total.target(relative_mesh_size(mesh, length_scale))
-        wide = squares > (0.5 * enough / total.count if total.remainder_squares > enough else np.inf)
-        wide[wide] = squares[wide] > MIN_QUARTERING_RATIO * attainable_squares(
-            mesh, corners[wide], parent[wide], f
+        p_means = polynomial_means(pieces.c)
+        piece_squares = np.bincount(owner, remainder_squares, len(parent)).astype(float)
+        total = sums + sum_pieces(p_means, area, remainder_squares)
+        target = total.target(relative_mesh_size(mesh, length_scale))
+        # too wide: more than half of an equal share of the target, and more than rounding leaves
+        is_wide = piece_squares > (0.5 * target / total.count if total.remainder_squares > target else np.inf)
+        is_wide[is_wide] = piece_squares[is_wide] > MIN_QUARTERING_RATIO * attainable_squares(
+            mesh, corners[is_wide], parent[is_wide], f
         )
-        if 4 * np.count_nonzero(wide) > max_pieces:
-            wide &= np.argsort(np.argsort(-squares)) < max_pieces // 4
-        kept = ~wide[owner]
-        done.append(pieces.select(kept))
-        sums += sum_pieces(of_p[:, kept], area[kept], rest[kept])
-        corners = quarter(corners[wide])
-        parent = np.repeat(parent[wide], 4)
-    return _project_pieces(mesh, done), sums
+        # if the budget does not suffice for all, the widest ones are quartered
+        if 4 * np.count_nonzero(is_wide) > max_pieces:
+            is_wide &= np.argsort(np.argsort(-piece_squares)) < max_pieces // 4
+        is_done = ~is_wide[owner]
+        piece_blocks.append(pieces.select(is_done))
+        sums += sum_pieces(p_means[:, is_done], area[is_done], remainder_squares[is_done])
+        corners = quarter(corners[is_wide])
+        parent = np.repeat(parent[is_wide], 4)
+    return _project_pieces(mesh, piece_blocks), sums
 
 
 def _project_pieces(mesh: Mesh, piece_blocks: list[TrianglePieces]) -> Source:
     """f_h and what is left of f, from pieces that cover the mesh."""
     n = len(mesh.triangles)
     moments = np.zeros((n, 3))
-    squares = np.zeros(n)
-    rest = np.zeros(n)
-    jumping = np.zeros(n)
-    integral = np.zeros(n)
+    oscillation_squares = np.zeros(n)
+    remainder_squares = np.zeros(n)
+    jump_squares = np.zeros(n)
+    jump_integrals = np.zeros(n)
     for pieces in piece_blocks:
-        own = pieces.area[:, None] * (hat_means() @ pieces.c).T
-        np.add.at(moments, pieces.parent, np.einsum("ki,kib->kb", own, pieces.corners))
-        rest += np.bincount(pieces.parent, pieces.remainder_squares, n)
-        jumping += np.bincount(pieces.parent, pieces.jump_norm**2, n)
-        integral += np.bincount(pieces.parent, pieces.jump_integral, n)
+        piece_moments = pieces.area[:, None] * (hat_means() @ pieces.c).T
+        np.add.at(moments, pieces.parent, np.einsum("ki,kib->kb", piece_moments, pieces.corners))
+        remainder_squares += np.bincount(pieces.parent, pieces.remainder_squares, n)
+        jump_squares += np.bincount(pieces.parent, pieces.jump_norm**2, n)
+        jump_integrals += np.bincount(pieces.parent, pieces.jump_integral, n)
+    # the L2 projection to linear functions, whose mass matrix is |T| (1 + delta_ij) / 12
     f_h = (12 * moments - 3 * moments.sum(axis=1, keepdims=True)) / mesh.areas[:, None]
     for pieces in piece_blocks:
         a, b, c = np.einsum("kib,kb->ik", pieces.corners, f_h[pieces.parent])
-        left = pieces.c.copy()
-        left[:3] -= 0.5 * np.stack([b + c, c - a, b - a])  # of degree 1: (0, 1), (1, 0)
-        squares += np.bincount(pieces.parent, pieces.outer_area * polynomial_means(left)[1], n)
+        # in the piece's variables f_h is (b + c) / 2 at 0, and has the slopes (c - a) / 2 and (b - a) / 2
+        difference = pieces.c.copy()
+        difference[:3] -= 0.5 * np.stack([b + c, c - a, b - a])  # of degree 1: (0, 1), (1, 0)
+        square_means = polynomial_means(difference)[1]
+        oscillation_squares += np.bincount(pieces.parent, pieces.outer_area * square_means, n)
     return Source(
         mesh,
         f_h,
-        oscillation=np.sqrt(squares),
-        jumps=np.sqrt(jumping),
-        remainder=np.sqrt(rest) + integral / np.sqrt(mesh.areas),
+        oscillation=np.sqrt(oscillation_squares),
+        jumps=np.sqrt(jump_squares),
+        remainder=np.sqrt(remainder_squares) + jump_integrals / np.sqrt(mesh.areas),
     )

@@ -4,10 +4,10 @@ f is enclosed on the triangles of the first mesh. Where that leaves too much of 
 that came from them, down to the mesh itself.
 
 On a triangle f is near a polynomial p, |f - p| <= rad. This holds on all triangles of a mesh that lie in it.
-In p's variables (`source_pieces`) the corners of the smaller triangles are multiples of FINEST, for each
-halving of an edge halves the differences. In memory nodes are rounded midpoints: every halving rounds them by
-half an EPS of their size. rad holds for coordinates that are rounded by up to ROUNDING of their size, so p is
-used on triangles that are up to MOST_HALVINGS halvings finer.
+In p's variables (`source_pieces`) the corners of the smaller triangles are multiples of ANCESTOR_GRID_STEP,
+for each halving of an edge halves the differences. In memory nodes are rounded midpoints: every halving
+rounds them by half an EPS of their size. rad holds for coordinates that are rounded by up to VERTEX_ROUNDING
+of their size, so p is used on triangles that are up to MAX_ANCESTOR_HALVINGS halvings finer.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ from unilateral.geometry.refinement import RefinementStep
 from unilateral.problems.problem import SourceFunction
 
 MAX_ANCESTOR_HALVINGS = 6
-"""p is used on triangles that are at most this many halvings finer than its own; 8 would use up ROUNDING."""
+"""p is used on triangles up to this many halvings finer than its own; 8 would use up VERTEX_ROUNDING."""
 ANCESTOR_GRID_STEP = 2.0**-MAX_ANCESTOR_HALVINGS
 PROJECTION_ROUNDING = 192
-"""`project_polynomials` may be off by this times EPS sum |c|, in f_h and in the root mean square of p - f_h together.
+"""`project_polynomials` is off by at most this times EPS sum |c|, in f_h and the root mean square of p - f_h.
 
 Points are off by 2 EPS in either variable, monomials have degree 4, and Horner's scheme takes 16 operations:
 p is off by 16 EPS sum |c| in each point. The numbers that make f_h of p have absolute values of 2.5 in sum,
@@ -56,21 +56,21 @@ TRIANGLES_PER_BLOCK = 1 << 11
 MIN_RUN_LENGTH = 128
 """Runs of triangles that lie alike in those around them get matrices if they are this long on average."""
 TARGET_REMAINDER_RATIO = 0.003
-"""The rest of f may be as large as this times `relative_mesh_size` times ||p - mean p||.
+"""E may be as large as this times `relative_mesh_size` times ||p - mean p||.
 
 It falls with h, like discretisation errors.
 """
 COARSE_TARGET_SHARE = 0.1
-"""On coarser triangles only this fraction of ENOUGH is allowed, for there it costs next to nothing."""
+"""On coarser triangles only this fraction of the target is allowed, for there it costs next to nothing."""
 MIN_TARGET_RATIO = 1e-13
-"""The rest of f may always be this times ||p||: that is the rounding of p, the same on smaller pieces."""
+"""E may always be this times ||p||: that is the rounding of p, the same on smaller pieces."""
 
 
 class Polynomials(NamedTuple):
     """p on triangles by its c (m, k), and rad (k,); `frame` (6, k) is the map from places to p's variables.
 
     Take a place less the last two rows. Its products with the first two rows and with the next two are, but
-    for rounding, the two variables, in units of FINEST.
+    for rounding, the two variables, in units of ANCESTOR_GRID_STEP.
     """
 
     c: Array
@@ -79,7 +79,7 @@ class Polynomials(NamedTuple):
 
     def select(self, numbers: Index) -> Polynomials:
         """The polynomials that are chosen (k,)."""
-        return Polynomials(*(each[..., numbers] for each in self))
+        return Polynomials(*(values[..., numbers] for values in self))
 
 
 def no_polynomials() -> Polynomials:
@@ -91,24 +91,22 @@ def no_polynomials() -> Polynomials:
 
 def concatenate_polynomials(sets: Sequence[Polynomials]) -> Polynomials:
     """The polynomials of several sets, one set after another."""
-    return Polynomials(*(np.concatenate(each, axis=-1) for each in zip(*sets, strict=True)))
+    return Polynomials(*(np.concatenate(fields, axis=-1) for fields in zip(*sets, strict=True)))
 
 
 def enclose_ancestors(corners: Array, scale: float, f: SourceFunction) -> Polynomials:
     """f on triangles with those corners (k, 3, 2), of a mesh of that `coordinate_scale`."""
-    known = []
-    for of in row_blocks(len(corners)):
-        c, rad, ordered = enclose_triangles(corners[of], scale, f)
+    sets = []
+    for block in row_blocks(len(corners)):
+        c, rad, ordered = enclose_triangles(corners[block], scale, f)
         frame = _frame(*ordered.transpose(1, 2, 0))
-        known.append(Polynomials(c, rad + PROJECTION_ROUNDING * EPS * np.abs(c).sum(axis=0), frame))
-    return concatenate_polynomials(known)
+        sets.append(Polynomials(c, rad + PROJECTION_ROUNDING * EPS * np.abs(c).sum(axis=0), frame))
+    return concatenate_polynomials(sets)
 
 
 def _frame(a: Array, u: Array, v: Array) -> Array:
-    """The maps from places to the variables of p on triangles with these corners, in units of the grid step.
-
-    The shape is (6, k).
-    """
+    """The maps (6, k) from places to p's variables on triangles with these corners, in grid steps."""
+    # x = (u + v) / 2 + sigma_1 e + sigma_2 f, solved for sigma by Cramer's rule
     e = 0.5 * (u - a)
     f = 0.5 * (v - a)
     scale = 1 / (ANCESTOR_GRID_STEP * (e[0] * f[1] - e[1] * f[0]))
@@ -117,8 +115,6 @@ def _frame(a: Array, u: Array, v: Array) -> Array:
 
 def project_polynomials(corners: Array, polynomials: Polynomials, numbers: Int32) -> tuple[Array, Array]:
     """The L2 projection f_h of p at the corners of each triangle, and the mean of (p - f_h)^2 there.
-
-    The shape is (3, k).
 
     `numbers` (k,) says which p is known on each triangle. Where refinement was uniform, triangles in a row
     lie alike in those around them.
@@ -148,9 +144,7 @@ def _project_each(variables: Array, c: Array) -> tuple[Array, Array]:
 
 
 def _coefficient_matrices(variables: Array) -> tuple[Array, Array]:
-    """Matrices that take the coefficients of p to f_h, and to numbers whose squares add up to the mean of (p - f_h)^2.
-
-    Returns arrays of the shapes (r, 3, m), (r, q, m).
+    """Matrices from p's coefficients to f_h (r, 3, m), and to numbers (r, q, m), for each of r triangles.
 
     The squares of these numbers add up to the mean of (p - f_h)^2.
     """
@@ -166,10 +160,7 @@ def _coefficient_matrices(variables: Array) -> tuple[Array, Array]:
 
 
 def corner_variables(corners: Array, frame: Array) -> tuple[Array, Array]:
-    """The exact variables of p at the corners of triangles.
-
-    Returns arrays of the shapes (3, k), (3, k).
-    """
+    """The exact variables of p at the corners of triangles, (3, k) each."""
     xx, xy, yx, yy, *middle = frame
     x = corners[0] - middle[0]
     y = corners[1] - middle[1]
@@ -177,34 +168,29 @@ def corner_variables(corners: Array, frame: Array) -> tuple[Array, Array]:
 
 
 def _evaluate_polynomials(c: Array, x: Array, y: Array) -> Array:
-    """The values of polynomials at points, by Horner's scheme.
-
-    The shape is (q, k).
-    """
+    """The values of polynomials at points, by Horner's scheme, (q, k)."""
     number = {(i, j): k for k, (i, j) in enumerate(monomial_basis(2, SOURCE_DEGREE).exponents.tolist())}
     p = np.zeros_like(x)
     for j in range(SOURCE_DEGREE, -1, -1):
-        of_x = np.zeros_like(x)
+        x_polynomial = np.zeros_like(x)
         for i in range(SOURCE_DEGREE - j, -1, -1):
-            of_x *= x
-            of_x += c[number[i, j]]
+            x_polynomial *= x
+            x_polynomial += c[number[i, j]]
         p *= y
-        p += of_x
+        p += x_polynomial
     return p
 
 
 @cache
 def _corner_projection_matrix() -> Array:
-    """The matrix from values at the points of the rule to the L2 projection f_h at the corners.
-
-    The shape is (3, q).
-    """
+    """The matrix from values at the points of the rule to the L2 projection f_h at the corners, (3, q)."""
     hats, weights = symmetric_rule(2 * SOURCE_DEGREE)
+    # the inverse of the mass matrix (1 + delta_ij) / 12 takes moments M_i to 12 M_i - 3 sum M_j
     return np.asarray((weights[:, None] * (12 * hats - 3)).T)
 
 
 class Ancestors(NamedTuple):
-    """Polynomials; triangle t has the one with the number of[t], found halvings[t] halvings above it.
+    """Polynomials; triangle t has the one with the number numbers[t], found halvings[t] halvings above it.
 
     `numbers` and `halvings` are (m,).
     """
@@ -232,26 +218,18 @@ class PieceSums:
 
         The wanted E is a fraction of ||f - mean f||, of which only ||p - mean p|| - E is certain.
         """
-        unknown = math.sqrt(self.remainder_squares)
+        E = math.sqrt(self.remainder_squares)
         norm = math.sqrt(self.p_squares)
-        spread = (
-            math.sqrt(max(self.p_squares - self.p_integral * (self.p_integral / self.area), 0.0)) - unknown
-        )
-        return (
-            max(
-                share * TARGET_REMAINDER_RATIO * relative_size * spread,
-                MIN_TARGET_RATIO * (norm - unknown),
-                0.0,
-            )
-            ** 2
-        )
+        spread = math.sqrt(max(self.p_squares - self.p_integral * (self.p_integral / self.area), 0.0)) - E
+        wanted_E = share * TARGET_REMAINDER_RATIO * relative_size * spread
+        return max(wanted_E, MIN_TARGET_RATIO * (norm - E), 0.0) ** 2
 
 
 def relative_mesh_size(mesh: Mesh, length_scale: float) -> float:
     """h over a length, at most 1, for the h that a mesh has if its triangles are alike, halves of squares.
 
-    In a bound E counts by ||z||_0 and a rest with mean 0 by h |z|_1. ||z||_0 is at most `Form.length_scale` times
-    ||z|| where |z|_1 is at most ||z||.
+    In a bound E counts by ||z||_0 and a rest with mean 0 by h |z|_1. ||z||_0 is at most `Form.length_scale`
+    times ||z|| where |z|_1 is at most ||z||.
     """
     return min(math.sqrt(2 * float(mesh.areas.sum()) / len(mesh.areas)) / length_scale, 1.0)
 
@@ -263,7 +241,7 @@ def sum_pieces(p_means: Array, area: Array, remainder_squares: Array) -> PieceSu
 
 
 class AncestorSearch:
-    """The search for p, from the triangles of the first mesh, or of that `before`, to those made from them.
+    """The search for p, from the triangles of the first mesh, or of one before, to those made from them.
 
     On the mesh in hand each triangle has the polynomial with the number in `numbers` (m,), found `halvings`
     (m,) halvings above it. `is_coarse` (m,) marks the triangles whose polynomial is not near enough, `is_new`
@@ -280,7 +258,7 @@ class AncestorSearch:
         ancestors: Ancestors | None,
         sums: PieceSums,
     ) -> None:
-        """Search from the `first_mesh` mesh on, with what was seen there `ancestors`, if anything, and its sums."""
+        """Search from the `first_mesh` on, with the `ancestors` that were found there, if any, and sums."""
         self.mesh = mesh
         self.f = f
         self.relative_size = relative_size
@@ -297,10 +275,11 @@ class AncestorSearch:
             self.halvings = ancestors.halvings.copy()
             self.is_new = ~self.is_coarse
             self.is_coarse = self._exceeds_coarse_target(ancestors.polynomials.remainder[ancestors.numbers])
-            asked = self.is_coarse & (self.halvings > 0) & _find_split_triangles(steps, n)
+            is_searched = self.is_coarse & (self.halvings > 0) & _find_split_triangles(steps, n)
         else:
-            asked = self.is_coarse
-        self._enclose(first_mesh.triangles[asked], np.flatnonzero(asked))
+            is_searched = self.is_coarse
+        self._enclose(first_mesh.triangles[is_searched], np.flatnonzero(is_searched))
+        # a triangle that was cut is searched if its ancestor is too coarse, or too many halvings above it
         for step in steps:
             again = self.is_coarse[step.parent] | (self.halvings[step.parent] == MAX_ANCESTOR_HALVINGS)
             self.numbers = step.inherit(self.numbers)
@@ -320,17 +299,17 @@ class AncestorSearch:
         """Enclose f on the triangles with those nodes (k, 3) and the numbers `triangles` (k,)."""
         if not triangles.size:
             return
-        asked = enclose_ancestors(self.mesh.points[nodes], coordinate_scale(self.mesh), self.f)
+        enclosed = enclose_ancestors(self.mesh.points[nodes], coordinate_scale(self.mesh), self.f)
         self.numbers[triangles] = len(self.polynomials.remainder) + np.arange(len(triangles))
-        self.polynomials = concatenate_polynomials([self.polynomials, asked])
+        self.polynomials = concatenate_polynomials([self.polynomials, enclosed])
         self.halvings[triangles] = 0
         self.is_new[triangles] = True
         area = signed_areas(self.mesh.points, nodes)
         self.is_coarse[triangles] = self._exceeds_coarse_target(
-            asked.remainder, self._extend_sums(asked, area)
+            enclosed.remainder, self._extend_sums(enclosed, area)
         )
         fine = np.flatnonzero(~self.is_coarse[triangles])
-        self.sums = self._extend_sums(asked.select(fine), area[fine])
+        self.sums = self._extend_sums(enclosed.select(fine), area[fine])
 
     def _extend_sums(self, polynomials: Polynomials, area: Array) -> PieceSums:
         """The sums with those over triangles of these areas (k,) added, unless they contain these already."""
@@ -339,39 +318,30 @@ class AncestorSearch:
         return self.sums + sum_pieces(polynomial_means(polynomials.c), area, area * polynomials.remainder**2)
 
     def _exceeds_coarse_target(self, remainder: Array, sums: PieceSums | None = None) -> Mask:
-        """Where a remainder would be too large if all triangles of the mesh had it.
-
-        The shape is (k,).
-        """
-        wanted = (sums or self.sums).target(self.relative_size, COARSE_TARGET_SHARE)
-        return np.asarray(remainder**2 * float(self.mesh.areas.sum()) > 0.5 * wanted)
+        """Where a remainder would be too large if all triangles of the mesh had it, (k,)."""
+        target = (sums or self.sums).target(self.relative_size, COARSE_TARGET_SHARE)
+        return np.asarray(remainder**2 * float(self.mesh.areas.sum()) > 0.5 * target)
 
     def find_coarse_triangles(self) -> Mask:
-        """The triangles of the mesh on which the remainder is too large for the target.
-
-        The shape is (m,).
+        """The triangles of the mesh on which the remainder is too large for the target, (m,).
 
         Half of what is wanted is shared out among the triangles by area, the other half equally.
         """
         area = self.mesh.areas
         n = len(self.mesh.triangles)
         rad = self.polynomials.remainder[self.numbers]
-        left = np.flatnonzero(self.is_coarse & self.is_new)
-        wanted = self._extend_sums(self.polynomials.select(self.numbers[left]), area[left]).target(
-            self.relative_size
-        )
+        candidates = np.flatnonzero(self.is_coarse & self.is_new)
+        polynomials = self.polynomials.select(self.numbers[candidates])
+        target = self._extend_sums(polynomials, area[candidates]).target(self.relative_size)
         share = 0.5 * (area / float(area.sum()) + 1 / n)
-        wide = self.is_coarse & (area * rad**2 > 0.5 * wanted * share)
-        fine = left[~wide[left]]
+        is_coarse = self.is_coarse & (area * rad**2 > 0.5 * target * share)
+        fine = candidates[~is_coarse[candidates]]
         self.sums = self._extend_sums(self.polynomials.select(self.numbers[fine]), area[fine])
-        return np.asarray(wide)
+        return np.asarray(is_coarse)
 
 
 def _find_split_triangles(steps: Sequence[RefinementStep], n: int) -> Mask:
-    """Which of the first n triangles the steps of refinement cut.
-
-    The shape is (n,).
-    """
+    """Which of the first n triangles the steps of refinement cut, (n,)."""
     cut = np.zeros(n, dtype=bool)
     for step in steps:
         cut[step.parent[step.parent < n]] = True

@@ -1,7 +1,7 @@
 """Triangles and pieces of them on which f is a polynomial p, up to a bounded remainder and what jumps leave.
 
-p has the degree ORDER. Its two variables sigma are (1, -1) and (-1, 1) at the ends of the longest edge, which
-is opposite to a piece's first corner, and (-1, -1) at that corner.
+p has the degree SOURCE_DEGREE. Its two variables sigma are (1, -1) and (-1, 1) at the ends of the longest
+edge, which is opposite to a piece's first corner, and (-1, -1) at that corner.
 
 Pieces are cut along the lines and circles at which steps pos(a, 0) jump, a circle along chords. Between a
 chord and its arc a step does not have the value that it has in the rest of the piece; the area in between is
@@ -57,12 +57,12 @@ class TrianglePieces(NamedTuple):
 
     def select(self, selection: Mask) -> TrianglePieces:
         """Some of the pieces."""
-        others = {name: getattr(self, name)[selection] for name in self._fields if name != "c"}
-        return self._replace(c=self.c[:, selection], **others)
+        fields = {name: getattr(self, name)[selection] for name in self._fields if name != "c"}
+        return self._replace(c=self.c[:, selection], **fields)
 
 
 def coordinate_scale(mesh: Mesh) -> float:
-    """ROUNDING times this is at least the rounding of coordinates and the nodes' `shift` together."""
+    """VERTEX_ROUNDING times this is at least the rounding of coordinates and the nodes' shifts together."""
     return float(np.abs(mesh.polygon.vertices).max() + mesh.node_shifts.max() / VERTEX_ROUNDING)
 
 
@@ -72,25 +72,23 @@ def piece_areas(mesh: Mesh, corners: Array, parent: Index) -> Array:
 
 
 def attainable_squares(mesh: Mesh, corners: Array, parent: Index, source_function: SourceFunction) -> Array:
-    """The E^2 that each piece would have if f were known on all of it as well as in its middle.
-
-    The shape is (k,).
+    """The E^2 that each piece would have if f were known on all of it as well as in its middle, (k,).
 
     Smaller pieces would be in vain.
     """
     middle = corners.mean(axis=1, keepdims=True) @ mesh.points[mesh.triangles[parent]]
-    known = []
+    remainders = []
     size = coordinate_scale(mesh)
     for block in row_blocks(len(parent)):
         vertices = np.repeat(middle[block], 3, axis=1)
-        known.append(
+        remainders.append(
             _remainder_bound(
                 _taylor_model(
                     vertices, size, source_function, step_values(vertices, source_function.jumps, size)[0]
                 )
             )
         )
-    return piece_areas(mesh, corners, parent) * np.concatenate([np.zeros(0), *known]) ** 2
+    return piece_areas(mesh, corners, parent) * np.concatenate([np.zeros(0), *remainders]) ** 2
 
 
 def enclose_pieces(
@@ -100,19 +98,16 @@ def enclose_pieces(
     pieces = []
     owners = []
     for block in row_blocks(len(parent)):
-        parts, owner = split_at_jumps(mesh, corners[block], parent[block], source_function.jumps)
-        pieces.append(enclose_block(mesh, parts, parent[block][owner], source_function))
+        split_corners, owner = split_at_jumps(mesh, corners[block], parent[block], source_function.jumps)
+        pieces.append(enclose_block(mesh, split_corners, parent[block][owner], source_function))
         owners.append(owner + block.start)
-    c, *others = zip(*pieces, strict=True)
-    joined = TrianglePieces(np.concatenate(c, axis=1), *map(np.concatenate, others))
+    c, *fields = zip(*pieces, strict=True)
+    joined = TrianglePieces(np.concatenate(c, axis=1), *map(np.concatenate, fields))
     return joined, np.concatenate(owners)
 
 
 def widen_areas(area: Array, perimeter: Array, scale: float) -> Array:
-    """The areas of pieces plus what may lie between them.
-
-    The shape is (k,).
-    """
+    """The areas of pieces plus what may lie between them, (k,)."""
     return area + MAX_GAP_WIDTH * EPS * scale * perimeter
 
 
@@ -125,9 +120,11 @@ def enclose_triangles(
     """
     order, _ = _order_corners(vertices)
     vertices = np.take_along_axis(vertices, order[..., None], axis=1)
-    steps, wrong = step_values(vertices, source_function.jumps, scale)
-    both = {step: np.where(np.isnan(wrong[step]), value, np.nan) for step, value in steps.items()}
-    f = _taylor_model(vertices, scale, source_function, both)
+    steps, wrong_areas = step_values(vertices, source_function.jumps, scale)
+    certain_steps = {
+        step: np.where(np.isnan(wrong_areas[step]), value, np.nan) for step, value in steps.items()
+    }
+    f = _taylor_model(vertices, scale, source_function, certain_steps)
     return f.c, _remainder_bound(f), vertices
 
 
@@ -140,29 +137,38 @@ def enclose_block(
     corners = np.take_along_axis(corners, order[..., None], axis=1)
     vertices = np.take_along_axis(vertices, order[..., None], axis=1)
     size = coordinate_scale(mesh)
-    steps, wrong = step_values(vertices, source_function.jumps, size)
+    steps, wrong_areas = step_values(vertices, source_function.jumps, size)
     f = _taylor_model(vertices, size, source_function, steps)
     area = piece_areas(mesh, corners, parent)
     outer = widen_areas(area, perimeter, size)
-    squares = outer * _remainder_bound(f) ** 2
-    nothing = np.zeros((2, len(parent)))
-    pieces = TrianglePieces(f.c, corners, parent, area, outer, squares, *nothing)
-    near = {step: ~np.isnan(of_step) for step, of_step in wrong.items()}
-    for step, at in near.items():
-        here = {each: value[at] for each, value in steps.items()}
-        by = _taylor_model(
-            vertices[at], size, source_function, here | {step: 1 - here[step]}
-        ) + f.select_boxes(at).scale(-1.0)
+    pieces = TrianglePieces(
+        c=f.c,
+        corners=corners,
+        parent=parent,
+        area=area,
+        outer_area=outer,
+        remainder_squares=outer * _remainder_bound(f) ** 2,
+        jump_norm=np.zeros(len(parent)),
+        jump_integral=np.zeros(len(parent)),
+    )
+    # between a chord and its arc f has the other value of the step, and is larger by the jump
+    near = {step: ~np.isnan(wrong_area) for step, wrong_area in wrong_areas.items()}
+    for step, is_near in near.items():
+        near_steps = {other_step: value[is_near] for other_step, value in steps.items()}
+        other_steps = near_steps | {step: 1 - near_steps[step]}
+        f_beyond = _taylor_model(vertices[is_near], size, source_function, other_steps)
         _add_jump(
             pieces,
-            at,
-            by,
-            wrong[step][at],
-            step_area_rounding(vertices[at], source_function.jumps[step], size),
+            is_near,
+            jump=f_beyond + f.select_boxes(is_near).scale(-1.0),
+            wrong_area=wrong_areas[step][is_near],
+            area_error=step_area_rounding(vertices[is_near], source_function.jumps[step], size),
         )
-    several = np.sum([*near.values()], axis=0) > 1
-    if several.any():
-        _add_crossing_jumps(pieces, several, vertices[several], size, source_function, steps, wrong)
+    is_crossed = np.sum([*near.values()], axis=0) > 1
+    if is_crossed.any():
+        _add_crossing_jumps(
+            pieces, is_crossed, vertices[is_crossed], size, source_function, steps, wrong_areas
+        )
     return pieces
 
 
@@ -174,17 +180,18 @@ def _add_jump(
     The areas are known up to `area_error` (k,). p is changed by a constant so that its integral is that of f.
     """
     # where f has no range on all of a piece, as 1/a where a may be 0, nothing is known of it there
-    known = np.isfinite(jump.range[0]) & np.isfinite(jump.range[1])
-    lower, upper = np.where(known, jump.range, 0.0)
-    middle = 0.5 * (lower + upper)
-    most = np.maximum(np.abs(lower), np.abs(upper))
+    is_bounded = np.isfinite(jump.range[0]) & np.isfinite(jump.range[1])
+    lower, upper = np.where(is_bounded, jump.range, 0.0)
+    jump_mean = 0.5 * (lower + upper)
+    largest = np.maximum(np.abs(lower), np.abs(upper))
     area = pieces.area[selection]
-    shift = middle * wrong_area / area
+    # p + shift has the integral of f, if the jump is its middle value and the area is right
+    shift = jump_mean * wrong_area / area
     pieces.c[0, selection] += shift
-    jumping = most * np.sqrt(wrong_area + area_error) + np.abs(shift) * np.sqrt(area)
-    integral = 0.5 * (upper - lower) * wrong_area + most * area_error
-    pieces.jump_norm[selection] += np.where(known, jumping, np.inf)
-    pieces.jump_integral[selection] += np.where(known, integral, np.inf)
+    jump_norm = largest * np.sqrt(wrong_area + area_error) + np.abs(shift) * np.sqrt(area)
+    integral = 0.5 * (upper - lower) * wrong_area + largest * area_error
+    pieces.jump_norm[selection] += np.where(is_bounded, jump_norm, np.inf)
+    pieces.jump_integral[selection] += np.where(is_bounded, integral, np.inf)
 
 
 def _add_crossing_jumps(
@@ -200,27 +207,25 @@ def _add_crossing_jumps(
 
     f is off there by no more than all its values on the piece differ.
     """
-    both = {
+    certain_steps = {
         step: np.where(np.isnan(wrong_areas[step][selection]), value[selection], np.nan)
         for step, value in steps.items()
     }
-    lower, upper = _taylor_model(vertices, scale, source_function, both).range
-    doubts = [step_area_rounding(vertices, kink, scale) for kink in source_function.jumps.values()]
+    lower, upper = _taylor_model(vertices, scale, source_function, certain_steps).range
+    area_errors = [step_area_rounding(vertices, kink, scale) for kink in source_function.jumps.values()]
     areas = [
-        np.nan_to_num(wrong_areas[step][selection]) + doubt
-        for step, doubt in zip(wrong_areas, doubts, strict=True)
+        np.nan_to_num(wrong_areas[step][selection]) + area_error
+        for step, area_error in zip(wrong_areas, area_errors, strict=True)
     ]
+    # two steps are wrong at once on at most the second largest area, for each of the steps
     second = np.sort(areas, axis=0)[-2]
-    most = (1 + len(areas)) * (upper - lower)
-    pieces.jump_norm[selection] += most * np.sqrt(len(areas) * second)
-    pieces.jump_integral[selection] += most * len(areas) * second
+    largest = (1 + len(areas)) * (upper - lower)
+    pieces.jump_norm[selection] += largest * np.sqrt(len(areas) * second)
+    pieces.jump_integral[selection] += largest * len(areas) * second
 
 
 def _order_corners(vertices: Array) -> tuple[Index, Array]:
-    """The order of corners in which the one opposite to the longest edge is first, and the perimeters.
-
-    The shape is (k, 3).
-    """
+    """The order (k, 3) of corners in which that opposite to the longest edge is first, and the perimeters."""
     lengths = np.linalg.norm(vertices[:, [2, 0, 1]] - vertices[:, [1, 2, 0]], axis=2)
     return (np.argmax(lengths, axis=1)[:, None] + np.arange(3)) % 3, lengths.sum(axis=1)
 
@@ -230,13 +235,17 @@ def _taylor_model(
 ) -> TaylorModel:
     """f on pieces with those vertices (k, 3, 2), which are rounded like coordinates of that `scale`."""
     places = []
-    off = VERTEX_ROUNDING * scale
+    rounding = VERTEX_ROUNDING * scale
     for values in np.moveaxis(vertices, 2, 0):
         a, b, c = values.T
-        ends = values.min(axis=1) - off, values.max(axis=1) + off
+        ends = values.min(axis=1) - rounding, values.max(axis=1) + rounding
         places.append(
             affine_model(
-                monomial_basis(2, SOURCE_DEGREE), 0.5 * (b + c), 0.5 * np.stack([b - a, c - a]), ends, off
+                monomial_basis(2, SOURCE_DEGREE),
+                0.5 * (b + c),
+                0.5 * np.stack([b - a, c - a]),
+                ends,
+                rounding,
             )
         )
     x, y = places
@@ -244,10 +253,7 @@ def _taylor_model(
 
 
 def _remainder_bound(model: TaylorModel) -> Array:
-    """A bound on |f - p| on each piece, which includes the rounding of p.
-
-    The shape is (k,).
-    """
+    """A bound on |f - p| on each piece, which includes the rounding of p, (k,)."""
     return np.asarray(model.rad + 32 * EPS * np.abs(model.c).sum(axis=0))
 
 
@@ -272,23 +278,23 @@ def _split_by_chords(corners: Array, owner: Index, level: Array, crossed: Mask) 
     """The pieces; each that is crossed is cut in three by the chord between two of its edges."""
     above = level[crossed] >= 0
     s = level[crossed]
-    alone = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)
-    order = (alone[:, None] + np.arange(3)) % 3
+    apex = np.argmax(above == (above.sum(axis=1) == 1)[:, None], axis=1)
+    order = (apex[:, None] + np.arange(3)) % 3
     a, b, c = np.moveaxis(np.take_along_axis(corners[crossed], order[..., None], axis=1), 1, 0)
     s = np.take_along_axis(s, order, axis=1)
+    # the signed distance s is 0 at p and q, on the edges at a, which lies alone on one side
     p = a + (s[:, :1] / (s[:, :1] - s[:, [1]])) * (b - a)
     q = a + (s[:, :1] / (s[:, :1] - s[:, [2]])) * (c - a)
-    parts = np.concatenate([np.stack(part, axis=1) for part in ((a, p, q), (p, b, c), (p, c, q))])
-    proper = area_shares(parts) > MIN_AREA_SHARE
-    of_parts = np.tile(owner[crossed], 3)[proper]
-    return np.concatenate([corners[~crossed], parts[proper]]), np.concatenate([owner[~crossed], of_parts])
+    thirds = np.concatenate(
+        [np.stack(corner_points, axis=1) for corner_points in ((a, p, q), (p, b, c), (p, c, q))]
+    )
+    proper = area_shares(thirds) > MIN_AREA_SHARE
+    part_owner = np.tile(owner[crossed], 3)[proper]
+    return np.concatenate([corners[~crossed], thirds[proper]]), np.concatenate([owner[~crossed], part_owner])
 
 
 def area_shares(corners: Array) -> Array:
-    """The areas of pieces, over those of their triangles.
-
-    The shape is (k,).
-    """
+    """The areas of pieces, over those of their triangles, (k,)."""
     b = (corners[:, 1] - corners[:, 0])[:, 1:]
     c = (corners[:, 2] - corners[:, 0])[:, 1:]
     return np.abs(cross(b, c))
@@ -304,7 +310,7 @@ def step_values(
     to `step_area_rounding`; it is NaN for pieces that the curve is not near, and where the value is NaN.
     """
     steps = {}
-    wrong = {}
+    wrong_areas = {}
     centre = vertices.mean(axis=1)
     for step, kink in jumps.items():
         level = kink.signed_distances(centre)
@@ -313,8 +319,8 @@ def step_values(
         small = _is_small(vertices, kink)
         steps[step] = np.where(near & ~small, np.nan, kink.sign * level > 0)
         area = _wrong_area(vertices, kink, steps[step] != (kink.sign > 0))
-        wrong[step] = np.where(near & small, area, np.nan)
-    return steps, wrong
+        wrong_areas[step] = np.where(near & small, area, np.nan)
+    return steps, wrong_areas
 
 
 def _is_small(vertices: Array, kink: Kink) -> Mask:
@@ -326,10 +332,7 @@ def _diameter(vertices: Array) -> Array:
 
 
 def step_area_rounding(vertices: Array, kink: Kink, scale: float) -> Array:
-    """How far rounding may falsify the areas of `step_values`.
-
-    The shape is (k,).
-    """
+    """How far rounding may falsify the areas of `step_values`, (k,)."""
     diameter = _diameter(vertices)
     return 64 * EPS * (_level_scale(scale, kink) * diameter + (kink.radius + diameter) ** 2)
 
@@ -340,9 +343,7 @@ def _level_scale(scale: float, kink: Kink) -> float:
 
 
 def _wrong_area(vertices: Array, kink: Kink, inside: Mask) -> Array:
-    """The area on which a step does not have the value that its piece is given.
-
-    The shape is (k,).
+    """The area on which a step does not have the value that its piece is given, (k,).
 
     That is the value `inside` a circle or outside it. The area is 0 for a line, along which pieces are cut.
     """
@@ -354,38 +355,27 @@ def _wrong_area(vertices: Array, kink: Kink, inside: Mask) -> Array:
 
 
 def polynomial_means(c: Array) -> Array:
-    """The means of p and of p^2 on each piece, from the coefficients of p.
-
-    The shape is (2, k).
-    """
+    """The means of p and of p^2 on each piece, from the coefficients of p, (2, k)."""
     return np.stack([hat_means().sum(axis=0) @ c, np.sum((_mean_square_factor() @ c) ** 2, axis=0)])
 
 
 @cache
 def hat_means() -> Array:
-    """The means over a triangle of the monomials times each hat.
-
-    The shape is (3, m).
-    """
-    (points, weights) = duffy_rule(SOURCE_DEGREE + 1)
+    """The means over a triangle of the monomials times each hat, (3, m)."""
+    points, weights = duffy_rule(SOURCE_DEGREE + 1)
     values = _monomial_values()
     return (points.T * weights) @ values.T
 
 
 def _monomial_values() -> Array:
-    """The values of the monomials at the points of the rule.
-
-    The shape is (m, q).
-    """
+    """The values of the monomials at the points of the rule, (m, q)."""
     points, _ = duffy_rule(SOURCE_DEGREE + 1)
     return np.prod((2 * points.T[1:] - 1) ** monomial_basis(2, SOURCE_DEGREE).exponents[..., None], axis=1)
 
 
 @cache
 def _mean_square_factor() -> Array:
-    """The triangular matrix R with |R c|^2 = mean p^2; its rows from 3 on give p - f_h.
-
-    The shape is (m, m).
-    """
+    """The triangular matrix R with |R c|^2 = mean p^2; its rows from 3 on give p - f_h, (m, m)."""
+    # QR of the values at the rule's points: |R c|^2 = |Q R c|^2; the first three monomials are linear
     _, weights = duffy_rule(SOURCE_DEGREE + 1)
     return np.asarray(np.linalg.qr((_monomial_values() * np.sqrt(weights)).T, mode="r"))

@@ -40,11 +40,11 @@ from unilateral.bounds.residual_norm import SQUARES_ROUNDING, ResidualParts
 
 
 class ResidualBounds(NamedTuple):
-    """Bounds on the residual of a function, on what they miss, and B of the function, which is the `B`.
+    """Bounds on the residual of a function v, on what they miss, and B = <sigma, v - g>.
 
-    S_1 and S are bounds `S_1` and `S`; `misfit_norm`, `e` and `e_N` are m, e and e_N
-    of (iii), infinite without Friedrichs' constant. They miss a function of which the energy norm alone is
-    known, and a functional of which its dual is.
+    `S_1` bounds it on H^1 and `S` on V; `misfit_norm`, `e` and `e_N` are m, e and e_N of (iii), infinite
+    without Friedrichs' constant. `missing_norm` is that of a part of v of which the energy norm alone is
+    known, and of a functional of which the dual norm is.
     """
 
     S_1: float
@@ -59,15 +59,18 @@ class ResidualBounds(NamedTuple):
 def bound_residual(residual: ResidualParts, missing_norm: float, B: float) -> ResidualBounds:
     """The bounds from the parts of the residual."""
     form = residual.form
-    on_H1, on_V = residual.dual_norms()
+    S_1, S = residual.dual_norms()
     m = e = e_N = math.inf
     if math.isfinite(form.friedrichs):
-        none = np.zeros_like(residual.misfit)
-        others = residual._replace(misfit=none, s_prime=np.broadcast_to(math.inf, none.shape))
+        # e and e_N: the bounds on what is left of the residual without the misfit
+        zeros = np.zeros_like(residual.misfit)
+        remainder = residual._replace(misfit=zeros, s_prime=np.broadcast_to(math.inf, zeros.shape))
         m = float(np.linalg.norm(residual.misfit)) / math.sqrt(form.k)
-        _, e = others.dual_norms()
-        e_N, _ = others._replace(form=form._replace(c=max(form.c, form.k / form.friedrichs**2))).dual_norms()
-    return ResidualBounds(on_H1, on_V, m, e, e_N, missing_norm, B)
+        _, e = remainder.dual_norms()
+        # N is the energy norm with K = max(c, k / C^2) for c
+        N_form = form._replace(c=max(form.c, form.k / form.friedrichs**2))
+        e_N, _ = remainder._replace(form=N_form).dual_norms()
+    return ResidualBounds(S_1=S_1, S=S, misfit_norm=m, e=e, e_N=e_N, missing_norm=missing_norm, B=B)
 
 
 class TotalErrors(NamedTuple):
@@ -97,29 +100,31 @@ def bound_total_errors(
     """
     growth *= 1 + SQUARES_ROUNDING
 
-    # (i), infinite for c = 0
+    # (i): X^2 <= S_1^2 + 2 B + D^2, Y <= D + X, and for the feasible v Y <= eta; infinite for c = 0
     X_1 = math.hypot(_eta(u_residual, u_residual.S_1), D)
     eta_1 = _eta(v_residual, v_residual.S_1)
     Y_1 = min(D + X_1, eta_1)
 
-    # (ii)
+    # (ii): the same on V, where eta gets D_D before it is compared with D
     X = math.hypot(_eta(u_residual, u_residual.S), D)
     eta = _eta(v_residual, v_residual.S)
     eta_with_D = math.hypot(eta, D_clamped)
     Y = min(D + X, eta, Y_1)
-    S_of_v = v_residual.S + v_residual.missing_norm
+    S_v = v_residual.S + v_residual.missing_norm
+    u_bounds = (
+        _u_bound(u_residual, u_residual.S_1, D, eta_1),
+        _u_bound(u_residual, u_residual.S, D, eta_with_D),
+    )
 
-    # (iii)
+    # (iii): E of u_h, E of v with D = 0, or Y of (i)
     E = min(Y_1, _reaction_bound(u_residual, D), _reaction_bound(v_residual, 0.0))
     return TotalErrors(
-        u=growth
-        * min(
-            _u_bound(u_residual, u_residual.S_1, D, eta_1), _u_bound(u_residual, u_residual.S, D, eta_with_D)
-        ),
+        u=growth * min(u_bounds),
         lambda_=growth * (Y + sigma_distance),
         reaction_bound=growth * (E + sigma_distance),
         eta=growth * eta,
-        gamma_force_bound=growth * growth * (v_residual.B + S_of_v * S_of_v / 4),
+        # gamma <lambda, w> <= <sigma, v - g> + S^2 / 4 (Proposition S16)
+        gamma_force_bound=growth * growth * (v_residual.B + S_v * S_v / 4),
     )
 
 
@@ -129,13 +134,13 @@ def _eta(residual_bounds: ResidualBounds, S: float) -> float:
 
 
 def _reaction_bound(residual_bounds: ResidualBounds, D: float) -> float:
-    """E of (iii)."""
+    """E = D + (m^2 + 2 B + (D + e)^2)^{1/2} + e_N, of (iii)."""
     root = math.hypot(_eta(residual_bounds, residual_bounds.misfit_norm), D + residual_bounds.e)
     return D + root + residual_bounds.e_N
 
 
 def _u_bound(defect: ResidualBounds, norm: float, D: float, eta: float) -> float:
-    """(S^2 + 2 B + D^2 - max(D - eta, 0)^2)^{1/2}, from the norm of the parts, D and a bound on eta."""
+    """The bound (S^2 + 2 B + D^2 - max(D - eta, 0)^2)^{1/2} on X, from S, D and a bound on eta."""
     if eta >= D:
         return math.hypot(_eta(defect, norm), D)
     # D^2 - (D - eta)^2

@@ -75,6 +75,7 @@ def judge_solution(solved: DiscreteSolution) -> JudgedFunction:
     if form.c * form.friedrichs**2 < form.k:
         load_means = data.source.moments().sum(axis=1) / mesh.areas
         v_means = solved.u_h[mesh.triangles].mean(axis=1)
+        # f + div p - c v has the mean 0 on triangles after this
         surplus = load_means - form.c * v_means + divergence(mesh, flux)
         flux = flux + poisson_flux(mesh, form.clamped, surplus)
         field = friedrichs_field(mesh, form.clamped)
@@ -123,9 +124,7 @@ def round_to_grid(values: Array, bits: int, rounding: np.ufunc = np.rint) -> Arr
 
 
 def edge_values(mesh: Mesh, flux: Array, positive_edges: Index | tuple[()] = ()) -> Array:
-    """p.n times the length at both ends of each edge, in the order in which triangles mention them first.
-
-    The shape is (E, 2).
+    """p.n times the length at both ends of edges (E, 2), in the order in which triangles mention them first.
 
     n points out of the triangle that mentions the edge first. On the boundary edges `positive_edges` (k,) the
     values are cut off at 0.
@@ -158,18 +157,19 @@ def raise_trace(problem: Problem, judged: JudgedFunction, places: Array, contact
     w_first = nodes[contact]
     w_last = nodes[after]
     sizes = np.abs(w_first) + np.abs(w_last) + np.abs(g_bend)
+    # v + y - g >= 0 in Bernstein's basis: bend >= -(low high)^{1/2}
     low = np.maximum(w_first - g_first - VALUE_ROUNDING * sizes, 0.0)
     high = np.maximum(w_last - g_last - VALUE_ROUNDING * sizes, 0.0)
     # bend = 2 (v + y at the midpoint) - (w_first + w_last) / 2 - g_bend
-    least = 0.25 * (w_first + w_last) + 0.5 * (g_bend - np.sqrt(low) * np.sqrt(high)) + VALUE_ROUNDING * sizes
-    middles[contact] = np.maximum(middles[contact], least)
+    middle_lower = (
+        0.25 * (w_first + w_last) + 0.5 * (g_bend - np.sqrt(low) * np.sqrt(high)) + VALUE_ROUNDING * sizes
+    )
+    middles[contact] = np.maximum(middles[contact], middle_lower)
     return round_to_grid(np.append(nodes, middles), VALUE_BITS, np.ceil)
 
 
 def obstacle_bounds(problem: Problem, side: Index, start: Array, end: Array) -> Array:
-    """Upper bounds on g in Bernstein's basis on parts of sides, as a checker encloses g there.
-
-    The shape is (3, k).
+    """Upper bounds on g in Bernstein's basis on parts of sides, as a checker encloses g there, (3, k).
 
     The checker interpolates g at the ends and the midpoint of a part. If |g'''| <= M, with the variable t in
     [0, 1], the rest is at most M t (1 - t) / 12, which moves the middle coefficient by M / 24. Here g is a
@@ -187,10 +187,7 @@ def obstacle_bounds(problem: Problem, side: Index, start: Array, end: Array) -> 
 
 
 def friedrichs_field(mesh: Mesh, clamped: tuple[int, ...]) -> Array:
-    """A field b with div b >= 1 and b.n = 0 on the sides that are not clamped, by its flows and tilts.
-
-    The shape is (2, E).
-    """
+    """A field b with div b >= 1, and b.n = 0 on sides that are not clamped, by its flows and tilts (2, E)."""
     field = poisson_flux(mesh, clamped, -np.ones(len(mesh.triangles)))
     field[1] = 0.0  # one value on each edge, with the same divergence
     # Areas of the exact mesh differ by the distortion, with a second one for the rounding of places
@@ -199,11 +196,9 @@ def friedrichs_field(mesh: Mesh, clamped: tuple[int, ...]) -> Array:
 
 
 def poisson_flux(mesh: Mesh, clamped: tuple[int, ...], f: Array) -> Array:
-    """The flux of the phi with -lap phi = f, constant on triangles, by its flows and tilts; its divergence is -f.
+    """The flux of the phi with -lap phi = f, by its flows and tilts (2, E); its divergence is -f.
 
-    The shape is (2, E).
-
-    phi is 0 on the clamped sides, and the flux through all others is 0.
+    f is constant on triangles. phi is 0 on the clamped sides, and the flux through all others is 0.
     """
     form = Form(c=0.0, clamped=clamped)
     fixed = form.clamped_nodes(mesh)
@@ -217,11 +212,9 @@ def poisson_flux(mesh: Mesh, clamped: tuple[int, ...], f: Array) -> Array:
 
 
 def divergence(mesh: Mesh, flux: Array) -> Array:
-    """The divergence of a flux on each triangle, from its flows and tilts.
-
-    The shape is (m,).
-    """
+    """The divergence of a flux on each triangle, from its flows and tilts, (m,)."""
     at_first, at_last = triangle_inflows(mesh, flux, slice(None))
+    # |T| div q is the flow out: the sum over the edges of -(first + last) / 2
     return np.asarray(-0.5 * (at_first + at_last).sum(axis=0) / mesh.areas)
 
 

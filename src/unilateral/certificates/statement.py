@@ -106,7 +106,7 @@ def _degree(terms: Terms) -> int:
 
 def _is_quadratic(start: Point, end: Point, terms: Terms) -> bool:
     """Whether a polynomial is quadratic along a side, which means that its third differences are 0 there."""
-    (x, y) = start
+    x, y = start
     dx = end[0] - start[0]
     dy = end[1] - start[1]
     places = [(x + step * dx, y + step * dy) for step in range(_degree(terms) + 1)]

@@ -99,10 +99,12 @@ class Gram:
         cell = partition.cells_of(self.points)
         m = partition.n_cells
         c = len(self.means)
+        # Pi_H lambda of the coarser partition: means of means, weighted with the lengths
         shares = np.diff(self.points) / partition.lengths[cell]
         to_means = sp.csr_array((shares, (cell, np.arange(len(cell)))), shape=(m, len(cell)))
         prolong = sp.csr_array((np.ones(len(cell)), (np.arange(len(cell)), cell)), shape=(len(cell), m))
         means = self.means @ to_means.T
+        # lambda - Pi_H lambda = (lambda - Pi_h lambda) + (Pi_h lambda - Pi_H lambda), h for the finer one
         to_finer = sp.block_array(
             [[prolong, sp.csr_array(self.means - means[:, cell]).T], [None, sp.eye_array(c)]], format="csr"
         )
@@ -112,23 +114,18 @@ class Gram:
 
     @property
     def cells(self) -> Index:
-        """The cells that are not on clamped sides, where functionals are 0.
-
-        The shape is (k,).
-        """
+        """The cells that are not on clamped sides, where functionals are 0, (k,)."""
         return np.flatnonzero(np.diag(self.lower)[: self.n_cells])
 
     @property
     def p0(self) -> Bracket:
-        """The Gram matrices of P0 of the cells, the true one between them as quadratic forms.
-
-        The shape is (k, k).
-        """
+        """The Gram matrices of P0 of the cells, the true one between them as quadratic forms, (k, k)."""
         chosen = np.ix_(self.cells, self.cells)
         return Bracket(self.lower[chosen], self.upper[chosen])
 
     def error_bounds(self, case: int, difference: Array) -> Bracket:
         """Bounds (k,) on ||lambda - mu_H||_{-1/2} of case c from Pi_H lambda - mu_H (k, m)."""
+        # lambda - mu_H = (lambda - Pi_H lambda) + (Pi_H lambda - mu_H)
         x = np.zeros((len(difference), len(self.lower)))
         x[:, : self.n_cells] = difference
         x[:, self.n_cells + case] = 1.0
@@ -138,14 +135,12 @@ class Gram:
 
     @cached_property
     def best_approximations(self) -> Array:
-        """Lower bounds on the distance of each case's lambda from P0(T_H) in ||.||_{-1/2}.
-
-        The shape is (c,).
-        """
+        """Lower bounds on the distance of each case's lambda from P0(T_H) in ||.||_{-1/2}, (c,)."""
+        # the least of the form over P0(T_H): c - b^T A^{-1} b, the Schur complement
         m = self.n_cells
         mixed = self.lower[self.cells, m:]
-        own = np.diag(self.lower)[m:]
-        return _nonnegative_root(own - np.sum(mixed * np.linalg.solve(self.p0.lower, mixed), axis=0))
+        squares = np.diag(self.lower)[m:]
+        return _nonnegative_root(squares - np.sum(mixed * np.linalg.solve(self.p0.lower, mixed), axis=0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,19 +167,19 @@ class DualNorm:
     def gram(self, cases: Sequence[ExactSolution] = ()) -> Gram:
         """The bounds' quadratic forms on P0(T_H) and on lambda - Pi_H lambda of the cases."""
         means = [cell_means(case, self.partition).lambda_means for case in cases]
-        of_cases = [
+        case_functionals = [
             difference_functionals(self.spaces, self.partition, case, mean[None])
             for case, mean in zip(cases, means, strict=True)
         ]
-        parts = [indicator_functionals(self.spaces, self.partition), *of_cases]
-        loads = sp.hstack([part.loads for part in parts], format="csc")
-        fluxes = sp.hstack([part.fluxes for part in parts], format="csc")
+        functionals = [indicator_functionals(self.spaces, self.partition), *case_functionals]
+        loads = sp.hstack([item.loads for item in functionals], format="csc")
+        fluxes = sp.hstack([item.fluxes for item in functionals], format="csc")
         return Gram(
             self.partition.points,
             np.array(means).reshape(len(means), self.partition.n_cells),
             self.spaces.suprema(loads),
             self.spaces.least_fluxes(fluxes),
-            np.concatenate([part.oscillation for part in of_cases] or [np.empty(0)]),
+            np.concatenate([item.oscillation for item in case_functionals] or [np.empty(0)]),
         )
 
     def _bracket(self, mu: Functionals) -> Bracket:
@@ -208,6 +203,7 @@ def build_dual_norm(
 
     polygon = partition.polygon
     singular = [polygon.arc_length(p.side, p.t) for case in cases for p in case.flux_singular_points()]
+    # at re-entrant vertices functions of least norm are singular, whatever the cases are
     singular += polygon.starts[:-1][polygon.angles > math.pi * (1 + 1e-9)].tolist()
     norm_form = form or (Form(c=cases[0].c, clamped=cases[0].clamped_sides) if cases else H1)
     spaces = build_reference_spaces(partition, singular, edges_per_cell, norm_form)
@@ -257,13 +253,15 @@ def true_errors(
     """
     h1 = h1_distance(case, mesh, u_h)
     l2 = math.nan
-    bounds = (math.nan, math.nan)
+    lower = upper = math.nan
     if unique:
         l2 = cell_means(case, partition).l2_error(lambda_H)
     if unique and judge_dual:
-        lower, upper = build_dual_norm(partition, [case]).bound_error(case, lambda_H[None])
-        bounds = float(lower[0]), float(upper[0])
-    return (Errors if case.c else ErrorsWithoutReaction)(h1, *bounds, l2)
+        bounds = build_dual_norm(partition, [case]).bound_error(case, lambda_H[None])
+        lower = float(bounds.lower[0])
+        upper = float(bounds.upper[0])
+    errors = Errors if case.c else ErrorsWithoutReaction
+    return errors(h1=h1, hm12_lower=lower, hm12_upper=upper, l2=l2)
 
 
 def _nonnegative_root(squares: Array) -> Array:

@@ -49,10 +49,7 @@ class CellMeans:
 
     @cached_property
     def consistency_terms(self) -> Array:
-        """The cells' parts of <Pi_H lambda, u - g>, (4.16).
-
-        The shape is (m,).
-        """
+        """The cells' parts (m,) of <Pi_H lambda, u - g>, (4.16)."""
         return self.partition.lengths * self.lambda_means * self.gap_means
 
     @property
@@ -67,8 +64,8 @@ class CellMeans:
 
     def l2_error(self, lambda_H: Array) -> float:
         """||lambda - lambda_H||_0, exact: the projection's error and that of the means are orthogonal."""
-        of_means = self.partition.lengths @ (self.lambda_means - lambda_H) ** 2
-        return math.sqrt(self.projection_error**2 + of_means)
+        mean_error_square = self.partition.lengths @ (self.lambda_means - lambda_H) ** 2
+        return math.sqrt(self.projection_error**2 + mean_error_square)
 
     @cached_property
     def lambda_is_zero(self) -> bool:
@@ -91,20 +88,32 @@ def cell_means_of_gaps(cases: Sequence[ExactSolution], partition: Partition) -> 
     m = partition.n_cells
     u, flux, first = cases[0].trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)
     lambda_means = rule.integrate(flux, m) / partition.lengths
+    # lambda - Pi_H lambda, whose norm is measured directly: the difference of two squares would be rounded
     deviation = flux - lambda_means[rule.interval]
     in_L2 = 1.0 if cases[0].flux_in_L2 else math.nan
     lambda_norm = in_L2 * math.sqrt(rule.weight @ flux**2)
     projection_error = in_L2 * math.sqrt(rule.weight @ deviation**2)
-    of_cases = []
+    all_means = []
+    # all cases have the first one's u and lambda
     gaps = [first, *(case.gap(rule.side, rule.s) for case in cases[1:])]
     for case, gap in zip(cases, gaps, strict=True):
         gap_means = rule.integrate(gap, m) / partition.lengths
         g_means = rule.integrate(u - gap, m) / partition.lengths
         crossed = partition.has_inside(case.transitions())
         size = float(np.max(np.abs(u) + np.abs(gap)))
-        norms = lambda_norm, projection_error, size
-        of_cases.append(CellMeans(partition, lambda_means, gap_means, g_means, crossed, *norms))
-    return of_cases
+        all_means.append(
+            CellMeans(
+                partition=partition,
+                lambda_means=lambda_means,
+                gap_means=gap_means,
+                g_means=g_means,
+                has_transition=crossed,
+                lambda_norm=lambda_norm,
+                projection_error=projection_error,
+                data_size=size,
+            )
+        )
+    return all_means
 
 
 class ExactErrors(NamedTuple):
@@ -133,8 +142,8 @@ class CaseProjections:
         """
         if spaces.operator.is_singular or self.cell_means.lambda_is_zero:
             return self.ritz.ritz_error
-        of_lambda = math.sqrt(spaces.operator.lambda_min) * self.cell_means.projection_error
-        return min(x for x in (self.ritz.ritz_error, of_lambda) if x > 0)
+        lambda_part = math.sqrt(spaces.operator.lambda_min) * self.cell_means.projection_error
+        return min(x for x in (self.ritz.ritz_error, lambda_part) if x > 0)
 
     def boundary_load(self, spaces: MixedSpaces, mu: Array) -> Array:
         """<lambda - mu, phi_j> (nb,) for mu (m,)."""
@@ -145,8 +154,8 @@ class CaseProjections:
         u_means = (self.cell_means.gap_means + self.cell_means.g_means)[spaces.cells]
         lengths = spaces.operator.H_i
         B = coupling(spaces.mesh, spaces.partition)[spaces.cells]
-        of_z = B @ self.ritz.boundary_values / lengths
-        return math.sqrt(lengths @ (u_means - of_z) ** 2)
+        z_means = B @ self.ritz.boundary_values / lengths
+        return math.sqrt(lengths @ (u_means - z_means) ** 2)
 
     def errors(self, spaces: MixedSpaces, mu: Array) -> ExactErrors:
         """The errors of (u(mu), mu) for mu (m,); those of lambda are not judged where beta is 0."""

@@ -41,7 +41,7 @@ COLLATZ_SHIFT = 1e-2
 MIN_FORTIN_DELTA = 1e-4
 MAX_FORTIN_ASPECT = 1e5
 FORTIN_ROUNDING_FACTOR = 1 + 1e-7
-"""SLACK covers rounding where delta is not smaller, and no d_T^2/|T| larger, than these.
+"""This covers rounding where delta is not smaller, and no d_T^2/|T| larger, than these.
 
 With eps the unit round-off, that of `pairing` is about eps/delta, and that of `gradients` at most 1000 eps
 times d_T^2/|T|. All other sums are of numbers >= 0.
@@ -61,12 +61,13 @@ def beta_lower_bound(mesh: Mesh, partition: Partition, form: Form = H1) -> float
     aspect = mesh.longest_edges**2 / mesh.areas
     if delta < MIN_FORTIN_DELTA or aspect.max() > MAX_FORTIN_ASPECT:
         return 0.0
-    of = build_majorant(mesh, partition, cells, form)
-    most = collatz_norm(of, of.gradients, of.W_gradients)
+    # beta >= 1 / ||P|| (Proposition S1), for |P v|_1 <= rho |v|_1 and, for c > 0, ||v - P v||_0 <= n |v|_1
+    majorant = build_majorant(mesh, partition, cells, form)
+    P_norm = collatz_norm(majorant, majorant.gradients, majorant.W_gradients)
     if form.c:
-        n = collatz_norm(of, of.values, of.W_values, steps=1) + KAPPA * mesh.diameter
-        most = operator_norm_bound(most, math.sqrt(form.c / form.k) * n)
-    return 1 / (FORTIN_ROUNDING_FACTOR * mesh.exact_mesh_factor**2 * most)
+        n = collatz_norm(majorant, majorant.values, majorant.W_values, steps=1) + KAPPA * mesh.diameter
+        P_norm = operator_norm_bound(P_norm, math.sqrt(form.c / form.k) * n)
+    return 1 / (FORTIN_ROUNDING_FACTOR * mesh.exact_mesh_factor**2 * P_norm)
 
 
 def operator_norm_bound(rho: float, n: float) -> float:
@@ -84,8 +85,8 @@ class Majorant(NamedTuple):
     All are without signs. `gradients` (2m, 2m) give |T|^{1/2} grad A I v from g, and `values` (3m, 2m) give
     |T|^{1/2} / 3^{1/2} times A I v - I v at corners, whose Euclidean norm is at least the one in L2.
     `W_gradients` (2m, cells) and `W_values` (3m, cells) are the same for the W_i. With the means of v - A I v
-    over cells from `means` (cells, 2m) g and `cut_terms` (cells, k) t, `pairing` (cells, cells) y is at most these;
-    its inverse has no negative entries.
+    over cells from `means` (cells, 2m) g and `cut_terms` (cells, k) t, `pairing` (cells, cells) y is at most
+    these; its inverse has no negative entries.
     """
 
     gradients: sp.csr_array
@@ -98,28 +99,31 @@ class Majorant(NamedTuple):
 
 
 def build_majorant(mesh: Mesh, partition: Partition, cells: Index, form: Form = H1) -> Majorant:
-    """The majorant of the Fortin operator for a mesh and the multipliers on some cells, each with a node inside."""
+    """The majorant of the Fortin operator P for the multipliers on some cells, each with a node inside."""
     chosen, deltas = innermost_nodes(mesh.s, partition)
     knots = np.unique(np.concatenate([chosen[deltas > 0], _ends_at_nodes(mesh, partition)]))
+    # W_i, a hat at the innermost node of cell i between the next of the knots
     W = extend_hats(mesh, knots)[:, np.searchsorted(knots, chosen[cells])]
-    jumped = deviation_matrix(mesh, form)
-    slopes = _gradient_matrix(mesh)
-    (whole, cut) = _mean_matrices(mesh, partition)
+    deviations = deviation_matrix(mesh, form)
+    to_gradients = _gradient_matrix(mesh)
+    cell_integrals, cut_terms = _mean_matrices(mesh, partition)
     scale = np.repeat(np.sqrt(mesh.areas / 3), 3)
     at_corners = W[mesh.triangles.ravel()]
     pairing = (coupling(mesh, partition)[cells] @ W[mesh.boundary]).tocsc()
+    # the integrals of W_j over cell i, with a minus off the diagonal: an M-matrix
     pairing = 2 * sp.diags_array(pairing.diagonal()) - pairing
-    averaged = slopes @ jumped
-    means = whole[cells] @ jumped
+    averaged = to_gradients @ deviations
+    means = cell_integrals[cells] @ deviations
+    # grad A I v = grad I v + grad (A I v - I v)
     averaged.setdiag(averaged.diagonal() + 1)
     return Majorant(
-        drop_signs(averaged),
-        drop_signs(jumped, scale),
-        drop_signs(slopes @ at_corners),
-        drop_signs(at_corners, scale),
-        drop_signs(means),
-        cut[cells],
-        pairing.tocsc(),
+        gradients=drop_signs(averaged),
+        values=drop_signs(deviations, scale),
+        W_gradients=drop_signs(to_gradients @ at_corners),
+        W_values=drop_signs(at_corners, scale),
+        means=drop_signs(means),
+        cut_terms=cut_terms[cells],
+        pairing=pairing.tocsc(),
     )
 
 
@@ -132,10 +136,7 @@ def drop_signs(matrix: sp.csr_array, scale: Array | None = None) -> sp.csr_array
 
 
 def _ends_at_nodes(mesh: Mesh, partition: Partition) -> Array:
-    """The arc lengths of the nodes that are ends of cells.
-
-    The shape is (k,).
-    """
+    """The arc lengths of the nodes that are ends of cells, (k,)."""
     nodes = mesh.s[:-1]
     ends = partition.points
     nearest = ends[np.searchsorted(0.5 * (ends[1:] + ends[:-1]), nodes)]
@@ -143,10 +144,7 @@ def _ends_at_nodes(mesh: Mesh, partition: Partition) -> Array:
 
 
 def _gradient_matrix(mesh: Mesh) -> sp.csr_array:
-    """The matrix from values at the corners of triangles to |T|^{1/2} times the gradient.
-
-    The shape is (2m, 3m).
-    """
+    """The matrix from values at the corners of triangles to |T|^{1/2} times the gradient, (2m, 3m)."""
     m = len(mesh.triangles)
     entries = (gradients(mesh) * np.sqrt(mesh.areas)[:, None, None]).transpose(0, 2, 1)
     columns = np.repeat(np.arange(3 * m).reshape(m, 3), 2, axis=0)
@@ -154,35 +152,41 @@ def _gradient_matrix(mesh: Mesh) -> sp.csr_array:
 
 
 def _mean_matrices(mesh: Mesh, partition: Partition) -> tuple[sp.csr_array, sp.csr_array]:
-    """The matrices for the integrals of A I v - I v over cells: from its values at corners, and for edges that an end of a cell cuts.
+    """The matrices for integrals over cells: of A I v - I v from corners, and of v - I v on cut edges.
 
-    The shape is (cells, 3m).
-
-    With w = v - I v and a part of an edge e that is the share p of it, the integral of w over the part is at
-    most (|e| p (1 - p))^{1/2} ||w||_{0,e}, as that over e is 0, and ||w||_{0,e}^2 is at most
-    |e|/|T| (KAPPA^2 d^2 + a KAPPA d) |w|_{1,T}^2, see `oscillation`.
+    They are (cells, 3m) and (cells, k). With w = v - I v and a part of an edge e that is the share p of it,
+    the integral of w over the part is at most (|e| p (1 - p))^{1/2} ||w||_{0,e}, as that over e is 0, and
+    ||w||_{0,e}^2 is at most |e|/|T| (KAPPA^2 d^2 + a KAPPA d) |w|_{1,T}^2, see `oscillation`.
     """
     points, cell, edge = overlay(partition.points, mesh.s)
     lengths = np.diff(mesh.s)[edge]
     shares = np.diff(points) / np.diff(mesh.s)[edge]
-    middle = (0.5 * (points[1:] + points[:-1]) - mesh.s[edge]) / lengths
+    x = (0.5 * (points[1:] + points[:-1]) - mesh.s[edge]) / lengths
     triangle = mesh.boundary_triangles[edge]
     first = np.argmax(mesh.triangles[triangle] == mesh.boundary[edge][:, None], axis=1)
     corners = np.concatenate([3 * triangle + first, 3 * triangle + (first + 1) % 3])
-    values = -np.concatenate([lengths * shares * (1 - middle), lengths * shares * middle])
+    # the integral of a linear function over a part is its length times the value in the middle
+    values = -np.concatenate([lengths * shares * (1 - x), lengths * shares * x])
     shape = (partition.n_cells, 3 * len(mesh.triangles))
-    whole = sp.coo_array((values, (np.tile(cell, 2), corners)), shape=shape).tocsr()
-    part = np.flatnonzero(shares < 1)
-    size = np.sqrt(lengths * shares * (1 - shares))[part] * np.sqrt(trace_constants(mesh, KAPPA))[edge[part]]
-    _, column = np.unique(triangle[part], return_inverse=True)
-    cut = sp.coo_array((size, (cell[part], column)), shape=(partition.n_cells, max(len(part), 1)))
-    return whole, cut.tocsr()
+    cell_integrals = sp.coo_array((values, (np.tile(cell, 2), corners)), shape=shape).tocsr()
+    # on a part that is the share p of e: (|e| p (1 - p))^{1/2} times the constant of ||w||_e
+    cut_parts = np.flatnonzero(shares < 1)
+    size = (
+        np.sqrt(lengths * shares * (1 - shares))[cut_parts]
+        * np.sqrt(trace_constants(mesh, KAPPA))[edge[cut_parts]]
+    )
+    _, column = np.unique(triangle[cut_parts], return_inverse=True)
+    cut_terms = sp.coo_array(
+        (size, (cell[cut_parts], column)), shape=(partition.n_cells, max(len(cut_parts), 1))
+    )
+    return cell_integrals, cut_terms.tocsr()
 
 
 def collatz_norm(
     majorant: Majorant, rows: sp.csr_array, W_rows: sp.csr_array, steps: int = COLLATZ_STEPS
 ) -> float:
     """The norm of v -> rows g + W_rows y by Collatz's bound."""
+    # M = (rows + W_rows pairing^{-1} means, W_rows pairing^{-1} cut_terms), applied as M M^T
     solve = splu(majorant.pairing)
     x = np.ones(rows.shape[0])
     for _ in range(steps):
@@ -191,6 +195,7 @@ def collatz_norm(
         image = rows.T @ x + majorant.means.T @ y, majorant.cut_terms.T @ y
         means = majorant.means @ image[0] + majorant.cut_terms @ image[1]
         square = rows @ image[0] + W_rows @ solve.solve(means)
+        # Collatz: the spectral radius of M M^T is at most max (M M^T x)_i / x_i
         quotient = float((square / x).max())
         x = square + COLLATZ_SHIFT * x
     return math.sqrt(quotient)
@@ -202,26 +207,30 @@ def extend_hats(mesh: Mesh, knots: Array) -> sp.csr_array:
     Each falls to 0 at the next of them. Inside values fall along edges, from one layer of nodes to the next,
     by 1 over the shorter half of the hat's support.
     """
+    # on the boundary each node has the values of the hats at the knots before and after it
     widths = np.diff(knots, append=knots[0] + mesh.polygon.perimeter)
     before = (np.searchsorted(knots, mesh.s[:-1], side="right") - 1) % len(knots)
     t = (mesh.s[:-1] - knots[before]) % mesh.polygon.perimeter / widths[before]
-    at = np.tile(mesh.boundary, 2)
+    nodes = np.tile(mesh.boundary, 2)
     hats = np.concatenate([before, (before + 1) % len(knots)])
     values = np.concatenate([1 - t, t])
     shape = (mesh.n_nodes, len(knots))
-    W = sp.coo_array((values, (at, hats)), shape=shape).tocsr()
+    W = sp.coo_array((values, (nodes, hats)), shape=shape).tocsr()
+    # inside, layer by layer: the largest of the values of neighbours, less the edges' lengths over the reach
     reach = np.minimum(widths, np.roll(widths, 1))
     ends = mesh.triangulation.ends
     start, end = np.concatenate([ends, ends[:, ::-1]]).astype(np.intp).T
-    known = np.isin(np.arange(mesh.n_nodes), mesh.boundary)
+    has_value = np.isin(np.arange(mesh.n_nodes), mesh.boundary)
     while values.size:
-        onward = np.flatnonzero(known[start] & ~known[end])
+        onward = np.flatnonzero(has_value[start] & ~has_value[end])
         lengths = np.linalg.norm(mesh.points[start[onward]] - mesh.points[end[onward]], axis=1)
-        of, hats = (near := W[start[onward]].tocoo()).coords
-        left = near.data - lengths[of] / reach[hats]
-        places, which = np.unique((end[onward][of] * len(knots) + hats)[left > 0], return_inverse=True)
+        rows, hats = (near := W[start[onward]].tocoo()).coords
+        lowered = near.data - lengths[rows] / reach[hats]
+        places, place_numbers = np.unique(
+            (end[onward][rows] * len(knots) + hats)[lowered > 0], return_inverse=True
+        )
         values = np.zeros(len(places))
-        np.maximum.at(values, which, left[left > 0])
+        np.maximum.at(values, place_numbers, lowered[lowered > 0])
         W = W + sp.coo_array((values, np.divmod(places, len(knots))), shape=shape).tocsr()
-        known[end[onward]] = True
+        has_value[end[onward]] = True
     return W

@@ -45,17 +45,14 @@ def difference_functionals(
     """
     rule, cell = _reference_rule(spaces, partition, case)
     flux = case.trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)[1]
-    seen = _integrate_functionals(
+    functionals = _integrate_functionals(
         spaces, rule, flux[:, None] - evaluate_on_cells(partition, rule, cell, mu_H)
     )
-    return seen if case.flux_in_L2 else seen._replace(oscillation=np.full(len(mu_H), math.nan))
+    return functionals if case.flux_in_L2 else functionals._replace(oscillation=np.full(len(mu_H), math.nan))
 
 
 def evaluate_on_cells(partition: Partition, rule: BoundaryRule, cell: Index, mu: Array) -> Array:
-    """The values at the points of a rule of functions that are constant or linear on the cells.
-
-    The shape is (Q, k).
-    """
+    """The values at the points of a rule of functions that are constant or linear on the cells, (Q, k)."""
     if mu.ndim == 2:
         return mu.T[cell]
     starts = partition.points[cell] - partition.polygon.starts[rule.side]
@@ -68,6 +65,7 @@ def indicator_functionals(spaces: ReferenceSpaces, partition: Partition) -> Func
     s = spaces.mesh.s
     m = partition.n_cells
     cell = np.searchsorted(partition.points, 0.5 * (s[1:] + s[:-1])) - 1
+    # Simpson's rule: int psi = |e|/6 at both ends, 4 |e|/6 at the midpoint
     shares = (np.diff(s)[:, None] * np.array([1.0, 1.0, 4.0]) / 6).ravel()
     where = (spaces.edge_unknowns.ravel(), np.repeat(cell, 3))
     loads = sp.coo_array((shares, where), shape=(spaces.n_p2, m)).tocsc()
@@ -94,17 +92,20 @@ def _integrate_functionals(spaces: ReferenceSpaces, rule: BoundaryRule, values: 
     weighted = rule.weight[:, None] * values
 
     def sum_by_edge(weighted: Array) -> Array:
-        return np.stack([np.bincount(edge, of, len(lengths)) for of in weighted.T], axis=1)
+        """The sums (nb, k) over the points on each edge."""
+        return np.stack([np.bincount(edge, column, len(lengths)) for column in weighted.T], axis=1)
 
+    # the shape functions of P2 on an edge are 1 - x and x, less half a bubble, and the bubble 4 x (1 - x)
     start = sum_by_edge((1 - x)[:, None] * weighted)
     end = sum_by_edge(x[:, None] * weighted)
     bubble = sum_by_edge((4 * x * (1 - x))[:, None] * weighted)
     loads = np.zeros((spaces.n_p2, values.shape[1]))
     shapes = np.stack([start - bubble / 2, end - bubble / 2, bubble], axis=1)
     np.add.at(loads, spaces.edge_unknowns.ravel(), shapes.reshape(-1, values.shape[1]))
+    # Pi_1 mu: the mass matrix |e| ((2, 1), (1, 2)) / 6 has the inverse ((4, -2), (-2, 4)) / |e|
     at_start = (4 * start - 2 * end) / lengths[:, None]
     at_end = (4 * end - 2 * start) / lengths[:, None]
-    rest = values - (1 - x)[:, None] * at_start[edge] - x[:, None] * at_end[edge]
-    squares = sum_by_edge(rule.weight[:, None] * rest**2)
+    oscillation = values - (1 - x)[:, None] * at_start[edge] - x[:, None] * at_end[edge]
+    squares = sum_by_edge(rule.weight[:, None] * oscillation**2)
     fluxes = np.stack([at_start, at_end], axis=1).reshape(-1, values.shape[1])
     return Functionals(sp.csc_array(loads), sp.csc_array(fluxes), oscillation_bound(mesh, squares))

@@ -20,39 +20,40 @@ SNAP_DIAMETERS = 1e-6
 """A singular point at most this far from a cell's end, in diameters, counts as that end in the grading."""
 MAX_REFERENCE_EDGE = 0.25
 MAX_REFERENCE_EDGES = 8_000
-"""On a large polygon edges may be longer than LONGEST, up to the perimeter divided by this number.
+"""On a large polygon edges may be longer than MAX_REFERENCE_EDGE, up to the perimeter divided by this number.
 
 The bounds stay valid.
 """
 
 
 def grade_boundary_nodes(partition: Partition, singular: Iterable[float], edges_per_cell: int) -> Array:
-    """Arc lengths of the reference mesh's boundary nodes, nested in T_H and in the singular points.
-
-    The shape is (nb,).
+    """Arc lengths of the reference mesh's boundary nodes, nested in T_H and in the singular points, (nb,).
 
     A cell has the given number of edges, at Chebyshev's points: shortest at its ends, where P0 functions
     jump. Singular points inside cut it in parts that share its edges; the edges at them are halved, as are
-    those beside a shorter cell, those longer than LONGEST, and those that are long against shorter edges on
-    a side near by. No edge is shorter than SHORTEST. The grading of a singular point that is as
-    near to a cell's end as SNAP is to that end. Raises InputError if a cell is shorter than SHORTEST.
+    those beside a shorter cell, those longer than MAX_REFERENCE_EDGE, and those that are long against shorter
+    edges on a side near by. No edge is shorter than MIN_EDGE_DIAMETERS. The grading of a singular point that
+    is as near to a cell's end as SNAP_DIAMETERS is to that end. Raises InputError if a cell is too short.
     """
     polygon = partition.polygon
     shortest = MIN_EDGE_DIAMETERS * polygon.diameter
     _check_cell_lengths(partition, shortest)
     points = _snap_singular_points(partition, singular)
     cuts = np.union1d(partition.points, points)
-    parts = np.diff(cuts)
+    lengths = np.diff(cuts)
     cell = np.searchsorted(partition.points, 0.5 * (cuts[1:] + cuts[:-1])) - 1
-    counts = np.ceil(parts / (partition.lengths[cell] / edges_per_cell) - 1e-9).astype(int)
+    # each part has its share of the cell's edges, at least two between singular points, and none too short:
+    # the first of n edges at Chebyshev's points of a part is (1 - cos(pi / n)) / 2 of it
+    counts = np.ceil(lengths / (partition.lengths[cell] / edges_per_cell) - 1e-9).astype(int)
     both_ends = np.isin(cuts[:-1], points) & np.isin(cuts[1:], points)
     counts = np.maximum(counts, np.where(both_ends, 2, 1))
-    most = np.floor(np.pi / np.arccos(1 - 2 * np.minimum(shortest / parts, 1))).astype(int)
-    counts = np.minimum(counts, most)
+    max_counts = np.floor(np.pi / np.arccos(1 - 2 * np.minimum(shortest / lengths, 1))).astype(int)
+    counts = np.minimum(counts, max_counts)
     index = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
     share = 0.5 - 0.5 * np.cos(np.pi * index / np.repeat(counts, counts))
-    nodes = [np.repeat(cuts[:-1], counts) + share * np.repeat(parts, counts)]
-    ends = (0.5 - 0.5 * np.cos(np.pi / counts)) * parts
+    nodes = [np.repeat(cuts[:-1], counts) + share * np.repeat(lengths, counts)]
+    # the edges at singular points are halved again and again
+    ends = (0.5 - 0.5 * np.cos(np.pi / counts)) * lengths
     halves = 0.5 ** np.arange(1, HALVINGS_AT_SINGULARITY + 1)
     for i, p in zip(np.searchsorted(cuts, points).tolist(), points, strict=True):
         for sign, end in ((1, ends[i % len(ends)]), (-1, ends[i - 1])):
@@ -72,13 +73,13 @@ def _check_cell_lengths(partition: Partition, shortest: float) -> None:
 
 
 def _snap_singular_points(partition: Partition, singular: Iterable[float]) -> Array:
-    """The singular points' arc lengths, increasing; those as near to a cell's end as SNAP are moved to it."""
+    """The singular points' arc lengths, increasing; those within SNAP_DIAMETERS of a cell's end are moved."""
     perimeter = partition.polygon.perimeter
-    given = np.array(sorted({s % perimeter for s in singular}))
-    ends = partition.points[np.abs(given[:, None] - partition.points).argmin(axis=1)]
+    s = np.array(sorted({point % perimeter for point in singular}))
+    ends = partition.points[np.abs(s[:, None] - partition.points).argmin(axis=1)]
     snap = SNAP_DIAMETERS * partition.polygon.diameter
-    moved = np.unique(np.where(np.abs(given - ends) <= snap, ends, given) % perimeter)
-    return moved[np.diff(moved, prepend=-np.inf) > snap]
+    snapped = np.unique(np.where(np.abs(s - ends) <= snap, ends, s) % perimeter)
+    return snapped[np.diff(snapped, prepend=-np.inf) > snap]
 
 
 def _halve_long_edges(polygon: Polygon, s: Array) -> Array:
@@ -98,6 +99,7 @@ def _halve_near_shorter_edges(polygon: Polygon, s: Array) -> Array:
         middle = 0.5 * (ends[1:] + ends[:-1])
         side = polygon.sides_of(middle)
         points = polygon.at(side, middle - polygon.starts[side])
+        # only edges nearer to another side than they are long can be too long
         candidates = np.flatnonzero(distance_to_other_sides(polygon, points, side) < lengths)
         distance = np.linalg.norm(points[candidates, None] - points, axis=2)
         distance[side[candidates, None] == side] = np.inf

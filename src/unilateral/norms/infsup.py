@@ -34,6 +34,7 @@ def infsup_constants(operator: DualOperator, gram: Bracket) -> InfSup:
 
     beta is at most 1, for V_h is conforming.
     """
+    # beta^2 = min D / G: the larger G gives the lower bound
     lower = _least_root(operator.D, gram.upper)
     upper = _least_root(operator.D, gram.lower)
     beta_0 = math.sqrt(max(operator.lambda_min, 0.0) / float(operator.H_i.max()))

@@ -38,10 +38,8 @@ class CondensedEnergy(NamedTuple):
         return cls(matrix, inner, OrderedMatrix(matrix[inner][:, inner].tocsr(), order))
 
     def minimise(self, q: sp.csc_array) -> Array:
-        """The matrix of the form that is the least energy of unknowns that differ from q inside.
-
-        The shape is (k, k).
-        """
+        """The matrix of the form that is the least energy of unknowns that differ from q inside, (k, k)."""
+        # with x inside: min (q + x)^T A (q + x) = q^T A q - (A q)_i^T A_ii^{-1} (A q)_i
         response = (self.matrix @ q).tocsc()
         direct = (q.T @ response).toarray()
         return 0.5 * (direct + direct.T) - self.inner_factor.inverse_products(
@@ -54,23 +52,24 @@ def least_bdm1_fluxes(
 ) -> LeastFluxes:
     """The least energies of fluxes of BDM1 whose normal components are given on some edges."""
     bdm1 = skfem.Basis(p2.mesh, skfem.ElementTriBDM1())
-    of_bdm1 = np.empty(bdm1.N)
-    of_bdm1[bdm1.facet_dofs] = rank[p2.facet_dofs]
+    bdm1_rank = np.empty(bdm1.N)
+    bdm1_rank[bdm1.facet_dofs] = rank[p2.facet_dofs]
     normal = normal_flux_matrix(bdm1, mesh, facet)
     matrix = sp.csr_array(hdiv.assemble(bdm1, k=form.k, c=form.c))
-    energy = CondensedEnergy.from_matrix(matrix, bdm1.facet_dofs[:, facet[has_flux]], of_bdm1)
+    energy = CondensedEnergy.from_matrix(matrix, bdm1.facet_dofs[:, facet[has_flux]], bdm1_rank)
     return lambda fluxes: energy.minimise((normal @ fluxes).tocsc())
 
 
 def least_divergence_free_fluxes(
     mesh: Mesh, edge_unknowns: Index, has_flux: Mask, K: sp.csr_array, rank: Array
 ) -> LeastFluxes:
-    """The least energies of fluxes of BDM1 without divergence, which are rotated gradients of functions in P2.
+    """The least energies of fluxes of BDM1 without divergence: rotated gradients of functions in P2.
 
     q.n is the derivative of psi along the boundary. So it gives psi on every arc of edges that are not
     clamped, up to a constant. On the first arc that is 0; the others are unknowns after those of P2, whose
     matrix of (grad v, grad w) / k is K (n, n). `edge_unknowns` (nb, 3) are those of `ReferenceSpaces`.
     """
+    # the arcs of edges that are not clamped, numbered from an edge behind a clamped one
     from_one = np.roll(np.arange(len(has_flux)), -int(np.argmax(has_flux & ~np.roll(has_flux, 1))))
     edges = from_one[has_flux[from_one]]
     arc = np.cumsum(np.diff(edges, prepend=edges[0] - 1) % len(has_flux) != 1)
@@ -80,14 +79,15 @@ def least_divergence_free_fluxes(
     energy = CondensedEnergy.from_matrix(
         (psi.T @ K @ psi).tocsr(), edge_unknowns[edges], np.append(rank, np.full(arc[-1], np.inf))
     )
-    held = np.unique(edge_unknowns[edges])
-    at = np.searchsorted(held, edge_unknowns[edges]).T
-    to_psi = sp.eye_array(psi.shape[1], format="csc")[:, held]
+    psi_unknowns = np.unique(edge_unknowns[edges])
+    places = np.searchsorted(psi_unknowns, edge_unknowns[edges]).T
+    to_psi = sp.eye_array(psi.shape[1], format="csc")[:, psi_unknowns]
 
     def minimise_energy(fluxes: sp.csc_array) -> Array:
+        """The matrix (k, k) of the least energies for the fluxes (2 nb, k)."""
         ends = (np.diff(mesh.s)[edges, None] * fluxes[2 * edges + i].toarray() for i in (0, 1))
-        values = np.zeros((len(held), fluxes.shape[1]))
-        local, sums = _localise_columns(_integrate_stream_function(values, at, *ends), at[1, -1])
+        values = np.zeros((len(psi_unknowns), fluxes.shape[1]))
+        local, sums = _localise_columns(_integrate_stream_function(values, places, *ends), places[1, -1])
         return sums.T @ energy.minimise((to_psi @ sp.csc_array(local)).tocsc()) @ sums
 
     return minimise_energy
@@ -98,6 +98,7 @@ def _integrate_stream_function(values: Array, places: Index, start: Array, end: 
 
     `places` (3, e) are the places of psi at the starts, ends and midpoints of the edges.
     """
+    # psi rises by the integral of the linear q.n: (start + end) / 2, up to the midpoint (3 start + end) / 8
     values[places[1]] = np.cumsum((start + end) / 2, axis=0)
     values[places[0]] = values[places[1]] - (start + end) / 2
     values[places[2]] = values[places[0]] + (3 * start + end) / 8
@@ -110,6 +111,7 @@ def _localise_columns(psi: Array, last: np.intp) -> tuple[Array, Array]:
     psi is constant beyond a cell on which q.n is 1, up to the `last` place. Differences of two such columns
     over these constants are 0 beyond both cells, which saves most of the work.
     """
+    # psi = local @ sums, by differences of columns that are constant, and large, at the last place
     beyond = psi[last].copy()
     sums = np.eye(psi.shape[1])
     steps = np.flatnonzero(2 * np.abs(beyond) > np.abs(psi).max(axis=0))
@@ -121,18 +123,12 @@ def _localise_columns(psi: Array, last: np.intp) -> tuple[Array, Array]:
 
 @skfem.BilinearForm
 def hdiv(q, r, form):  # type: ignore[no-untyped-def]
-    """The form (q, r) / k + (div q, div r) / c.
-
-    The shape is (q, r).
-    """
+    """The integrand of (q, r) / k + (div q, div r) / c."""
     return dot(q, r) / form.k + div(q) * div(r) / form.c
 
 
 def normal_flux_matrix(space: skfem.Basis, mesh: Mesh, facet: Index) -> sp.csr_array:
-    """The matrix from the values of q.n at the ends of the boundary edges to the unknowns of BDM1 or RT1.
-
-    The shape is (n, 2 nb).
-    """
+    """The matrix (n, 2 nb) from q.n at the ends of the boundary edges to the unknowns of BDM1 or RT1."""
     ends = (np.array([[0.0, 1.0]]), np.array([0.5, 0.5]))
     basis = skfem.FacetBasis(space.mesh, space.elem, facets=facet, quadrature=ends)
     unknowns = space.facet_dofs[:, facet]
@@ -143,7 +139,9 @@ def normal_flux_matrix(space: skfem.Basis, mesh: Mesh, facet: Index) -> sp.csr_a
     traces = np.einsum("lnp,ldn->npd", values, local.astype(float))
     first = np.asarray(basis.global_coordinates())[:, :, 0].T
     flipped = np.any(np.abs(first - mesh.points[mesh.boundary]) > 0.5 * np.diff(mesh.s)[:, None], axis=1)
+    # where scikit-fem runs along the facet the other way the two ends change places
     traces[flipped] = traces[flipped, ::-1]
+    # on each edge two unknowns and two values of q.n determine each other
     to_unknowns = np.linalg.inv(traces)
     rows, columns = np.broadcast_arrays(
         unknowns.T[:, :, None], (2 * np.arange(len(facet))[:, None] + np.arange(2))[:, None, :]

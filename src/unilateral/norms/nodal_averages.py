@@ -44,19 +44,14 @@ def rings(mesh: Mesh) -> tuple[Index, Index]:
 
 
 def _edge_directions(mesh: Mesh, start: Index, end: Index) -> Array:
-    """The directions from nodes to other nodes, as angles.
-
-    The shape is (k,).
-    """
+    """The directions from nodes to other nodes, as angles, (k,)."""
     x, y = (mesh.points[end] - mesh.points[start]).T
     return np.arctan2(y, x)
 
 
 def jump_matrix(mesh: Mesh) -> sp.csr_array:
-    """The matrix from |T|^{1/2} grad w_T to all jumps J_e.
-
-    The shape is (edges, 2m).
-    """
+    """The matrix from |T|^{1/2} grad w_T to all jumps J_e, (edges, 2m)."""
+    # J_e = (b - a) . (grad w_T' - grad w_T) / 2: each triangle adds its part, with T on the left
     start = mesh.points[np.roll(mesh.triangles, -1, 1)]
     end = mesh.points[np.roll(mesh.triangles, -2, 1)]
     entries = (start - end) / (2 * np.sqrt(mesh.areas))[:, None, None]
@@ -69,28 +64,18 @@ def jump_matrix(mesh: Mesh) -> sp.csr_array:
 
 
 def deviation_matrix(mesh: Mesh, form: Form = H1) -> sp.csr_array:
-    """The matrix from |T|^{1/2} grad w_T to the values of Aw - w_T at the corners of all T.
-
-    The shape is (3m, 2m).
-    """
-    return _deviations_from_jumps(mesh, *rings(mesh), _first_shares(mesh, form)) @ jump_matrix(mesh)
-
-
-def _first_shares(mesh: Mesh, form: Form) -> Array:
-    """The share in Aw at each boundary node of the edge that begins there.
-
-    The shape is (n,).
-    """
+    """The matrix from |T|^{1/2} grad w_T to the values of Aw - w_T at the corners of all T, (3m, 2m)."""
+    # the share s in Aw of the edge that begins at a node: 1/2, but 1 if that is clamped and the other edge is
+    # not, and 0 if only the other one is
     shares = np.full(mesh.n_nodes, 0.5)
     clamped = form.clamped_edges(mesh).astype(float)
     shares[mesh.boundary] += 0.5 * (clamped - np.roll(clamped, 1))
-    return shares
+    corner, start = rings(mesh)
+    return _deviations_from_jumps(mesh, corner, start, shares) @ jump_matrix(mesh)
 
 
 def _deviations_from_jumps(mesh: Mesh, corner: Index, start: Index, shares: Array) -> sp.csr_array:
-    """The matrix from the jumps to the values of Aw - w_T at the corners of all T.
-
-    The shape is (3m, edges).
+    """The matrix from the jumps to the values of Aw - w_T at the corners of all T, (3m, edges).
 
     Let J_1, ..., J_k be the jumps on the way round an inner node, from T to T. Their sum is 0, and Aw - w_T
     is the sum of (k + 1 - 2 l) / (2 k) J_l. At a boundary node J_0, ..., J_k are those from the first edge to
@@ -103,6 +88,7 @@ def _deviations_from_jumps(mesh: Mesh, corner: Index, start: Index, shares: Arra
     outer = np.zeros(mesh.n_nodes, dtype=bool)
     outer[mesh.boundary] = True
     outer = outer[node]
+    # a row for each corner in its ring, with an entry for each edge at its node
     counts = size + outer
     ends = np.concatenate([[0], np.cumsum(counts)])
     l = np.arange(ends[-1]) - np.repeat(ends[:-1], counts)  # noqa: E741
@@ -111,6 +97,7 @@ def _deviations_from_jumps(mesh: Mesh, corner: Index, start: Index, shares: Arra
     outer = np.repeat(outer, counts)
     node = np.repeat(node, counts)
     entry = start[node] + np.where(outer, np.maximum(l - 1, 0), (place + l) % size)
+    # inside (k + 1 - 2 l) / (2 k) with l from 1; at the boundary 1 - s for jumps after T, -s for those before
     values = np.where(outer, np.where(l <= place, 0.0, 1.0) - shares[node], (size - 1 - 2 * l) / (2 * size))
     edges = _edges_at_corners(mesh, corner[entry], outer & (l == 0))
     in_order = np.empty(len(corner), dtype=np.intp)
@@ -120,9 +107,6 @@ def _deviations_from_jumps(mesh: Mesh, corner: Index, start: Index, shares: Arra
 
 
 def _edges_at_corners(mesh: Mesh, corner: Index, clockwise: Mask) -> Index:
-    """The edge of a triangle that ends at each corner, or, where `clockwise`, that starts there.
-
-    The shape is (k,).
-    """
+    """The edge of a triangle that ends at each corner, or, where `clockwise`, that starts there, (k,)."""
     triangle, k = np.divmod(corner, 3)
     return mesh.opposite_edges[triangle, (k + np.where(clockwise, 2, 1)) % 3].astype(np.intp)

@@ -43,13 +43,10 @@ class ReferenceSpaces:
     least_fluxes: LeastFluxes
 
     def suprema(self, loads: sp.csc_array) -> Array:
-        """The matrix of the form whose root is the supremum over P2 of <mu, v> / ||v||.
-
-        The shape is (k, k).
-        """
-        kept = np.ones(self.n_p2)
-        kept[self.fixed] = 0.0
-        return self.p2_factor.inverse_products((sp.diags_array(kept) @ loads).tocsc())
+        """The matrix of the form whose root is the supremum over P2 of <mu, v> / ||v||, (k, k)."""
+        is_free = np.ones(self.n_p2)
+        is_free[self.fixed] = 0.0
+        return self.p2_factor.inverse_products((sp.diags_array(is_free) @ loads).tocsc())
 
 
 def build_reference_spaces(
@@ -62,34 +59,37 @@ def build_reference_spaces(
     polygon = partition.polygon
     s = grade_boundary_nodes(partition, singular, edges_per_cell)
     mesh = meshes.triangulate_from_boundary(polygon, s, REFERENCE_MESH_GROWTH)
-    of_skfem = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
-    facet = boundary_facets(of_skfem, mesh)
-    p2 = skfem.Basis(of_skfem, skfem.ElementTriP2())
-    given = ~form.clamped_edges(mesh)
+    skfem_mesh = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
+    facet = boundary_facets(skfem_mesh, mesh)
+    p2 = skfem.Basis(skfem_mesh, skfem.ElementTriP2())
+    has_flux = ~form.clamped_edges(mesh)
     M = mass.assemble(p2)
     start = mesh.boundary
     end = np.roll(mesh.boundary, -1)
-    nodes = np.stack([p2.nodal_dofs[0][start], p2.nodal_dofs[0][end], p2.facet_dofs[0][facet]], axis=1)
-    fixed = np.isin(np.arange(p2.N), nodes[~given])
+    edge_unknowns = np.stack(
+        [p2.nodal_dofs[0][start], p2.nodal_dofs[0][end], p2.facet_dofs[0][facet]], axis=1
+    )
+    fixed = np.isin(np.arange(p2.N), edge_unknowns[~has_flux])
     K = sp.csr_array(laplace.assemble(p2))
+    # k (grad v, grad w) + c (v, w) on P2, v = 0 on clamped edges
     matrix = decouple_nodes(sp.csr_array(form.k * K + form.c * M), fixed)
     rank = elimination_ranks(p2, matrix)
     factor = OrderedMatrix(matrix, np.argsort(rank, kind="stable"))
-    if given.all():
+    # A 1 = c M 1 if nothing is clamped: how far the solution is from 1 shows the rounding
+    if has_flux.all():
         check_constants(
             mesh, form, factorise(matrix, factor.order).solve(form.c * M.sum(axis=1)[factor.order])
         )
+    # for c = 0 fluxes have no divergence, and are curls of P2
     if form.c:
-        least = least_bdm1_fluxes(mesh, facet, given, p2, rank, form)
+        least_fluxes = least_bdm1_fluxes(mesh, facet, has_flux, p2, rank, form)
     else:
-        least = least_divergence_free_fluxes(mesh, nodes, given, K / form.k, rank)
-    return ReferenceSpaces(mesh, p2.N, nodes, factor, np.flatnonzero(fixed), least)
+        least_fluxes = least_divergence_free_fluxes(mesh, edge_unknowns, has_flux, K / form.k, rank)
+    return ReferenceSpaces(mesh, p2.N, edge_unknowns, factor, np.flatnonzero(fixed), least_fluxes)
 
 
 def elimination_ranks(p2: skfem.Basis, A: sp.csr_array) -> Array:
-    """The rank of each unknown of P2 in the order in which they are eliminated.
-
-    The shape is (n,).
+    """The rank of each unknown of P2 in the order in which they are eliminated, (n,).
 
     The order comes from a dissection of the nodes alone. An edge goes with the earlier of its ends, so that
     what separates nodes separates edges, too, and in spaces of fluxes the unknowns of edges.
@@ -103,10 +103,7 @@ def elimination_ranks(p2: skfem.Basis, A: sp.csr_array) -> Array:
 
 
 def boundary_facets(skfem_mesh: skfem.MeshTri, mesh: Mesh) -> Index:
-    """The facet of scikit-fem that is each boundary edge.
-
-    The shape is (nb,).
-    """
+    """The facet of scikit-fem that is each boundary edge, (nb,)."""
     ends = np.sort([mesh.boundary, np.roll(mesh.boundary, -1)], axis=0)
     candidates = skfem_mesh.t2f[:, mesh.boundary_triangles]
     at_edge = np.all(skfem_mesh.facets[:, candidates] == ends[:, None], axis=0)

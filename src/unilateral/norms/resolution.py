@@ -76,6 +76,7 @@ def cell_resolution(mesh: Mesh, partition: Partition) -> CellResolution:
     """The measures of each cell."""
     points, cell, edge = overlay(partition.points, mesh.s)
     lengths = np.diff(mesh.s)
+    # parts of edges count as fractions; between k + 1 parts of a cell lie k nodes
     edges = np.bincount(cell, np.diff(points) / lengths[edge], partition.n_cells)
     longest = np.zeros(partition.n_cells)
     np.maximum.at(longest, cell, lengths[edge])
@@ -85,9 +86,7 @@ def cell_resolution(mesh: Mesh, partition: Partition) -> CellResolution:
 
 
 def innermost_nodes(s: Array, partition: Partition) -> tuple[Array, Array]:
-    """The mesh node farthest from the ends of each cell, and that distance over H_i.
-
-    The shape is (m,).
+    """The mesh node farthest from the ends of each cell, and that distance over H_i, (m,).
 
     `s` (nb + 1,) are the nodes' arc lengths, the perimeter last. For a cell without a node inside, up to
     round-off, they are its start and 0.
@@ -96,6 +95,7 @@ def innermost_nodes(s: Array, partition: Partition) -> tuple[Array, Array]:
     ends = partition.points
     cell = np.searchsorted(ends, nodes, side="right") - 1
     share = np.minimum(nodes - ends[cell], ends[cell + 1] - nodes) / partition.lengths[cell]
+    # in the order of their shares: the last node written into a cell is the innermost one
     order = np.argsort(share, kind="stable")
     order = order[share[order] > CELL_ROUND_OFF]
     chosen = ends[:-1].copy()
@@ -106,18 +106,16 @@ def innermost_nodes(s: Array, partition: Partition) -> tuple[Array, Array]:
 
 
 def boundary_angles(mesh: Mesh) -> tuple[Index, Array]:
-    """The triangles with two or three nodes on the boundary, and their smallest angles in degrees.
-
-    The shape is (k,).
-    """
-    at = np.flatnonzero(np.isin(mesh.triangles, mesh.boundary).sum(axis=1) >= 2)
-    a, b, c = np.moveaxis(mesh.points[mesh.triangles[at]], 1, 0)
+    """The triangles with two or three nodes on the boundary, and their smallest angles in degrees, (k,)."""
+    triangles = np.flatnonzero(np.isin(mesh.triangles, mesh.boundary).sum(axis=1) >= 2)
+    a, b, c = np.moveaxis(mesh.points[mesh.triangles[triangles]], 1, 0)
     sides = [b - a, c - b, a - c]
+    # the angle between one side and the next, turned around
     angles = [
         np.arctan2(np.abs(cross(p, q)), -np.sum(p * q, axis=1))
         for p, q in zip(sides, [*sides[1:], sides[0]], strict=True)
     ]
-    return at, np.degrees(np.min(angles, axis=0))
+    return triangles, np.degrees(np.min(angles, axis=0))
 
 
 def is_fine_enough(cell_over_edge: Array) -> Mask:

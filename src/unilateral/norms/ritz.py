@@ -95,26 +95,31 @@ def ritz_projections(
         _check_u_size(case, float(np.abs(values).max()))
     form = condensed.form
     fixed = condensed.clamped_nodes
-    seen = [integrate_case(case, mesh, v, degree, form) for case, v in zip(cases, at_nodes, strict=True)]
-    f = np.array([each[0] for each in seen])
-    residual = np.array([each[1] for each in seen])
+    integrals = [integrate_case(case, mesh, v, degree, form) for case, v in zip(cases, at_nodes, strict=True)]
+    f = np.array([load for load, _, _, _ in integrals])
+    residual = np.array([load for _, load, _, _ in integrals])
     traces = [_evaluate_on_boundary(case, mesh) for case in cases]
-    flux = np.array([hat_load(mesh, rule, of_lambda) for rule, _, of_lambda in traces])
+    flux = np.array([hat_load(mesh, rule, lambda_values) for rule, _, lambda_values in traces])
+    # z_h - lift solves A z = f + lambda - A lift, for all cases at once
     total = f.copy()
     total[:, boundary] += flux
-    held = np.where(fixed, at_nodes, 0.0)
-    total = np.array([subtract_lift_from_load(mesh, form, *each) for each in zip(total, held, strict=True)])
+    lift = np.where(fixed, at_nodes, 0.0)
+    rows = zip(total, lift, strict=True)
+    total = np.array([subtract_lift_from_load(mesh, form, load, row) for load, row in rows])
     residual = np.where(fixed, 0.0, residual)
     flux = np.where(fixed[boundary], 0.0, flux)
     z_h = condensed.solve(total.T).T
-    on_boundary = z_h[:, boundary]
-    z_h += held
+    trace_without_lift = z_h[:, boundary]
+    z_h += lift
     values = z_h[:, boundary]
+    # with d = z_h - r_h u: ||u - z_h||^2 = ||u - r_h u||^2 + (A d - 2 (u - r_h u, .)) d, and the defect is
+    # A^{-1} (u - z_h, .) = A^{-1} ((u - r_h u, .) - A d)
     difference = z_h - at_nodes
     A_difference = (condensed.matrix_and_row_sums[0] @ difference.T).T
     defect = condensed.solve((residual - A_difference).T)[boundary].T
-    trace = on_boundary - condensed.solve_boundary(flux.T).T
-    more = np.sum((A_difference - 2 * residual) * difference, axis=1)
+    # A^{-1} f on the boundary is z_h, less the lift and A^{-1} lambda
+    trace = trace_without_lift - condensed.solve_boundary(flux.T).T
+    square_changes = np.sum((A_difference - 2 * residual) * difference, axis=1)
     return [
         RitzProjection(
             case,
@@ -124,13 +129,13 @@ def ritz_projections(
             load_trace=trace[c],
             u_norm=math.sqrt(u_square),
             interpolation_error=math.sqrt(square),
-            ritz_error=math.sqrt(max(square + float(more[c]), 0.0)),
+            ritz_error=math.sqrt(max(square + float(square_changes[c]), 0.0)),
             ritz_defect=defect[c],
             boundary_values=values[c],
             ritz_boundary_error=_boundary_distance(mesh, values[c], *traces[c][:2]),
-            dirichlet_lift=held[c],
+            dirichlet_lift=lift[c],
         )
-        for c, (case, (_, _, square, u_square)) in enumerate(zip(cases, seen, strict=True))
+        for c, (case, (_, _, square, u_square)) in enumerate(zip(cases, integrals, strict=True))
     ]
 
 
@@ -145,12 +150,13 @@ def _check_u_size(case: ExactSolution, size: float) -> None:
 def h1_distance(case: ExactSolution, mesh: Mesh, v_h: Array, degree: int | None = None) -> float:
     """||u - v_h||_1 of any v_h (n,) in V_h, by quadrature, part by part of a large mesh."""
     square = 0.0
-    for part in mesh_blocks(mesh):
-        used = _drop_zero_triangles(case, part, v_h)
-        of_v = v_h[used.triangles], np.einsum("ti,tid->td", v_h[used.triangles], gradients(used))
+    for block in mesh_blocks(mesh):
+        used = _drop_zero_triangles(case, block, v_h)
+        nodal = v_h[used.triangles]
+        grad_v = np.einsum("ti,tid->td", nodal, gradients(used))
         for rule in triangle_rules(used, case, degree):
             u, grad_u = _evaluate_at_rule(case.value_and_gradient, rule)
-            value, slope = _difference_at_rule(rule, u, grad_u, *of_v)
+            value, slope = _difference_at_rule(rule, u, grad_u, nodal, grad_v)
             square += _squared_energy(rule.weight, value, slope, Form(c=case.c))
     return math.sqrt(square)
 
@@ -186,23 +192,24 @@ def integrate_case(
     mesh = _drop_zero_triangles(case, mesh, v_h)
     nodal = v_h[mesh.triangles]
     slopes = gradients(mesh)
-    slope_of_v = np.einsum("ti,tid->td", nodal, slopes)
+    grad_v = np.einsum("ti,tid->td", nodal, slopes)
     m = len(mesh.triangles)
-    of_f = np.zeros((m, 3))
-    of_difference = np.zeros((m, 3))
+    f_moments = np.zeros((m, 3))
+    difference_moments = np.zeros((m, 3))
     gradient = np.zeros((m, 2))
     square = u_square = 0.0
+    # (u - v_h, phi_i) = int c (u - v_h) phi_i + int k grad (u - v_h) . grad phi_i, constant on triangles
     for rule in triangle_rules(mesh, case, degree):
         w = rule.weight
         phi = rule.barycentric
         u, grad_u, f = _evaluate_at_rule(case.value_gradient_and_source, rule)
-        value, slope = _difference_at_rule(rule, u, grad_u, nodal, slope_of_v)
+        value, slope = _difference_at_rule(rule, u, grad_u, nodal, grad_v)
         u_square += _squared_energy(w, u, grad_u, form)
         square += _squared_energy(w, value, slope, form)
-        np.add.at(of_f, rule.triangle, np.einsum("kq,kqb->kb", w * f, phi))
-        np.add.at(of_difference, rule.triangle, np.einsum("kq,kqb->kb", form.c * w * value, phi))
+        np.add.at(f_moments, rule.triangle, np.einsum("kq,kqb->kb", w * f, phi))
+        np.add.at(difference_moments, rule.triangle, np.einsum("kq,kqb->kb", form.c * w * value, phi))
         np.add.at(gradient, rule.triangle, np.einsum("kq,kqd->kd", form.k * w, slope))
-    return load_vector(mesh, of_f), h1_load(mesh, slopes, of_difference, gradient), square, u_square
+    return load_vector(mesh, f_moments), h1_load(mesh, slopes, difference_moments, gradient), square, u_square
 
 
 def multiplier_load(case: ExactSolution, mesh: Mesh) -> Array:
@@ -227,10 +234,7 @@ def _boundary_distance(mesh: Mesh, v: Array, rule: BoundaryRule, u: Array) -> fl
 
 
 def _edge_positions(mesh: Mesh, rule: BoundaryRule) -> Array:
-    """Where the points of a rule lie in their edges, from 0 to 1.
-
-    The shape is (Q,).
-    """
+    """Where the points of a rule lie in their edges, from 0 to 1, (Q,)."""
     start = mesh.s[rule.interval] - mesh.polygon.starts[rule.side]
     return np.asarray((rule.s - start) / np.diff(mesh.s)[rule.interval])
 
