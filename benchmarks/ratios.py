@@ -32,9 +32,9 @@ def along(
     return runs[chosen].set_index("n").sort_index()
 
 
-def ratios(runs: pd.DataFrame, way: str, to: str = MULTIGRID) -> pd.Series:
+def ratios(runs: pd.DataFrame, way: str, reference: str = MULTIGRID) -> pd.Series:
     """Seconds of a way over those of another one, for `natural`, over n where both were measured."""
-    return (along(runs, way)["cpu_seconds"] / along(runs, to)["cpu_seconds"]).dropna()
+    return (along(runs, way)["cpu_seconds"] / along(runs, reference)["cpu_seconds"]).dropna()
 
 
 def growth(seconds: pd.Series) -> float:
@@ -52,8 +52,8 @@ def reads(runs: pd.DataFrame, table: xr.Dataset, n: int) -> float:
 
 def share_of_peak(runs: pd.DataFrame, table: xr.Dataset, n: int) -> float:
     """The share of the machine's dense arithmetic that the elimination by macro-elements reaches."""
-    of = along(runs, "recursive uzawa").loc[n]
-    return float(of["operations"] / of["assembly_cpu"] / table["flop_rate"])
+    run = along(runs, "recursive uzawa").loc[n]
+    return float(run["operations"] / run["assembly_cpu"] / table["flop_rate"])
 
 
 def iterations(runs: pd.DataFrame, problems: Iterable[str]) -> pd.DataFrame:

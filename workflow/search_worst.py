@@ -168,24 +168,24 @@ def search(family: Family, rng: np.random.Generator, n_random: int, changes: int
     best = min(values)
     x = starts[int(np.argmin(values))]
     for _ in range(changes):
-        moved = _change_randomly(x, rng)
-        value = beta(moved)
+        trial = _change_randomly(x, rng)
+        value = beta(trial)
         if value < best:
             best = value
-            x = moved
+            x = trial
     return best, family.candidate(x)
 
 
 def _change_randomly(x: Array, rng: np.random.Generator) -> Array:
     """One to four neighbouring components made extreme, or all of some moved a little."""
-    moved = x.copy()
+    changed = x.copy()
     size = len(x)
     if rng.random() < 0.7:
         chosen = (rng.integers(size) + np.arange(rng.integers(1, 5))) % size
-        moved[chosen] = rng.choice([0.0, 0.5, 1.0], len(chosen))
-        return moved
-    some = rng.random(size) < 0.2
-    return np.clip(moved + np.where(some, 0.2 * rng.standard_normal(size), 0.0), 0, 1)
+        changed[chosen] = rng.choice([0.0, 0.5, 1.0], len(chosen))
+        return changed
+    selected = rng.random(size) < 0.2
+    return np.clip(changed + np.where(selected, 0.2 * rng.standard_normal(size), 0.0), 0, 1)
 
 
 def describe_family(family: Family) -> str:
@@ -238,4 +238,4 @@ def write(survey: str, finds: list[dict]) -> None:
 
 
 if __name__ == "__main__":
-    write("betaworst", [find(number, given) for number, given in enumerate(SEARCH["families"])])
+    write("betaworst", [find(number, fields) for number, fields in enumerate(SEARCH["families"])])

@@ -76,11 +76,11 @@ def pairing_matrix(nodes: Array, partition: Partition) -> Array:
     between = after + np.roll(before, -1)
     next_one = after**2 / (2 * between * partition.lengths)
     last_one = before**2 / (2 * np.roll(between, 1) * partition.lengths)
-    one = np.eye(len(nodes))
+    identity = np.eye(len(nodes))
     return (
         np.diag(1 - next_one - last_one)
-        + next_one[:, None] * np.roll(one, 1, axis=1)
-        + last_one[:, None] * np.roll(one, -1, axis=1)
+        + next_one[:, None] * np.roll(identity, 1, axis=1)
+        + last_one[:, None] * np.roll(identity, -1, axis=1)
     )
 
 
@@ -127,13 +127,13 @@ def lemma_quotients(errors: xr.Dataset) -> xr.Dataset:
     """
     beta = errors["beta_upper"]
     upper = errors["hm12_error_upper"]
-    known = (beta > 0) & (upper > ROUNDING_ERROR_SHARE * errors["u_norm"])
-    right = (1 + 1 / beta) * errors["hm12_best"] + errors["h1_error"] / beta
+    is_known = (beta > 0) & (upper > ROUNDING_ERROR_SHARE * errors["u_norm"])
+    right_side = (1 + 1 / beta) * errors["hm12_best"] + errors["h1_error"] / beta
     ratios = {
         "norm_ratio_lower": errors["discrete_error"] / upper,
         "norm_ratio_upper": errors["discrete_error"] / errors["hm12_error_lower"],
-        "lemma_4_3": upper / right,
+        "lemma_4_3": upper / right_side,
     }
     order = ("case", "mesh", "partition")
-    table = xr.Dataset({name: values.where(known).transpose(*order) for name, values in ratios.items()})
+    table = xr.Dataset({name: values.where(is_known).transpose(*order) for name, values in ratios.items()})
     return table.merge(errors[["beta_lower", "beta_upper", "beta_0"]])

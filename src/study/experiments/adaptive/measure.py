@@ -65,10 +65,12 @@ def measure_adaptive(
         measured.append(measure(problem, h, limits, Stop(**stop)))
         print(f"{problem.name} measured")
     names = [problem.name for problem in problems]
-    given = {"adaptive": study, "stop": stop}
-    for parts, path in zip(zip(*measured, strict=True), (errors, infsup, timings), strict=True):
-        tables.save_table(join_tables(parts, "case", names), path, "adaptive", given)
-    tables.save_table(rates_in_unknowns(tables.load_table(errors), study["factor"]), rates, "adaptive", given)
+    parameters = {"adaptive": study, "stop": stop}
+    for case_tables, path in zip(zip(*measured, strict=True), (errors, infsup, timings), strict=True):
+        tables.save_table(join_tables(case_tables, "case", names), path, "adaptive", parameters)
+    tables.save_table(
+        rates_in_unknowns(tables.load_table(errors), study["factor"]), rates, "adaptive", parameters
+    )
 
 
 def mark_all(solution: DiscreteSolution) -> Index:
@@ -165,11 +167,11 @@ def beta_constants(solution: DiscreteSolution) -> AdaptiveRow:
     edges = from_points(mesh.polygon, mesh.s)
     condensed = condense(mesh, form)
     gram = build_dual_norm(edges, form=form).gram()
-    of_cells = pair_constants(
+    cell_constants = pair_constants(
         mixed_spaces(condensed, solution.partition), gram.coarsen(solution.partition).p0
     )
-    of_edges = pair_constants(mixed_spaces(condensed, edges), gram.coarsen(edges).p0)
-    return of_cells | {"beta_of_edges": of_edges["beta_upper"]}
+    edge_constants = pair_constants(mixed_spaces(condensed, edges), gram.coarsen(edges).p0)
+    return cell_constants | {"beta_of_edges": edge_constants["beta_upper"]}
 
 
 def join_tables(tables: Sequence[xr.Dataset], dim: str, names: Sequence[str]) -> xr.Dataset:

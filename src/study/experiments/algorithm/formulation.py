@@ -36,13 +36,15 @@ def measure_formulation(mesh: Mesh, partition: Partition, cases: Sequence[ExactS
     """
     rng = np.random.default_rng(0)
     rows = []
-    for of in solve_cases(mesh, partition, cases):
-        in_K = _measure_minimum(of, of.lambda_H, "") | _measure_minimum(of, of.lambda_H + 1, "_elsewhere")
-        rows.append(_measure_weak_form(of, rng) | in_K)
-    alone = _measure_forms(of.spaces, rng) | _measure_galerkin(of.spaces)
+    for solved_case in solve_cases(mesh, partition, cases):
+        in_K = _measure_minimum(solved_case, solved_case.lambda_H, "") | _measure_minimum(
+            solved_case, solved_case.lambda_H + 1, "_elsewhere"
+        )
+        rows.append(_measure_weak_form(solved_case, rng) | in_K)
+    space_numbers = _measure_forms(solved_case.spaces, rng) | _measure_galerkin(solved_case.spaces)
     table = {name: ("case", [row[name] for row in rows]) for name in rows[0]}
-    of_spaces = {name: ((), value) for name, value in alone.items()}
-    return xr.Dataset({**table, **of_spaces}, {"case": [case.name for case in cases]})
+    space_variables = {name: ((), value) for name, value in space_numbers.items()}
+    return xr.Dataset({**table, **space_variables}, {"case": [case.name for case in cases]})
 
 
 def _measure_weak_form(solved_case: SolvedCase, rng: np.random.Generator) -> dict[str, float]:
@@ -55,14 +57,14 @@ def _measure_weak_form(solved_case: SolvedCase, rng: np.random.Generator) -> dic
     spaces = solved_case.spaces
     case = solved_case.exact.ritz.case
     boundary = solved_case.spaces.mesh.boundary
-    f, of_u, _, square = integrate_case(case, spaces.mesh, np.zeros(spaces.mesh.n_nodes), None)
-    slack = of_u - f
+    load, u_products, _, square = integrate_case(case, spaces.mesh, np.zeros(spaces.mesh.n_nodes), None)
+    slack = u_products - load
     residual = slack.copy()
     residual[boundary] -= solved_case.exact.ritz.multiplier_load
     size = float(np.sqrt(square))
     w = rng.standard_normal((N_DIRECTIONS, len(slack)))
-    more = rng.random((N_DIRECTIONS, len(boundary))) * rng.integers(2, size=(N_DIRECTIONS, 1))
-    w[:, boundary] = more - _smallest_gaps(case, spaces.mesh)
+    boundary_excess = rng.random((N_DIRECTIONS, len(boundary))) * rng.integers(2, size=(N_DIRECTIONS, 1))
+    w[:, boundary] = boundary_excess - _smallest_gaps(case, spaces.mesh)
     values = w @ slack / (size * np.sqrt(np.sum(w.T * (spaces.condensed.A @ w.T), axis=0)))
     return {
         "equation": _discrete_dual_norm(spaces, residual) / size,
@@ -86,8 +88,8 @@ def _smallest_gaps(case: ExactSolution, mesh: Mesh) -> Array:
     ends = mesh.s
     side = np.searchsorted(polygon.starts, 0.5 * (ends[1:] + ends[:-1])) - 1
     s = ends[:-1] - polygon.starts[side] + np.linspace(0, 1, GAP_POINTS_PER_EDGE)[:, None] * np.diff(ends)
-    least = case.gap(np.tile(side, GAP_POINTS_PER_EDGE), s.ravel()).reshape(s.shape).min(axis=0)
-    return np.minimum(least, np.roll(least, 1))
+    edge_gaps = case.gap(np.tile(side, GAP_POINTS_PER_EDGE), s.ravel()).reshape(s.shape).min(axis=0)
+    return np.minimum(edge_gaps, np.roll(edge_gaps, 1))
 
 
 def _measure_minimum(solved_case: SolvedCase, multiplier: Array, suffix: str) -> dict[str, float]:
@@ -119,9 +121,9 @@ def _measure_forms(spaces: MixedSpaces, rng: np.random.Generator) -> dict[str, f
     m = len(spaces.cells)
 
     def form_terms(U: tuple[Array, Array], V: tuple[Array, Array]) -> Array:
-        (u, of_u) = U
-        (v, of_v) = V
-        return np.array([u @ (A @ v), of_u @ (spaces.B @ v[boundary]), of_v @ (spaces.B @ u[boundary])])
+        (u, lambda_) = U
+        (v, mu) = V
+        return np.array([u @ (A @ v), lambda_ @ (spaces.B @ v[boundary]), mu @ (spaces.B @ u[boundary])])
 
     on_diagonal = [
         form_terms(U, U) / (U[0] @ (A @ U[0]))
@@ -131,10 +133,10 @@ def _measure_forms(spaces: MixedSpaces, rng: np.random.Generator) -> dict[str, f
         )
     ]
     flux = np.full(m, 1 / math.sqrt(spaces.operator.D.sum()))
-    of_flux = spaces.response(np.zeros(len(spaces.mesh.points)), flux)
-    left, _, right = np.linalg.svd([[1.0, 1.0], [-1.0, 0.0]])
-    U = (left[:, 0][0] * of_flux, left[:, 0][1] * flux)
-    V = (right[0][0] * of_flux, right[0][1] * flux)
+    u_h = spaces.response(np.zeros(len(spaces.mesh.points)), flux)
+    left_vectors, _, right_vectors = np.linalg.svd([[1.0, 1.0], [-1.0, 0.0]])
+    U = (left_vectors[:, 0][0] * u_h, left_vectors[:, 0][1] * flux)
+    V = (right_vectors[0][0] * u_h, right_vectors[0][1] * flux)
     largest = form_terms(U, V)
     return {
         "diagonal": _farthest_from_1(np.array(on_diagonal) @ [1, -1, 1]),

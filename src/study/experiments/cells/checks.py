@@ -23,8 +23,8 @@ def exponents(
     """The smallest or the largest exponent of a variable over H, of the cases."""
     data = tables[table].sel(case=list(cases))
     quantity = f"the {'smallest' if is_minimum else 'largest'} exponent of $H$"
-    found = name_values(period_exponent(data, variable), "{case}")
-    return require_preconditions(pick_worst(found, quantity, required, is_minimum), _algebraic_faults(data))
+    named = name_values(period_exponent(data, variable), "{case}")
+    return require_preconditions(pick_worst(named, quantity, required, is_minimum), _algebraic_faults(data))
 
 
 def consistency(tables: Tables, table: str, at_most: float) -> Evidence:
@@ -51,9 +51,9 @@ def theorem_1_sharpness(tables: Tables, table: str, cases: Sequence[str], at_mos
 def alternating_rates(tables: Tables, table: str, gamma: float, at_most: float) -> Evidence:
     """How far rates of D are from (sigma + tau)/2 = (alpha + gamma)/2; each cell has contact and a gap."""
     data = tables[table].sel(gamma=gamma)
-    found = name_values(abs(partition_rates(data) - (float(data["alpha"]) + gamma) / 2), "from H = {H:g}")
+    named = name_values(abs(partition_rates(data) - (float(data["alpha"]) + gamma) / 2), "from H = {H:g}")
     quantity = r"the distance of a rate of $D$ from $(\sigma + \tau)/2$"
-    return require_preconditions(pick_worst(found, quantity, at_most, False), _algebraic_faults(data))
+    return require_preconditions(pick_worst(named, quantity, at_most, False), _algebraic_faults(data))
 
 
 def beyond_theorem(tables: Tables, table: str, cases: Sequence[str], at_least: float) -> Evidence:
@@ -61,9 +61,9 @@ def beyond_theorem(tables: Tables, table: str, cases: Sequence[str], at_least: f
     data = tables[table].sel(case=list(cases))
     proved = (data["flux_order"] + data["gap_order"]) / 2
     best = data["flux_order"] + 0.5
-    found = name_values((period_exponent(data, "discrete_error") - proved) / (best - proved), "{case}")
+    named = name_values((period_exponent(data, "discrete_error") - proved) / (best - proved), "{case}")
     quantity = r"the exponent of $D$, on the way from $(\sigma + \tau)/2$ to $\sigma + 1/2$"
-    return require_preconditions(pick_worst(found, quantity, at_least, True), _algebraic_faults(data))
+    return require_preconditions(pick_worst(named, quantity, at_least, True), _algebraic_faults(data))
 
 
 def partition_rates(data: xr.Dataset) -> xr.DataArray:

@@ -37,12 +37,12 @@ MAX_NODAL_ACTIVE_SETS = 100
 def measure_certify(study: Mapping[str, Any], solutions: str) -> None:
     """Write the table of all cases, sizes and methods."""
     sizes = [parse_real(h, "certify.h") for h in study["h"]]
-    of_cases = []
+    case_tables = []
     for case in chain.from_iterable(map(scenes.load_cases, study["scenes"])):
         levels = [measure(case, make_structured_mesh(case.polygon, h), study) for h in sizes]
-        of_cases.append(xr.concat(levels, "mesh").assign_coords(case=case.name))
+        case_tables.append(xr.concat(levels, "mesh").assign_coords(case=case.name))
         print(f"{case.name} measured")
-    table = xr.concat(of_cases, "case").assign_coords(h=("mesh", sizes))
+    table = xr.concat(case_tables, "case").assign_coords(h=("mesh", sizes))
     tables.save_table(table, solutions, "certify", {"certify": study})
 
 
@@ -99,22 +99,22 @@ class NodalProblem(NamedTuple):
 
 def assemble_nodal_problem(case: ExactSolution, mesh: Mesh, element: skfem.Element) -> NodalProblem:
     """A case with u >= g at the element's boundary unknowns: nodes, and for P2 the midpoints of edges."""
-    of_skfem = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
-    basis = skfem.Basis(of_skfem, element, intorder=SOURCE_RULE_DEGREE)
+    skfem_mesh = skfem.MeshTri(mesh.points.T.copy(), mesh.triangles.T.copy())
+    basis = skfem.Basis(skfem_mesh, element, intorder=SOURCE_RULE_DEGREE)
     A = laplace.assemble(basis) + case.c * mass.assemble(basis)
 
     @skfem.LinearForm
     def source_load(v: Any, w: Any) -> Any:
         return case.source(w.x.reshape(2, -1).T).reshape(w.x.shape[1:]) * v
 
-    facets = boundary_facets(of_skfem, mesh)
+    facets = boundary_facets(skfem_mesh, mesh)
     clamped = np.isin(mesh.side, case.clamped_sides)
     g = np.full(basis.N, -np.inf)
     fixed = np.zeros(basis.N, dtype=bool)
     ends = [basis.nodal_dofs[0][nodes] for nodes in (mesh.boundary, np.roll(mesh.boundary, -1))]
     places = [(ends[0], 0.0), (ends[1], 1.0), *((dofs[facets], 0.5) for dofs in basis.facet_dofs)]
-    for dofs, part in places:
-        s = mesh.s[:-1] + part * np.diff(mesh.s) - mesh.polygon.starts[mesh.side]
+    for dofs, edge_share in places:
+        s = mesh.s[:-1] + edge_share * np.diff(mesh.s) - mesh.polygon.starts[mesh.side]
         u, _, gap = case.trace_flux_and_gap(mesh.side, s)
         np.maximum.at(g, dofs, u - gap)
         fixed[dofs[clamped]] = True
@@ -136,12 +136,12 @@ def solve_nodal_problem(problem: NodalProblem, springs: Array | None = None) -> 
         push = np.zeros_like(load) if springs is None else np.where(active, springs, 0.0)
         matrix = (A + sp.diags_array(push)).tocsr()
         x = np.where(prescribed, g, 0.0)
-        rest = load + push * np.where(active, g, 0.0) - matrix @ x
-        x[~prescribed] = spsolve(matrix[~prescribed][:, ~prescribed].tocsc(), rest[~prescribed])
+        right_side = load + push * np.where(active, g, 0.0) - matrix @ x
+        x[~prescribed] = spsolve(matrix[~prescribed][:, ~prescribed].tocsc(), right_side[~prescribed])
         # next a node is active where the reaction is larger than the gap, times the diagonal
-        before = active
+        previous = active
         active = ~fixed & (A @ x - load > diagonal * (x - g))
-        if np.array_equal(active, before):
+        if np.array_equal(active, previous):
             break
     return x
 

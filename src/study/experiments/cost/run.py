@@ -232,10 +232,10 @@ def count_operations(
     check = application + 2 * m
     totals = [
         setup
-        + (each.steps + 1) * residual
-        + each.steps * advance
-        + each.checks * check
-        + each.newton_operations
-        for each in reached
+        + (level.steps + 1) * residual
+        + level.steps * advance
+        + level.checks * check
+        + level.newton_operations
+        for level in reached
     ]
     return setup, residual + advance, totals

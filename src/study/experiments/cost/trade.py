@@ -44,8 +44,8 @@ class Price(NamedTuple):
 
 def relative_errors(table: xr.Dataset, norm: str) -> xr.DataArray:
     """The errors over the norm of u or lambda."""
-    whole = table["u_norm"] if norm == "h1" else error_in_norm(table, norm, quantity="norm")
-    return error_in_norm(table, norm) / whole
+    exact_norm = table["u_norm"] if norm == "h1" else error_in_norm(table, norm, quantity="norm")
+    return error_in_norm(table, norm) / exact_norm
 
 
 def error_excess(table: xr.Dataset, norm: str) -> xr.DataArray:
@@ -58,13 +58,13 @@ def pareto_front(work: Array, error: Array) -> Index:
 
     The shape is (k,).
     """
-    kept = []
-    least = np.inf
+    front = []
+    smallest_error = np.inf
     for i in np.lexsort((error, work)):
-        if np.isfinite(work[i]) and error[i] < MAX_FRONT_QUOTIENT * least:
-            kept.append(int(i))
-            least = error[i]
-    return np.array(kept, dtype=np.intp)
+        if np.isfinite(work[i]) and error[i] < MAX_FRONT_QUOTIENT * smallest_error:
+            front.append(int(i))
+            smallest_error = error[i]
+    return np.array(front, dtype=np.intp)
 
 
 def growth_exponent(crossed: xr.Dataset, algorithm: str, H_over_h: float, coarsest: float) -> float:
@@ -85,8 +85,8 @@ def growth_exponent(crossed: xr.Dataset, algorithm: str, H_over_h: float, coarse
 
 def sufficient_stop(cases: xr.Dataset, norm: str, coarsest: float) -> float:
     """The largest stopping level below 1 that leaves no error above ENOUGH times the discrete solution's."""
-    of = error_excess(cases.sel(H=cases["H"] <= coarsest, stop=cases["stop"] < 1), norm)
-    worst = of.max([name for name in of.dims if name != "stop"])
+    excess = error_excess(cases.sel(H=cases["H"] <= coarsest, stop=cases["stop"] < 1), norm)
+    worst = excess.max([name for name in excess.dims if name != "stop"])
     good = worst.values <= ENOUGH_FACTOR
     first = int(np.argmax(np.logical_and.accumulate(good[::-1])[::-1]))
     return float(worst["stop"][first]) if good[-1] else np.nan
@@ -94,17 +94,19 @@ def sufficient_stop(cases: xr.Dataset, norm: str, coarsest: float) -> float:
 
 def halving_factor(work: Array, error: Array) -> float:
     """The factor of work that halves the error ~ work^-p, p by least squares; inf if it does not fall."""
-    known = np.isfinite(work) & np.isfinite(error)
-    p = -float(np.polyfit(np.log(work[known]), np.log(error[known]), 1)[0])
+    finite = np.isfinite(work) & np.isfinite(error)
+    p = -float(np.polyfit(np.log(work[finite]), np.log(error[finite]), 1)[0])
     return 2 ** (1 / p) if p > 0 else np.inf
 
 
 def cheapest_at_level(crossed: xr.Dataset, norm: str, stop: float) -> xr.Dataset:
     """The work, relative error and h of the cheapest algorithm at that level, over (H_over_h, H)."""
-    at = crossed.sel(stop=stop)
-    cheapest_one = at["operations"].fillna(np.inf).argmin("algorithm")
-    runs = xr.Dataset({"work": at["operations"], "error": relative_errors(at, norm), "h": at["h"]})
-    return runs.isel(algorithm=cheapest_one).drop_vars("algorithm")
+    level_runs = crossed.sel(stop=stop)
+    cheapest = level_runs["operations"].fillna(np.inf).argmin("algorithm")
+    runs = xr.Dataset(
+        {"work": level_runs["operations"], "error": relative_errors(level_runs, norm), "h": level_runs["h"]}
+    )
+    return runs.isel(algorithm=cheapest).drop_vars("algorithm")
 
 
 def losses_by_ratio(error: xr.DataArray, work: xr.DataArray) -> dict[float, float]:
@@ -117,9 +119,9 @@ def losses_by_ratio(error: xr.DataArray, work: xr.DataArray) -> dict[float, floa
     for ratio in error["H_over_h"].values:
         x = np.log(work.sel(H_over_h=ratio).values)
         y = np.log(error.sel(H_over_h=ratio).values)
-        known = np.isfinite(x) & np.isfinite(y)
-        if np.count_nonzero(known) > MIN_SIZES:
-            lines[float(ratio)] = (x[known], y[known])
+        finite = np.isfinite(x) & np.isfinite(y)
+        if np.count_nonzero(finite) > MIN_SIZES:
+            lines[float(ratio)] = (x[finite], y[finite])
     first = max(x.min() for x, _ in lines.values())
     last = min(x.max() for x, _ in lines.values())
     common = np.linspace(first, last, N_WORK_VALUES)
@@ -129,17 +131,17 @@ def losses_by_ratio(error: xr.DataArray, work: xr.DataArray) -> dict[float, floa
 
 def price_at_level(runs: xr.Dataset, norm: str, stop: float, coarsest: float) -> Price:
     """Price of an error at a level, by runs over (H, stop) with H <= `coarsest`."""
-    at = runs.sel(H=runs["H"] <= coarsest, stop=stop).dropna("H", subset=["operations"])
-    error = relative_errors(at, norm)
-    last = at.isel(H=-1)
-    work = last["operations"].item()
+    levels = runs.sel(H=runs["H"] <= coarsest, stop=stop).dropna("H", subset=["operations"])
+    error = relative_errors(levels, norm)
+    finest = levels.isel(H=-1)
+    work = finest["operations"].item()
     return Price(
         stop,
-        last["h"].item(),
+        finest["h"].item(),
         error.values[-1].item(),
         work,
-        work / last["setup_operations"].item(),
-        halving_factor(at["operations"].values, error.values),
+        work / finest["setup_operations"].item(),
+        halving_factor(levels["operations"].values, error.values),
     )
 
 
@@ -152,9 +154,9 @@ def cheapest_run(crossed: xr.Dataset, norm: str, target: float) -> dict[str, flo
     if not bool(good.notnull().any()):
         return None
     place = good.fillna(np.inf).argmin(...)
-    at = runs[["h", "operations"]].isel(place)
+    cheapest = runs[["h", "operations"]].isel(place)
     names = ("H_over_h", "stop", "h", "operations")
-    return {**{name: at[name].item() for name in names}, "error": float(error.isel(place))}
+    return {**{name: cheapest[name].item() for name in names}, "error": float(error.isel(place))}
 
 
 def break_even_steps(algebra: xr.Dataset) -> Array:
@@ -164,11 +166,11 @@ def break_even_steps(algebra: xr.Dataset) -> Array:
 
     With A, too, rho and the guaranteed stop need the spectrum, and there it is taken as given.
     """
-    more = algebra["setup_operations"].sel(algebra="S") - algebra["setup_operations"].sel(algebra="A")
+    extra_setup = algebra["setup_operations"].sel(algebra="S") - algebra["setup_operations"].sel(algebra="A")
     cells = algebra["multipliers"].sel(algebra="S").values
-    more = more - [operations.count_spectrum(int(m)) for m in cells]
+    extra_setup = extra_setup - [operations.count_spectrum(int(m)) for m in cells]
     saved = algebra["step_operations"].sel(algebra="A") - algebra["step_operations"].sel(algebra="S")
-    return (more / saved).values
+    return (extra_setup / saved).values
 
 
 def work_of_A_over_S(
@@ -181,8 +183,8 @@ def work_of_A_over_S(
     Both are without the spectrum and the checks of the bound, that is, without the guarantee.
     """
     runs = crossed.sel(algorithm=algorithm, H_over_h=H_over_h)
-    of = algebra.sel(algebra="A")
+    run_by_A = algebra.sel(algebra="A")
     spectrum = xr.apply_ufunc(operations.count_spectrum, runs["multipliers"])
     residuals = runs["steps"] + 1
     by_S = runs["setup_operations"] - spectrum + residuals * runs["step_operations"]
-    return (of["setup_operations"] + residuals * of["step_operations"]) / by_S
+    return (run_by_A["setup_operations"] + residuals * run_by_A["step_operations"]) / by_S

@@ -52,9 +52,9 @@ def step_limit(tables: Tables, table: str, nearest: Mapping[str, float]) -> Evid
     rows = {}
     untried = []
     for axis, distance in nearest.items():
-        here = data["axis_of"].values == axis
-        share = data["value"].values[here] / float(data["predicted_limit"].sel(axis=axis))
-        wrong = (data["outcome"].values[here] == "right") != (share < 1)
+        on_axis = data["axis_of"].values == axis
+        share = data["value"].values[on_axis] / float(data["predicted_limit"].sel(axis=axis))
+        wrong = (data["outcome"].values[on_axis] == "right") != (share < 1)
         rows[axis] = float(np.count_nonzero(wrong))
         untried += [
             f"{near:g} of the limit was not tried on the axis {axis}"
@@ -74,11 +74,11 @@ def power_law(
     data = tables[table]
     value = data["value"].values
     number = data["measured"].values
-    kept = (data["axis_of"].values == axis) & (value <= max_value) & np.isfinite(number)
-    if np.count_nonzero(kept) < 2:
+    is_fitted = (data["axis_of"].values == axis) & (value <= max_value) & np.isfinite(number)
+    if np.count_nonzero(is_fitted) < 2:
         raise Unjudged(f"fewer than two numbers are known on the axis {axis}")
-    slope = np.polyfit(np.log(value[kept]), np.log(number[kept]), 1)[0]
-    rows = {f"slope over {np.count_nonzero(kept)} values": abs(float(slope) - exponent)}
+    slope = np.polyfit(np.log(value[is_fitted]), np.log(number[is_fitted]), 1)[0]
+    rows = {f"slope over {np.count_nonzero(is_fitted)} values": abs(float(slope) - exponent)}
     return pick_worst(rows, f"how far the slope is from {exponent:g}", at_most, False)
 
 
@@ -94,8 +94,8 @@ def rounding_floor(tables: Tables, table: str, axis: str, factor: float) -> Evid
     beyond = ~(np.abs(np.log(number / expected)) <= np.log(factor))
     slope = float(np.polyfit(np.log(expected), np.log(number), 1)[0])
     rows = {
-        f"{where:g}: {found:.2g} for {told:.2g}": float(each)
-        for where, found, told, each in zip(value, number, expected, beyond, strict=True)
+        f"{where:g}: {measured:.2g} for {predicted:.2g}": float(is_beyond)
+        for where, measured, predicted, is_beyond in zip(value, number, expected, beyond, strict=True)
     }
     rows[f"slope {slope:.2g}"] = float(not slope > 1)
     return pick_worst(rows, f"floors beyond a factor of {factor:g}, or that grow no faster", 0.0, False)

@@ -84,8 +84,8 @@ def flat_contact_axis(values: Array, h: float, H: float, budget: Budget) -> Axis
     def pose(share: float) -> ExtremeProblem:
         def contact(partition: Partition) -> tuple[Array, Array]:
             lambda_H, gap = wave_contact(partition)
-            kept = cell_middles(partition) > share
-            return lambda_H * kept, gap * kept
+            is_loaded = cell_middles(partition) > share
+            return lambda_H * is_loaded, gap * is_loaded
 
         return pose_on_square(h, H, contact)
 
@@ -138,8 +138,8 @@ def vertex_contact_axis(values: Array, h: float, H: float, budget: Budget) -> Ax
     """Contact on two opposite sides and a gap on the others: all vertices are transitions; the axis is H."""
 
     def contact(partition: Partition) -> tuple[Array, Array]:
-        here = partition.side % 2 == 0
-        return full_contact(partition)[0] * here, 1.0 * ~here
+        has_contact = partition.side % 2 == 0
+        return full_contact(partition)[0] * has_contact, 1.0 * ~has_contact
 
     return Axis(pose=lambda size: pose_on_square(size * h / H, size, contact), measure=_count_loaded_cells)
 

@@ -107,13 +107,13 @@ def near_vertices_axis(values: Array, h: float, H: float, budget: Budget) -> Axi
     mesh = structured_square(h)
     aligned = make_uniform_partition(square(), H)
     inside = ~np.isin(aligned.points, square().starts)
-    there = pose_contact(mesh, aligned, wave_contact).spaces.operator.D
+    D = pose_contact(mesh, aligned, wave_contact).spaces.operator.D
 
     def pose(distance: float) -> ExtremeProblem:
         return pose_contact(mesh, Partition(square(), aligned.points + distance * inside), wave_contact)
 
     def change(distance: float, problem: ExtremeProblem, mu: Array) -> float:
-        return float(np.abs(problem.spaces.operator.D - there).max() / np.abs(there).max())
+        return float(np.abs(problem.spaces.operator.D - D).max() / np.abs(D).max())
 
     return Axis(pose=pose, measure=change, predicted=2 * values / H, max_change=ROUNDING_CHANGE)
 
@@ -249,10 +249,10 @@ def square_place_axis(values: Array, h: float, H: float, budget: Budget) -> Axis
             meshes.make_unstructured_mesh(polygon, h), make_uniform_partition(polygon, H), wave_contact
         )
 
-    here = pose(0.0).spaces.operator.S
+    S = pose(0.0).spaces.operator.S
 
     def change(distance: float, problem: ExtremeProblem, mu: Array) -> float:
-        return float(np.abs(problem.spaces.operator.S - here).max() / np.abs(here).max())
+        return float(np.abs(problem.spaces.operator.S - S).max() / np.abs(S).max())
 
     limit = meshes.MAX_ROUNDING_PER_H * h / float(np.finfo(float).eps)
     return Axis(
@@ -299,13 +299,15 @@ def _polygon_family_axis(
     law = np.array([_condition_law(shape(value), H) for value in values])
     mildest = pose(float(values[0])).condition
     numbers = np.where(law >= law[0], mildest * law / law[0], np.nan)
-    refused = np.array([rounding_of_mesh(value) for value in values.tolist()]) / MAX_CONSTANT_ERROR
+    rounding_share = np.array([rounding_of_mesh(value) for value in values.tolist()]) / MAX_CONSTANT_ERROR
     return Axis(
         pose=pose,
         measure=measure_condition,
         predicted=numbers,
         limit=find_crossing(values, numbers, budget.max_condition),
-        tool_limit=find_crossing(values, np.maximum(numbers / budget.max_condition_nesterov, refused), 1.0),
+        tool_limit=find_crossing(
+            values, np.maximum(numbers / budget.max_condition_nesterov, rounding_share), 1.0
+        ),
     )
 
 

@@ -51,16 +51,16 @@ class ExtremeProblem:
     @property
     def condition(self) -> float:
         """lambda_max(S) / lambda_min(S), infinite where S is singular."""
-        of = self.spaces.operator
-        return np.inf if of.is_singular else of.lambda_max / of.lambda_min
+        operator = self.spaces.operator
+        return np.inf if operator.is_singular else operator.lambda_max / operator.lambda_min
 
     @cached_property
     def rounding(self) -> float:
         """Relative change of constants by rounding, ||A^{-1} (1, .)_0 - 1||_1 / ||1||_1 as computed."""
         mesh = self.spaces.mesh
-        one = np.ones(mesh.n_nodes)
-        computed = self.spaces.condensed.solve(stiffness_and_mass(mesh)[1] @ one)
-        return max(MIN_ROUNDING, self.norm(computed - one) / self.norm(one))
+        constant = np.ones(mesh.n_nodes)
+        computed = self.spaces.condensed.solve(stiffness_and_mass(mesh)[1] @ constant)
+        return max(MIN_ROUNDING, self.norm(computed - constant) / self.norm(constant))
 
     @property
     def rounding_allowance(self) -> float:

@@ -30,9 +30,9 @@ def orders_between_levels(unknowns: Array, values: Array, factor: float) -> Arra
 
     `unknowns` and `values` are (k,) of levels, coarse to fine; levels beyond the last are NaN.
     """
-    known = np.isfinite(unknowns)
-    N = unknowns[known]
-    of = values[known]
+    is_level = np.isfinite(unknowns)
+    N = unknowns[is_level]
+    errors = values[is_level]
     first = [int(np.argmax(factor * n <= N)) for n in N]
     pairs = [(i, j) for i, j in enumerate(first) if j]
-    return np.array([2 * np.log(of[i] / of[j]) / np.log(N[j] / N[i]) for i, j in pairs])
+    return np.array([2 * np.log(errors[i] / errors[j]) / np.log(N[j] / N[i]) for i, j in pairs])

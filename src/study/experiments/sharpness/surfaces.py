@@ -28,8 +28,8 @@ INVERSE_ESTIMATE_LOSS = {"h1": 0.0, "hm12": 0.0, "l2": 0.5, "discrete": 0.0}
 
 def predicted_rate(norm: str, alpha: ArrayLike) -> Array:
     """The rate by Theorem 4, that of the best approximation of u (h1) or lambda; for D in H by Theorem 2."""
-    most, smoothness = THEOREM_4_RATES[norm]
-    return np.minimum(most, np.asarray(alpha, dtype=float) + smoothness)
+    best_rate, smoothness = THEOREM_4_RATES[norm]
+    return np.minimum(best_rate, np.asarray(alpha, dtype=float) + smoothness)
 
 
 def consistency_rate(alpha: ArrayLike, gamma: ArrayLike) -> Array:
@@ -56,8 +56,8 @@ def logarithm_loss(sizes: ArrayLike) -> Array:
 
 def predicted_bend(norm: str) -> float:
     """The alpha at which the regularity no longer limits the predicted rate."""
-    most, smoothness = THEOREM_4_RATES[norm]
-    return most - smoothness
+    best_rate, smoothness = THEOREM_4_RATES[norm]
+    return best_rate - smoothness
 
 
 def proof_bend(norm: str, gamma: float) -> float:
@@ -177,7 +177,7 @@ def _algebraic_share(errors: xr.Dataset, norm: str) -> Array:
     """The share as rates are judged: the bound turned into that norm, over the error's lower bound."""
     beta = errors["beta_lower"]
     lambda_min = errors["lambda_min"]
-    one = xr.ones_like(beta)
-    to_norm = {"h1": one, "hm12": beta, "l2": lambda_min**0.5, "discrete": one}[norm]
+    ones = xr.ones_like(beta)
+    to_norm = {"h1": ones, "hm12": beta, "l2": lambda_min**0.5, "discrete": ones}[norm]
     share = errors["algebraic_bound"] / to_norm / error_in_norm(errors, norm, "lower")
     return _level_values(share.max("position", skipna=False))

@@ -99,16 +99,16 @@ def survey_pairs(
         side[p, : partition.n_cells] = partition.side
     for k, size in enumerate(sizes):
         condensed = cache(condense)
-        on = make_meshes(partitions, meshes, size)
-        for p, (partition, mesh) in enumerate(zip(partitions, on, strict=True)):
-            alike = partition.polygon.vertices.tobytes(), partition.points.tobytes()
-            if alike not in grams:
-                grams[alike] = build_dual_norm(partition).gram().p0
-            gram = grams[alike]
+        size_meshes = make_meshes(partitions, meshes, size)
+        for p, (partition, mesh) in enumerate(zip(partitions, size_meshes, strict=True)):
+            gram_key = partition.polygon.vertices.tobytes(), partition.points.tobytes()
+            if gram_key not in grams:
+                grams[gram_key] = build_dual_norm(partition).gram().p0
+            gram = grams[gram_key]
             spaces = mixed_spaces(condensed(mesh), partition)
             operator = spaces.operator
-            sizes_of = {"h": mesh.h, "h_over_H": mesh.h / partition.H}
-            for name, value in (sizes_of | pair_constants(spaces, gram)).items():
+            mesh_sizes = {"h": mesh.h, "h_over_H": mesh.h / partition.H}
+            for name, value in (mesh_sizes | pair_constants(spaces, gram)).items():
                 values[name][k, p] = value
             if np.count_nonzero(operator.spectrum <= SINGULAR_EIGENVALUE_RATIO * operator.lambda_max) <= 1:
                 symmetries = _cell_symmetries(mesh, partition, meshes[p])
@@ -140,7 +140,7 @@ def worst_multiplier(D: Array, G: Array, symmetries: Sequence[Index] = ()) -> Ar
     that are equally bad it is the first, beginning with the symmetric.
     """
     m = len(D)
-    least = 0.0
+    smallest = 0.0
     mu = np.empty(0)
     for signs in product((1.0, -1.0), repeat=len(symmetries)):
         projector = np.eye(m)
@@ -151,8 +151,8 @@ def worst_multiplier(D: Array, G: Array, symmetries: Sequence[Index] = ()) -> Ar
         if not basis.shape[1]:
             continue
         value, x = eigh(basis.T @ D @ basis, basis.T @ G @ basis, subset_by_index=[0, 0])
-        if not mu.size or value[0] < least - TIE_TOLERANCE * abs(least):
-            least = float(value[0])
+        if not mu.size or value[0] < smallest - TIE_TOLERANCE * abs(smallest):
+            smallest = float(value[0])
             mu = basis @ x[:, 0]
     size = np.abs(mu)
     return mu / mu[np.flatnonzero(size >= (1 - TIE_TOLERANCE) * size.max())[0]]
@@ -188,14 +188,14 @@ def make_meshes(partitions: Sequence[Partition], specs: Sequence[Spec], size: ob
     Raises InputError for nodes that are out of order, or without the vertices.
     """
     by_nodes = cache(triangulate_from_boundary)
-    made = []
+    meshes = []
     for partition, spec in zip(partitions, specs, strict=True):
         polygon = partition.polygon
         if spec.get("kind") == "structured":
-            made.append(make_structured_mesh(polygon, partition.H / parse_real(size, "edges_per_cell")))
+            meshes.append(make_structured_mesh(polygon, partition.H / parse_real(size, "edges_per_cell")))
         else:
-            made.append(by_nodes(polygon, tuple(place_boundary_nodes(partition, spec, size).tolist())))
-    return made
+            meshes.append(by_nodes(polygon, tuple(place_boundary_nodes(partition, spec, size).tolist())))
+    return meshes
 
 
 def place_boundary_nodes(partition: Partition, spec: Spec, size: object) -> Array:
