@@ -31,6 +31,7 @@ def count_factors(lu: SuperLU) -> FactorCounts:
     to the right of a pivot; L has ones on its diagonal.
     """
     n = lu.shape[0]
+    # l by column of L, u by row of U, without the diagonals
     lower = np.diff(sp.csc_array(lu.L).indptr.astype(np.int64)) - 1
     upper = np.diff(sp.csr_array(lu.U).indptr.astype(np.int64)) - 1
     nonzeros = int(lower.sum() + upper.sum()) + 2 * n

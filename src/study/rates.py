@@ -135,6 +135,7 @@ def judge_errors(
     coarse, fine = np.nonzero(np.isclose(h[:, None], expected.factor * h[None], rtol=1e-9))
     with np.errstate(divide="ignore", invalid="ignore"):
         rate = np.log(error[coarse] / error[fine]) / np.log(h[coarse] / h[fine])
+    # A level is asymptotic if h and H times the judged ratio are at most the case's start, up to rounding
     levels = np.maximum(h, H * expected.judged_ratio) <= expected.start * (1 + 1e-9)
     unfit: Reasons = ()
     against: Reasons = ()
@@ -147,9 +148,19 @@ def judge_errors(
         unfit = _why_unfit(runs, norm, levels, expected)
         against = _why_slow(rate, levels[coarse], h[coarse], expected) + _why_large(runs, norm, expected)
     fitted = math.nan if expected.rate == "exact" else _fit_rate(h[levels], error[levels])
-    pairs = (h[coarse], h[fine], rate, levels[coarse])
     return JudgedRates(
-        h, H, error, *pairs, fitted, _finest_error_bound(runs, expected), expected, unfit, against
+        h=h,
+        H=H,
+        error=error,
+        h_coarse=h[coarse],
+        h_fine=h[fine],
+        rate=rate,
+        asymptotic=levels[coarse],
+        fitted=fitted,
+        bound=_finest_error_bound(runs, expected),
+        expected=expected,
+        reasons_unfit=unfit,
+        reasons_against=against,
     )
 
 
@@ -178,6 +189,7 @@ def _why_unfit(runs: xr.Dataset, norm: str, levels: Mask, expected: Expectation)
     """Why the asymptotic levels cannot be judged: a run did not converge, or is not accurate enough."""
     lower_bounds = error_in_norm(runs, norm, "lower").values
     reasons = []
+    # ||mu||_{-1/2,h} is at least beta ||mu||_{-1/2}, by (3.4), and at least lambda_min(S)^{1/2} ||mu||_0
     factor = {
         "h1": np.ones_like(lower_bounds),
         "hm12": runs["beta_lower"].values,

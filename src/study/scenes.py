@@ -57,8 +57,8 @@ def load_cases(scene: Mapping[str, Any]) -> list[ExactSolution]:
         certify_case(loaded_case)
         if (loaded_case.clamped_sides, loaded_case.c) != (first.clamped_sides, first.c):
             raise InputError(
-                f"cases '{first.name}' and '{loaded_case.name}' differ in their clamped sides or in c; put them "
-                "into different scenes"
+                f"cases '{first.name}' and '{loaded_case.name}' differ in their clamped sides or in c; "
+                "put them into different scenes"
             )
     return loaded
 

@@ -58,7 +58,8 @@ def origin_fault(
             for field in name.split("."):
                 configured = _nested_fields(configured).get(field)
             for where, old, new in _find_differing_fields(name, made_with, configured):
-                return f"was made with {where}: {_format_field(old)}, and the configuration has {_format_field(new)}"
+                stored = _format_field(old)
+                return f"was made with {where}: {stored}, and the configuration has {_format_field(new)}"
     return ""
 
 

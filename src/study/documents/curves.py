@@ -41,9 +41,9 @@ def write_curves(
     """
     from plotly.offline import get_plotlyjs
 
-    scene_errors = {table.attrs["scene"]: table for table in map(tables.load_table, errors)}
-    scene_rates = {table.attrs["scene"]: table for table in map(tables.load_table, rates)}
-    scene_totals = {table.attrs["scene"]: table for table in map(tables.load_table, totals)}
+    scene_errors = _tables_by_scene(errors)
+    scene_rates = _tables_by_scene(rates)
+    scene_totals = _tables_by_scene(totals)
     scene_curves = [
         curve
         for scene, fitted in scene_rates.items()

@@ -99,6 +99,7 @@ def _fill_blocks(path: str, text: str, blocks: Mapping[str, str]) -> str:
 
 def _fill_numbers(path: str, text: str, numbers: Mapping[str, formats.Value]) -> str:
     def fill_mark(mark: re.Match[str]) -> str:
+        """The mark with its number in the format that it asks for."""
         name = mark["name"]
         spec = mark["spec"] or ""
         where = f"{_locate_mark(path, text, mark.start())}, mark '{mark[0].partition('-->')[0][4:]}'"
@@ -133,9 +134,10 @@ def _check_marks(path: str, text: str, claims: Mapping[str, bool]) -> None:
                 )
     unguarded = CLAIM_MARK.sub(lambda mark: mark["sentence"], sentences)
     if stray := ANY_MARK.search(unguarded):
+        where = _locate_mark(path, unguarded, stray.start())
         raise InputError(
-            f"{_locate_mark(path, unguarded, stray.start())}, mark '{quote_input(stray[0])}': it is in no pair; right is "
-            "<!--=NAME:FORMAT-->0.19<!--/--> on one line, or <!--?CLAIM-->a sentence.<!--/-->"
+            f"{where}, mark '{quote_input(stray[0])}': it is in no pair; "
+            "right is <!--=NAME:FORMAT-->0.19<!--/--> on one line, or <!--?CLAIM-->a sentence.<!--/-->"
         )
 
 

@@ -175,7 +175,8 @@ def read_claim(entry: Mapping[str, Any]) -> Claim:
         raise InputError(f"ledger, claim '{entry['id']}': {error}") from None
     if entry.keys() & frozenset.union(*CLAIM_FIELDS) not in CLAIM_FIELDS:
         raise InputError(
-            f"ledger, claim '{claim.id}': it needs {', '.join(sorted(CLAIM_FIELDS[0]))}, or 'unmeasured' alone"
+            f"ledger, claim '{claim.id}': it needs {', '.join(sorted(CLAIM_FIELDS[0]))}, "
+            "or 'unmeasured' alone"
         )
     if claim.check and claim.source.partition(":")[0] not in ORIGINS.values():
         origins = ", ".join(f"'{origin}'" for origin in ORIGINS.values())
@@ -224,6 +225,7 @@ def find_claim(claim_id: str) -> Claim:
     claims_by_id = {claim.id: claim for claim in load_ledger()}
     if claim_id not in claims_by_id:
         raise InputError(
-            f"there is no claim '{quote_input(claim_id)}'{suggest_name(claim_id, claims_by_id)}; 'unilateral claims' lists them all"
+            f"there is no claim '{quote_input(claim_id)}'{suggest_name(claim_id, claims_by_id)}; "
+            "'unilateral claims' lists them all"
         )
     return claims_by_id[claim_id]

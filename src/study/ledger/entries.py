@@ -25,15 +25,11 @@ def read_entries() -> list[dict[str, Any]]:
     for claim_id in dict.fromkeys([*declared_ids, *placed_ids]):
         if declared_ids.count(claim_id) != 1 or placed_ids.count(claim_id) != 1:
             raise InputError(
-                f"ledger, claim '{claim_id}': it has to be declared once, in the {CLAIMS_FILE} of an experiment, and "
-                "named once in sections.yaml"
+                f"ledger, claim '{claim_id}': it has to be declared once, in the {CLAIMS_FILE} "
+                "of an experiment, and named once in sections.yaml"
             )
     by_id = dict(zip(declared_ids, declared, strict=True))
-    return [
-        by_id[claim_id] | {"section": section}
-        for section, section_ids in sections.items()
-        for claim_id in section_ids
-    ]
+    return [by_id[claim_id] | {"section": name} for name, ids in sections.items() for claim_id in ids]
 
 
 def claims_files() -> list[Path]:

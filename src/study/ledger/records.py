@@ -30,7 +30,7 @@ MAX_TOLD_MARGIN = 10.0
 
 
 def format_margin(margin: float) -> str:
-    """A margin for readers: no more than two digits, and none beyond LEAST and PLENTY."""
+    """A margin for readers: at most two digits, and none where it is too small or too large to tell."""
     margin = float(f"{margin:.2g}")
     if abs(margin) >= MAX_TOLD_MARGIN:
         return f"> {100 * MAX_TOLD_MARGIN:.0f} %" if margin > 0 else f"< -{100 * MAX_TOLD_MARGIN:.0f} %"

@@ -195,7 +195,7 @@ def rates_in_unknowns(errors: xr.Dataset, factor: float) -> xr.Dataset:
     N = errors["unknowns"].values
     order = ("case", "kind", "level")
     later = np.argmax(N[..., None, :] >= factor * N[..., None], axis=-1)
-    # the fall of a value against the growth of N; NaN where there is no later level
+    # log(e_j / e_i) / log(N_j / N_i), j the first level with N_j >= factor N_i; NaN where there is none
     growth = np.where(later > 0, np.log(np.take_along_axis(N, later, axis=-1) / N), 1.0)
     observed = xr.Dataset(coords=errors.coords)
     for name in ("h1_error", "h1_bound"):

@@ -36,12 +36,12 @@ def measure_formulation(mesh: Mesh, partition: Partition, cases: Sequence[ExactS
     """
     rng = np.random.default_rng(0)
     rows = []
-    for solved_case in solve_cases(mesh, partition, cases):
-        in_K = _measure_minimum(solved_case, solved_case.lambda_H, "") | _measure_minimum(
-            solved_case, solved_case.lambda_H + 1, "_elsewhere"
+    for solved in solve_cases(mesh, partition, cases):
+        in_K = _measure_minimum(solved, solved.lambda_H, "") | _measure_minimum(
+            solved, solved.lambda_H + 1, "_elsewhere"
         )
-        rows.append(_measure_weak_form(solved_case, rng) | in_K)
-    space_numbers = _measure_forms(solved_case.spaces, rng) | _measure_galerkin(solved_case.spaces)
+        rows.append(_measure_weak_form(solved, rng) | in_K)
+    space_numbers = _measure_forms(solved.spaces, rng) | _measure_galerkin(solved.spaces)
     table = {name: ("case", [row[name] for row in rows]) for name in rows[0]}
     space_variables = {name: ((), value) for name, value in space_numbers.items()}
     return xr.Dataset({**table, **space_variables}, {"case": [case.name for case in cases]})
@@ -57,11 +57,13 @@ def _measure_weak_form(solved_case: SolvedCase, rng: np.random.Generator) -> dic
     spaces = solved_case.spaces
     case = solved_case.exact.ritz.case
     boundary = solved_case.spaces.mesh.boundary
+    # (f, phi_i)_0, (u, phi_i)_1 and ||u||_1^2; the slack less <lambda, phi_i> is the residual of (P*)
     load, u_products, _, square = integrate_case(case, spaces.mesh, np.zeros(spaces.mesh.n_nodes), None)
     slack = u_products - load
     residual = slack.copy()
     residual[boundary] -= solved_case.exact.ritz.multiplier_load
     size = float(np.sqrt(square))
+    # v = u + w is in K where w >= g - u at the boundary; (1.5) says that no w has a negative value
     w = rng.standard_normal((N_DIRECTIONS, len(slack)))
     boundary_excess = rng.random((N_DIRECTIONS, len(boundary))) * rng.integers(2, size=(N_DIRECTIONS, 1))
     w[:, boundary] = boundary_excess - _smallest_gaps(case, spaces.mesh)
@@ -80,10 +82,7 @@ def _discrete_dual_norm(spaces: MixedSpaces, values: Array) -> float:
 
 
 def _smallest_gaps(case: ExactSolution, mesh: Mesh) -> Array:
-    """The least gap u - g on both edges at each boundary node.
-
-    The shape is (nb,).
-    """
+    """The least gap u - g on both edges at each boundary node (nb,)."""
     polygon = mesh.polygon
     ends = mesh.s
     side = np.searchsorted(polygon.starts, 0.5 * (ends[1:] + ends[:-1])) - 1
@@ -104,6 +103,7 @@ def _measure_minimum(solved_case: SolvedCase, multiplier: Array, suffix: str) ->
     gap = spaces.operator.gap(multiplier, solved_case.discrete.offset)
     excess = np.random.default_rng(0).random((len(H_i), N_DIRECTIONS))
     excess[:, 0] = 0.0
+    # w is the response to the mu with B w = H_i (excess - gap): the cell means of u_h + w - g are the excess
     mu: Array = solve(spaces.operator.D, H_i[:, None] * (excess - gap[:, None]), assume_a="pos")
     w = spaces.response(np.zeros((len(u_h), N_DIRECTIONS)), mu)
     values = (spaces.condensed.A @ u_h - load) @ w
@@ -121,6 +121,7 @@ def _measure_forms(spaces: MixedSpaces, rng: np.random.Generator) -> dict[str, f
     m = len(spaces.cells)
 
     def form_terms(U: tuple[Array, Array], V: tuple[Array, Array]) -> Array:
+        """(u, v)_1, <lambda, v> and <mu, u> of U = (u, lambda), V = (v, mu), which A has times 1, -1, 1."""
         (u, lambda_) = U
         (v, mu) = V
         return np.array([u @ (A @ v), lambda_ @ (spaces.B @ v[boundary]), mu @ (spaces.B @ u[boundary])])
@@ -132,6 +133,8 @@ def _measure_forms(spaces: MixedSpaces, rng: np.random.Generator) -> dict[str, f
             for _ in range(N_DIRECTIONS)
         )
     ]
+    # With ||u||_1 = ||lambda||_{-1/2,h} = <lambda, u> = 1 the form is the matrix [[1, 1], [-1, 0]] of the
+    # coefficients of U and V, and M its norm: the first pair of singular vectors attains it
     flux = np.full(m, 1 / math.sqrt(spaces.operator.D.sum()))
     u_h = spaces.response(np.zeros(len(spaces.mesh.points)), flux)
     left_vectors, _, right_vectors = np.linalg.svd([[1.0, 1.0], [-1.0, 0.0]])
@@ -158,10 +161,11 @@ def _measure_galerkin(spaces: MixedSpaces) -> dict[str, float]:
     """
     mesh = spaces.mesh
     A = spaces.condensed.A
-    square = 8 + 4 / np.tanh(0.5)
+    square = 8 + 4 / np.tanh(0.5)  # ||v||_1^2
     galerkin = spaces.response(np.zeros(mesh.n_nodes), np.ones(len(spaces.cells)))
     defects = {}
     for name, v_h in (("galerkin", galerkin), ("galerkin_elsewhere", _unit_flux_solution(mesh.points))):
+        # Pythagoras, which holds for the Galerkin approximation alone
         defects[name] = abs(square - float(v_h @ (A @ v_h)) - _squared_unit_flux_error(mesh, v_h)) / square
     return defects
 

@@ -73,20 +73,20 @@ def measure_algorithm(
     rng = np.random.default_rng(0)
     distances = []
     rows = []
-    for solved_case in solve_cases(mesh, partition, cases):
+    for solved in solve_cases(mesh, partition, cases):
         distances.append(
             [
-                [_distance_after_steps(solved_case, share, steps, variant) for share in shares]
+                [_distance_after_steps(solved, share, steps, variant) for share in shares]
                 for variant in VARIANTS
             ]
         )
         rows.append(
-            _measure_saddle(solved_case, solved_case.lambda_H, rng, "")
-            | _measure_saddle(solved_case, solved_case.lambda_H + 1, rng, "_elsewhere")
+            _measure_saddle(solved, solved.lambda_H, rng, "")
+            | _measure_saddle(solved, solved.lambda_H + 1, rng, "_elsewhere")
             | {
-                "multiplier_factor": _multiplier_factor(solved_case, 0.5),
-                "multiplier_factor_elsewhere": _multiplier_factor(solved_case, 1.0),
-                "off_cells": _cellwise_variation(solved_case),
+                "multiplier_factor": _multiplier_factor(solved, 0.5),
+                "multiplier_factor_elsewhere": _multiplier_factor(solved, 1.0),
+                "off_cells": _cellwise_variation(solved),
             }
         )
     table: dict[str, Any] = {"distance": (("case", "variant", "rho_share"), np.array(distances))}
@@ -109,6 +109,7 @@ def _multiplier_factor(solved_case: SolvedCase, share: float) -> float:
     """The norm in L2 of the stationary multiplier with that share of D, over that of lambda_H."""
     spaces = solved_case.spaces
     H_i = solved_case.spaces.partition.lengths
+    # The stationary multiplier minimises share mu.D mu / 2 + offset.(H_i mu) over mu >= 0
     scaled = replace(spaces.operator, D_factor=spaces.operator.D_factor * np.sqrt(share))
     stationary = solve_by_active_set(scaled, solved_case.discrete.offset, np.inf).lambda_H
     return float(np.sqrt(H_i @ stationary**2 / (H_i @ solved_case.lambda_H**2)))
@@ -130,23 +131,26 @@ def _measure_saddle(
     boundary = spaces.mesh.boundary
     A = spaces.condensed.A
     u_h = spaces.response(load, multiplier)
+    # (u_h, phi_i)_1 - (f, phi_i) - <lambda_H, phi_i>, which is 0 up to rounding
     weak = A @ u_h - load
     weak[boundary] -= spaces.B.T @ multiplier
 
     def L(v: Array, mu: Array) -> float:
+        """The Lagrangian ||v||_1^2 / 2 - (f, v) - <mu, v - g>."""
         return float(0.5 * v @ (A @ v) - load @ v - mu @ (spaces.B @ v[boundary] - H_i * g_means))
 
-    L_saddle = L(u_h, multiplier)
+    saddle = L(u_h, multiplier)
     size = np.abs(u_h).max()
     gap = spaces.B @ u_h[boundary] - H_i * g_means
     differences: dict[str, list[float]] = {"saddle_in_v": [], "saddle_in_mu": [], "inequality": []}
     for _ in range(N_DIRECTIONS):
         w = DIRECTION_SIZE * size * rng.standard_normal(len(u_h))
         mu = multiplier.max() * rng.random(len(multiplier))
-        differences["saddle_in_v"].append(L(u_h + w, multiplier) - L_saddle)
-        differences["saddle_in_mu"].append(L_saddle - L(u_h, mu))
+        differences["saddle_in_v"].append(L(u_h + w, multiplier) - saddle)
+        differences["saddle_in_mu"].append(saddle - L(u_h, mu))
+        # (4.4): A(U_h, V - U_h) - F(V - U_h) = (weak, w) + <mu - lambda_H, u_h - g>
         differences["inequality"].append(float(weak @ w + (mu - multiplier) @ gap))
-    return {f"{name}{suffix}": min(values) / abs(L_saddle) for name, values in differences.items()}
+    return {f"{name}{suffix}": min(values) / abs(saddle) for name, values in differences.items()}
 
 
 def _cellwise_variation(solved_case: SolvedCase) -> float:
@@ -175,12 +179,11 @@ def measure_certificates(
     `u_distance`. `first_term_index` is for the first of the two terms of `residual_bound`, which is no bound.
     """
     rows = [
-        [_measure_bounds(solved_case, steps) for steps in recorded]
-        for solved_case in solve_cases(mesh, partition, cases)
+        [_measure_bounds(solved, steps) for steps in recorded]
+        for solved in solve_cases(mesh, partition, cases)
     ]
-    table = {
-        name: (("case", "step"), [[bounds[name] for bounds in row] for row in rows]) for name in rows[0][0]
-    }
+    dims = ("case", "step")
+    table = {name: (dims, [[values[name] for values in row] for row in rows]) for name in rows[0][0]}
     return xr.Dataset(table, {"case": [case.name for case in cases], "step": list(recorded)})
 
 
@@ -190,7 +193,7 @@ def _measure_bounds(solved_case: SolvedCase, steps: int) -> dict[str, float]:
     rho = 0.9 / operator.lambda_max
     mu = iterate_variant(operator, offset, rho, steps, AS_MEANT)
     error = float(np.linalg.norm(operator.D_factor @ (mu - solved_case.lambda_H)))
-    R = np.minimum(mu, rho * operator.gap(mu, offset))
+    R = np.minimum(mu, rho * operator.gap(mu, offset))  # mu - max(0, mu - rho (u(mu) - g)): the last step
     return {
         "u_distance": error / float(np.linalg.norm(operator.D_factor @ solved_case.lambda_H)),
         "residual_index": residual_bound(operator, offset, mu, rho) / error,
@@ -205,22 +208,17 @@ def measure_split(mesh: Mesh, partition: Partition, cases: Sequence[ExactSolutio
     The table is over the cases. `..._elsewhere` is the same with H ||lambda-lambda_H||_0^2 as second term.
     """
     defects = []
-    for solved_case in solve_cases(mesh, partition, cases):
-        ritz = solved_case.exact.ritz
-        lambda_H = solved_case.lambda_H
-        u_square = (
-            h1_distance(ritz.case, mesh, solved_case.spaces.response(solved_case.discrete.load, lambda_H))
-            ** 2
-        )
-        lambda_squares = (
-            ritz.discrete_dual_norm(solved_case.exact.boundary_load(solved_case.spaces, lambda_H)) ** 2,
-            partition.H * solved_case.exact.cell_means.l2_error(lambda_H) ** 2,
+    for solved in solve_cases(mesh, partition, cases):
+        ritz = solved.exact.ritz
+        lambda_H = solved.lambda_H
+        # ||u - u_h||_1^2 against ||u - z_h||_1^2 + the second term, the true and the spoilt one
+        square = h1_distance(ritz.case, mesh, solved.spaces.response(solved.discrete.load, lambda_H)) ** 2
+        second_terms = (
+            ritz.discrete_dual_norm(solved.exact.boundary_load(solved.spaces, lambda_H)) ** 2,
+            partition.H * solved.exact.cell_means.l2_error(lambda_H) ** 2,
         )
         defects.append(
-            [
-                abs(ritz.ritz_error**2 + lambda_square - u_square) / u_square
-                for lambda_square in lambda_squares
-            ]
+            [abs(ritz.ritz_error**2 + second_term - square) / square for second_term in second_terms]
         )
     table = dict(zip(("split_defect", "split_defect_elsewhere"), np.transpose(defects), strict=True))
     coords = {"case": [case.name for case in cases]}
@@ -234,24 +232,16 @@ def measure_uniqueness(mesh: Mesh, partition: Partition) -> xr.Dataset:
     `same_u` how far its u_h is from that of the first, in ||.||_1 relative to it.
     """
     spaces = mixed_spaces(condense(mesh), partition)
-    multiplier = np.ones(partition.n_cells)
+    lambda_H = np.ones(partition.n_cells)
     kernel = (-1.0) ** np.arange(partition.n_cells) / partition.lengths
-    second_multiplier = multiplier + 0.5 * kernel / np.abs(kernel).max()
-    gap = spaces.operator.gap(
-        second_multiplier, -spaces.operator.gap(multiplier, np.zeros(partition.n_cells))
-    )
-    norm = np.linalg.norm(spaces.operator.D_factor @ multiplier)
+    mu = lambda_H + 0.5 * kernel / np.abs(kernel).max()
+    gap = spaces.operator.gap(mu, -spaces.operator.gap(lambda_H, np.zeros(partition.n_cells)))
+    norm = np.linalg.norm(spaces.operator.D_factor @ lambda_H)
     return xr.Dataset(
         {
             "violation": ((), float(np.abs(gap).max())),
-            "same_u": (
-                (),
-                float(np.linalg.norm(spaces.operator.D_factor @ (second_multiplier - multiplier)) / norm),
-            ),
-            "multiplier_distance": (
-                (),
-                float(np.sqrt(partition.lengths @ (second_multiplier - multiplier) ** 2)),
-            ),
+            "same_u": ((), float(np.linalg.norm(spaces.operator.D_factor @ (mu - lambda_H)) / norm)),
+            "multiplier_distance": ((), float(np.sqrt(partition.lengths @ (mu - lambda_H) ** 2))),
         }
     )
 
@@ -291,6 +281,7 @@ def _compare_eliminations(factors: SparseFactors, spaces: MixedSpaces, steps: in
     rho = 1 / spaces.operator.lambda_max
     lambda_A = np.zeros(len(H_i))
     lambda_A_3 = np.zeros(len(H_i))
+    # (5.1)-(5.3) with f = 0, g = 1: lambda <- max(0, lambda - rho (means of u - 1)), A u = B^T lambda
     for _ in range(steps):
         load = np.zeros(condensed.mesh.n_nodes)
         load[boundary] = spaces.B.T @ lambda_A

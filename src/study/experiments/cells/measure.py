@@ -88,10 +88,8 @@ def measure(
         ]
     )
     by_name = measured.transpose(3, 2, 0, 1)
-    table = {
-        name: (("case", "start", "level"), values)
-        for name, values in zip(CELL_VARIABLES, by_name, strict=True)
-    }
+    dims = ("case", "start", "level")
+    table = {name: (dims, values) for name, values in zip(CELL_VARIABLES, by_name, strict=True)}
     return xr.Dataset(
         table
         | {
@@ -110,10 +108,7 @@ def measure_partition(
     partition: Partition,
     stop: Stop,
 ) -> Array:
-    """Errors by case and by `CELL_VARIABLES` on one partition.
-
-    The shape is (case, MEASURED).
-    """
+    """Errors (case, variable) on one partition, in the order of `CELL_VARIABLES`."""
     spaces = mixed_spaces(condensed, partition)
     rows = []
     for case, cells in zip(cases, cell_means_of_gaps(cases, partition), strict=True):
@@ -140,6 +135,8 @@ def alternating_cases(
     )
     cases = []
     for gamma in gammas:
+        # The gap is 0 between t = 1/4 and 3/4 but on the second half of each cell: there it is
+        # ((t - a - H/2) (a + H - t) / (H/2))^gamma, like s^gamma at both of its ends
         gap_terms = [pos(ALTERNATING_START - T, gamma), pos(T - 1 + ALTERNATING_START, gamma)]
         gap_terms += [
             pos((T - a - H / 2) * (a + H - T), gamma) / rational_expression(H / 2) ** gamma for a in starts

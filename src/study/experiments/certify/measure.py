@@ -29,7 +29,7 @@ from unilateral.solution.certification import certify_nodal_values
 from unilateral.solution.solver import Solver
 
 SOURCE_RULE_DEGREE = 8
-"""Of the quadrature of f."""
+"""The degree of the quadrature of f."""
 MAX_NODAL_ACTIVE_SETS = 100
 """The most active sets; a dozen are enough."""
 
@@ -62,24 +62,17 @@ def measure(case: ExactSolution, mesh: Mesh, study: Mapping[str, Any]) -> xr.Dat
 def solve_by_others(
     case: ExactSolution, mesh: Mesh, penalties: Sequence[int], sweeps: int
 ) -> dict[str, Array]:
-    """Values at the nodes of each method's solution, by its name.
-
-    The shape is (n,).
-    """
+    """Values at the nodes (n,) of each method's solution, by its name."""
     linear = assemble_nodal_problem(case, mesh, skfem.ElementTriP1())
-    quadratic = assemble_nodal_problem(case, mesh, skfem.ElementTriP2())
+    quadratic_solution = solve_nodal_problem(assemble_nodal_problem(case, mesh, skfem.ElementTriP2()))
     # a penalty's force per length, by the trapezoidal rule: each node has half of both edges beside it
     lengths = np.diff(mesh.s)
     half = np.zeros(mesh.n_nodes)
     half[mesh.boundary] = 0.5 * (lengths + np.roll(lengths, 1))
     return {
         "nodal constraints": solve_nodal_problem(linear),
-        "P2, interpolated": solve_nodal_problem(quadratic)[
-            : mesh.n_nodes
-        ],  # scikit-fem numbers the nodes first
-        **{
-            f"penalty {factor}/h": solve_nodal_problem(linear, factor / mesh.h * half) for factor in penalties
-        },
+        "P2, interpolated": quadratic_solution[: mesh.n_nodes],  # scikit-fem numbers the nodes first
+        **{f"penalty {k}/h": solve_nodal_problem(linear, k / mesh.h * half) for k in penalties},
         "stopped early": iterate_gauss_seidel(linear, sweeps),
         "half the load": solve_nodal_problem(linear._replace(load=linear.load / 2)),
     }
@@ -105,6 +98,7 @@ def assemble_nodal_problem(case: ExactSolution, mesh: Mesh, element: skfem.Eleme
 
     @skfem.LinearForm
     def source_load(v: Any, w: Any) -> Any:
+        """f v at the points of quadrature."""
         return case.source(w.x.reshape(2, -1).T).reshape(w.x.shape[1:]) * v
 
     facets = boundary_facets(skfem_mesh, mesh)
@@ -122,9 +116,7 @@ def assemble_nodal_problem(case: ExactSolution, mesh: Mesh, element: skfem.Eleme
 
 
 def solve_nodal_problem(problem: NodalProblem, springs: Array | None = None) -> Array:
-    """The solution by the primal-dual active set method of Hintermüller, Ito and Kunisch (2002).
-
-    The shape is (n,).
+    """The solution (n,) by the primal-dual active set method of Hintermüller, Ito and Kunisch (2002).
 
     With `springs` (n,) the forces springs (g - x)_+ are in place of the constraint: the penalty method.
     """
@@ -133,6 +125,7 @@ def solve_nodal_problem(problem: NodalProblem, springs: Array | None = None) -> 
     active = np.isfinite(g) & ~fixed
     for _ in range(MAX_NODAL_ACTIVE_SETS):
         prescribed = fixed | active if springs is None else fixed
+        # (A + diag(push)) x = load + push g: the springs of the active nodes; x = g where it is prescribed
         push = np.zeros_like(load) if springs is None else np.where(active, springs, 0.0)
         matrix = (A + sp.diags_array(push)).tocsr()
         x = np.where(prescribed, g, 0.0)
@@ -153,6 +146,7 @@ def iterate_gauss_seidel(problem: NodalProblem, sweeps: int) -> Array:
     x = np.where(np.isfinite(g), g, 0.0)
     for node in np.tile(np.flatnonzero(~fixed), sweeps):
         row = slice(A.indptr[node], A.indptr[node + 1])
+        # x_i <- max(g_i, x_i + (load - A x)_i / A_ii)
         residual = load[node] - A.data[row] @ x[A.indices[row]]
         x[node] = max(x[node] + residual / diagonal[node], g[node])
     return x

@@ -76,10 +76,8 @@ def plan_axes(study: Mapping[str, Any]) -> list[Variation]:
     """The study's axes. Each field that one changes has the base's value first, then the others."""
     base = study["base"] | {"H_over_h": parse_real(study["base"]["H_over_h"], "cost.base.H_over_h")}
     axes = []
-    for changed_fields in study["axes"].values():
-        values = {
-            field: [study["base"][field], *field_values] for field, field_values in changed_fields.items()
-        }
+    for declared in study["axes"].values():
+        values = {field: [study["base"][field], *varied] for field, varied in declared.items()}
         if "H_over_h" in values:
             values["H_over_h"] = [parse_real(ratio, "cost.axes.H_over_h") for ratio in values["H_over_h"]]
         changes = [dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())]

@@ -30,7 +30,7 @@ class Price(NamedTuple):
     """The price of an error in a norm on the finest mesh.
 
     `stop` is the level that is enough, and `error` is relative. `operations` are Uzawa's, and `over_setup` is
-    their quotient by those of the set-up. `halving_factor` is the fitted factor of work for half of the
+    their quotient by those of the set-up. `halving` is the fitted factor of work for half of the
     error.
     """
 
@@ -54,10 +54,7 @@ def error_excess(table: xr.Dataset, norm: str) -> xr.DataArray:
 
 
 def pareto_front(work: Array, error: Array) -> Index:
-    """Indices of the points that no cheaper one beats, each with a gain, by rising work.
-
-    The shape is (k,).
-    """
+    """Indices (k,) of the points that no cheaper one beats, each with a gain, by rising work."""
     front = []
     smallest_error = np.inf
     for i in np.lexsort((error, work)):
@@ -68,9 +65,9 @@ def pareto_front(work: Array, error: Array) -> Index:
 
 
 def growth_exponent(crossed: xr.Dataset, algorithm: str, H_over_h: float, coarsest: float) -> float:
-    """The exponent p of steps ~ H^-p to the level SHOWN, by least squares over H <= `coarsest`.
+    """The exponent p of steps ~ H^-p to the compared level, by least squares over H <= `coarsest`.
 
-    NaN with fewer than SIZES such H.
+    NaN with fewer than three such H.
     """
     steps = (
         crossed["steps"]
@@ -84,7 +81,7 @@ def growth_exponent(crossed: xr.Dataset, algorithm: str, H_over_h: float, coarse
 
 
 def sufficient_stop(cases: xr.Dataset, norm: str, coarsest: float) -> float:
-    """The largest stopping level below 1 that leaves no error above ENOUGH times the discrete solution's."""
+    """The largest stopping level below 1 that leaves all errors at most 1.1 times the discrete solution's."""
     excess = error_excess(cases.sel(H=cases["H"] <= coarsest, stop=cases["stop"] < 1), norm)
     worst = excess.max([name for name in excess.dims if name != "stop"])
     good = worst.values <= ENOUGH_FACTOR
@@ -113,7 +110,7 @@ def losses_by_ratio(error: xr.DataArray, work: xr.DataArray) -> dict[float, floa
     """The mean error of each H/h over that of the best one, at the same work.
 
     `error` and `work` are over (H_over_h, H). Between meshes log error is linear in log work; its mean is
-    over the works that all ratios reach with more than SIZES H.
+    over the works that all ratios reach with more than three H.
     """
     lines: dict[float, tuple[Array, Array]] = {}
     for ratio in error["H_over_h"].values:
@@ -160,9 +157,7 @@ def cheapest_run(crossed: xr.Dataset, norm: str, target: float) -> dict[str, flo
 
 
 def break_even_steps(algebra: xr.Dataset) -> Array:
-    """Steps after which forming S has paid, against solves with A, by H; the spectrum is not counted.
-
-    The shape is (H,).
+    """Steps, by H, after which forming S has paid, against solves with A; the spectrum is not counted.
 
     With A, too, rho and the guaranteed stop need the spectrum, and there it is taken as given.
     """
@@ -177,8 +172,6 @@ def work_of_A_over_S(
     algebra: xr.Dataset, crossed: xr.Dataset, algorithm: str, H_over_h: float
 ) -> xr.DataArray:
     """Operations of a run whose steps solve with A over those with S, by (H, stop).
-
-    The shape is (H, stop).
 
     Both are without the spectrum and the checks of the bound, that is, without the guarantee.
     """

@@ -59,7 +59,7 @@ def table(
     """Work, in operations, and relative errors, and what is behind them.
 
     kind front: work and relative error in a norm that no cheaper run beats; line: those of the cheapest
-    algorithm at a fixed H/h and the level that is enough; steps: of an algorithm to the level SHOWN, with
+    algorithm at a fixed H/h and the level that is enough; steps: of an algorithm to the level 1e-6, with
     the exponent fitted up to the `coarsest` H; step: work of one, or of the set-up, by matrix; stop: the
     largest excess at a level.
     """

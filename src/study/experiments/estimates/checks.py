@@ -34,6 +34,7 @@ def projection(
         norms = [gram for cells, gram in dual_norm_forms(tables, scene) if coarsest >= cells.H]
         names = list(tables[f"{scene}/dual_norm"]["case"].values)
         for case in sorted(set(expected) & set(names)):
+            # lambda - Pi_H lambda is the error of the multiplier with the means of lambda: a difference of 0
             bounds = [gram.error_bounds(names.index(case), np.zeros((1, gram.n_cells))) for gram in norms]
             errors = np.sqrt(np.mean(np.square(bounds), axis=1)).ravel()
             rates = np.log(errors[:-2] / errors[2:]) / np.log(4)
@@ -55,6 +56,7 @@ def abstract_bound(tables: Tables, scenes: Sequence[str], cases: Sequence[str]) 
                 run = data.sel(case=case)
                 E = run["h1_error"].values
                 L = run["hm12_error_upper"].values
+                # (4.5): E^2 <= (E + L) ||u - z_h||_1 + m E + <Pi_H lambda, u - g>, m = ||lambda - mu||_{-1/2}
                 m = gram.error_bounds(names.index(case), np.zeros((1, gram.n_cells))).upper[0]
                 right_side = (E + L) * run["ritz_error"].values + m * E + float(run["consistency"])
                 ratio = (E**2 / right_side)[np.isfinite(L)]
@@ -65,9 +67,8 @@ def abstract_bound(tables: Tables, scenes: Sequence[str], cases: Sequence[str]) 
 
 def lemma_4_3(tables: Tables, scenes: Sequence[str]) -> Evidence:
     """The left side of (4.6) over the right one, with the proof's constants; see `lemma_quotients`."""
-    quotients = {
-        scene: float(lemma_quotients(tables[f"{scene}/errors"])["lemma_4_3"].max()) for scene in scenes
-    }
+    lemmas = {scene: lemma_quotients(tables[f"{scene}/errors"]) for scene in scenes}
+    quotients = {scene: float(table["lemma_4_3"].max()) for scene, table in lemmas.items()}
     return pick_worst(quotients, "the left side over the right one", 1.0, False)
 
 
@@ -81,18 +82,20 @@ def l2_estimate(tables: Tables, scenes: Sequence[str]) -> Evidence:
     as_printed = []
     for name, data, cells, gram in _iterate_partitions(tables, scenes):
         dual = (data["hm12_error_lower"] + data["projection_lower"]) / np.sqrt(cells.H)
+        # (4.7): ||lambda - lambda_H||_0 <= ||lambda - mu||_0
+        #        + C H^{-1/2} (||lambda - lambda_H||_{-1/2} + ||lambda - mu||_{-1/2})
         left_side = data["l2_error"].where(data["l2_error"] > RELATIVE_ROUNDING * data["u_norm"])
         right_side = data["projection_error"] + inverse_constant(cells, gram.p0.upper) * dual
         if left_side.notnull().any():
             quotients[name] = float((left_side / right_side).max())
-            as_printed.append(
-                f"  {name}: c = {float((left_side / (data['projection_error'] + dual)).max()):.4g}"
-            )
+            c = float((left_side / (data["projection_error"] + dual)).max())
+            as_printed.append(f"  {name}: c = {c:.4g}")
     return pick_worst(quotients, "the left side over the right one", 1.0, False)._replace(lines=as_printed)
 
 
 def inverse_constant(cells: Partition, form: Array) -> float:
     """The least C of (4.9), ||mu||_0 <= C H^{-1/2} ||mu||_{-1/2} on P0(T_H), by a form (m, m) of the norm."""
+    # H ||mu||_0^2 = |root mu|^2, and so C^-2 is the least eigenvalue of the form in the unknowns root mu
     root = np.sqrt(cells.H * cells.lengths)
     scaled = form / root[:, None] / root
     return float(eigvalsh(scaled, subset_by_index=[0, 0])[0] ** -0.5)
@@ -133,9 +136,7 @@ def quasi_optimality(tables: Tables, scenes: Sequence[str], max_cells: int) -> E
 
 
 def infima_over_multipliers(table: xr.Dataset, cells: Partition, gram: Gram) -> Array:
-    """Lower bounds on inf ||lambda - mu||_{-1/2}^2 + <mu, u - g> over mu in Lambda_H, for every case.
-
-    The shape is (c,).
+    """Lower bounds (c,) on inf ||lambda - mu||_{-1/2}^2 + <mu, u - g> over mu in Lambda_H, for every case.
 
     Each is a least-squares problem with mu >= 0, solved by the algorithm of Lawson and Hanson (1974); `table`
     has the gaps on a finer partition.
@@ -150,6 +151,7 @@ def infima_over_multipliers(table: xr.Dataset, cells: Partition, gram: Gram) -> 
     for c, (means, gap) in enumerate(zip(gram.means, gaps, strict=True)):
         mixed = gram.lower[:m, m + c]
         weight = np.bincount(cell_of_point, gap, m)
+        # With G = R^T R and x = Pi_H lambda - mu: |R mu - R^{-T} (G means + mixed - weight / 2)|^2 + constant
         mu = nnls(root, solve_triangular(root, G @ means + mixed - weight / 2, trans="T"))[0]
         x = means - mu
         infima.append(x @ (G @ x) + 2 * x @ mixed + gram.lower[m + c, m + c] + weight @ mu)
@@ -160,7 +162,7 @@ def closed_form(tables: Tables, scene: str) -> Evidence:
     """The norm ||1||_{-1/2} of the unit square, (8 + 4 coth(1/2))^{1/2}, against both bounds on it."""
     gram = Gram.from_table(tables[f"{scene}/dual_norm"])
     mu = np.ones(gram.n_cells)
-    exact = np.sqrt(8 + 4 / np.tanh(0.5))
+    exact = np.sqrt(8 + 4 / np.tanh(0.5))  # of v = (cosh(x - 1/2) + cosh(y - 1/2)) / sinh(1/2), in (3.7)
     lower = np.sqrt(mu @ gram.p0.lower @ mu)
     upper = np.sqrt(mu @ gram.p0.upper @ mu)
     lines = [f"  {lower:.10g} <= {exact:.10g} <= {upper:.10g}"]

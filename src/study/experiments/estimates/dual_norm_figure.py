@@ -39,12 +39,10 @@ def table(
     runs = tables.select_ratio(tables.load_table(errors), parse_real(h_over_H, "h_over_H"))
     bounds = {bound: tables.error_in_norm(runs, "hm12", bound) for bound in ("lower", "upper")}
     norms = xr.Dataset({**bounds, "l2": tables.error_in_norm(runs, "l2"), "u_norm": runs["u_norm"]})
-    errors_of_runs = norms.to_dataframe(["case", "run"]).reset_index().assign(kind="error")
-    nonzero_errors = errors_of_runs[
-        errors_of_runs["upper"] > NEGLIGIBLE_ERROR_SHARE * errors_of_runs["u_norm"]
-    ]
+    run_errors = norms.to_dataframe(["case", "run"]).reset_index().assign(kind="error")
+    nonzero = run_errors[run_errors["upper"] > NEGLIGIBLE_ERROR_SHARE * run_errors["u_norm"]]
     rows = pd.concat(
-        [nonzero_errors, *(_tabulate_functions(gram, partitions[k]) for k in dual_norm_partitions(scene))]
+        [nonzero, *(_tabulate_functions(gram, partitions[k]) for k in dual_norm_partitions(scene))]
     )
     lower = rows["lower"]
     upper = rows["upper"]

@@ -65,7 +65,7 @@ def data_size_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
 def start_size_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """lambda^0 has that size everywhere, and |boundary|^(1/2) times it in L2.
 
-    It is refused if its norm in L2 is above DIVERGED; below that the steps grow like the size's logarithm.
+    It is refused if its norm in L2 is above MAX_RESIDUAL; below that the steps grow like its logarithm.
     """
     problem = pose_on_square(h, H, wave_contact)
     limit = MAX_RESIDUAL / float(np.sqrt(square().perimeter))
@@ -95,8 +95,8 @@ def flat_contact_axis(values: Array, h: float, H: float, budget: Budget) -> Axis
 def touching_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """lambda = 0, and the gap is 0 at one point inside a cell, on which lambda^0 = 1; the axis is H.
 
-    The gap is 1 - cos(pi (s - TOUCH) / 2): the cell's mean is (pi H)^2/72 to leading order, as TOUCH is a
-    third of the cell from one of its ends.
+    The gap is 1 - cos(pi (s - 1/3) / 2): the cell's mean is (pi H)^2/72 to leading order, as 1/3 is a third
+    of the cell from one of its ends.
     """
 
     def contact(partition: Partition) -> tuple[Array, Array]:

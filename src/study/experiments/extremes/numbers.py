@@ -39,10 +39,7 @@ CONDITION_AXES = (
 
 
 def outcome_kinds(table: xr.Dataset) -> NDArray[np.str_]:
-    """Outcome of plain Uzawa at each point, or that only the library's own choice is right.
-
-    The shape is (point,).
-    """
+    """Outcome of plain Uzawa at each point (p,), or that only the library's own choice is right."""
     outcome = table["outcome"].values
     tool = table["tool"].values
     return np.where((outcome != "right") & (tool == "right"), RESCUED, outcome)
@@ -138,17 +135,14 @@ def _bracket_limit(table: xr.Dataset, axis: str) -> dict[str, Any]:
     axis_limits = table.sel(axis=axis)
     values = table["value"].values[table["axis_of"].values == axis]
     first = float(axis_limits["measured_limit"])
-    return {
-        "right": float(values[values < first].max()),
-        "fails": first,
-        "local": float(axis_limits["local_limit"]),
-    }
+    local = float(axis_limits["local_limit"])
+    return {"right": float(values[values < first].max()), "fails": first, "local": local}
 
 
 def summarise_reaction(table: xr.Dataset) -> dict[str, Any]:
     """Points over c/k, the largest bounds over the error, and the relative change that a slight c makes.
 
-    `slight` is how far the error, or a bound over it, is for c/k <= SLIGHT from that of c = 0, relatively.
+    `slight` is how far the error, or a bound over it, is for 0 < c/k <= 0.01 from that of c = 0, relatively.
     """
     values = table["c_over_k"].values
     sizes = table["h"].values

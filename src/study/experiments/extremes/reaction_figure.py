@@ -18,7 +18,7 @@ PANEL_HEIGHT_CM = 4.6
 INDEX_TICKS = (1, 1.2, 1.5, 2, 3, 5, 10)
 LABELLED_POWERS = (-8, 0, 8, 16)
 POWER_LIMITS = (-9, 17)
-"""Powers of 10 of c/k that the axis shows: for smaller ones the bounds are those for c = 0, see X.tiny."""
+"""Powers of 10 of c/k that the axis shows: for smaller ones the bounds are those for c = 0 (claim X.tiny)."""
 BOUND_LOOKS: dict[str, style.Look] = {
     "cheap": {"ls": "-", "lw": 1.0, "ms": 3.2, "mew": 0.6},
     "sharp": {"ls": (0, (3, 2)), "lw": 0.8, "ms": 3.2, "mew": 0.6, "mfc": "white"},

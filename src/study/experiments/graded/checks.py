@@ -61,6 +61,7 @@ def t_order(tables: Tables, table: str, tolerance: float) -> Evidence:
     Where gamma > 3/2 the factor (1 + ln 1/h)^{1/2} is allowed for.
     """
     data = tables[table]
+    # t <= C h^{3/2} (1 + ln 1/h)^{1/2} for gamma > 3/2: the rate that the root of the logarithm takes
     log_rate = 0.5 * rates_by_halving(1 / (1 - xr.ufuncs.log(data["equal_h"]))) * (gamma(data) > SMOOTH_ORDER)
     excess = rates_by_halving(data["weighted_ritz_means"]) + log_rate - expected_order(data)
     smallest_excess = excess.isel(pair=[-2, -1]).min("pair", skipna=False)

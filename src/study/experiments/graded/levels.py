@@ -24,9 +24,7 @@ def rates_by_halving(error: xr.DataArray) -> xr.DataArray:
 
 
 def orders_between_levels(unknowns: Array, values: Array, factor: float) -> Array:
-    """Orders in N^{-1/2} between each level and the first with at least `factor` times the unknowns.
-
-    The shape is (p,).
+    """Orders (p,) in N^{-1/2} between each level and the first with at least `factor` times the unknowns.
 
     `unknowns` and `values` are (k,) of levels, coarse to fine; levels beyond the last are NaN.
     """

@@ -73,6 +73,7 @@ def grade_to_vertex(mesh: Mesh, vertex: int, radius: float, kappa: float) -> Mes
     """
     centre = mesh.polygon.vertices[vertex]
     offset = mesh.points - centre
+    # r/R, and 1 beyond R: x -> centre + (x - centre) (r/R)^(1/kappa - 1)
     share = np.minimum(np.hypot(*offset.T) / radius, 1.0)
     points = centre + offset * share[:, None] ** (1 / kappa - 1)
     check_areas(points, mesh.triangles, GRADED_MESH)
@@ -97,17 +98,12 @@ def measure_levels(levels: Sequence[Mesh], case: ExactSolution, normed: int, sto
     other levels.
     """
     spaces = [mixed_spaces(condense(mesh), two_edge_cells(mesh)) for mesh in levels]
-    finest = [level_spaces.partition for level_spaces in spaces if level_spaces.partition.n_cells <= normed][
-        -1
-    ]
+    finest = [pair.partition for pair in spaces if pair.partition.n_cells <= normed][-1]
     gram = build_dual_norm(finest, [case]).gram([case])
     atom = singular_atom(case)
-    rows = [
-        _measure_level(level_spaces, case, gram, stop) | mesh_resolution(level_spaces)
-        for level_spaces in spaces
-    ]
-    for row, level_spaces in zip(rows, spaces, strict=True):
-        row["singular_error"] = singular_part_error(replace(case, atoms=(atom,)), level_spaces)
+    rows = [_measure_level(pair, case, gram, stop) | mesh_resolution(pair) for pair in spaces]
+    for row, pair in zip(rows, spaces, strict=True):
+        row["singular_error"] = singular_part_error(replace(case, atoms=(atom,)), pair)
     return tabulate_rows(rows).assign_coords(case=case.name, exponent=float(atom.beta))
 
 
@@ -133,7 +129,9 @@ def _dual_norm_errors(
 ) -> GradedRow:
     if spaces.partition.n_cells > gram.n_cells:
         return dict.fromkeys(("hm12_error_lower", "hm12_error_upper", "beta_lower"), np.nan)
-    form = gram.coarsen(spaces.partition)
+    form = gram.coarsen(
+        spaces.partition
+    )  # the lower bound is at least D, since ||.||_{-1/2,h} <= ||.||_{-1/2}
     lower, upper = form.error_bounds(0, (exact_data.cell_means.lambda_means - lambda_H)[None])
     D = exact_data.errors(spaces, lambda_H).hm12_discrete
     return {
@@ -150,17 +148,16 @@ def singular_part_error(singular: ExactSolution, spaces: MixedSpaces) -> float:
 
 
 def equality_multiplier(discrete: CondensedProblem) -> Array:
-    """The multiplier, of either sign, at which all cell means of u_h - g are 0.
-
-    The shape is (m,).
-    """
+    """The multiplier (m,), of either sign, at which all cell means of u_h - g are 0."""
     root = np.sqrt(discrete.spaces.operator.H_i)
     S = discrete.spaces.operator.S
+    # S y + b = 0 for y = H_i^{1/2} mu and b = H_i^{1/2} offset
     return np.asarray(solve_linear(S, -discrete.offset * root, assume_a="pos") / root)
 
 
 def weighted_ritz_means(exact_data: CaseProjections, spaces: MixedSpaces) -> float:
     """t of Lemma 1: (sum_i H_i^{-1} ||Pi_H(u - z_h)||_{0,i}^2)^{1/2}."""
+    # H_i^{-1/2} ||Pi_H(u - z_h)||_{0,i} is the mean of u - z_h on the cell i
     u_means = exact_data.cell_means.gap_means + exact_data.cell_means.g_means
     return float(np.linalg.norm(u_means - spaces.B @ exact_data.ritz.boundary_values / spaces.operator.H_i))
 

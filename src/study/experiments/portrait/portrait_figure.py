@@ -50,21 +50,19 @@ def table(polygon: str, f: str, h: str, H: str, reference: str) -> pd.DataFrame:
     problem = build_from_declaration({"polygon": domain.vertices.tolist(), "f": f, "g": 0}, polygon)
     fine = parse_real(reference, "reference")
     sizes = {"computed": (parse_real(h, "h"), parse_real(H, "H")), "reference": (fine, 2 * fine)}
-    row_tables = []
-    for solution_name, (edge, cell) in sizes.items():
+    frames = []
+    for role, (edge, cell) in sizes.items():
         mesh = make_structured_mesh(domain, edge)
         cells = make_uniform_partition(domain, cell)
         solution = solve_condensed_problem(discretise(problem, mesh, cells))
-        row_tables += [
-            rows.assign(of=solution_name) for rows in _tabulate_boundary(domain, mesh, cells, solution)
-        ]
-        if solution_name == "computed":
+        frames += [rows.assign(of=role) for rows in _tabulate_boundary(domain, mesh, cells, solution)]
+        if role == "computed":
             corners = mesh.triangles.ravel()
             x, y = mesh.points[corners].T
             u_h = solution.u_h[corners]
             field = pd.DataFrame({"kind": "mesh", "h": mesh.h, "H": cells.H, "x": x, "y": y, "value": u_h})
-            row_tables.append(field.assign(of=solution_name))
-    return pd.concat(row_tables)[COLUMNS]
+            frames.append(field.assign(of=role))
+    return pd.concat(frames)[COLUMNS]
 
 
 def _tabulate_boundary(
@@ -74,19 +72,13 @@ def _tabulate_boundary(
     node = np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)]).ravel()
     position = np.column_stack([mesh.s[:-1], mesh.s[1:]]).ravel()
     x, y = mesh.points[node].T
-    node_columns = {
-        "s": position,
-        "side": np.repeat(mesh.side, 2),
-        "x": x,
-        "y": y,
-        "value": solution.u_h[node],
-    }
-    nodes = pd.DataFrame({"kind": "node", **node_columns}).drop_duplicates(["side", "s"])
+    columns = {"s": position, "side": np.repeat(mesh.side, 2), "x": x, "y": y, "value": solution.u_h[node]}
+    nodes = pd.DataFrame({"kind": "node", **columns}).drop_duplicates(["side", "s"])
     s = cells.points[:-1]
     end = cells.points[1:]
     x, y = polygon.at(cells.side, (s + end) / 2 - polygon.starts[cells.side]).T
-    cell_columns = {"s": s, "end": end, "side": cells.side, "x": x, "y": y, "value": solution.lambda_H}
-    return nodes, pd.DataFrame({"kind": "cell", **cell_columns})
+    columns = {"s": s, "end": end, "side": cells.side, "x": x, "y": y, "value": solution.lambda_H}
+    return nodes, pd.DataFrame({"kind": "cell", **columns})
 
 
 def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:

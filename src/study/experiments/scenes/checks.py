@@ -147,6 +147,7 @@ def index_rate(totals: xr.Dataset) -> xr.DataArray:
     """The rate at which the sharp bound over the error of u, less 1, falls on the last two halvings of h."""
     excess = totals["total_index_u"].isel(mesh=[-3, -1]) - 1
     h = totals["h"].isel(mesh=[-3, -1])
+    # log(excess_1 / excess_2) / log(h_1 / h_2)
     excess_fall = xr.DataArray(np.log(excess.isel(mesh=0) / excess.isel(mesh=1)))
     h_fall = xr.DataArray(np.log(h.isel(mesh=0) / h.isel(mesh=1)))
     return excess_fall / h_fall

@@ -65,6 +65,7 @@ def fit_floor(h: Array, H: Array, error: Array) -> Floor:
         _log_residuals, start, args=(np.log(h), np.log(H), np.log(error)), xtol=1e-14, ftol=1e-14, gtol=1e-14
     )
     freedom = len(error) - len(start)
+    # Of least squares: (J^T J)^{-1} times the variance of the residuals
     covariance = np.linalg.inv(fit.jac.T @ fit.jac) * (fit.fun @ fit.fun) / freedom
     C1, C2 = np.exp(fit.x[:2])
     uncertainty = np.sqrt(covariance[2, 2])
@@ -74,6 +75,7 @@ def fit_floor(h: Array, H: Array, error: Array) -> Floor:
 
 def _log_residuals(parameters: Array, log_h: Array, log_H: Array, log_error: Array) -> Array:
     log_C1, log_C2, s = parameters
+    # log error = log((C1 h)^2 + (C2 H^s)^2) / 2
     model = 0.5 * np.logaddexp(2 * (log_C1 + log_h), 2 * (log_C2 + s * log_H))
     return np.asarray(model - log_error)
 

@@ -113,6 +113,7 @@ def solve_on_partitions(
             table[name][case_index, 0] = getattr(problem, name)
     seconds = np.full((len(cases), 1, len(partitions)), np.nan)
     for k, partition in enumerate(partitions):
+        # The limits count as reached in spite of rounding
         if not H_over_h[0] <= partition.H / mesh.h * (1 + 1e-12) <= H_over_h[1] * (1 + 2e-12):
             continue
         case_means = [cell_means(case, partition) for case in cases]
@@ -139,6 +140,7 @@ def solve_on_partitions(
             seconds[case_index, 0, k] = time.perf_counter() - begin
             _record_run(table, case_index, k, solution, errors)
             table["balance"][case_index, 0, k] = discrete.balance(solution)
+            # ||e||_{-1/2} of e = lambda - lambda_H lies between both bounds, and above ||e||_{-1/2,h} = D
             if form:
                 difference = case_means[case_index].lambda_means - solution.lambda_H
                 lower, upper = form.error_bounds(case_index, difference[None])
@@ -167,6 +169,7 @@ def _empty_table(mesh: Mesh, cases: Sequence[ExactSolution], partitions: Sequenc
     grid = ("mesh", "partition")
 
     def nan_array(*shape: int) -> np.ndarray:
+        """An array for what is not known yet."""
         return np.full(shape, np.nan)
 
     variables: dict[str, tuple] = {name: (run, nan_array(n, 1, p)) for name in RUN_VARIABLES}

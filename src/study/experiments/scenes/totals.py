@@ -83,6 +83,7 @@ def tabulate_indices(
         u_D = data.constraint.clamped_values
         g_means = obstacle_means(case.problem, partition)
         discrete = build_condensed_problem(spaces, case_load(case, mesh), None, g_means, u_D)
+        # u_h = u_D + u(lambda_H), from the stored multiplier
         u_h = u_D + spaces.response(discrete.homogeneous_data[0], mu)
         lambda_H = spaces.extend_by_zero(mu)
         sharp = sharp_bound(data, partition, u_h, lambda_H, form)

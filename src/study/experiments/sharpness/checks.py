@@ -35,6 +35,7 @@ def lemma_1(tables: Tables, scenes: Sequence[str]) -> Evidence:
         runs = tables[f"{scene}/errors"].sel(case=names)
         for p, (cells, gram) in enumerate(dual_norm_forms(tables, scene)):
             zero = np.zeros((1, gram.n_cells))
+            # ||lambda - Pi_H lambda||_{-1/2} from below
             m = [float(gram.error_bounds(c, zero).lower[0]) for c in range(len(names))]
             shares = _lemma_1_quotients(runs.isel(partition=p), xr.DataArray(m, dims="case"))
             for case, share in zip(names, shares, strict=True):
@@ -44,16 +45,14 @@ def lemma_1(tables: Tables, scenes: Sequence[str]) -> Evidence:
 
 
 def _lemma_1_quotients(runs: xr.Dataset, m: xr.DataArray) -> Array:
-    """D over its bound in Lemma 1 by (case, mesh); NaN where beta or D is 0.
-
-    The shape is (case, mesh).
-    """
+    """D over its bound in Lemma 1 by (case, mesh); NaN where beta or D is 0."""
     D = runs["discrete_error"]
     c = runs["consistency"]
     H = float(runs["H"])
     is_proved = (runs["beta_lower"] > 0) & (D / runs["u_norm"] > RELATIVE_ROUNDING)
     beta = runs["beta_upper"].where(is_proved)
     beta_0 = runs["beta_0"].where(is_proved)
+    # D^2 = m D + (m + D) k + c, that is D^2 - (m + k) D - (m k + c) = 0
     k = np.minimum(runs["ritz_error"] / beta, runs["ritz_means"] / H**0.5 / beta_0)
     bound = 0.5 * (m + k + np.sqrt((m + k) ** 2 + 4 * (m * k + c)))
     return np.asarray((D / bound).transpose("case", "mesh").values, dtype=float)
@@ -144,10 +143,7 @@ def logarithm_power(nu: ArrayLike) -> Array:
 
 
 def _theorem_4_excess(data: xr.Dataset, norm: str) -> xr.DataArray:
-    """Rates of the largest error over gamma, less the predicted ones, by (pair, alpha).
-
-    The shape is (pair, alpha).
-    """
+    """Rates of the largest error over gamma, less the predicted ones, by (pair, alpha)."""
     return surfaces.largest_error_rate(data, norm) - surfaces.predicted_rate(norm, data["alpha"])
 
 

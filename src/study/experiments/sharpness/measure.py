@@ -68,6 +68,7 @@ def family_cases(
     members = []
     for gamma in gammas:
         height = rational_expression(contact_start) ** gamma
+        # (x_0 - t)_+^gamma before the contact, and beyond it a power that the cutoff of lambda hides
         gap = pos(contact_start - T, gamma) + height * pos(beyond_contact, CUTOFF_GAP_EXPONENT)
         gaps = (gap, *[height] * (polygon.n_sides - 1))
         members.append(
@@ -77,13 +78,14 @@ def family_cases(
 
 
 def transition_positions(H: Fraction, n_positions: int) -> list[Fraction]:
-    """The transitions, inside the cell of size H that begins at START, in side lengths.
+    """The transitions, inside the cell of size H that begins at 1/4, in side lengths.
 
     Raises InputError where no cell of a uniform partition begins there.
     """
     if (TRANSITION_CELL_START / H).denominator > 1:
         raise InputError(
-            f"sharpness, H: {H} does not divide {TRANSITION_CELL_START}, where the cell of the transitions begins"
+            f"sharpness, H: {H} does not divide {TRANSITION_CELL_START}, "
+            "where the cell of the transitions begins"
         )
     return [TRANSITION_CELL_START + H * Fraction(2 * k + 1, 2 * n_positions) for k in range(n_positions)]
 
@@ -128,19 +130,18 @@ def measure(condensed: CondensedMatrix, family: FamilyOnPartition, stop: Stop) -
     polygon = condensed.mesh.polygon
     spaces = mixed_spaces(condensed, partition)
     beta = infsup_constants(spaces.operator, gram.p0).beta_lower
-    measured = {
-        name: np.full((len(alphas), len(gammas), len(positions)), np.nan) for name in SHARPNESS_VARIABLES
-    }
+    shape = (len(alphas), len(gammas), len(positions))
+    measured = {name: np.full(shape, np.nan) for name in SHARPNESS_VARIABLES}
     for a, row in enumerate(family.members):
         problems = ritz_projections([members[0] for members in row], condensed)
         for k, (problem, members) in enumerate(zip(problems, row, strict=True)):
-            transition_cell = (
-                np.searchsorted(partition.points, polygon.arc_length(0, float(positions[k]))) - 1
-            )
+            transition = polygon.arc_length(0, float(positions[k]))
+            transition_cell = np.searchsorted(partition.points, transition) - 1
             for c, cells in enumerate(family.means[a][k]):
                 exact = CaseProjections(replace(problem, case=members[c]), cells)
                 solution = solve_condensed_problem(discretise_case(spaces, exact), stop, beta)
                 errors = exact.errors(spaces, solution.result.lambda_H)
+                # Both bounds on ||lambda - lambda_H||_{-1/2}, which is at least D = ||z_h - u_h||_1
                 difference = cells.lambda_means - solution.lambda_H
                 lower, upper = gram.error_bounds(a * len(positions) + k, difference[None])
                 values = (
@@ -181,10 +182,12 @@ def measure_sharpness(
 
     @cache
     def condensed_mesh(h: Fraction) -> CondensedMatrix:
+        """The structured mesh of the size h, condensed."""
         return condense(make_structured_mesh(domain, float(h)))
 
     @cache
     def family(H: Fraction) -> FamilyOnPartition:
+        """The family on the uniform partition of the size H."""
         return family_on_partition(
             make_uniform_partition(domain, float(H)),
             transition_positions(H, study["positions"]),
@@ -193,11 +196,13 @@ def measure_sharpness(
 
     @cache
     def solve_level(h: Fraction, H: Fraction) -> xr.Dataset:
+        """Errors of all members on one pair."""
         solved = measure(condensed_mesh(h), family(H), chosen)
         print(f"h = {h}, H = {H} solved")
         return solved
 
     def save_levels(levels: Sequence[xr.Dataset], to_errors: str, to_rates: str) -> None:
+        """Write the errors of all levels, and their rates."""
         table = join_sharpness_levels(levels)
         tables.save_table(table, to_errors, "sharpness", parameters)
         tables.save_table(tabulate_surfaces(table), to_rates, "sharpness", parameters)

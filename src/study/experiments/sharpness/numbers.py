@@ -17,11 +17,8 @@ POSITIONS_TITLE = "positions with a multiplier in the transition's cell"
 
 def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
     """How far Theorem 2's exponent and Lemma 1's bound are from what is observed."""
-    return {
-        "theorems": summarise_theorems(
-            {claim["id"]: claim["observed"] for claim in results["results/claims"]}
-        )
-    }
+    observed = {claim["id"]: claim["observed"] for claim in results["results/claims"]}
+    return {"theorems": summarise_theorems(observed)}
 
 
 def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:

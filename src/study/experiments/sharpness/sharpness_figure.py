@@ -117,9 +117,10 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
 def _draw_rate_panel(axes: Axes, rows: pd.DataFrame) -> None:
     for kind, look in RATE_LOOKS.items():
         kind_rows = rows[rows["kind"] == kind]
-        for _, line in (
+        lines = (
             kind_rows.groupby("alpha") if kind == "measured" else [("", kind_rows)] * (not kind_rows.empty)
-        ):
+        )
+        for _, line in lines:
             axes.plot(line["alpha"], line["rate"], **look)
     first = rows["alpha"].min()
     last = rows["alpha"].max()

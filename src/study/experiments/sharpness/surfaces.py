@@ -1,7 +1,7 @@
 """Rates over the exponents (alpha, gamma) of a transition: measured, predicted, and what the proof leaves.
 
 Errors are r.m.s. means over the positions of the transition in its cell, in H^{-1/2} those of the mean of
-the bounds. The consistency term, which bounds a square, is a mean. Beside the norms of `NORMS`
+the bounds. The consistency term, which bounds a square, is a mean. Beside the norms of `ERROR_NORMS`
 there is `discrete`, D = ||z_h - u_h||_1 = ||lambda - lambda_H||_{-1/2,h}.
 """
 
@@ -45,12 +45,9 @@ def proof_rate(norm: str, alpha: ArrayLike, gamma: ArrayLike) -> Array:
 
 
 def logarithm_loss(sizes: ArrayLike) -> Array:
-    """Rate that a factor 1 + ln 1/H takes between neighbouring sizes H; its root takes half.
-
-    The shape is (pair,).
-    """
+    """Rates (pair,) that a factor 1 + ln 1/H takes between neighbouring sizes H; its root takes half."""
     H = np.asarray(sizes, dtype=float)
-    L = 1 - np.log(H)
+    L = 1 - np.log(H)  # an error H^p L has the rate p - log(L_2 / L_1) / log(H_1 / H_2)
     return np.asarray(np.log(L[1:] / L[:-1]) / np.log(H[:-1] / H[1:]))
 
 
@@ -136,20 +133,14 @@ def tabulate_surfaces(errors: xr.Dataset) -> xr.Dataset:
 
 
 def overall_rate(rates: xr.Dataset, norm: str) -> xr.DataArray:
-    """The rate of an error from the coarsest to the finest H, by (alpha, gamma).
-
-    The shape is (alpha, gamma).
-    """
+    """The rate of an error from the coarsest to the finest H, by (alpha, gamma)."""
     error = rates["error"].sel(norm=norm, drop=True)
     H = rates["H"].values
     return np.log(error.isel(level=0) / error.isel(level=-1)) / np.log(H[0] / H[-1])
 
 
 def largest_error_rate(rates: xr.Dataset, norm: str) -> xr.DataArray:
-    """Rates of the largest error over gamma, by (pair, alpha): Theorem 4 has one constant for all gamma.
-
-    The shape is (pair, alpha).
-    """
+    """Rates of the largest error over gamma, by (pair, alpha): Theorem 4 has one constant for all gamma."""
     largest = rates["error"].sel(norm=norm, drop=True).max("gamma", skipna=False)
     error = xr.ufuncs.log(largest).diff("level")
     H = xr.ufuncs.log(rates["H"]).diff("level")
@@ -165,16 +156,14 @@ def _position_mean(array: xr.DataArray) -> Array:
 
 
 def _adjacent_rates(error: Array, H: Array) -> Array:
-    """Rates between adjacent levels of errors (..., level, alpha, gamma).
-
-    The shape is (..., pair, alpha, gamma).
-    """
+    """Rates (..., pair, alpha, gamma) between adjacent levels of errors (..., level, alpha, gamma)."""
     steps = np.log(H[:-1] / H[1:])[:, None, None]
     return np.asarray(np.log(error[..., :-1, :, :] / error[..., 1:, :, :]) / steps)
 
 
 def _algebraic_share(errors: xr.Dataset, norm: str) -> Array:
     """The share as rates are judged: the bound turned into that norm, over the error's lower bound."""
+    # The bound is one in ||.||_{-1/2,h} >= beta ||.||_{-1/2} and >= lambda_min(S)^{1/2} ||.||_0
     beta = errors["beta_lower"]
     lambda_min = errors["lambda_min"]
     ones = xr.ones_like(beta)

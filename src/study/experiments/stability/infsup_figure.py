@@ -39,7 +39,8 @@ MAX_REGULAR_ALPHA_1 = 10
 """`regular` pairs have neighbouring cells within this ratio, and the angles of RULE, as claim T.node says."""
 PAIR_LABELS = {
     "uniform": "uniform",
-    "regular": rf"other ones, angles $\geq {RULE.smallest_angle:g}°$, neighbouring cells within {MAX_REGULAR_ALPHA_1}:1",
+    "regular": rf"other ones, angles $\geq {RULE.smallest_angle:g}°$, "
+    f"neighbouring cells within {MAX_REGULAR_ALPHA_1}:1",
     "irregular": "other ones, smaller angles or larger ratios",
     "worst": "the worst that searches found",
 }

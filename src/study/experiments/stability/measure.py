@@ -143,6 +143,7 @@ def worst_multiplier(D: Array, G: Array, symmetries: Sequence[Index] = ()) -> Ar
     smallest = 0.0
     mu = np.empty(0)
     for signs in product((1.0, -1.0), repeat=len(symmetries)):
+        # The product of (1 +- P) / 2 over the symmetries P projects onto the mu with these signs
         projector = np.eye(m)
         for sign, image in zip(signs, symmetries, strict=True):
             projector = 0.5 * (projector + sign * projector[image])
@@ -150,10 +151,12 @@ def worst_multiplier(D: Array, G: Array, symmetries: Sequence[Index] = ()) -> Ar
         basis = vectors[:, values > 0.5]
         if not basis.shape[1]:
             continue
+        # The least ||mu||_{-1/2,h}^2 / ||mu||_{-1/2}^2 = mu.D mu / mu.G mu of the class
         value, x = eigh(basis.T @ D @ basis, basis.T @ G @ basis, subset_by_index=[0, 0])
         if not mu.size or value[0] < smallest - TIE_TOLERANCE * abs(smallest):
             smallest = float(value[0])
             mu = basis @ x[:, 0]
+    # The sign and the size are those that make the first of the largest values 1
     size = np.abs(mu)
     return mu / mu[np.flatnonzero(size >= (1 - TIE_TOLERANCE) * size.max())[0]]
 
@@ -199,9 +202,7 @@ def make_meshes(partitions: Sequence[Partition], specs: Sequence[Spec], size: ob
 
 
 def place_boundary_nodes(partition: Partition, spec: Spec, size: object) -> Array:
-    """Arc lengths of the mesh nodes on the boundary, as the mapping of a mesh places them.
-
-    The shape is (nb,).
+    """Arc lengths (nb,) of the mesh nodes on the boundary, as the mapping of a mesh places them.
 
     `follow` places node j of n as the point j m / n of the partition's, linear between its points, so that
     every cell has the same number of edges; `equal`, `graded` and `random` divide the sides as partitions
@@ -231,6 +232,7 @@ def place_boundary_nodes(partition: Partition, spec: Spec, size: object) -> Arra
 def _place_inner_nodes(partition: Partition, delta: float, spec: Spec) -> Array:
     cells = np.bincount(partition.side)
     side, number = _number_pieces(cells)
+    # Twice the distance, in cells, of the cell's middle from that of its side
     beyond = 2 * number + 1 - cells[side]
     share = np.where(np.abs(beyond) <= 1, 0.5, np.where(beyond < 0, 1 - delta, delta))
     if "seed" in spec:
@@ -257,10 +259,7 @@ def _random_points(polygon: Polygon, counts: Counts, spec: Spec) -> Array:
 
 
 def _number_pieces(counts: Counts) -> tuple[Counts, Counts]:
-    """Side of every piece, and its number on that side.
-
-    The shape is (sum(counts),).
-    """
+    """Side of every piece, and its number on that side, (sum(counts),) each."""
     side = np.repeat(np.arange(len(counts)), counts)
     return side, np.arange(len(side)) - (np.cumsum(counts) - counts)[side]
 

@@ -44,39 +44,29 @@ def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd
 def tabulate_least_beta(pairs: pd.DataFrame, ratios: Sequence[float]) -> pd.DataFrame:
     """Lower bounds on beta on uniform meshes, per family of meshes and H/h."""
     rows = []
-    for label, family_pairs in pairs[pairs["kind"] == "uniform"].groupby("label", sort=False):
-        has_ratio = {
-            ratio: np.isclose(family_pairs["h_over_H"] * ratio, 1, rtol=TABLE_ROUNDING) for ratio in ratios
-        }
-        smallest_beta = {
-            f"{ratio:g}": float(family_pairs.loc[selected, "beta_lower"].min())
-            for ratio, selected in has_ratio.items()
-        }
-        rows.append(
-            {r"$\beta$ at least, at $H/h$ =": label}
-            | {name: format_value(b, "down.2f") for name, b in smallest_beta.items()}
-        )
+    for label, family in pairs[pairs["kind"] == "uniform"].groupby("label", sort=False):
+        row = {r"$\beta$ at least, at $H/h$ =": label}
+        for ratio in ratios:
+            has_ratio = np.isclose(family["h_over_H"] * ratio, 1, rtol=TABLE_ROUNDING)
+            row[f"{ratio:g}"] = format_value(float(family.loc[has_ratio, "beta_lower"].min()), "down.2f")
+        rows.append(row)
     return pd.DataFrame(rows)
 
 
 def tabulate_correlations(pairs: pd.DataFrame, smallest_angle: float) -> pd.DataFrame:
     """Which measure of h/H predicts beta best, on meshes that are not uniform: Spearman's coefficients."""
     irregular = pairs[(pairs["kind"] != "uniform") & (pairs["edges_per_cell"] > 0)]
+    wide = irregular[irregular["smallest_angle"] >= smallest_angle]
     groups = {
         "pairs that are not uniform": irregular,
-        f"of them without angles below {smallest_angle:g}°": irregular[
-            irregular["smallest_angle"] >= smallest_angle
-        ],
+        f"of them without angles below {smallest_angle:g}°": wide,
     }
     rows = []
     for title, group in groups.items():
-        coefficients = {
-            name: group[name].corr(group["beta_lower"], method="spearman") for name in RATIO_TITLES
-        }
-        rows.append(
-            {r"rank correlation of $\beta$ with": f"{len(group)} {title}"}
-            | {RATIO_TITLES[name]: f"{value:.2f}" for name, value in coefficients.items()}
-        )
+        row = {r"rank correlation of $\beta$ with": f"{len(group)} {title}"}
+        for name, heading in RATIO_TITLES.items():
+            row[heading] = f"{group[name].corr(group['beta_lower'], method='spearman'):.2f}"
+        rows.append(row)
     return pd.DataFrame(rows)
 
 
@@ -117,10 +107,10 @@ def summarise_inner_nodes(pairs: pd.DataFrame) -> dict[str, Any]:
 
 def summarise_fortin_bound(pairs: pd.DataFrame) -> dict[str, float]:
     """The least beta on structured meshes of the square at H = 2h, and the least of the bounds on it."""
-    pairs_at_2h = pairs[
+    nested = pairs[
         (pairs["label"] == "square, structured") & np.isclose(pairs["h_over_H"], 0.5, rtol=TABLE_ROUNDING)
     ]
     return {
-        "solved": float(pairs_at_2h["beta_lower"].min()),
-        "unsolved": float(pairs_at_2h["beta_fortin"].min()),
+        "solved": float(nested["beta_lower"].min()),
+        "unsolved": float(nested["beta_fortin"].min()),
     }
