@@ -121,7 +121,7 @@ def _measure_forms(spaces: MixedSpaces, rng: np.random.Generator) -> dict[str, f
     m = len(spaces.cells)
 
     def form_terms(U: tuple[Array, Array], V: tuple[Array, Array]) -> Array:
-        """(u, v)_1, <lambda, v> and <mu, u> of U = (u, lambda), V = (v, mu), which A has times 1, -1, 1."""
+        """The terms (u, v)_1, <lambda, v> and <mu, u>, which A(U, V) has with the signs 1, -1 and 1."""
         (u, lambda_) = U
         (v, mu) = V
         return np.array([u @ (A @ v), lambda_ @ (spaces.B @ v[boundary]), mu @ (spaces.B @ u[boundary])])

@@ -41,6 +41,7 @@ def theorem_1_sharpness(tables: Tables, table: str, cases: Sequence[str], at_mos
     data = tables[table].sel(case=list(cases))
     sigma = data["flux_order"]
     tau = data["gap_order"]
+    # Theorem 1: D ~ H^{min(sigma + 1/2, (sigma + tau)/2)}
     distance = abs(period_exponent(data, "discrete_error") - np.minimum(sigma + 0.5, (sigma + tau) / 2))
     quantity = "the distance of the exponent of $D$ from that of Theorem 1"
     return require_preconditions(
@@ -75,6 +76,7 @@ def partition_rates(data: xr.Dataset) -> xr.DataArray:
 
 def period_exponent(data: xr.Dataset, variable: str) -> xr.DataArray:
     """The exponent of a variable over H by case, the mean over the starts."""
+    # log(v_1 / v_2) / log(H_1 / H_2) over one period, from each start
     values = xr.ufuncs.log(data[variable]).diff("level")
     sizes = xr.ufuncs.log(data["H"]).diff("level")
     return (values / sizes).mean(["start", "level"], skipna=False)

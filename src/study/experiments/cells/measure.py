@@ -69,7 +69,7 @@ def measure(
 
     Raises InputError where the cases do not have one u, which is a Cantor atom.
     """
-    flux_orders = []
+    flux_orders = []  # sigma of Theorem 1
     for case in cases:
         (atom,) = case.atoms
         if not isinstance(atom, CantorAtom) or case.declaration["u"] != cases[0].declaration["u"]:

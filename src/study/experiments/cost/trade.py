@@ -84,6 +84,7 @@ def sufficient_stop(cases: xr.Dataset, norm: str, coarsest: float) -> float:
     """The largest stopping level below 1 that leaves all errors at most 1.1 times the discrete solution's."""
     excess = error_excess(cases.sel(H=cases["H"] <= coarsest, stop=cases["stop"] < 1), norm)
     worst = excess.max([name for name in excess.dims if name != "stop"])
+    # Levels fall: from the first good one on all have to be good
     good = worst.values <= ENOUGH_FACTOR
     first = int(np.argmax(np.logical_and.accumulate(good[::-1])[::-1]))
     return float(worst["stop"][first]) if good[-1] else np.nan
@@ -92,6 +93,7 @@ def sufficient_stop(cases: xr.Dataset, norm: str, coarsest: float) -> float:
 def halving_factor(work: Array, error: Array) -> float:
     """The factor of work that halves the error ~ work^-p, p by least squares; inf if it does not fall."""
     finite = np.isfinite(work) & np.isfinite(error)
+    # error ~ work^-p: half of it takes 2^(1/p) times the work
     p = -float(np.polyfit(np.log(work[finite]), np.log(error[finite]), 1)[0])
     return 2 ** (1 / p) if p > 0 else np.inf
 
@@ -122,6 +124,7 @@ def losses_by_ratio(error: xr.DataArray, work: xr.DataArray) -> dict[float, floa
     first = max(x.min() for x, _ in lines.values())
     last = min(x.max() for x, _ in lines.values())
     common = np.linspace(first, last, N_WORK_VALUES)
+    # The mean of log error over the common range of log work, for each H/h, less the least of these
     means = {ratio: float(np.mean(np.interp(common, x, y))) for ratio, (x, y) in sorted(lines.items())}
     return {ratio: float(np.exp(mean - min(means.values()))) for ratio, mean in means.items()}
 
@@ -163,6 +166,7 @@ def break_even_steps(algebra: xr.Dataset) -> Array:
     """
     extra_setup = algebra["setup_operations"].sel(algebra="S") - algebra["setup_operations"].sel(algebra="A")
     cells = algebra["multipliers"].sel(algebra="S").values
+    # Steps n with extra set-up = n (a step with A - a step with S)
     extra_setup = extra_setup - [operations.count_spectrum(int(m)) for m in cells]
     saved = algebra["step_operations"].sel(algebra="A") - algebra["step_operations"].sel(algebra="S")
     return (extra_setup / saved).values

@@ -66,6 +66,7 @@ def leading_term(transition: Transition, partition: Partition) -> tuple[float, f
     cell = int(np.searchsorted(partition.points, s, side="right")) - 1
     theta = float((s - partition.points[cell]) / partition.lengths[cell])
     size = float(partition.lengths[cell] / polygon.lengths[side])
+    # The product of both cell means, over (H/L)^{alpha+gamma}
     means = theta ** (gamma + 1) * (1 - theta) ** (alpha + 1) / ((alpha + 1) * (gamma + 1))
     return float(polygon.lengths[side]) * size**transition.term_order * means, theta
 

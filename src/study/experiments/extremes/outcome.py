@@ -76,11 +76,13 @@ class Budget:
     @property
     def max_condition(self) -> float:
         """The largest cond(S) for which plain Uzawa needs no more steps, with rho = 1.9/lambda_max(S)."""
+        # An error falls like (1 - 1.9/cond)^n: n = cond log(1/accuracy) / 1.9
         return 1.9 * self.max_steps / -np.log(self.accuracy)
 
     @property
     def max_condition_nesterov(self) -> float:
         """The largest cond(S) for which Nesterov needs no more steps, contracting by 1 - cond(S)^{-1/2}."""
+        # An error falls like (1 - cond^{-1/2})^n: n = cond^{1/2} log(1/accuracy)
         return float((self.max_steps / np.log(self.accuracy)) ** 2)
 
 
@@ -207,6 +209,7 @@ def judge_run(problem: ExtremeProblem, result: DualResult, tolerance: float) -> 
     allowance = problem.rounding_allowance
     bound = result.bound
     outcome = OUTCOME_RIGHT if result.converged else OUTCOME_NOT_CONVERGED
+    # Right: error <= bound + allowance, finite, and the word `converged` says that bound <= tolerance
     if not error <= bound + allowance < np.inf or result.converged != (bound <= tolerance):
         outcome = OUTCOME_WRONG
     message = f"{result.iterations} steps"
@@ -248,4 +251,5 @@ def find_crossing(values: Array, numbers: Array, limit: float) -> float:
     k = above[0]
     if not np.isfinite(y[k]):
         return float(values[k])
+    # Linear between both values in the logarithms
     return float(np.exp(x[k - 1] + (np.log(limit) - y[k - 1]) * (x[k] - x[k - 1]) / (y[k] - y[k - 1])))

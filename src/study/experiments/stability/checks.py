@@ -34,6 +34,7 @@ def pairing(tables: Tables, scenes: Sequence[str]) -> Evidence:
         data = tables[f"{scene}/infsup"]
         paired = data["delta"].values > 0
         if paired.any():
+            # sigma >= delta/4, (6)
             bound = pairing_constant_bound(data["delta"].values)
             quotients[scene] = float((data["pairing"].values[paired] / bound[paired]).min())
     return pick_worst(quotients, "the smallest singular value over its bound", 1 - RELATIVE_ROUNDING, True)
@@ -50,6 +51,7 @@ def near_ends(tables: Tables, scene: str, tolerance: float) -> Evidence:
         ("least delta", delta.argmin(axis=0)),
     ):
         beta = data["beta_lower"].values[mesh, np.arange(len(H))]
+        # beta ~ H^p
         orders = np.diff(np.log(beta)) / np.diff(np.log(H))
         order_errors |= {f"{name}, H = {size:g}": abs(p - 1) for size, p in zip(H[1:], orders, strict=True)}
     return pick_worst(order_errors, r"how far an order of $\beta$ is from 1", tolerance, False)

@@ -245,6 +245,7 @@ def _graded_points(polygon: Polygon, counts: Counts, spec: Spec) -> Array:
     q = parse_real(spec["grading"], "grading")
     (side, index) = _number_pieces(counts)
     t = index / counts[side]
+    # (2 t)^q / 2 up to the middle of the side, and its mirror image behind it
     share = np.where(t <= 0.5, 0.5 * (2 * t) ** q, 1 - 0.5 * (2 - 2 * t) ** q)
     return np.append(polygon.starts[side] + polygon.lengths[side] * share, polygon.perimeter)
 
@@ -252,6 +253,7 @@ def _graded_points(polygon: Polygon, counts: Counts, spec: Spec) -> Array:
 def _random_points(polygon: Polygon, counts: Counts, spec: Spec) -> Array:
     sizes = parse_real(spec["spread"], "spread") ** np.random.default_rng(spec["seed"]).random(counts.sum())
     side, _ = _number_pieces(counts)
+    # The sums of the sizes on each side, from its start, over the side's own
     first = np.cumsum(counts) - counts
     before = np.cumsum(sizes) - sizes
     share = (before - before[first][side]) / np.add.reduceat(sizes, first)[side]
