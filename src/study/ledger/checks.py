@@ -83,10 +83,7 @@ def all_of(tables: Tables, statements: Sequence[Mapping[str, Any]], **shared: An
 
 
 def _select_data(
-    table: xr.Dataset,
-    cases: Sequence[str] | None,
-    select: Mapping[str, Any] | None,
-    H_over_h: float | None,
+    table: xr.Dataset, cases: Sequence[str] | None, select: Mapping[str, Any] | None, H_over_h: float | None
 ) -> xr.Dataset:
     """The part of a table that a check is about."""
     if cases is not None:

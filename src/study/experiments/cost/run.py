@@ -66,11 +66,7 @@ class PosedCase:
         """`errors` of the discrete solution (u_h, lambda_H)."""
         tolerance = DISCRETE_TOLERANCE_SHARE * self.exact.ritz.ritz_error
         solution = uzawa(
-            self.spaces.operator,
-            self.discrete.offset,
-            tolerance,
-            max_steps=MAX_NEWTON_STEPS,
-            method="newton",
+            self.spaces.operator, self.discrete.offset, tolerance, max_steps=MAX_NEWTON_STEPS, method="newton"
         )
         return self.errors(solution.lambda_H)
 

@@ -9,13 +9,7 @@ import xarray as xr
 from scipy.linalg import cholesky, eigvalsh, solve_triangular
 from scipy.optimize import nnls
 
-from study.evidence import (
-    RELATIVE_ROUNDING,
-    Evidence,
-    Tables,
-    dual_norm_forms,
-    pick_worst,
-)
+from study.evidence import RELATIVE_ROUNDING, Evidence, Tables, dual_norm_forms, pick_worst
 from study.stability_constants import lemma_quotients
 from unilateral.arrays import Array
 from unilateral.geometry.partition import Partition

@@ -283,12 +283,7 @@ def square_place_axis(values: Array, h: float, H: float, budget: Budget) -> Axis
 
 
 def _polygon_family_axis(
-    shape: Callable[[float], Polygon],
-    values: Array,
-    h: float,
-    H: float,
-    budget: Budget,
-    contact: ContactRule,
+    shape: Callable[[float], Polygon], values: Array, h: float, H: float, budget: Budget, contact: ContactRule
 ) -> Axis:
     """The axis of a family of polygons, with h and H in units of the longest side.
 

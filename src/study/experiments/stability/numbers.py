@@ -110,7 +110,4 @@ def summarise_fortin_bound(pairs: pd.DataFrame) -> dict[str, float]:
     nested = pairs[
         (pairs["label"] == "square, structured") & np.isclose(pairs["h_over_H"], 0.5, rtol=TABLE_ROUNDING)
     ]
-    return {
-        "solved": float(nested["beta_lower"].min()),
-        "unsolved": float(nested["beta_fortin"].min()),
-    }
+    return {"solved": float(nested["beta_lower"].min()), "unsolved": float(nested["beta_fortin"].min())}
