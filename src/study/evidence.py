@@ -35,7 +35,7 @@ class Evidence(NamedTuple):
     def margin(self) -> float:
         """By how much the requirement is met, relative to what is required unless that is 0."""
         slack = self.observed - self.required
-        slack = (slack if self.is_minimum else -slack) + 0.0
+        slack = (slack if self.is_minimum else -slack) + 0.0  # no -0.0
         return slack / abs(self.required) if self.required else slack
 
     @property

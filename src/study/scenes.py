@@ -86,6 +86,7 @@ def dual_norm_partitions(scene: Mapping[str, Any]) -> list[int]:
     They are coarser than the finest mesh, since beta is 0 on others, and no coarser than `H_over_h` allows.
     """
     coarsest = parse_number(scene["mesh"]["h"], "mesh.h")
+    # Exact numbers, for H = h has to be told from H > h
     finest = coarsest.scale(Fraction(1, 2 ** (scene["mesh"]["levels"] - 1)))
     limits = scene["H_over_h"]
     largest = coarsest * parse_number(limits["max"], "H_over_h.max") if "max" in limits else None

@@ -22,6 +22,7 @@ def iterate_variant(operator: DualOperator, offset: Array, rho: float, steps: in
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(steps):
             observed = previous if variant == AS_PRINTED else mu
+            # (5.1), (5.2): lambda^{n+1} = max(0, lambda^n - rho (means of u^n - g)), u^n of the observed one
             updated = mu - rho * operator.gap(observed, offset)
             previous = mu
             mu = updated if variant == UNCLIPPED else np.maximum(0, updated)

@@ -125,6 +125,7 @@ def asymptotic_unknowns(problem: Problem) -> float:
     if problem.exact is None:
         return np.nan
     declared = problem.exact.declaration["asymptotic"]["h1"]
+    # Squares of the side h, n of them: n h^2 = |Omega|
     return problem.polygon.area / parse_real(declared["from"], "asymptotic.h1") ** 2
 
 
@@ -163,7 +164,7 @@ def beta_constants(solution: DiscreteSolution) -> AdaptiveRow:
     P0 of the cells lies in that of the edges, and so one Gram matrix serves both.
     """
     mesh = solution.mesh
-    form = solution.form._replace(free=())
+    form = solution.form._replace(free=())  # so that free sides carry a multiplier, too
     edges = from_points(mesh.polygon, mesh.s)
     condensed = condense(mesh, form)
     gram = build_dual_norm(edges, form=form).gram()

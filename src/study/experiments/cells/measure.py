@@ -77,7 +77,7 @@ def measure(
         flux_orders.append(atom.flux_order)
     condensed = condense(mesh)
     ritz = ritz_projection(cases[0], condensed)
-    H = np.array(sizes)[:, None] / [1.0, period]
+    H = np.array(sizes)[:, None] / [1.0, period]  # by start and level
     measured = np.array(
         [
             [

@@ -98,6 +98,7 @@ def measure(
     `gram` holds the dual norm's forms for the cases, in their order. Of the study the limits of runs are
     read. A variant in another precision has to follow its twin in double precision.
     """
+    # Factors of A with the boundary nodes last, whose last block gives A_3; and by dissection of all nodes
     eliminated = factorise_by_dissection(form_matrix(mesh), mesh.boundary)
     condensed = condense_factors(mesh, eliminated)
     factors = factorise_by_dissection(form_matrix(mesh))
@@ -142,6 +143,7 @@ def _measure_run(posed: PosedCase, variant: Variant, stops: Sequence[float], max
     at_levels |= {
         "steps": [level.steps for level in reached],
         "operator_applications": [level.applications for level in reached],
+        # Newton factorises S on the cells in contact in every step
         "factorisations": [1 + (method == "newton") * level.steps for level in reached],
         "operations": totals,
         "algebraic_bound": [level.bound for level in reached],

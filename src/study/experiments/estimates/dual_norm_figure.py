@@ -58,6 +58,7 @@ def _tabulate_functions(gram: Gram, partition: Partition) -> pd.DataFrame:
     p0 = gram.coarsen(partition).p0
     rows = []
     for kind, mu in zip(FUNCTION_TITLES, (np.ones(m), (-1.0) ** np.arange(m)), strict=True):
+        # Both Gram matrices of P0: mu.G mu bounds ||mu||_{-1/2}^2 from either side
         lower = np.sqrt(mu @ p0.lower @ mu)
         upper = np.sqrt(mu @ p0.upper @ mu)
         l2 = np.sqrt(partition.lengths @ mu**2)

@@ -18,6 +18,7 @@ def outcomes(tables: Tables, table: str) -> Evidence:
     error = data["true_error"].values
     bound = data["guaranteed"].values
     allowed = bound + data["allowance"].values
+    # A point is right only if error <= bound + allowance is true of numbers; one that was refused has none
     valid = np.isfinite(allowed) & (error <= allowed)
     untried = (outcome == "refused") & np.isnan(error) & np.isnan(bound)
     wrong = ~(valid | untried) | (outcome == "wrong") | (data["tool"].values == "wrong")
@@ -35,6 +36,7 @@ def no_earlier(tables: Tables, table: str) -> Evidence:
     rows = {}
     for name in data["axis"].values:
         values = data["value"].values[data["axis_of"].values == name]
+        # -1 where values fall towards the extreme, so that `sign` times them always rises
         sign = 1 if values[-1] > values[0] else -1
         pairs = [[float(data[key].sel(axis=name)) for key in pair] for pair in LIMIT_NAMES]
         early = [np.isfinite(measured) and not sign * measured >= sign * limit for limit, measured in pairs]
@@ -77,6 +79,7 @@ def power_law(
     is_fitted = (data["axis_of"].values == axis) & (value <= max_value) & np.isfinite(number)
     if np.count_nonzero(is_fitted) < 2:
         raise Unjudged(f"fewer than two numbers are known on the axis {axis}")
+    # number ~ value^slope
     slope = np.polyfit(np.log(value[is_fitted]), np.log(number[is_fitted]), 1)[0]
     rows = {f"slope over {np.count_nonzero(is_fitted)} values": abs(float(slope) - exponent)}
     return pick_worst(rows, f"how far the slope is from {exponent:g}", at_most, False)
@@ -91,6 +94,7 @@ def rounding_floor(tables: Tables, table: str, axis: str, factor: float) -> Evid
     value = data["value"].values
     number = data["measured"].values
     expected = data["predicted"].values
+    # number/expected outside [1/factor, factor], or NaN
     beyond = ~(np.abs(np.log(number / expected)) <= np.log(factor))
     slope = float(np.polyfit(np.log(expected), np.log(number), 1)[0])
     rows = {

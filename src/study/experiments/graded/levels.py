@@ -32,5 +32,6 @@ def orders_between_levels(unknowns: Array, values: Array, factor: float) -> Arra
     N = unknowns[is_level]
     errors = values[is_level]
     first = [int(np.argmax(factor * n <= N)) for n in N]
+    # e ~ (N^{-1/2})^p: p = 2 log(e_i / e_j) / log(N_j / N_i)
     pairs = [(i, j) for i, j in enumerate(first) if j]
     return np.array([2 * np.log(errors[i] / errors[j]) / np.log(N[j] / N[i]) for i, j in pairs])

@@ -90,6 +90,7 @@ def tabulate_indices(
         cheap = local_bound(data, partition, u_h, lambda_H, form)
         u_error = float(error_in_norm(run, "h1"))
         lambda_error = float(error_in_norm(run, "hm12", "upper"))
+        # Where lambda_H is exact its error is rounding, and no bound over it says anything
         lambda_error = lambda_error if lambda_error > EXACT_LAMBDA_SHARE * float(run["u_norm"]) else np.nan
         sharp_indices = sharp.u / u_error, sharp.lambda_ / lambda_error, sharp.eta / u_error
         indices[:, case_index, 0] = *sharp_indices, cheap.u / u_error, cheap.lambda_ / lambda_error

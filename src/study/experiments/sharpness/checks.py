@@ -129,6 +129,7 @@ def proposition_3(
         h = run["h"].values[[-3, -1]]
         error = run["ritz_boundary_error"].values[[-3, -1]]
         nu = exponents[str(run["case"].values)]
+        # Proposition 3: C h^{min(2, 3/2 + nu)} times a power of ln(1/h)
         rate = np.log(error[0] / error[1]) / np.log(h[0] / h[1])
         log_rate = float(logarithm_power(nu)) * surfaces.logarithm_loss(h)[0]
         excess[name] = float(rate + log_rate - min(2.0, 1.5 + nu))

@@ -133,6 +133,7 @@ def measure(condensed: CondensedMatrix, family: FamilyOnPartition, stop: Stop) -
     shape = (len(alphas), len(gammas), len(positions))
     measured = {name: np.full(shape, np.nan) for name in SHARPNESS_VARIABLES}
     for a, row in enumerate(family.members):
+        # Members with one alpha and one place have one u: its projection serves all gammas
         problems = ritz_projections([members[0] for members in row], condensed)
         for k, (problem, members) in enumerate(zip(problems, row, strict=True)):
             transition = polygon.arc_length(0, float(positions[k]))

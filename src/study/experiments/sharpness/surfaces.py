@@ -87,6 +87,7 @@ def tabulate_surfaces(errors: xr.Dataset) -> xr.Dataset:
     H = errors["H"].values
     alpha = errors["alpha"].values
     gamma = errors["gamma"].values
+    # R.m.s. means over the positions; t = H^{-1/2} ||Pi_H(u - z_h)||_0; the consistency term bounds a square
     error = np.stack([_position_mean(error_in_norm(errors, norm) ** 2) ** 0.5 for norm in ERROR_MEASURES])
     t = _position_mean(errors["ritz_means"] ** 2 / errors["H"]) ** 0.5
     consistency = _position_mean(errors["consistency"])
@@ -119,6 +120,7 @@ def tabulate_surfaces(errors: xr.Dataset) -> xr.Dataset:
                 np.stack([_algebraic_share(errors, norm) for norm in ERROR_MEASURES]),
             ),
             "converged": (levels, _level_values(errors["converged"].min("position"))),
+            # (j): u in H^2, that is, alpha > 0; (jj): u and g Lipschitz on every side
             "j": (surface, np.broadcast_to(a > 0, (len(alpha), len(gamma))).astype(float)),
             "jj": (surface, ((a >= 0) & (c >= 1)).astype(float)),
         },
