@@ -54,15 +54,15 @@ class Runner:
         return record if record.get("order") == run.order else None
 
     def expected(self, run: Run) -> float:
-        """Wall-clock seconds."""
+        """The wall-clock seconds that a run is expected to take, by the pace of its solver's runs so far."""
         return STARTS + self.paces.get(run.solver, GUESS) * run.n**2
 
     def learn(self, record: dict[str, Any]) -> None:
-        """How fast a solver is."""
+        """Note how fast a solver is: seconds per unknown."""
         self.paces[record["solver"]] = max(record["seconds"] - STARTS, 0) / record["n"] ** 2
 
     def made(self, run: Run) -> dict[str, Any]:
-        """Runs it, after one run that does not count if it is the solver's first: caches are filled then."""
+        """The record of a run that is made now; a solver's first run is made twice, to fill its caches."""
         start = time.perf_counter()
         data = self.data(run)
         solution_file = self.folder / "found.npz"
@@ -84,7 +84,7 @@ class Runner:
         return path
 
     def measured(self, run: Run, data: Path, solution_file: Path) -> dict[str, Any]:
-        """What the driver says."""
+        """The driver's report."""
         module = self.plan["solvers"][run.solver]["module"]
         output = started(plan.interpreter(self.plan, run.solver), module, data, solution_file, run.order)
         measured: dict[str, Any] = json.loads(output.splitlines()[-1])
@@ -100,7 +100,7 @@ class Runner:
 
 
 def started(python: str, module: str, *arguments: object) -> str:
-    """What a module of the benchmarks prints, run on one thread in a process of its own."""
+    """The output of a module of the benchmarks, run on one thread in a process of its own."""
     command = plan.command(python, module, *arguments)
     done = subprocess.run(command, cwd=ROOT, env=on_one_thread(), capture_output=True, text=True)
     if done.returncode:

@@ -36,6 +36,7 @@ class Whole(Runner):
     """The same runner, of whole processes. What fails, or is not certified, is told and does not count."""
 
     def made(self, run: Run) -> dict[str, Any]:
+        """The record of a run; empty, with a message, if it does not count."""
         try:
             return super().made(run)
         except InputError as fault:
@@ -43,16 +44,18 @@ class Whole(Runner):
             return {}
 
     def learn(self, record: dict[str, Any]) -> None:
+        """Note how fast a solver is, if the run was long enough to tell."""
         if record.get("n", 0) >= SURE:
             super().learn(record)
         elif record:
             self.paces.setdefault(record["solver"], GUESS)
 
     def data(self, run: Run) -> Path:
+        """The problem file of a command, or the data for a driver."""
         return Path(run.order["typed"][1]) if "typed" in run.order else super().data(run)
 
     def measured(self, run: Run, data: Path, solution_file: Path) -> dict[str, Any]:
-        """What the process took, and what it answers."""
+        """The process's seconds and memory, and its answer."""
         typed = run.order.get("typed")
         module = self.plan["solvers"][run.solver]["module"]
         arguments = [*typed, "--json"] if typed else [data, solution_file, run.order]
@@ -60,7 +63,7 @@ class Whole(Runner):
         return resources | (certified(output) if typed else reported(output, run.n))
 
     def judged(self, run: Run, data: Path, solution_file: Path) -> dict[str, Any]:
-        """Of a driver's u, in each repeat: a bound on its error over that of ours.
+        """The bound on the error of a driver's u over that of this project's u, in each repeat.
 
         Raises InputError beyond TWICE.
         """
@@ -74,7 +77,7 @@ class Whole(Runner):
 
 
 def process(command: list[str]) -> tuple[str, dict[str, float]]:
-    """What it prints, its processor and wall-clock seconds and MB of 2^20 bytes, its children's among them.
+    """A command's output, its processor and wall-clock seconds and MB of 2^20 bytes, with its children's.
 
     Raises InputError if it fails.
     """
@@ -93,7 +96,7 @@ def process(command: list[str]) -> tuple[str, dict[str, float]]:
 
 
 def certified(output: str) -> dict[str, Any]:
-    """Of what `unilateral solve --json` prints. Raises InputError without a guaranteed relative bound."""
+    """Numbers that `unilateral solve --json` prints. Raises InputError without a guaranteed relative bound."""
     answer = json.loads(output)
     bound = answer["h1_relative_bound"]
     levels = [level["unknowns"] for level in answer["levels"]]
@@ -104,7 +107,7 @@ def certified(output: str) -> dict[str, Any]:
 
 
 def reported(output: str, n: int) -> dict[str, Any]:
-    """Of what a driver prints."""
+    """The unknowns, and the seconds of the bound over those of the solve, from a driver's output."""
     (first, *_) = json.loads(output.splitlines()[-1])["results"]
     phases = {name: cpu for name, (cpu, _) in first["phases"].items()}
     bound = phases.pop("bound", None)

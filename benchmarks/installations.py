@@ -35,6 +35,7 @@ def environment() -> Iterator[Path]:
 
 
 def pip(python: Path, *arguments: str) -> list[str]:
+    """The command that runs an environment's pip."""
     return [str(python), "-m", "pip", "--disable-pip-version-check", *arguments]
 
 
@@ -50,7 +51,7 @@ def built(folder: Path) -> list[Path]:
 
 
 def installed(package: Path, name: str) -> dict[str, float]:
-    """What a set takes from that file, after it was tried. Raises CalledProcessError where that fails."""
+    """Seconds, MB and packages of a set, installed from that file and tried. Raises CalledProcessError."""
     extra = "" if name == "core" else f"[{name}]"
     with environment() as python, tempfile.TemporaryDirectory() as empty:
         installation = measured(pip(python, "install", "-q", f"{package}{extra}"))

@@ -25,6 +25,7 @@ RATES = {"h1": "rate of u, ours", "hm12": "rate of λ, ours"}
 
 
 def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+    """Times, ratios and scores, as documents name them."""
     return {
         "benchmarks": side_by_side.numbers(results["benchmarks/results"]),
         "commands": of_commands(results["benchmarks/commands"]),
@@ -34,6 +35,7 @@ def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, A
 
 
 def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+    """The tables of solvers, phases, problems, commands, certificates and scores."""
     return {
         "benchmarks": side_by_side.solvers(results["benchmarks/results"]),
         "benchmark-phases": side_by_side.phases(results["benchmarks/results"]),
@@ -56,10 +58,7 @@ def of_commands(stored: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def commands(stored: Mapping[str, Any]) -> pd.DataFrame:
-    """What whole processes take, from the command to the answer.
-
-    A row per command, then one per other solver and size.
-    """
+    """Costs of whole processes, from the command to the answer: by command, then by other solver and size."""
     return pd.DataFrame(
         [_command(row) for names in ([OURS], NAMES) for row in stored["rows"] if row["solver"] in names]
     )
@@ -107,7 +106,7 @@ def trust(stored: Mapping[str, Any]) -> pd.DataFrame:
 
 
 def scores(table: pd.DataFrame) -> pd.DataFrame:
-    """What other packages' solutions of exported cases score.
+    """The scores of other packages' solutions of exported cases.
 
     A row per case and solver: errors on the finest level over this project's, rates, and the verdict.
     """

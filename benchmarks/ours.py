@@ -41,7 +41,7 @@ Told = tuple[Array, list[dict[str, Any]], list[Array]]
 
 
 def by_multigrid(clock: Clock, data: Mapping[str, Array], parameters: Order) -> Told:
-    """From nothing, and further."""
+    """A problem from nothing, and a further one with other cells on the same hierarchy, by multigrid."""
     H = parameters["H_over_h"]
     tolerance = tolerance_of(data, parameters)
     load = data["load"]
@@ -60,7 +60,7 @@ def by_multigrid(clock: Clock, data: Mapping[str, Array], parameters: Order) -> 
 def from_nothing(
     clock: Clock, data: Mapping[str, Array], parameters: Order
 ) -> tuple[Mesh, Hierarchy, MultigridResult]:
-    """By multigrid, in the phases `mesh`, `assembly` and `solve`."""
+    """Mesh, hierarchy and solution by multigrid, in the phases `mesh`, `assembly` and `solve`."""
     H = parameters["H_over_h"]
     tolerance = tolerance_of(data, parameters)
     load = data["load"]
@@ -76,7 +76,7 @@ def from_nothing(
 
 
 def linear(clock: Clock, data: Mapping[str, Array], parameters: Order) -> Told:
-    """Without cells."""
+    """A linear problem, without cells, by multigrid."""
     load = data["load"]
     none = data["load"][:0]
     clock.skip()
@@ -92,7 +92,7 @@ def linear(clock: Clock, data: Mapping[str, Array], parameters: Order) -> Told:
 
 
 def bound(clock: Clock, data: Mapping[str, Array], parameters: Order) -> Told:
-    """From nothing, and the bound, of a problem file."""
+    """The solution of a problem file by multigrid, and the guaranteed bound on its error."""
     problem = problem_file.load_problem(parameters["case"])
     (mesh, _, solution) = from_nothing(clock, data, parameters)
     enclosed = enclose_data(problem, mesh, H1)
@@ -105,12 +105,12 @@ def bound(clock: Clock, data: Mapping[str, Array], parameters: Order) -> Told:
 
 
 def recursive(clock: Clock, data: Mapping[str, Array], parameters: Order) -> Told:
-    """By macro-elements."""
+    """All algorithms on the boundary, with the interior eliminated by macro-elements."""
     return eliminated(clock, data, parameters, condense)
 
 
 def sparse(clock: Clock, data: Mapping[str, Array], parameters: Order) -> Told:
-    """By sparse factors."""
+    """All algorithms on the boundary, with the interior eliminated by sparse factors."""
     return eliminated(
         clock,
         data,
@@ -122,7 +122,7 @@ def sparse(clock: Clock, data: Mapping[str, Array], parameters: Order) -> Told:
 def eliminated(
     clock: Clock, data: Mapping[str, Array], parameters: Order, condense: Callable[[Mesh], CondensedMatrix]
 ) -> Told:
-    """All algorithms, each from nothing, and further: the load eliminated, and the steps."""
+    """Results of all algorithms from nothing, and for a further load: its elimination, and the steps."""
     load = data["load"]
     means = data[f"means_{parameters['H_over_h']}"]
     clock.skip()
@@ -154,13 +154,13 @@ def eliminated(
 
 
 def operations(factors: MacroElementFactors) -> float:
-    """Of eliminating i nodes with o beside them, i^3 / 3 + 2 i^2 o + 2 i o^2 each, and the last ones."""
+    """Operations to eliminate i nodes with o beside them, i^3 / 3 + 2 i^2 o + 2 i o^2, and the last nodes."""
     shapes, i, o = np.array([stage.W.shape for stage in factors.stages], dtype=float).T
     return float(shapes @ (i**3 / 3 + 2 * i**2 * o + 2 * i * o**2) + len(factors.A_3) ** 3 / 3)
 
 
 def tolerance_of(data: Mapping[str, Array], parameters: Order) -> float:
-    """Of the guaranteed algebraic error."""
+    """The tolerance of the guaranteed algebraic error, a share of the discrete solution's error."""
     return float(parameters["stop"] * data["error"])
 
 

@@ -33,7 +33,7 @@ class Run(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Of the file that holds what was measured."""
+        """The name of the file that holds what was measured."""
         return f"{self.solver}-{self.problem}-{self.n}-{self.order['H_over_h']}-{self.repeat}"
 
 
@@ -68,7 +68,7 @@ def runs(plan: dict[str, Any], sizes: Sequence[int] = ()) -> list[Run]:
 
 
 def commands(plan: dict[str, Any], sizes: Sequence[int] = ()) -> list[Run]:
-    """The same of whole processes; all take turns. Those with an accuracy have n = 0, and no size."""
+    """All runs of whole processes, which take turns; those with an accuracy have n = 0, and no size."""
     declared = plan["commands"]
     command_runs = [run for entry in declared["typed"] for run in _typed(entry, declared["solvers"], sizes)]
     command_runs += [
@@ -102,7 +102,7 @@ def _of_entry(plan: dict[str, Any], entry: dict[str, Any], sizes: Sequence[int])
 
 
 def order_of(plan: dict[str, Any], problem: str, n: int) -> dict[str, Any]:
-    """What has to be known to make the problem's data."""
+    """The fields of an order from which the problem's data are made."""
     declared = plan["problems"][problem]
     where = {"case": declared["case"], "polygon": declared["polygon"], "flat": declared.get("flat", 1)}
     return {**where, "problem": problem, "n": n, "judged": plan["judged"], "stop": plan["stop"]}

@@ -122,7 +122,7 @@ def _arrays(mesh: Mesh) -> dict[str, Any]:
 
 
 def _unknown(problem: Problem, order: Order) -> dict[str, Any]:
-    """The same of a problem file; `error` is the bound on w's."""
+    """The data of a problem file, as `prepare` has them; `error` is the guaranteed bound on that of w."""
     mesh = mesh_of(order)
     data = enclose_data(problem, mesh, H1)
     cells = {k: partition(mesh, k) for k in OTHER}
@@ -165,7 +165,7 @@ def judge(order: Order, data: Path, solutions: Path) -> dict[str, Any]:
 
 
 def main(task: str, order: str, *paths: str) -> None:
-    """What the runner asks for, in a process of its own."""
+    """Prepare a problem's data, or judge a solution, as the runner asks in a process of its own."""
     if task == "prepare":
         prepare(json.loads(order), Path(paths[0]))
     else:

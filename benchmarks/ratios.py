@@ -62,7 +62,7 @@ def iterations(runs: pd.DataFrame, problems: Iterable[str]) -> pd.DataFrame:
 
 
 def by_multigrid(runs: pd.DataFrame, algorithm: str) -> pd.DataFrame:
-    """What an algorithm on the boundary would take if each of its steps were one linear solve: predicted."""
+    """Predicted cost of an algorithm on the boundary if each of its steps were one linear multigrid solve."""
     steps = along(runs, f"recursive {algorithm}")
     linear = along(runs, LINEAR)
     predicted = linear.loc[linear.index.intersection(steps.index)].copy()

@@ -32,7 +32,7 @@ DIGITS = 4
 
 
 def solutions(python: str, driver: Path, case: str) -> list[tuple[str, str | None]]:
-    """What a driver writes for the exported folder of that name: files of u, with one of multipliers if any.
+    """A driver's files of u for the exported folder of that name, each with that of multipliers if any.
 
     Raises InputError with what the driver says if it fails.
     """

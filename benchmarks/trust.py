@@ -35,7 +35,7 @@ Part = dict[str, float]
 
 
 def row(n: int) -> dict[str, Any]:
-    """What each part takes at h = 1/n: medians of its processor seconds, and its peak MB of 2^20 bytes."""
+    """Costs of each part at h = 1/n: medians of its processor seconds, and its peak MB of 2^20 bytes."""
     with TemporaryDirectory() as folder:
         polynomials = Path(folder, "polynomials.json.gz")
         formulas = Path(folder, "formulas.json.gz")
@@ -59,12 +59,12 @@ def measured(n: int, polynomials: Path, formulas: Path) -> dict[str, Any]:
 
 
 def checked(program: str, certificate: Path) -> Part:
-    """What a checker takes, from its start to its end. Raises CalledProcessError if it refuses."""
+    """Costs of a checker, from its start to its end. Raises CalledProcessError if it refuses."""
     return process([sys.executable, "-I", str(ROOT / "certificate" / program), str(certificate)])[1]
 
 
 def process(command: list[str]) -> tuple[str, Part]:
-    """What it prints, its processor seconds and its peak MB. Raises CalledProcessError if it fails."""
+    """A command's output, processor seconds and peak MB. Raises CalledProcessError if it fails."""
     environment = {**os.environ, **dict.fromkeys(THREADS, "1")}
     running = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.PIPE, text=True)
     assert running.stdout is not None  # it is a pipe
@@ -89,6 +89,7 @@ def program(n: int, certificate: str) -> dict[str, Any]:
     times = [time.process_time()]
 
     def ended(stage: str) -> None:
+        """Note the seconds since the stage before, and the peak memory so far."""
         times.append(time.process_time())
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**10
         stages[stage] = {"seconds": times[-1] - times[-2], "mb": peak}
@@ -103,7 +104,7 @@ def program(n: int, certificate: str) -> dict[str, Any]:
 
 
 def with_formulas(certificate: dict[str, Any]) -> dict[str, Any]:
-    """The same certificate with formulas in place of its polynomials, and WAVE added to f."""
+    """A copy of the certificate with formulas in place of its polynomials, and WAVE added to f."""
     problem = certificate["problem"]
     sides = [{kind: formula(terms) for kind, terms in side.items()} for side in problem["sides"]]
     return {**certificate, "problem": {**problem, "f": formula(problem["f"]) + WAVE, "sides": sides}}

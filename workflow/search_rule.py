@@ -51,7 +51,7 @@ CHANGES_PER_CHAIN = 400
 MAX_DRAWS = 200
 """Changes that are drawn until one keeps the condition."""
 CHANGE_PROBABILITIES = [0.35, 0.25, 0.1, 0.1, 0.07, 0.05, 0.08]
-"""Of the changes in the order of `changed`."""
+"""The probabilities of the changes, in the order of `change_randomly`."""
 MAX_VALUE_WITH_ANGLES = 3.0
 """What `measure` has for pairs without a small angle is below that."""
 N_BEST_PAIRS = 5
@@ -76,11 +76,12 @@ class Pair(NamedTuple):
     nodes: tuple[Side, ...]
 
     def arc_lengths(self, polygon: Polygon) -> tuple[list[float], list[float]]:
-        """Those of the ends, the perimeter last, and of the nodes; exact at vertices, rounded elsewhere."""
+        """Arc lengths of the ends, the perimeter last, and of the nodes; exact at vertices, else rounded."""
         starts = polygon.starts[:-1].tolist()
         lengths = polygon.lengths.tolist()
 
         def places(sides: Sequence[Sequence[int]]) -> list[float]:
+            """Arc lengths of positions on the sides."""
             return [
                 round(start + length * k / GRID, 12) if k else start
                 for start, length, side in zip(starts, lengths, sides, strict=True)
@@ -100,6 +101,7 @@ class PairResolution(NamedTuple):
 
 
 def resolve_pair(polygon: Polygon, pair: Pair) -> PairResolution:
+    """How finely the pair's mesh resolves its cells."""
     ends, nodes = pair.arc_lengths(polygon)
     partition = from_points(polygon, ends)
     s = np.append(nodes, polygon.perimeter)
@@ -121,7 +123,7 @@ def keeps_condition(condition: str, polygon: Polygon, pair: Pair) -> bool:
 
 
 def measure(condition: str, polygon: Polygon, pair: Pair) -> float:
-    """What is to be small; LARGEST_VALUE and the degrees that an angle lacks; infinite without a mesh."""
+    """beta, or beta/(4 delta (1 - delta)); more than 3 with too small an angle; infinite without a mesh."""
     ends, nodes = pair.arc_lengths(polygon)
     try:
         mesh = triangulate_from_boundary(polygon, nodes)
@@ -234,6 +236,7 @@ def read(progress: Path) -> list[dict[str, Any]]:
 
 
 def read_pair(line: dict[str, Any]) -> Pair:
+    """The pair of a line of progress."""
     return Pair(*(tuple(map(tuple, line[name])) for name in Pair._fields))
 
 

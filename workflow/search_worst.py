@@ -81,19 +81,21 @@ class Family:
 
     @property
     def per_cell(self) -> Array:
+        """The least number of edges in each cell of a side (cells,)."""
         return np.resize(np.array(self.edges, dtype=float), self.cells)
 
     @property
     def n_edges(self) -> int:
-        """Of a side."""
+        """The number of edges on a side."""
         return int(np.ceil(self.per_cell.sum())) + (not self.nested)
 
     @property
     def size(self) -> int:
+        """The dimension of the vectors x."""
         return 4 * (self.n_edges + self.cells)
 
     def candidate(self, x: Array) -> Candidate:
-        """Of x (size,): the edges' lengths, then those of the cells or their excess over `edges`."""
+        """The candidate of x (size,): the edges' lengths, then the cells' or their excess over `edges`."""
         edges = x[: 4 * self.n_edges].reshape(4, -1)
         cells = x[4 * self.n_edges :].reshape(4, -1)
         lengths = self.edge_ratio**edges
@@ -125,7 +127,7 @@ class Family:
 
 
 def _cumulative_shares(lengths: Array) -> Array:
-    """(4, n + 1) from 0 to 1, in the proportion of the lengths (4, n) or (n,)."""
+    """Points (4, n + 1) from 0 to 1, in the proportion of the lengths (4, n) or (n,)."""
     sums = np.cumsum(np.atleast_2d(lengths), axis=1)
     return np.pad(sums / sums[:, -1:], ((0, 0), (1, 0)))
 
@@ -137,8 +139,9 @@ def _reference(points: tuple[float, ...]) -> tuple[Partition, Bracket]:
 
 
 def smallest_angle(mesh: Mesh) -> float:
-    """In degrees, over all triangles."""
+    """The smallest angle of all triangles, in degrees."""
     a, b, c = np.moveaxis(mesh.points[mesh.triangles], 1, 0)
+    # |a x b| = |a| |b| sin, and the smallest angle lies between the two longest sides
     squares = np.sort([np.sum((p - q) ** 2, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
     return float(
         np.rad2deg(np.arcsin(np.clip(2 * mesh.areas / np.sqrt(squares[1] * squares[2]), 0, 1)).min())
@@ -157,6 +160,7 @@ def search(family: Family, rng: np.random.Generator, n_random: int, changes: int
     """The smallest beta found among the meshes the family allows, and where."""
 
     def beta(x: Array) -> float:
+        """beta of the candidate; infinite without a mesh, or with too small an angle."""
         try:
             value, angle = measure(family.candidate(x))
         except InputError:
@@ -189,6 +193,7 @@ def _change_randomly(x: Array, rng: np.random.Generator) -> Array:
 
 
 def describe_family(family: Family) -> str:
+    """A sentence on the family, for the configuration."""
     edges = " or ".join(f"{n:g}" for n in family.edges)
     ratio = f"whose lengths differ by a factor of at most {family.edge_ratio:g}"
     if not family.nested:

@@ -10,6 +10,7 @@ PARTS = Path(__file__).parent / "report"
 
 
 def main(target):
+    """Write the report, with the script that opens large results."""
     with replacing(target) as report:
         options = ["--report", report, "--report-stylesheet", PARTS / "style.css"]
         process = subprocess.run(

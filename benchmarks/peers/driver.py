@@ -31,17 +31,17 @@ class Clock:
         self.skip()
 
     def skip(self) -> None:
-        """What was done since the last phase counts nowhere."""
+        """Leave out of all phases what was done since the last one."""
         self._last = (time.process_time(), time.perf_counter())
 
     def lap(self, phase: str) -> None:
-        """What was done since the last phase is this one."""
+        """Count what was done since the last phase as this one."""
         now = (time.process_time(), time.perf_counter())
         self.phases[phase] = (now[0] - self._last[0], now[1] - self._last[1])
         self.skip()
 
     def only(self, phases: Iterable[str]) -> dict[str, Seconds]:
-        """Those phases."""
+        """The seconds of these phases alone."""
         return {name: self.phases[name] for name in phases}
 
 
@@ -56,7 +56,7 @@ def report(
 
 
 def matched(points: np.ndarray, reference_points: np.ndarray) -> np.ndarray:
-    """(n,) the numbers, among the `others` (n, 2), of the points (n, 2): both are the nodes of one mesh."""
+    """Numbers (n,) of the points (n, 2) among `reference_points` (n, 2), the same nodes in another order."""
     points_order = np.lexsort(np.round(points / SAME_PLACE).T)
     reference_order = np.lexsort(np.round(reference_points / SAME_PLACE).T)
     numbers = np.empty_like(reference_order)

@@ -19,7 +19,7 @@ from benchmarks.peers.driver import Clock, matched, order, report
 
 
 def options(rtol: float, atol: float) -> None:
-    """Of SNES and of its linear solver."""
+    """Set PETSc's options of SNES and of its linear solver."""
     database = PETSc.Options()
     values = {
         "snes_type": "vinewtonrsls",
@@ -71,6 +71,7 @@ def main() -> None:
     residual = A.createVecRight()
 
     def function(_: object, x: PETSc.Vec, f: PETSc.Vec) -> None:
+        """The residual f = A x - b."""
         A.mult(x, f)
         f.axpy(-1.0, b)
 

@@ -20,7 +20,7 @@ MOST = 50
 
 @BilinearForm
 def energy(u, v, w):  # type: ignore[no-untyped-def]
-    """(u, v)_1."""
+    """The inner product (u, v)_1."""
     return dot(grad(u), grad(v)) + u * v
 
 
