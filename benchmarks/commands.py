@@ -96,7 +96,7 @@ def process(command: list[str]) -> tuple[str, dict[str, float]]:
 
 
 def certified(output: str) -> dict[str, Any]:
-    """Numbers that `unilateral solve --json` prints. Raises InputError without a guaranteed relative bound."""
+    """Numbers that `solve --json` prints. Raises InputError without a guaranteed relative bound."""
     answer = json.loads(output)
     bound = answer["h1_relative_bound"]
     levels = [level["unknowns"] for level in answer["levels"]]
