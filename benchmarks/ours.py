@@ -137,6 +137,7 @@ def eliminated(
     us = []
     for algorithm in ALGORITHMS:
         clock.skip()
+        # The load is eliminated anew for each algorithm, as for a further problem
         discrete = build_condensed_problem(spaces, load, condensed.solve(load)[mesh.boundary], means)
         solution = uzawa(spaces.operator, discrete.offset, tolerance_of(data, parameters), method=algorithm)
         us.append(spaces.response(load, solution.lambda_H))

@@ -109,6 +109,7 @@ def partition(mesh: Mesh, edges: int) -> Partition:
 def _judged(case: ExactSolution, mesh: Mesh, load: Array, means: Array) -> dict[str, Any]:
     levels = build_hierarchy(mesh)
     w = grid(mesh, levels, load, means, CELLS).solve(CONVERGED).u
+    # r_i = (u - w, phi_i)_1 = (f, phi_i) + <lambda, phi_i> - (w, phi_i)_1
     residual = load - levels.A @ w
     residual[mesh.boundary] += multiplier_load(case, mesh)
     u, _, gap = case.trace_flux_and_gap(mesh.side, mesh.s[:-1] - mesh.polygon.starts[mesh.side])
@@ -156,6 +157,7 @@ def judge(order: Order, data: Path, solutions: Path) -> dict[str, Any]:
     for k in range(len(candidates.files) - 1):
         difference = stored["w"] - candidates[f"u_{k}"][numbers]
         if "residual" not in stored:
+            # ||u - v||_1 <= bound on ||u - w||_1 + ||w - v||_1
             squares.append((float(stored["error"]) + math.sqrt(difference @ (A @ difference))) ** 2)
             continue
         squares.append(

@@ -251,6 +251,7 @@ def run(condition: str, progress: Path, minutes: float) -> None:
         best_lines = sorted((x for x in lines if x["polygon"] == name), key=lambda x: x["value"])[
             :N_BEST_PAIRS
         ]
+        # Every other chain goes on from one of the best pairs of its polygon
         if number % 2 and best_lines:
             best = best_lines[int(rng.integers(len(best_lines)))]
             root = best["root"]

@@ -105,6 +105,7 @@ class Family:
             ends = _cumulative_shares(self.cell_ratio**cells)
             nodes = _cumulative_shares(lengths / in_cell[:, cell] * np.diff(ends)[:, cell])
         else:
+            # The cells share the edges that are more than the least number, in random proportion
             spare = self.n_edges - self.per_cell.sum()
             nodes = _cumulative_shares(lengths)
             shares = (cells + 1e-3) / (cells + 1e-3).sum(axis=1, keepdims=True)

@@ -20,6 +20,7 @@ def minus_means(nodes: np.ndarray, s: np.ndarray, edges: int, n: int) -> gf.Spma
     B = gf.Spmat("empty", len(nodes) // edges, n)
     half = 0.5 * np.diff(s)
     for i, cell in enumerate(np.arange(len(nodes)).reshape(-1, edges)):
+        # The integrals of the hats over the cell: half of each edge goes to either end
         weights = np.zeros(edges + 1)
         weights[:-1] += half[cell]
         weights[1:] += half[cell]

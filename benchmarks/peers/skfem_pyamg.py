@@ -55,6 +55,7 @@ def main() -> None:
             u[inner] += hierarchy.solve(r, tol=parameters["rtol"], accel="cg", residuals=residuals)
             r = b_I - A_II @ u[inner]
             iterations = iterations + len(residuals) - 1
+            # Next: contact nodes with a positive reaction A u - b, and boundary nodes with u < g
             pressed = contact[A[contact] @ u > b[contact]]
             after = np.union1d(pressed, boundary[u[boundary] < g[boundary]])
         if np.array_equal(after, contact) or sets == MOST:

@@ -65,6 +65,7 @@ def worst(
             data = data.assign({variable: _evaluate(data, text)})
         values = _evaluate(data, value)
         counts = _evaluate(data, where) if where else xr.ones_like(values, dtype=bool)
+        # What is excluded is NaN, which min and max pass over; a row of these alone is NaN
         values, counts = xr.broadcast(values.where(counts), counts)
         row_dims = [dim for dim in values.dims if dim not in named_dimensions(values, rows)]
         row_values = values.min(row_dims) if smallest else values.max(row_dims)

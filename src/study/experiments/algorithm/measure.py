@@ -233,7 +233,7 @@ def measure_uniqueness(mesh: Mesh, partition: Partition) -> xr.Dataset:
     """
     spaces = mixed_spaces(condense(mesh), partition)
     lambda_H = np.ones(partition.n_cells)
-    kernel = (-1.0) ** np.arange(partition.n_cells) / partition.lengths
+    kernel = (-1.0) ** np.arange(partition.n_cells) / partition.lengths  # <kernel, v> = 0 for v in V_h
     mu = lambda_H + 0.5 * kernel / np.abs(kernel).max()
     gap = spaces.operator.gap(mu, -spaces.operator.gap(lambda_H, np.zeros(partition.n_cells)))
     norm = np.linalg.norm(spaces.operator.D_factor @ lambda_H)
@@ -260,6 +260,7 @@ def measure_elimination(meshes: Sequence[Mesh], partitions: Sequence[Partition],
         m = partition.n_cells
         nb = len(mesh.boundary)
         nnz = spaces.B.nnz
+        # One product y -> S y: by A and by A_3 as section 5 has them, and by S
         counts[:, k] = (
             operations.count_product_by_A(m, nb, nnz, operations.count_factors(factors.lu)),
             operations.count_product_by_A_3(m, nb, nnz),

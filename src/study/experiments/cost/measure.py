@@ -121,7 +121,14 @@ def measure(
             if not case_variants:
                 continue
             exact = CaseProjections(ritz[case.name], cell_means(case, spaces.partition))
-            posed = PosedCase(exact, discretise_case(spaces, exact), form, case_index, factors, counts)
+            posed = PosedCase(
+                exact=exact,
+                discrete=discretise_case(spaces, exact),
+                form=form,
+                case_index=case_index,
+                factors=factors,
+                counts=counts,
+            )
             for variant in case_variants:
                 max_steps = study["max_steps"] if variant.algebra == "S" else study["costly_steps"]
                 twin = rows.get((variant._replace(precision="float64"), H))

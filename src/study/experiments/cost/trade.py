@@ -136,12 +136,12 @@ def price_at_level(runs: xr.Dataset, norm: str, stop: float, coarsest: float) ->
     finest = levels.isel(H=-1)
     work = finest["operations"].item()
     return Price(
-        stop,
-        finest["h"].item(),
-        error.values[-1].item(),
-        work,
-        work / finest["setup_operations"].item(),
-        halving_factor(levels["operations"].values, error.values),
+        stop=stop,
+        h=finest["h"].item(),
+        error=error.values[-1].item(),
+        operations=work,
+        over_setup=work / finest["setup_operations"].item(),
+        halving=halving_factor(levels["operations"].values, error.values),
     )
 
 

@@ -250,7 +250,15 @@ def _bound_iterate(problem: ExtremeProblem, mu: Array, share: float, budget: Bud
     operator = problem.spaces.operator
     rho = share * 2 / operator.lambda_max
     bound = residual_bound(operator, problem.discrete.offset, mu, rho)
-    return DualResult(mu, budget.max_steps, 0, bound, bound <= budget.tolerance(problem), rho, "uzawa")
+    return DualResult(
+        lambda_H=mu,
+        iterations=budget.max_steps,
+        operator_applications=0,
+        bound=bound,
+        converged=bound <= budget.tolerance(problem),
+        rho=rho,
+        algorithm="uzawa",
+    )
 
 
 # The precision, in full contact.

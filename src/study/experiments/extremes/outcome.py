@@ -133,6 +133,7 @@ def try_value(axis: Axis, value: float, predicted: float, budget: Budget) -> dic
                 )
     point |= {"value": value, "predicted": predicted}
     measured = point["measured"]
+    # A number is wrong above both its prediction and `max_change`
     untried = point["outcome"] == OUTCOME_REFUSED and np.isnan(measured)
     if axis.max_change is not None and not untried and not measured <= max(predicted, axis.max_change):
         message = f"{measured:.2g}, predicted {predicted:.2g}"
@@ -186,7 +187,8 @@ def _judge_algorithms(
         if method == "newton" and operator.is_singular:
             continue
         method_rho = rho if method == PLAIN_UZAWA else None
-        run = partial(uzawa, operator, offset, tolerance, method_rho, start, steps, method)
+        run = partial(uzawa, operator, offset, tolerance, method_rho, start, max_steps=steps, method=method)
+        # The library's choice has run: its own result stands, unless the axis sets another rho
         is_library_choice = tool.algorithm == method and method_rho is None
         verdicts[method] = tool if is_library_choice else _judge_or_refuse(problem, run, tolerance)
     active_set = partial(solve_by_active_set, operator, offset, tolerance)

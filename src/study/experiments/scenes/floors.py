@@ -64,8 +64,8 @@ def fit_floor(h: Array, H: Array, error: Array) -> Floor:
     fit = least_squares(
         _log_residuals, start, args=(np.log(h), np.log(H), np.log(error)), xtol=1e-14, ftol=1e-14, gtol=1e-14
     )
-    freedom = len(error) - len(start)  # degrees of it: errors less parameters
-    # Of least squares: (J^T J)^{-1} times the variance of the residuals
+    # (J^T J)^{-1} times the variance of the residuals, by degrees of freedom: errors less parameters
+    freedom = len(error) - len(start)
     covariance = np.linalg.inv(fit.jac.T @ fit.jac) * (fit.fun @ fit.fun) / freedom
     C1, C2 = np.exp(fit.x[:2])
     uncertainty = np.sqrt(covariance[2, 2])

@@ -110,6 +110,7 @@ def survey_pairs(
             mesh_sizes = {"h": mesh.h, "h_over_H": mesh.h / partition.H}
             for name, value in (mesh_sizes | pair_constants(spaces, gram)).items():
                 values[name][k, p] = value
+            # With a kernel of one dimension at most the worst mu is one function
             if np.count_nonzero(operator.spectrum <= SINGULAR_EIGENVALUE_RATIO * operator.lambda_max) <= 1:
                 symmetries = _cell_symmetries(mesh, partition, meshes[p])
                 worst[k, p, : partition.n_cells] = worst_multiplier(operator.D, gram.lower, symmetries)
