@@ -52,43 +52,43 @@ def table(results: style.FilePath) -> pd.DataFrame:
     error of u in H1 over both, as ratios to a linear solve from nothing on the finest mesh with errors.
     """
     runs = tables.load_table(results).to_dataframe()
-    parts = [part for way in SOLVERS for part in _of_solver(runs, way)]
-    of_linear = judge.along(runs, judge.LINEAR)
-    unit = of_linear.loc[judge.along(runs, judge.MULTIGRID)["h1_error"].last_valid_index()]
-    for by in BY:
+    lines = [line for way in SOLVERS for line in _of_solver(runs, way)]
+    linear = judge.along(runs, judge.LINEAR)
+    unit = linear.loc[judge.along(runs, judge.MULTIGRID)["h1_error"].last_valid_index()]
+    for system in BY:
         for algorithm in ALGORITHMS:
-            of_way = _errors(runs, by, algorithm)
-            parts.append(
-                _line("work", f"{by} {algorithm}", of_way["cpu_seconds"] / unit["cpu_seconds"], of_way)
+            levels = _errors(runs, system, algorithm)
+            lines.append(
+                _line("work", f"{system} {algorithm}", levels["cpu_seconds"] / unit["cpu_seconds"], levels)
             )
-        parts.append(_line("space", f"{by} newton", of_way["peak_mb"] / unit["peak_mb"], of_way))
-    return pd.concat(parts, ignore_index=True)
+        lines.append(_line("space", f"{system} newton", levels["peak_mb"] / unit["peak_mb"], levels))
+    return pd.concat(lines, ignore_index=True)
 
 
 def _of_solver(runs: pd.DataFrame, way: str) -> list[pd.DataFrame]:
-    of = judge.along(runs, way)
-    both = {"seconds": "cpu_seconds", "memory": "peak_mb"}
+    levels = judge.along(runs, way)
+    columns = {"seconds": "cpu_seconds", "memory": "peak_mb"}
     return [
-        pd.DataFrame({"panel": panel, "label": way, "x": (of.index + 1.0) ** 2, "y": of[column]})
-        for panel, column in both.items()
+        pd.DataFrame({"panel": panel, "label": way, "x": (levels.index + 1.0) ** 2, "y": levels[column]})
+        for panel, column in columns.items()
         if (panel, way) != ("memory", judge.FURTHER)
     ]
 
 
-def _errors(runs: pd.DataFrame, by: str, algorithm: str) -> pd.DataFrame:
-    if by == "multigrid":
-        of_way = (
+def _errors(runs: pd.DataFrame, system: str, algorithm: str) -> pd.DataFrame:
+    if system == "multigrid":
+        levels = (
             judge.along(runs, judge.MULTIGRID)
             if algorithm == "newton"
             else judge.by_multigrid(runs, algorithm)
         )
     else:
-        of_way = judge.along(runs, f"{by} {algorithm}")
-    return of_way.dropna(subset="h1_error")
+        levels = judge.along(runs, f"{system} {algorithm}")
+    return levels.dropna(subset="h1_error")
 
 
-def _line(panel: str, label: str, x: pd.Series, of_way: pd.DataFrame) -> pd.DataFrame:
-    return pd.DataFrame({"panel": panel, "label": label, "x": x, "y": of_way["h1_error"]})
+def _line(panel: str, label: str, x: pd.Series, levels: pd.DataFrame) -> pd.DataFrame:
+    return pd.DataFrame({"panel": panel, "label": label, "x": x, "y": levels["h1_error"]})
 
 
 def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
@@ -115,5 +115,5 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
 def _look(panel: str, label: str) -> style.Look:
     if panel in ("seconds", "memory"):
         return SOLVERS[label][1]
-    by, algorithm = label.split()
-    return BY[by][1] | ALGORITHMS[algorithm][1]
+    system, algorithm = label.split()
+    return BY[system][1] | ALGORITHMS[algorithm][1]

@@ -34,12 +34,12 @@ def flop_rate() -> float:
 
 def fastest(act: Callable[[], object]) -> float:
     """Processor seconds of the fastest of some calls."""
-    found = []
+    seconds = []
     for _ in range(TIMES):
         start = time.process_time()
         act()
-        found.append(time.process_time() - start)
-    return min(found)
+        seconds.append(time.process_time() - start)
+    return min(seconds)
 
 
 def processor() -> str:
@@ -50,6 +50,6 @@ def processor() -> str:
 
 
 if __name__ == "__main__":
-    found = {"bandwidth": bandwidth(), "flop_rate": flop_rate(), "cores": cpu_count()}
+    speeds = {"bandwidth": bandwidth(), "flop_rate": flop_rate(), "cores": cpu_count()}
     today = datetime.now(UTC).date().isoformat()
-    print(json.dumps({**found, "processor": processor(), "date": today}))
+    print(json.dumps({**speeds, "processor": processor(), "date": today}))

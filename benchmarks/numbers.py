@@ -25,6 +25,7 @@ RATES = {"h1": "rate of u, ours", "hm12": "rate of λ, ours"}
 
 
 def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
+    """Times, ratios and scores, as documents name them."""
     return {
         "benchmarks": side_by_side.numbers(results["benchmarks/results"]),
         "commands": of_commands(results["benchmarks/commands"]),
@@ -34,6 +35,7 @@ def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, A
 
 
 def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+    """The tables of solvers, phases, problems, commands, certificates and scores."""
     return {
         "benchmarks": side_by_side.solvers(results["benchmarks/results"]),
         "benchmark-phases": side_by_side.phases(results["benchmarks/results"]),
@@ -44,24 +46,21 @@ def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd
     }
 
 
-def of_commands(told: Mapping[str, Any]) -> dict[str, Any]:
+def of_commands(stored: Mapping[str, Any]) -> dict[str, Any]:
     """The date, the processor, the bound's seconds over the solve's, and a search's levels over its last."""
-    (bound,) = [row for row in told["rows"] if row["solver"] == "bound" and row["n"] == LARGE]
-    levels = [row["levels_over_last"] for row in told["rows"] if row["solver"] == OURS and row["n"] == 0]
+    (bound,) = [row for row in stored["rows"] if row["solver"] == "bound" and row["n"] == LARGE]
+    levels = [row["levels_over_last"] for row in stored["rows"] if row["solver"] == OURS and row["n"] == 0]
     return {
-        **{name: told[name] for name in ("date", "processor")},
+        **{name: stored[name] for name in ("date", "processor")},
         **{name: bound[name] for name in ("unknowns", "bound_over_solve")},
         "levels_over_last": max(levels, default=1.0),
     }
 
 
-def commands(told: Mapping[str, Any]) -> pd.DataFrame:
-    """What whole processes take, from the command to the answer.
-
-    A row per command, then one per other solver and size.
-    """
+def commands(stored: Mapping[str, Any]) -> pd.DataFrame:
+    """Costs of whole processes, from the command to the answer: by command, then by other solver and size."""
     return pd.DataFrame(
-        [_command(row) for names in ([OURS], NAMES) for row in told["rows"] if row["solver"] in names]
+        [_command(row) for names in ([OURS], NAMES) for row in stored["rows"] if row["solver"] in names]
     )
 
 
@@ -79,12 +78,12 @@ def _command(row: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def of_trust(told: Mapping[str, Any]) -> dict[str, Any]:
+def of_trust(stored: Mapping[str, Any]) -> dict[str, Any]:
     """The date, and on the largest mesh what a check takes, also over the bound and the solve before it."""
-    largest = told["rows"][-1]
+    largest = stored["rows"][-1]
     ours = largest["solve"]["seconds"] + largest["bound"]["seconds"]
     return {
-        "date": told["date"],
+        "date": stored["date"],
         **{name: largest[name] for name in ("triangles", "file_mb")},
         **largest["check"],
         "over_ours": largest["check"]["seconds"] / ours,
@@ -95,23 +94,23 @@ TRUST = {"solve": "solve", "bound": "bound", "certificate": "certificate written
 TRUST |= {checker: f"`{checker}.py`" for checker in ("check", "check_formulas")}
 
 
-def trust(told: Mapping[str, Any]) -> pd.DataFrame:
+def trust(stored: Mapping[str, Any]) -> pd.DataFrame:
     """Seconds of a solve, a bound, its certificate and the check, by triangles; more of the largest mesh."""
     table = pd.DataFrame({"part": TRUST.values()})
-    for mesh in told["rows"]:
-        seconds = [f"{two_digits(mesh[part]['seconds'])} s" for part in TRUST]
+    for mesh in stored["rows"]:
+        seconds = [f"{two_digits(mesh[name]['seconds'])} s" for name in TRUST]
         table[f"{format_value(mesh['triangles'], 'space')} triangles"] = seconds
-    largest = told["rows"][-1]
+    largest = stored["rows"][-1]
     table["each"] = [f"{two_digits(1e6 * largest[p]['seconds'] / largest['triangles'])} µs" for p in TRUST]
-    return table.assign(memory=[f"{largest[part]['mb']:.0f} MB" for part in TRUST])
+    return table.assign(memory=[f"{largest[name]['mb']:.0f} MB" for name in TRUST])
 
 
-def scores(of: pd.DataFrame) -> pd.DataFrame:
-    """What other packages' solutions of exported cases score.
+def scores(table: pd.DataFrame) -> pd.DataFrame:
+    """The scores of other packages' solutions of exported cases.
 
     A row per case and solver: errors on the finest level over this project's, rates, and the verdict.
     """
-    return pd.DataFrame([_score(row) for _, row in of.sort_values("case", kind="stable").iterrows()])
+    return pd.DataFrame([_score(row) for _, row in table.sort_values("case", kind="stable").iterrows()])
 
 
 def _score(row: pd.Series) -> dict[str, str]:

@@ -40,13 +40,13 @@ Told = tuple[Array, list[dict[str, Any]], list[Array]]
 """Nodes (n, 2), results, and the u (n,) of each."""
 
 
-def by_multigrid(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
-    """From nothing, and further."""
-    H = of["H_over_h"]
-    tolerance = tolerance_of(data, of)
+def by_multigrid(clock: Clock, data: Mapping[str, Array], parameters: Order) -> Told:
+    """A problem from nothing, and a further one with other cells on the same hierarchy, by multigrid."""
+    H = parameters["H_over_h"]
+    tolerance = tolerance_of(data, parameters)
     load = data["load"]
     means = data[f"means_{OTHER[H]}"]
-    mesh, levels, first = from_nothing(clock, data, of)
+    mesh, levels, first = from_nothing(clock, data, parameters)
     further = grid(mesh, levels, load, means, OTHER[H]).solve(tolerance)
     clock.lap("further")
     phases = clock.only(["mesh", "assembly", "solve"]), {"solve": clock.phases["further"]}
@@ -58,111 +58,116 @@ def by_multigrid(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
 
 
 def from_nothing(
-    clock: Clock, data: Mapping[str, Array], of: Order
+    clock: Clock, data: Mapping[str, Array], parameters: Order
 ) -> tuple[Mesh, Hierarchy, MultigridResult]:
-    """By multigrid, in the phases `mesh`, `assembly` and `solve`."""
-    H = of["H_over_h"]
-    tolerance = tolerance_of(data, of)
+    """Mesh, hierarchy and solution by multigrid, in the phases `mesh`, `assembly` and `solve`."""
+    H = parameters["H_over_h"]
+    tolerance = tolerance_of(data, parameters)
     load = data["load"]
     means = data[f"means_{H}"]
     clock.skip()
-    mesh = mesh_of(of)
+    mesh = mesh_of(parameters)
     clock.lap("mesh")
     levels = build_hierarchy(mesh)
     clock.lap("assembly")
-    found = grid(mesh, levels, load, means, H).solve(tolerance)
+    result = grid(mesh, levels, load, means, H).solve(tolerance)
     clock.lap("solve")
-    return mesh, levels, found
+    return mesh, levels, result
 
 
-def linear(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
-    """Without cells."""
+def linear(clock: Clock, data: Mapping[str, Array], parameters: Order) -> Told:
+    """A linear problem, without cells, by multigrid."""
     load = data["load"]
     none = data["load"][:0]
     clock.skip()
-    mesh = mesh_of(of)
+    mesh = mesh_of(parameters)
     clock.lap("mesh")
     levels = build_hierarchy(mesh, form=Form(free=tuple(range(mesh.polygon.n_sides))))
     clock.lap("assembly")
-    cells = nested_cells(levels, partition(mesh, of["H_over_h"]))
+    cells = nested_cells(levels, partition(mesh, parameters["H_over_h"]))
     assert cells is not None
-    found = build_multigrid(levels, cells, load, none).solve(tolerance_of(data, of))
+    result = build_multigrid(levels, cells, load, none).solve(tolerance_of(data, parameters))
     clock.lap("solve")
-    return mesh.points, [{"way": "linear", "phases": clock.only(clock.phases), **counts(found)}], []
+    return mesh.points, [{"way": "linear", "phases": clock.only(clock.phases), **counts(result)}], []
 
 
-def bound(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
-    """From nothing, and the bound, of a problem file."""
-    problem = problem_file.load_problem(of["case"])
-    (mesh, _, found) = from_nothing(clock, data, of)
+def bound(clock: Clock, data: Mapping[str, Array], parameters: Order) -> Told:
+    """The solution of a problem file by multigrid, and the guaranteed bound on its error."""
+    problem = problem_file.load_problem(parameters["case"])
+    (mesh, _, solution) = from_nothing(clock, data, parameters)
     enclosed = enclose_data(problem, mesh, H1)
-    cells = partition(mesh, of["H_over_h"])
+    cells = partition(mesh, parameters["H_over_h"])
     clock.skip()
-    local_bound(enclosed, cells, found.u, found.lambda_H, H1)
+    local_bound(enclosed, cells, solution.u, solution.lambda_H, H1)
     clock.lap("bound")
-    result = {"way": "bound", "H_over_h": of["H_over_h"], "phases": clock.phases, **counts(found)}
-    return mesh.points, [result], [found.u]
+    result = {"way": "bound", "H_over_h": parameters["H_over_h"], "phases": clock.phases, **counts(solution)}
+    return mesh.points, [result], [solution.u]
 
 
-def recursive(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
-    """By macro-elements."""
-    return eliminated(clock, data, of, condense)
+def recursive(clock: Clock, data: Mapping[str, Array], parameters: Order) -> Told:
+    """All algorithms on the boundary, with the interior eliminated by macro-elements."""
+    return eliminated(clock, data, parameters, condense)
 
 
-def sparse(clock: Clock, data: Mapping[str, Array], of: Order) -> Told:
-    """By sparse factors."""
+def sparse(clock: Clock, data: Mapping[str, Array], parameters: Order) -> Told:
+    """All algorithms on the boundary, with the interior eliminated by sparse factors."""
     return eliminated(
         clock,
         data,
-        of,
+        parameters,
         lambda mesh: condense_factors(mesh, factorise_by_dissection(form_matrix(mesh), mesh.boundary)),
     )
 
 
 def eliminated(
-    clock: Clock, data: Mapping[str, Array], of: Order, condense: Callable[[Mesh], CondensedMatrix]
+    clock: Clock, data: Mapping[str, Array], parameters: Order, condense: Callable[[Mesh], CondensedMatrix]
 ) -> Told:
-    """All algorithms, each from nothing, and further: the load eliminated, and the steps."""
+    """Results of all algorithms from nothing, and for a further load: its elimination, and the steps."""
     load = data["load"]
-    means = data[f"means_{of['H_over_h']}"]
+    means = data[f"means_{parameters['H_over_h']}"]
     clock.skip()
-    mesh = mesh_of(of)
+    mesh = mesh_of(parameters)
     clock.lap("mesh")
     condensed = condense(mesh)
     clock.lap("assembly")
-    spaces = mixed_spaces(condensed, partition(mesh, of["H_over_h"]))
+    spaces = mixed_spaces(condensed, partition(mesh, parameters["H_over_h"]))
     assert spaces.operator.lambda_min > 0
     clock.lap("operator")
     results = []
     us = []
     for algorithm in ALGORITHMS:
         clock.skip()
+        # The load is eliminated anew for each algorithm, as for a further problem
         discrete = build_condensed_problem(spaces, load, condensed.solve(load)[mesh.boundary], means)
-        found = uzawa(spaces.operator, discrete.offset, tolerance_of(data, of), method=algorithm)
-        us.append(spaces.response(load, found.lambda_H))
+        solution = uzawa(spaces.operator, discrete.offset, tolerance_of(data, parameters), method=algorithm)
+        us.append(spaces.response(load, solution.lambda_H))
         clock.lap("solve")
-        told = {"H_over_h": of["H_over_h"], "iterations": found.iterations, "sets": found.iterations}
+        step_counts = {
+            "H_over_h": parameters["H_over_h"],
+            "iterations": solution.iterations,
+            "sets": solution.iterations,
+        }
         for way, phases in ((algorithm, [*FIRST, "solve"]), (f"further {algorithm}", ["solve"])):
-            results.append({"way": f"{of['way']} {way}", "phases": clock.only(phases), **told})
+            results.append({"way": f"{parameters['way']} {way}", "phases": clock.only(phases), **step_counts})
     if isinstance(condensed.factors, MacroElementFactors):
         results[0]["operations"] = operations(condensed.factors)
     return mesh.points, results, [u for u in us for _ in range(2)]
 
 
 def operations(factors: MacroElementFactors) -> float:
-    """Of eliminating i nodes with o beside them, i^3 / 3 + 2 i^2 o + 2 i o^2 each, and the last ones."""
+    """Operations to eliminate i nodes with o beside them, i^3 / 3 + 2 i^2 o + 2 i o^2, and the last nodes."""
     shapes, i, o = np.array([stage.W.shape for stage in factors.stages], dtype=float).T
     return float(shapes @ (i**3 / 3 + 2 * i**2 * o + 2 * i * o**2) + len(factors.A_3) ** 3 / 3)
 
 
-def tolerance_of(data: Mapping[str, Array], of: Order) -> float:
-    """Of the guaranteed algebraic error."""
-    return float(of["stop"] * data["error"])
+def tolerance_of(data: Mapping[str, Array], parameters: Order) -> float:
+    """The tolerance of the guaranteed algebraic error, a share of the discrete solution's error."""
+    return float(parameters["stop"] * data["error"])
 
 
-def counts(found: MultigridResult) -> dict[str, int]:
+def counts(result: MultigridResult) -> dict[str, int]:
     """Iterations on the finest level, and the sets that were tried there."""
-    finest = [count for level, count in found.iteration_counts if level == found.iteration_counts[-1][0]]
+    finest = [count for level, count in result.iteration_counts if level == result.iteration_counts[-1][0]]
     return {"iterations": sum(finest), "sets": len(finest)}
 
 
@@ -171,9 +176,9 @@ WAYS = {"multigrid": by_multigrid, "bound": bound, "linear": linear, "recursive"
 
 def main() -> None:
     """A run."""
-    data, of, path = order()
+    data, parameters, path = order()
     clock = Clock()
-    report(clock, path, *WAYS[of["way"]](clock, data, of))
+    report(clock, path, *WAYS[parameters["way"]](clock, data, parameters))
 
 
 if __name__ == "__main__":

@@ -67,8 +67,8 @@ def flattened(mesh: Mesh, flat: float) -> Mesh:
     """Every second inner node moved to the right, until a share `flat` of the distance h is left."""
     points = mesh.points.copy()
     inner = np.setdiff1d(np.arange(len(points)), mesh.boundary)
-    moved = inner[np.round(points[inner].sum(axis=1) / mesh.h) % 2 == 0]
-    points[moved, 0] += (1 - flat) * mesh.h
+    shifted = inner[np.round(points[inner].sum(axis=1) / mesh.h) % 2 == 0]
+    points[shifted, 0] += (1 - flat) * mesh.h
     return build_conforming_mesh(mesh.polygon, points, mesh.triangles)
 
 
@@ -85,20 +85,20 @@ def prepare(order: Order, path: Path) -> None:
     case = cases.load_solution(order["case"], find_polygon(order["polygon"]))
     mesh = mesh_of(order)
     load = assemble_load_by_blocks(mesh, partial(case_moments, case))
-    found: dict[str, Any] = {"load": load} | {
+    data: dict[str, Any] = {"load": load} | {
         f"means_{k}": cell_means(case, partition(mesh, k)).g_means for k in OTHER
     }
     if order["n"] <= order["judged"]:
-        found |= _judged(case, mesh, load, found[f"means_{CELLS}"])
+        data |= _judged(case, mesh, load, data[f"means_{CELLS}"])
     else:
-        of_judged = np.load(path.with_name(f"{order['problem']}-{order['judged']}.npz"))
-        found["error"] = of_judged["error"] * order["judged"] / order["n"]
-    _save(path, found)
+        judged_data = np.load(path.with_name(f"{order['problem']}-{order['judged']}.npz"))
+        data["error"] = judged_data["error"] * order["judged"] / order["n"]
+    _save(path, data)
 
 
-def _save(path: Path, found: dict[str, Any]) -> None:
+def _save(path: Path, data: dict[str, Any]) -> None:
     with replacing(path) as temporary:
-        np.savez(temporary, **found)
+        np.savez(temporary, **data)
 
 
 def partition(mesh: Mesh, edges: int) -> Partition:
@@ -109,6 +109,7 @@ def partition(mesh: Mesh, edges: int) -> Partition:
 def _judged(case: ExactSolution, mesh: Mesh, load: Array, means: Array) -> dict[str, Any]:
     levels = build_hierarchy(mesh)
     w = grid(mesh, levels, load, means, CELLS).solve(CONVERGED).u
+    # r_i = (u - w, phi_i)_1 = (f, phi_i) + <lambda, phi_i> - (w, phi_i)_1
     residual = load - levels.A @ w
     residual[mesh.boundary] += multiplier_load(case, mesh)
     u, _, gap = case.trace_flux_and_gap(mesh.side, mesh.s[:-1] - mesh.polygon.starts[mesh.side])
@@ -117,12 +118,12 @@ def _judged(case: ExactSolution, mesh: Mesh, load: Array, means: Array) -> dict[
 
 
 def _arrays(mesh: Mesh) -> dict[str, Any]:
-    found = {"points": mesh.points, "triangles": mesh.triangles.astype(np.int32)}
-    return {**found, "boundary": mesh.boundary, "s": mesh.s}
+    arrays = {"points": mesh.points, "triangles": mesh.triangles.astype(np.int32)}
+    return {**arrays, "boundary": mesh.boundary, "s": mesh.s}
 
 
 def _unknown(problem: Problem, order: Order) -> dict[str, Any]:
-    """The same of a problem file; `error` is the bound on w's."""
+    """The data of a problem file, as `prepare` has them; `error` is the guaranteed bound on that of w."""
     mesh = mesh_of(order)
     data = enclose_data(problem, mesh, H1)
     cells = {k: partition(mesh, k) for k in OTHER}
@@ -132,8 +133,8 @@ def _unknown(problem: Problem, order: Order) -> dict[str, Any]:
     obstacles = [as_formula(g) for g in problem.g]
     on_sides = np.stack(compile_numpy(obstacles, "xy")(*mesh.points[mesh.boundary].T))
     g = on_sides[mesh.side, np.arange(len(mesh.boundary))]
-    known = {"load": data.load, "obstacle": g, "w": w.u, "error": bound.u}
-    return {**_arrays(mesh), **known, **{f"means_{k}": means[k] for k in OTHER}}
+    stored = {"load": data.load, "obstacle": g, "w": w.u, "error": bound.u}
+    return {**_arrays(mesh), **stored, **{f"means_{k}": means[k] for k in OTHER}}
 
 
 def grid(mesh: Mesh, levels: Hierarchy, load: Array, means: Array, edges: int) -> Multigrid:
@@ -145,26 +146,29 @@ def grid(mesh: Mesh, levels: Hierarchy, load: Array, means: Array, edges: int) -
     return build_multigrid(levels, cells, load, cells_of_H.lengths * means)
 
 
-def judge(order: Order, data: Path, found: Path) -> dict[str, Any]:
+def judge(order: Order, data: Path, solutions: Path) -> dict[str, Any]:
     """||u - v||_1 of each v that a driver has found, and of w; bounds on them where u is not known."""
-    known = np.load(data)
-    given = np.load(found)
+    stored = np.load(data)
+    candidates = np.load(solutions)
     mesh = mesh_of(order)
     A, *_ = assemble_by_edges(mesh.triangulation, mesh.points)
-    numbers = matched(known["points"], given["points"])
+    numbers = matched(stored["points"], candidates["points"])
     squares = []
-    for k in range(len(given.files) - 1):
-        apart = known["w"] - given[f"u_{k}"][numbers]
-        if "residual" not in known:
-            squares.append((float(known["error"]) + math.sqrt(apart @ (A @ apart))) ** 2)
+    for k in range(len(candidates.files) - 1):
+        difference = stored["w"] - candidates[f"u_{k}"][numbers]
+        if "residual" not in stored:
+            # ||u - v||_1 <= bound on ||u - w||_1 + ||w - v||_1
+            squares.append((float(stored["error"]) + math.sqrt(difference @ (A @ difference))) ** 2)
             continue
-        squares.append(float(known["error"] ** 2 + 2 * known["residual"] @ apart + apart @ (A @ apart)))
-    return {"reference": float(known["error"]), "errors": [math.sqrt(max(square, 0)) for square in squares]}
+        squares.append(
+            float(stored["error"] ** 2 + 2 * stored["residual"] @ difference + difference @ (A @ difference))
+        )
+    return {"reference": float(stored["error"]), "errors": [math.sqrt(max(square, 0)) for square in squares]}
 
 
-def main(what: str, order: str, *paths: str) -> None:
-    """What the runner asks for, in a process of its own."""
-    if what == "prepare":
+def main(task: str, order: str, *paths: str) -> None:
+    """Prepare a problem's data, or judge a solution, as the runner asks in a process of its own."""
+    if task == "prepare":
         prepare(json.loads(order), Path(paths[0]))
     else:
         print(json.dumps(judge(json.loads(order), Path(paths[0]), Path(paths[1]))))

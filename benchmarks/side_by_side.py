@@ -51,19 +51,19 @@ def solvers(table: xr.Dataset) -> pd.DataFrame:
 
 
 def _solver(runs: pd.DataFrame, way: str) -> dict[str, str]:
-    of = judge.along(runs, way)
+    levels = judge.along(runs, way)
     ratio = judge.ratios(runs, way)
     row = {"`natural`, H = 2h": NAMES[way]}
     for n in SHOWN:
         cell = "–"
-        if n in of.index:
-            seconds = f"{two_digits(of['cpu_seconds'][n])} s"
-            alone = way in (judge.MULTIGRID, *judge.OTHERS)
-            cell = seconds if alone else f"× {two_digits(ratio[n])} ({seconds})"
+        if n in levels.index:
+            seconds = f"{two_digits(levels['cpu_seconds'][n])} s"
+            is_absolute = way in (judge.MULTIGRID, *judge.OTHERS)
+            cell = seconds if is_absolute else f"× {two_digits(ratio[n])} ({seconds})"
         row[f"{format_value((n + 1) ** 2, 'space')} unknowns"] = cell
-    last = of.index[of.index <= SHOWN[-1]].max()
-    at = "" if last == SHOWN[-1] else f" (at {format_value((last + 1) ** 2, 'space')})"
-    row["peak memory"] = f"{format_value(float(of['peak_mb'][last]), '.0f')} MB{at}"
+    last = levels.index[levels.index <= SHOWN[-1]].max()
+    size_note = "" if last == SHOWN[-1] else f" (at {format_value((last + 1) ** 2, 'space')})"
+    row["peak memory"] = f"{format_value(float(levels['peak_mb'][last]), '.0f')} MB{size_note}"
     return row
 
 
@@ -78,15 +78,15 @@ def phases(table: xr.Dataset) -> pd.DataFrame:
     n = SHOWN[1]
     rows = []
     for way, name in NAMES.items():
-        of = judge.along(runs, way)
-        if n in of.index:
-            at = of.loc[n]
+        levels = judge.along(runs, way)
+        if n in levels.index:
+            run = levels.loc[n]
             row = {f"seconds at n = {n}": name} | {
-                title: two_digits(at[f"{phase}_cpu"]) for phase, title in PHASES.items()
+                title: two_digits(run[f"{phase}_cpu"]) for phase, title in PHASES.items()
             }
-            row["least to most"] = " to ".join(two_digits(at[f"cpu_{end}"]) for end in ("least", "most"))
-            row |= {title: _count(at[column]) for column, title in COUNTS.items()}
-            row["p"] = f"{judge.growth(of['cpu_seconds'].loc[SHOWN[0] :]):.1f}"
+            row["least to most"] = " to ".join(two_digits(run[f"cpu_{end}"]) for end in ("least", "most"))
+            row |= {title: _count(run[column]) for column, title in COUNTS.items()}
+            row["p"] = f"{judge.growth(levels['cpu_seconds'].loc[SHOWN[0] :]):.1f}"
             rows.append(row)
     return pd.DataFrame(rows)
 
@@ -100,19 +100,24 @@ def problems(table: xr.Dataset) -> pd.DataFrame:
     runs = table.to_dataframe()
     rows = []
     for problem, name in PROBLEMS.items():
-        of = judge.along(runs, judge.MULTIGRID, problem).loc[: SHOWN[-1]]
+        levels = judge.along(runs, judge.MULTIGRID, problem).loc[: SHOWN[-1]]
         further = judge.along(runs, judge.FURTHER, problem)["cpu_seconds"]
-        n = of.index[-1]
-        row = {"problem": name, "iterations": _span(of["iterations"]), "sets": _span(of["sets"]), "n": str(n)}
-        row |= {"seconds": two_digits(of["cpu_seconds"][n]), "each further": two_digits(further[n])}
+        n = levels.index[-1]
+        row = {
+            "problem": name,
+            "iterations": _span(levels["iterations"]),
+            "sets": _span(levels["sets"]),
+            "n": str(n),
+        }
+        row |= {"seconds": two_digits(levels["cpu_seconds"][n]), "each further": two_digits(further[n])}
         rows.append(row)
     return pd.DataFrame(rows)
 
 
 def _span(counts: pd.Series) -> str:
-    least = int(counts.min())
-    most = int(counts.max())
-    return str(least) if least == most else f"{least} to {most}"
+    smallest = int(counts.min())
+    largest = int(counts.max())
+    return str(smallest) if smallest == largest else f"{smallest} to {largest}"
 
 
 def numbers(table: xr.Dataset) -> dict[str, Any]:

@@ -25,6 +25,7 @@ MAX_SHOWN_DIFFERENCES = 5
 
 
 def main() -> int:
+    """Print the differences; 1 if there are any, else 0."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("before", type=Path, help="a folder with results/ and figures/")
     parser.add_argument("after", type=Path, help="another one")

@@ -29,14 +29,14 @@ def main(command=()):
 
 def _hold_run_lock():
     """Hold a lock on this file until this process has ended, whatever program it is by then."""
-    own = os.open(__file__, os.O_RDONLY)
-    os.set_inheritable(own, True)
+    descriptor = os.open(__file__, os.O_RDONLY)
+    os.set_inheritable(descriptor, True)
     try:
-        fcntl.flock(own, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         sys.exit(OTHER_RUN_MESSAGE)
     except OSError:  # some shared file systems have no locks
-        os.close(own)
+        os.close(descriptor)
 
 
 def _remove_leftovers():
@@ -53,8 +53,8 @@ def _remove_leftovers():
         for lock in locks:
             lock.unlink()
         for folder in WRITTEN_FOLDERS:
-            for left in Path().glob(f"{folder}.*{'' if folder else '.md'}.*{HIDDEN_SUFFIX}"):
-                shutil.rmtree(left)
+            for leftover in Path().glob(f"{folder}.*{'' if folder else '.md'}.*{HIDDEN_SUFFIX}"):
+                shutil.rmtree(leftover)
 
 
 if __name__ == "__main__":

@@ -51,7 +51,7 @@ CHANGES_PER_CHAIN = 400
 MAX_DRAWS = 200
 """Changes that are drawn until one keeps the condition."""
 CHANGE_PROBABILITIES = [0.35, 0.25, 0.1, 0.1, 0.07, 0.05, 0.08]
-"""Of the changes in the order of `changed`."""
+"""The probabilities of the changes, in the order of `change_randomly`."""
 MAX_VALUE_WITH_ANGLES = 3.0
 """What `measure` has for pairs without a small angle is below that."""
 N_BEST_PAIRS = 5
@@ -76,11 +76,12 @@ class Pair(NamedTuple):
     nodes: tuple[Side, ...]
 
     def arc_lengths(self, polygon: Polygon) -> tuple[list[float], list[float]]:
-        """Those of the ends, the perimeter last, and of the nodes; exact at vertices, rounded elsewhere."""
+        """Arc lengths of the ends, the perimeter last, and of the nodes; exact at vertices, else rounded."""
         starts = polygon.starts[:-1].tolist()
         lengths = polygon.lengths.tolist()
 
         def places(sides: Sequence[Sequence[int]]) -> list[float]:
+            """Arc lengths of positions on the sides."""
             return [
                 round(start + length * k / GRID, 12) if k else start
                 for start, length, side in zip(starts, lengths, sides, strict=True)
@@ -100,6 +101,7 @@ class PairResolution(NamedTuple):
 
 
 def resolve_pair(polygon: Polygon, pair: Pair) -> PairResolution:
+    """How finely the pair's mesh resolves its cells."""
     ends, nodes = pair.arc_lengths(polygon)
     partition = from_points(polygon, ends)
     s = np.append(nodes, polygon.perimeter)
@@ -114,14 +116,14 @@ def keeps_condition(condition: str, polygon: Polygon, pair: Pair) -> bool:
     """Whether the pair keeps the condition, but for angles, and is not too large."""
     if sum(map(len, pair.ends)) > MAX_CELLS or sum(map(len, pair.nodes)) > MAX_NODES:
         return False
-    of = resolve_pair(polygon, pair)
+    resolved = resolve_pair(polygon, pair)
     if condition == "rule":
-        return bool(is_fine_enough(np.array(of.cell_over_edge)))
-    return of.delta >= MIN_DELTA and of.alpha_1 <= MAX_ALPHA_1
+        return bool(is_fine_enough(np.array(resolved.cell_over_edge)))
+    return resolved.delta >= MIN_DELTA and resolved.alpha_1 <= MAX_ALPHA_1
 
 
 def measure(condition: str, polygon: Polygon, pair: Pair) -> float:
-    """What is to be small; LARGEST_VALUE and the degrees that an angle lacks; infinite without a mesh."""
+    """beta, or beta/(4 delta (1 - delta)); more than 3 with too small an angle; infinite without a mesh."""
     ends, nodes = pair.arc_lengths(polygon)
     try:
         mesh = triangulate_from_boundary(polygon, nodes)
@@ -144,8 +146,8 @@ def random_pair(polygon: Polygon, rng: np.random.Generator) -> Pair:
     for _ in range(polygon.n_sides):
         cuts = 32 * rng.integers(1, GRID // 32, rng.integers(0, 4))
         side = sorted({0, *cuts.tolist()})
-        parts = rng.choice([2, 4], len(side)).tolist()
-        cells = zip(side, [*side[1:], GRID], parts, strict=True)
+        edge_counts = rng.choice([2, 4], len(side)).tolist()
+        cells = zip(side, [*side[1:], GRID], edge_counts, strict=True)
         ends.append(tuple(side))
         nodes.append(tuple(a + (b - a) * k // n for a, b, n in cells for k in range(n)))
     return Pair(tuple(ends), tuple(nodes))
@@ -185,13 +187,13 @@ def change_randomly(pair: Pair, rng: np.random.Generator) -> Pair:
             if not low < new < high:
                 return pair
             ends.insert(cell + 1, new)
-            kept = {place for place in nodes if not low < place < high}
-            nodes = sorted({*kept, (low + new) // 2, new, (new + high) // 2})
+            outside = {place for place in nodes if not low < place < high}
+            nodes = sorted({*outside, (low + new) // 2, new, (new + high) // 2})
         case "join" if cell:
             del ends[cell]
         case "halve":  # the nodes of a cell become its ends and its middle
-            kept = {place for place in nodes if not low < place < high}
-            nodes = sorted({*kept, low, (low + high) // 2, high})
+            outside = {place for place in nodes if not low < place < high}
+            nodes = sorted({*outside, low, (low + high) // 2, high})
     if len(set(nodes)) < len(nodes):
         return pair
     new_ends = list(pair.ends)
@@ -216,7 +218,8 @@ def run_chain(condition: str, polygon: Polygon, pair: Pair, rng: np.random.Gener
     best = measure(condition, polygon, pair)
     for _ in range(CHANGES_PER_CHAIN):
         new = next(
-            (each for each in propose_changes(pair, rng) if keeps_condition(condition, polygon, each)), None
+            (change for change in propose_changes(pair, rng) if keeps_condition(condition, polygon, change)),
+            None,
         )
         if new is None:
             break
@@ -233,6 +236,7 @@ def read(progress: Path) -> list[dict[str, Any]]:
 
 
 def read_pair(line: dict[str, Any]) -> Pair:
+    """The pair of a line of progress."""
     return Pair(*(tuple(map(tuple, line[name])) for name in Pair._fields))
 
 
@@ -244,9 +248,12 @@ def run(condition: str, progress: Path, minutes: float) -> None:
         number = len(lines)
         rng = np.random.default_rng([SEED, number])
         name = list(POLYGONS)[number // 2 % len(POLYGONS)]
-        known = sorted((x for x in lines if x["polygon"] == name), key=lambda x: x["value"])[:N_BEST_PAIRS]
-        if number % 2 and known:
-            best = known[int(rng.integers(len(known)))]
+        best_lines = sorted((x for x in lines if x["polygon"] == name), key=lambda x: x["value"])[
+            :N_BEST_PAIRS
+        ]
+        # Every other chain goes on from one of the best pairs of its polygon
+        if number % 2 and best_lines:
+            best = best_lines[int(rng.integers(len(best_lines)))]
             root = best["root"]
             start = read_pair(best)
         else:
@@ -301,9 +308,9 @@ if __name__ == "__main__":
     parser.add_argument("progress", metavar="FILE", type=Path)
     parser.add_argument("--minutes", type=float, default=60)
     parser.add_argument("--write", action="store_true", help="write the best pairs and do not search")
-    given = parser.parse_args()
-    if given.write:
-        best = best_of_each_root(read(given.progress))[:N_WRITTEN_PAIRS]
-        write(f"beta{given.condition}", [find(given.condition, line) for line in best])
+    options = parser.parse_args()
+    if options.write:
+        best = best_of_each_root(read(options.progress))[:N_WRITTEN_PAIRS]
+        write(f"beta{options.condition}", [find(options.condition, line) for line in best])
     else:
-        run(given.condition, given.progress, given.minutes)
+        run(options.condition, options.progress, options.minutes)

@@ -81,19 +81,21 @@ class Family:
 
     @property
     def per_cell(self) -> Array:
+        """The least number of edges in each cell of a side (cells,)."""
         return np.resize(np.array(self.edges, dtype=float), self.cells)
 
     @property
     def n_edges(self) -> int:
-        """Of a side."""
+        """The number of edges on a side."""
         return int(np.ceil(self.per_cell.sum())) + (not self.nested)
 
     @property
     def size(self) -> int:
+        """The dimension of the vectors x."""
         return 4 * (self.n_edges + self.cells)
 
     def candidate(self, x: Array) -> Candidate:
-        """Of x (size,): the edges' lengths, then those of the cells or their excess over `edges`."""
+        """The candidate of x (size,): the edges' lengths, then the cells' or their excess over `edges`."""
         edges = x[: 4 * self.n_edges].reshape(4, -1)
         cells = x[4 * self.n_edges :].reshape(4, -1)
         lengths = self.edge_ratio**edges
@@ -103,6 +105,7 @@ class Family:
             ends = _cumulative_shares(self.cell_ratio**cells)
             nodes = _cumulative_shares(lengths / in_cell[:, cell] * np.diff(ends)[:, cell])
         else:
+            # The cells share the edges that are more than the least number, in random proportion
             spare = self.n_edges - self.per_cell.sum()
             nodes = _cumulative_shares(lengths)
             shares = (cells + 1e-3) / (cells + 1e-3).sum(axis=1, keepdims=True)
@@ -125,7 +128,7 @@ class Family:
 
 
 def _cumulative_shares(lengths: Array) -> Array:
-    """(4, n + 1) from 0 to 1, in the proportion of the lengths (4, n) or (n,)."""
+    """Points (4, n + 1) from 0 to 1, in the proportion of the lengths (4, n) or (n,)."""
     sums = np.cumsum(np.atleast_2d(lengths), axis=1)
     return np.pad(sums / sums[:, -1:], ((0, 0), (1, 0)))
 
@@ -137,8 +140,9 @@ def _reference(points: tuple[float, ...]) -> tuple[Partition, Bracket]:
 
 
 def smallest_angle(mesh: Mesh) -> float:
-    """In degrees, over all triangles."""
+    """The smallest angle of all triangles, in degrees."""
     a, b, c = np.moveaxis(mesh.points[mesh.triangles], 1, 0)
+    # |a x b| = |a| |b| sin, and the smallest angle lies between the two longest sides
     squares = np.sort([np.sum((p - q) ** 2, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
     return float(
         np.rad2deg(np.arcsin(np.clip(2 * mesh.areas / np.sqrt(squares[1] * squares[2]), 0, 1)).min())
@@ -157,6 +161,7 @@ def search(family: Family, rng: np.random.Generator, n_random: int, changes: int
     """The smallest beta found among the meshes the family allows, and where."""
 
     def beta(x: Array) -> float:
+        """beta of the candidate; infinite without a mesh, or with too small an angle."""
         try:
             value, angle = measure(family.candidate(x))
         except InputError:
@@ -168,27 +173,28 @@ def search(family: Family, rng: np.random.Generator, n_random: int, changes: int
     best = min(values)
     x = starts[int(np.argmin(values))]
     for _ in range(changes):
-        moved = _change_randomly(x, rng)
-        value = beta(moved)
+        trial = _change_randomly(x, rng)
+        value = beta(trial)
         if value < best:
             best = value
-            x = moved
+            x = trial
     return best, family.candidate(x)
 
 
 def _change_randomly(x: Array, rng: np.random.Generator) -> Array:
     """One to four neighbouring components made extreme, or all of some moved a little."""
-    moved = x.copy()
+    changed = x.copy()
     size = len(x)
     if rng.random() < 0.7:
         chosen = (rng.integers(size) + np.arange(rng.integers(1, 5))) % size
-        moved[chosen] = rng.choice([0.0, 0.5, 1.0], len(chosen))
-        return moved
-    some = rng.random(size) < 0.2
-    return np.clip(moved + np.where(some, 0.2 * rng.standard_normal(size), 0.0), 0, 1)
+        changed[chosen] = rng.choice([0.0, 0.5, 1.0], len(chosen))
+        return changed
+    selected = rng.random(size) < 0.2
+    return np.clip(changed + np.where(selected, 0.2 * rng.standard_normal(size), 0.0), 0, 1)
 
 
 def describe_family(family: Family) -> str:
+    """A sentence on the family, for the configuration."""
     edges = " or ".join(f"{n:g}" for n in family.edges)
     ratio = f"whose lengths differ by a factor of at most {family.edge_ratio:g}"
     if not family.nested:
@@ -238,4 +244,4 @@ def write(survey: str, finds: list[dict]) -> None:
 
 
 if __name__ == "__main__":
-    write("betaworst", [find(number, given) for number, given in enumerate(SEARCH["families"])])
+    write("betaworst", [find(number, fields) for number, fields in enumerate(SEARCH["families"])])

@@ -55,11 +55,13 @@ def main() -> None:
         free.Set()
         for node in boundary[contact].tolist():
             free.Clear(node)
+        # u = g on the contact nodes, and A u = load on the others: a correction of the residual there
         values[boundary[contact]] = g[contact]
         r.data = A * x
         residual[:] = load - residual
         x.data += A.Inverse(free, inverse="sparsecholesky") * r
         r.data = A * x
+        # A contact node stays where its reaction A u - load is positive, a free one is added where u < g
         after = np.where(contact, (residual - load)[boundary] > 0, values[boundary] < g)
         if np.array_equal(after, contact):
             break

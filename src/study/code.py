@@ -61,8 +61,8 @@ def _find_module_files(name: str) -> list[Path]:
 
     The last part of the name may be that of a class or a function in a module, too.
     """
-    parts = name.split(".")
-    paths = [root.joinpath(*parts[:k]) for root in PACKAGE_FOLDERS for k in range(1, len(parts) + 1)]
+    names = name.split(".")
+    paths = [root.joinpath(*names[:k]) for root in PACKAGE_FOLDERS for k in range(1, len(names) + 1)]
     files = [file for path in paths for file in (path / "__init__.py", path.with_suffix(".py"))]
     return [file for file in files if file.is_file()]
 
@@ -71,7 +71,7 @@ def _drop_docstrings(node: ast.AST) -> None:
     """Drop the statements that are a text alone, as they document a module, a function or a constant."""
     if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
         node.body = [
-            part
-            for part in node.body
-            if not (isinstance(part, ast.Expr) and isinstance(part.value, ast.Constant))
+            statement
+            for statement in node.body
+            if not (isinstance(statement, ast.Expr) and isinstance(statement.value, ast.Constant))
         ]

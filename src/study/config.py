@@ -74,8 +74,8 @@ def check(study: Fields, sources: Mapping[str, str], schema: str) -> None:
     _raise_first_fault(_find_option_faults(study), sources)
     rules = _read_schema(schema)
     for source in dict.fromkeys([*sources.values(), COMMAND_LINE]):
-        part = {name: value for name, value in study.items() if sources.get(name, COMMAND_LINE) == source}
-        declarations.validate(part, rules, source)
+        fields = {name: value for name, value in study.items() if sources.get(name, COMMAND_LINE) == source}
+        declarations.validate(fields, rules, source)
     for name in rules["properties"]:
         if name not in study:
             raise InputError(f"{', '.join(dict.fromkeys(sources.values()))}: the field '{name}' is missing")
@@ -102,10 +102,10 @@ def _read_schema(schema: str) -> Fields:
 
 def _raise_first_fault(faults: Iterator[tuple[Place, str]], sources: Mapping[str, str]) -> None:
     """Raise InputError for the first of these faults: the place of each, and what would be right."""
-    for (name, *inside), said in faults:
+    for (name, *inside), fault in faults:
         path = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in inside)
         raise InputError(
-            f"{sources.get(str(name), COMMAND_LINE)}, field {quote_input(f'{name}{path}')}: {said}"
+            f"{sources.get(str(name), COMMAND_LINE)}, field {quote_input(f'{name}{path}')}: {fault}"
         )
 
 
@@ -116,9 +116,9 @@ def _walk_values(study: Fields) -> Iterator[tuple[Place, Any]]:
         place, value = waiting.pop()
         yield place, value
         if isinstance(value, dict) and len(place) <= MAX_DEPTH:
-            waiting += [((*place, name), part) for name, part in value.items()]
+            waiting += [((*place, name), item) for name, item in value.items()]
         elif isinstance(value, list) and len(place) <= MAX_DEPTH:
-            waiting += [((*place, i), part) for i, part in enumerate(value)]
+            waiting += [((*place, i), item) for i, item in enumerate(value)]
 
 
 def _find_option_faults(study: Fields) -> Iterator[tuple[Place, str]]:
@@ -161,9 +161,9 @@ def _case_fault(name: str, polygon: str, side: int) -> str:
 
 def _find_name_faults(study: Fields) -> Iterator[tuple[Place, str]]:
     """Faults: names that are not among those that the study has in another place."""
-    for place, name, known in _list_references(study):
-        if name not in known:
-            yield place, f"{quote_input(repr(name))} is not one of {', '.join(known)}"
+    for place, name, valid_names in _list_references(study):
+        if name not in valid_names:
+            yield place, f"{quote_input(repr(name))} is not one of {', '.join(valid_names)}"
 
 
 def _list_references(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]]:
@@ -182,11 +182,11 @@ def _list_references(study: Fields) -> Iterator[tuple[Place, str, Iterable[str]]
     base = cost["base"]
     yield ("cost", "base", "scene"), base["scene"], cost["h"]
     yield ("cost", "base", "case"), base["case"], scenes[base["scene"]]["cases"]
-    for axis, others in cost["axes"].items():
-        for i, scene in enumerate(others.get("scene", [])):
+    for axis, fields in cost["axes"].items():
+        for i, scene in enumerate(fields.get("scene", [])):
             yield ("cost", "axes", axis, "scene", i), scene, cost["h"]
             yield ("cost", "base", "case"), base["case"], scenes[scene]["cases"]
-        for i, case in enumerate(others.get("case", [])):
+        for i, case in enumerate(fields.get("case", [])):
             yield ("cost", "axes", axis, "case", i), case, scenes[base["scene"]]["cases"]
     for i, scene in enumerate(figures["rates"]["scenes"]):
         yield ("figures", "rates", "scenes", i), scene, scenes
@@ -208,14 +208,14 @@ def _find_number_faults(study: Fields) -> Iterator[tuple[Place, str]]:
         numbers = value if isinstance(value, list) else [value]
         sizes = [_field_number(number) for number in numbers]
         if field in FIELD_LIMITS:
-            keeps, limit, said = FIELD_LIMITS[field]
+            keeps, limit, requirement = FIELD_LIMITS[field]
             for number, size in zip(numbers, sizes, strict=True):
                 if not keeps(size, limit):
-                    yield place, f"it is {quote_input(number)}; it has to be {said}"
+                    yield place, f"it is {quote_input(number)}; it has to be {requirement}"
         if field in FIELD_ORDERS:
-            precedes, said = FIELD_ORDERS[field]
+            precedes, requirement = FIELD_ORDERS[field]
             if not all(precedes(a, b) for a, b in itertools.pairwise(sizes)):
-                yield place, f"each number has to be {said} than the one before it"
+                yield place, f"each number has to be {requirement} than the one before it"
     fewest = min(study["scenes"][name]["mesh"]["levels"] for name in study["totals"]["scenes"])
     if study["totals"]["levels"] > fewest:
         yield ("totals", "levels"), f"it has to be at most {fewest}, the levels of its scenes"
@@ -232,9 +232,9 @@ def _field_number(number: str | float) -> float:
 
 def _find_folder_faults(study: Fields) -> Iterator[tuple[Place, str]]:
     """Faults: scenes and surveys whose folders of results would be those of others."""
-    for kind, others in (("scenes", study["surveys"]), ("surveys", study["scenes"])):
+    for kind, taken_names in (("scenes", study["surveys"]), ("surveys", study["scenes"])):
         for name in study[kind]:
-            if name in (*RESERVED_FOLDERS, *study, *others):
+            if name in (*RESERVED_FOLDERS, *study, *taken_names):
                 yield (kind, name), "another folder of results has that name; choose another one"
 
 

@@ -35,7 +35,7 @@ class Evidence(NamedTuple):
     def margin(self) -> float:
         """By how much the requirement is met, relative to what is required unless that is 0."""
         slack = self.observed - self.required
-        slack = (slack if self.is_minimum else -slack) + 0.0
+        slack = (slack if self.is_minimum else -slack) + 0.0  # no -0.0
         return slack / abs(self.required) if self.required else slack
 
     @property
@@ -58,12 +58,12 @@ def pick_worst(values: Mapping[str, float], quantity: str, required: float, is_m
 def name_values(values: xr.DataArray, name_format: str, scene: str = "") -> dict[str, float]:
     """Values by names, made by a format of the scene and of coordinates, such as "{scene}, H = {H:g}"."""
     dims = named_dimensions(values, name_format)
-    found = {}
+    named = {}
     for place in itertools.product(*(range(values.sizes[dim]) for dim in dims)):
-        here = values.isel(dict(zip(dims, place, strict=True)))
-        labels = {name: here[name].item() for name in _format_coordinates(name_format)}
-        found[name_format.format(scene=scene, **labels)] = float(here)
-    return found
+        value = values.isel(dict(zip(dims, place, strict=True)))
+        labels = {name: value[name].item() for name in _format_coordinates(name_format)}
+        named[name_format.format(scene=scene, **labels)] = float(value)
+    return named
 
 
 def named_dimensions(values: xr.DataArray, name_format: str) -> list[Hashable]:
@@ -77,7 +77,7 @@ def _format_coordinates(name_format: str) -> list[str]:
 
 def require_all(*evidences: Evidence) -> Evidence:
     """The evidence for a statement in parts: the first part that fails or, if all hold, the first part."""
-    return next((part for part in evidences if not part.holds), evidences[0])
+    return next((evidence for evidence in evidences if not evidence.holds), evidences[0])
 
 
 def require_preconditions(evidence: Evidence, faults: Sequence[str]) -> Evidence:
@@ -91,10 +91,10 @@ def select_cases(
     tables: Tables, table: str, scenes: Sequence[str], cases: Iterable[str]
 ) -> dict[str, xr.Dataset]:
     """The part of each scene's table about each of these cases that it has, by "scene, case"."""
-    found = {scene: tables[table.format(scene=scene)] for scene in scenes}
+    by_scene = {scene: tables[table.format(scene=scene)] for scene in scenes}
     return {
         f"{scene}, {case}": data.sel(case=case)
-        for scene, data in found.items()
+        for scene, data in by_scene.items()
         for case in sorted(set(cases) & set(data["case"].values))
     }
 
@@ -104,5 +104,7 @@ def dual_norm_forms(tables: Tables, scene: str) -> list[tuple[Partition, Gram]]:
     gram = Gram.from_table(tables[f"{scene}/dual_norm"])
     table = tables[f"{scene}/errors"]
     polygon = find_polygon(str(tables[f"{scene}/dual_norm"]["polygon"].values))
-    cells = [make_uniform_partition(polygon, H) for H in table["H"].values]
-    return [(each, gram.coarsen(each)) for each in cells if each.n_cells <= gram.n_cells]
+    partitions = [make_uniform_partition(polygon, H) for H in table["H"].values]
+    return [
+        (partition, gram.coarsen(partition)) for partition in partitions if partition.n_cells <= gram.n_cells
+    ]

@@ -48,8 +48,8 @@ def format_value(value: Value, spec: str = "") -> str:
 
 def format_span(values: Iterable[float], spec: str) -> str:
     """The least and the largest value in that format; one text if both look the same."""
-    found = list(values)
-    return " to ".join(dict.fromkeys(format_value(each, spec) for each in (min(found), max(found))))
+    numbers = list(values)
+    return " to ".join(dict.fromkeys(format_value(end, spec) for end in (min(numbers), max(numbers))))
 
 
 def format_row(values: Mapping[str, Value], columns: Mapping[str, tuple[str, str]]) -> dict[str, str]:

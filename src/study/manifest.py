@@ -36,10 +36,10 @@ def write_manifest(
                 content = Path(path).read_bytes()
                 checksum = sha256(content).hexdigest()
                 files.append({"path": path, "rule": rule, "bytes": len(content), "sha256": checksum})
-    told = {"versions": package_versions(), "parameters": digest_configuration(study), "files": files}
+    record = {"versions": package_versions(), "parameters": digest_configuration(study), "files": files}
     lines = [f"{file['sha256']}  {file['path']}\n" for file in files]
     with replacing(manifest) as new_manifest, replacing(sums) as new_sums:
-        new_manifest.write_text(json.dumps(told, indent=1) + "\n", encoding="utf-8")
+        new_manifest.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
         new_sums.write_text("".join(lines), encoding="utf-8")
 
 
@@ -50,18 +50,18 @@ def digest_configuration(study: Mapping[str, Any]) -> str:
 
 def package_versions() -> dict[str, str]:
     """The versions of this package, Python, and the packages that pyproject.toml names for the study."""
-    own = {"unilateral": __version__, "Python": platform.python_version()}
-    return own | {name: version(name) for name in sorted(_required_packages("study"))}
+    versions = {"unilateral": __version__, "Python": platform.python_version()}
+    return versions | {name: version(name) for name in sorted(_required_packages("study"))}
 
 
 def _required_packages(extra: str) -> set[str]:
     """The names of the packages that this one needs here with that extra, which may name others."""
-    found = set()
-    for each in map(Requirement, requires("unilateral") or []):
-        if each.marker is None or each.marker.evaluate({"extra": extra}):
-            found |= (
-                set().union(*map(_required_packages, each.extras))
-                if each.name == "unilateral"
-                else {each.name}
+    names = set()
+    for requirement in map(Requirement, requires("unilateral") or []):
+        if requirement.marker is None or requirement.marker.evaluate({"extra": extra}):
+            names |= (
+                set().union(*map(_required_packages, requirement.extras))
+                if requirement.name == "unilateral"
+                else {requirement.name}
             )
-    return found
+    return names

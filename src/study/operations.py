@@ -31,9 +31,11 @@ def count_factors(lu: SuperLU) -> FactorCounts:
     to the right of a pivot; L has ones on its diagonal.
     """
     n = lu.shape[0]
+    # l by column of L, u by row of U, without the diagonals
     lower = np.diff(sp.csc_array(lu.L).indptr.astype(np.int64)) - 1
     upper = np.diff(sp.csr_array(lu.U).indptr.astype(np.int64)) - 1
     nonzeros = int(lower.sum() + upper.sum()) + 2 * n
+    # A solve: a multiplication and a subtraction per nonzero beside the diagonals, n divisions by U's
     return FactorCounts(nonzeros, int(lower.sum() + 2 * (lower @ upper)), 2 * nonzeros - 3 * n)
 
 
@@ -63,6 +65,7 @@ def count_product_by_A(m: int, nb: int, coupling_nonzeros: int, factors: FactorC
 
 
 def _count_couplings(m: int, nb: int, coupling_nonzeros: int) -> int:
+    # B^T y, B u and twice the weights
     return (2 * coupling_nonzeros - nb) + (2 * coupling_nonzeros - m) + 2 * m
 
 

@@ -65,9 +65,9 @@ class Expectation:
         if case not in study["cases"]:
             raise InputError(f"the table of expected rates has no case '{case}'; add it there")
         general = study["norms"][norm]
-        own = study["cases"][case][norm]
-        rate = own["rate"]
-        bound = general[own.get("judged_by", "bound")]
+        case_rates = study["cases"][case][norm]
+        rate = case_rates["rate"]
+        bound = general[case_rates.get("judged_by", "bound")]
         where = f"the expected rate of '{case}' in {norm}"
         return cls(
             proved=parse_real(general["proved"], where),
@@ -135,6 +135,7 @@ def judge_errors(
     coarse, fine = np.nonzero(np.isclose(h[:, None], expected.factor * h[None], rtol=1e-9))
     with np.errstate(divide="ignore", invalid="ignore"):
         rate = np.log(error[coarse] / error[fine]) / np.log(h[coarse] / h[fine])
+    # A level is asymptotic if h and H times the judged ratio are at most the case's start, up to rounding
     levels = np.maximum(h, H * expected.judged_ratio) <= expected.start * (1 + 1e-9)
     unfit: Reasons = ()
     against: Reasons = ()
@@ -147,9 +148,19 @@ def judge_errors(
         unfit = _why_unfit(runs, norm, levels, expected)
         against = _why_slow(rate, levels[coarse], h[coarse], expected) + _why_large(runs, norm, expected)
     fitted = math.nan if expected.rate == "exact" else _fit_rate(h[levels], error[levels])
-    pairs = (h[coarse], h[fine], rate, levels[coarse])
     return JudgedRates(
-        h, H, error, *pairs, fitted, _finest_error_bound(runs, expected), expected, unfit, against
+        h=h,
+        H=H,
+        error=error,
+        h_coarse=h[coarse],
+        h_fine=h[fine],
+        rate=rate,
+        asymptotic=levels[coarse],
+        fitted=fitted,
+        bound=_finest_error_bound(runs, expected),
+        expected=expected,
+        reasons_unfit=unfit,
+        reasons_against=against,
     )
 
 
@@ -176,32 +187,33 @@ def _why_not_zero(runs: xr.Dataset, norm: str) -> Reasons:
 
 def _why_unfit(runs: xr.Dataset, norm: str, levels: Mask, expected: Expectation) -> Reasons:
     """Why the asymptotic levels cannot be judged: a run did not converge, or is not accurate enough."""
-    least = error_in_norm(runs, norm, "lower").values
-    why = []
+    lower_bounds = error_in_norm(runs, norm, "lower").values
+    reasons = []
+    # ||mu||_{-1/2,h} is at least beta ||mu||_{-1/2}, by (3.4), and at least lambda_min(S)^{1/2} ||mu||_0
     factor = {
-        "h1": np.ones_like(least),
+        "h1": np.ones_like(lower_bounds),
         "hm12": runs["beta_lower"].values,
         "l2": np.sqrt(np.maximum(runs["lambda_min"].values, 0.0)),
     }[norm]
     with np.errstate(divide="ignore", invalid="ignore"):
         algebraic = runs["algebraic_bound"].values / factor
     if not np.all(runs["converged"].values[levels] == 1):
-        why.append("a run did not converge")
-    if not np.all(algebraic[levels] <= expected.algebraic_share * least[levels] * (1 + 1e-9)):
-        why.append(f"a guaranteed algebraic error is above {expected.algebraic_share:g} of the error")
-    return tuple(why)
+        reasons.append("a run did not converge")
+    if not np.all(algebraic[levels] <= expected.algebraic_share * lower_bounds[levels] * (1 + 1e-9)):
+        reasons.append(f"a guaranteed algebraic error is above {expected.algebraic_share:g} of the error")
+    return tuple(reasons)
 
 
 def _why_slow(rate: Array, asymptotic: Mask, h_coarse: Array, expected: Expectation) -> Reasons:
-    why = []
+    reasons = []
     if np.count_nonzero(asymptotic) < MIN_PAIRS:
-        why.append(f"there are fewer than {MIN_PAIRS} pairs of asymptotic levels")
+        reasons.append(f"there are fewer than {MIN_PAIRS} pairs of asymptotic levels")
     slow = np.flatnonzero(asymptotic & ~(rate >= expected.required_rate))
-    why += [
+    reasons += [
         f"the rate {rate[i]:.3f} from h = {h_coarse[i]:.4g} is below {expected.required_rate:.3f}"
         for i in slow
     ]
-    return tuple(why)
+    return tuple(reasons)
 
 
 def _why_large(runs: xr.Dataset, norm: str, expected: Expectation) -> Reasons:
@@ -247,10 +259,10 @@ def tabulate_judgements(
             "verdict": judgement.verdict if judged else "not judged",
             "why": "; ".join(judgement.reasons) if judged else "",
         }
-    of_pairs = pd.concat(pairs, names=[*RATE_INDEX, "pair"]).sort_index().to_xarray().drop_vars("pair")
-    of_rates = pd.DataFrame.from_dict(rows, orient="index").rename_axis(RATE_INDEX).sort_index().to_xarray()
-    table = xr.merge([of_pairs, of_rates], join="outer")
-    variables = {name: each.variable for name, each in table.data_vars.items()}  # before the coordinates
+    pair_table = pd.concat(pairs, names=[*RATE_INDEX, "pair"]).sort_index().to_xarray().drop_vars("pair")
+    rate_table = pd.DataFrame.from_dict(rows, orient="index").rename_axis(RATE_INDEX).sort_index().to_xarray()
+    table = xr.merge([pair_table, rate_table], join="outer")
+    variables = {name: array.variable for name, array in table.data_vars.items()}  # before the coordinates
     return xr.Dataset(variables, {name: table[name].variable for name in RATE_INDEX})
 
 
@@ -259,9 +271,9 @@ def summarise_rates(rates: xr.Dataset, ratio: float) -> str:
     lines = [f"{'case':15} {'norm':5} {'proved':>7} {'expected':>9} {'smallest':>9} {'fitted':>7}  verdict"]
     for case in rates["case"].values:
         for norm in rates["norm"].values:
-            of = rates.sel(case=case, norm=norm, h_over_H=ratio)
-            numbers = f"{of.proved.item():7.3g} {of.expected.item():9.3g} {smallest_rate(of):9.3f}"
-            verdict = f"{of.fitted.item():7.3f}  {of.verdict.item()} {of.why.item()}"
+            row = rates.sel(case=case, norm=norm, h_over_H=ratio)
+            numbers = f"{row.proved.item():7.3g} {row.expected.item():9.3g} {smallest_rate(row):9.3f}"
+            verdict = f"{row.fitted.item():7.3f}  {row.verdict.item()} {row.why.item()}"
             lines.append(f"{case:15} {norm:5} {numbers} {verdict}".rstrip())
     return "\n".join(lines)
 

@@ -53,12 +53,12 @@ def load_cases(scene: Mapping[str, Any]) -> list[ExactSolution]:
     """The scene's cases, each certified. Raises InputError unless they have one form."""
     loaded = [case.load_solution(name, scene_polygon(scene), scene["side"]) for name in scene["cases"]]
     first = loaded[0]
-    for each in loaded:
-        certify_case(each)
-        if (each.clamped_sides, each.c) != (first.clamped_sides, first.c):
+    for loaded_case in loaded:
+        certify_case(loaded_case)
+        if (loaded_case.clamped_sides, loaded_case.c) != (first.clamped_sides, first.c):
             raise InputError(
-                f"cases '{first.name}' and '{each.name}' differ in their clamped sides or in c; put them "
-                "into different scenes"
+                f"cases '{first.name}' and '{loaded_case.name}' differ in their clamped sides or in c; "
+                "put them into different scenes"
             )
     return loaded
 
@@ -75,9 +75,9 @@ def scene_partitions(scene: Mapping[str, Any]) -> list[Partition]:
 
 def H_over_h_limits(scene: Mapping[str, Any]) -> tuple[float, float]:
     """The smallest and the largest H/h."""
-    given = scene["H_over_h"]
-    largest = parse_real(given["max"], "H_over_h.max") if "max" in given else math.inf
-    return parse_real(given.get("min", 0), "H_over_h.min"), largest
+    limits = scene["H_over_h"]
+    largest = parse_real(limits["max"], "H_over_h.max") if "max" in limits else math.inf
+    return parse_real(limits.get("min", 0), "H_over_h.min"), largest
 
 
 def dual_norm_partitions(scene: Mapping[str, Any]) -> list[int]:
@@ -86,9 +86,10 @@ def dual_norm_partitions(scene: Mapping[str, Any]) -> list[int]:
     They are coarser than the finest mesh, since beta is 0 on others, and no coarser than `H_over_h` allows.
     """
     coarsest = parse_number(scene["mesh"]["h"], "mesh.h")
+    # Exact numbers, for H = h has to be told from H > h
     finest = coarsest.scale(Fraction(1, 2 ** (scene["mesh"]["levels"] - 1)))
-    given = scene["H_over_h"]
-    largest = coarsest * parse_number(given["max"], "H_over_h.max") if "max" in given else None
+    limits = scene["H_over_h"]
+    largest = coarsest * parse_number(limits["max"], "H_over_h.max") if "max" in limits else None
     sizes = [parse_number(H, "H") for H in scene["H"]]
     small = [largest is None or sign(H - largest) <= 0 for H in sizes]
     return [k for k, H in enumerate(sizes) if small[k] and sign(H - finest) > 0]

@@ -60,27 +60,28 @@ def cellwise_constant(operator: DualOperator) -> float:
 
     On cells of one length it is beta_0, else it is larger.
     """
+    # mu.D mu = sup <mu, v>^2 / ||v||_1^2; in z_i = H_i mu_i the least eigenvalue is the constant's square
     weighted = operator.D / operator.H_i[:, None] / operator.H_i
     return math.sqrt(max(float(eigh(weighted, eigvals_only=True, subset_by_index=[0, 0])[0]), 0.0))
 
 
 def pairing_matrix(nodes: Array, partition: Partition) -> Array:
-    """Matrix M with <mu, v> = sum_i H_i mu_i (M y)_i for v in V with the values y at `nodes`.
-
-    The shape is (m, m).
+    """Matrix M (m, m) with <mu, v> = sum_i H_i mu_i (M y)_i for v in V with the values y at `nodes`.
 
     M = diag(H_i)^{-1} B, B the integrals of V's hats over the cells; node i lies inside cell i.
     """
+    # The distances p_i, q_i of node i from both ends of cell i, and from it to the next node
     before = nodes - partition.points[:-1]
     after = partition.points[1:] - nodes
     between = after + np.roll(before, -1)
+    # On cell i the hats of the nodes beside it are triangles with the bases q_i and p_i
     next_one = after**2 / (2 * between * partition.lengths)
     last_one = before**2 / (2 * np.roll(between, 1) * partition.lengths)
-    one = np.eye(len(nodes))
+    identity = np.eye(len(nodes))
     return (
         np.diag(1 - next_one - last_one)
-        + next_one[:, None] * np.roll(one, 1, axis=1)
-        + last_one[:, None] * np.roll(one, -1, axis=1)
+        + next_one[:, None] * np.roll(identity, 1, axis=1)
+        + last_one[:, None] * np.roll(identity, -1, axis=1)
     )
 
 
@@ -94,8 +95,6 @@ def pairing_constant(s: Array, partition: Partition) -> float:
 
 def pairing_constant_bound(delta: Array) -> Array:
     """Lower bound delta/4 on the pairing constant, (6) in the proof of Theorem 5.
-
-    The shape is (...).
 
     The values w of v at the cells' ends solve K w = 2 (q_i m_i + p_i m_{i+1}), m the means M y. K is
     diagonally dominant by 2 delta in rows and by delta in columns.
@@ -113,6 +112,7 @@ def cellwise_lower_bound(mesh: Mesh, partition: Partition) -> float:
     sigma = pairing_constant(mesh.s, partition)
     if math.isnan(sigma):
         return 0.0
+    # sigma / E^{1/2}: for a symmetric matrix the largest row sum bounds the largest eigenvalue
     W = extend_hats(mesh, innermost_nodes(mesh.s, partition)[0])
     return sigma / math.sqrt(abs(W.T @ form_matrix(mesh) @ W).sum(axis=1).max())
 
@@ -127,13 +127,15 @@ def lemma_quotients(errors: xr.Dataset) -> xr.Dataset:
     """
     beta = errors["beta_upper"]
     upper = errors["hm12_error_upper"]
-    known = (beta > 0) & (upper > ROUNDING_ERROR_SHARE * errors["u_norm"])
-    right = (1 + 1 / beta) * errors["hm12_best"] + errors["h1_error"] / beta
+    is_known = (beta > 0) & (upper > ROUNDING_ERROR_SHARE * errors["u_norm"])
+    # (4.6): ||lambda - lambda_H||_{-1/2} <= (1 + 1/beta) inf ||lambda - mu||_{-1/2} + ||u - u_h||_1 / beta
+    right_side = (1 + 1 / beta) * errors["hm12_best"] + errors["h1_error"] / beta
     ratios = {
         "norm_ratio_lower": errors["discrete_error"] / upper,
         "norm_ratio_upper": errors["discrete_error"] / errors["hm12_error_lower"],
-        "lemma_4_3": upper / right,
+        "lemma_4_3": upper / right_side,
     }
-    order = ("case", "mesh", "partition")
-    table = xr.Dataset({name: values.where(known).transpose(*order) for name, values in ratios.items()})
+    table = xr.Dataset(
+        {name: q.where(is_known).transpose("case", "mesh", "partition") for name, q in ratios.items()}
+    )
     return table.merge(errors[["beta_lower", "beta_upper", "beta_0"]])

@@ -126,15 +126,15 @@ def numbered_look(i: int) -> Look:
 
 def marker_look(i: int, filled: bool, size: float) -> Look:
     """The colour and the marker with the number i, of that size, filled or open."""
-    own = numbered_look(i)
-    return {**own, "ms": size, "mfc": own["color"] if filled else "white", "mew": 1.0}
+    look = numbered_look(i)
+    return {**look, "ms": size, "mfc": look["color"] if filled else "white", "mew": 1.0}
 
 
 def number_looks(names: Iterable[str]) -> dict[str, int]:
     """The number of each name's look; the familiar cases keep their own."""
-    given = list(names)
-    numbers = {name: i for i, name in enumerate(dict.fromkeys((*FAMILIAR_CASES, *given)))}
-    return {name: i for name, i in numbers.items() if name in given}
+    all_names = list(names)
+    numbers = {name: i for i, name in enumerate(dict.fromkeys((*FAMILIAR_CASES, *all_names)))}
+    return {name: i for name, i in numbers.items() if name in all_names}
 
 
 def set_size_axes(axes: Axes, sizes: pd.Series, every: int = 1) -> None:

@@ -34,14 +34,14 @@ def stamp_rule(rule: str) -> Iterator[None]:
 
 def table_place(path: str | os.PathLike[str]) -> str:
     """The place of a table in a file."""
-    whole = Path(path).absolute()
-    return f"{whole.parent.name}/{whole.stem}"
+    absolute_path = Path(path).absolute()
+    return f"{absolute_path.parent.name}/{absolute_path.stem}"
 
 
 def origin_attributes(path: str | os.PathLike[str], parameters: Mapping[str, Any] | None) -> dict[str, str]:
     """The attributes of a table that is written there, with those parameters."""
-    told = json.dumps(parameters or {}, sort_keys=True)
-    return {"table": table_place(path), "rule": _current_rule.get(), "parameters": told}
+    parameter_text = json.dumps(parameters or {}, sort_keys=True)
+    return {"table": table_place(path), "rule": _current_rule.get(), "parameters": parameter_text}
 
 
 def origin_fault(
@@ -55,27 +55,28 @@ def origin_fault(
     if study is not None:
         for name, made_with in json.loads(attrs["parameters"]).items():
             configured: Any = study
-            for part in name.split("."):
-                configured = _nested_fields(configured).get(part)
+            for field in name.split("."):
+                configured = _nested_fields(configured).get(field)
             for where, old, new in _find_differing_fields(name, made_with, configured):
-                return f"was made with {where}: {_format_field(old)}, and the configuration has {_format_field(new)}"
+                stored = _format_field(old)
+                return f"was made with {where}: {stored}, and the configuration has {_format_field(new)}"
     return ""
 
 
 def _nested_fields(value: Any) -> dict[str, Any]:
     """Nested fields or items of a value, by their names or numbers; empty for a single value."""
     if isinstance(value, list):
-        return {str(i): part for i, part in enumerate(value)}
+        return {str(i): item for i, item in enumerate(value)}
     return value if isinstance(value, dict) else {}
 
 
 def _find_differing_fields(path: str, old: Any, new: Any) -> Iterator[tuple[str, Any, Any]]:
     """The innermost fields that differ, with both values; None stands for a field that is not there."""
-    one = _nested_fields(old)
-    other = _nested_fields(new)
-    if one and other:
-        for name in dict.fromkeys([*one, *other]):
-            yield from _find_differing_fields(f"{path}.{name}", one.get(name), other.get(name))
+    old_fields = _nested_fields(old)
+    new_fields = _nested_fields(new)
+    if old_fields and new_fields:
+        for name in dict.fromkeys([*old_fields, *new_fields]):
+            yield from _find_differing_fields(f"{path}.{name}", old_fields.get(name), new_fields.get(name))
     elif old != new:
         yield path, old, new
 

@@ -38,16 +38,19 @@ SOLVES = asked(2000, 15)
 TELLS = asked(1000, 5)
 
 
-def scene_of(wildcards):
+def declared_scene(wildcards):
+    """The fields of a rule's scene in the configuration."""
     return SCENES[wildcards.scene]
 
 
 def case_files(cases):
+    """The files that declare these cases."""
     return [f"manufactured/{case}.yaml" for case in cases]
 
 
-def cases_of(wildcards):
-    return case_files(scene_of(wildcards)["cases"])
+def scene_case_files(wildcards):
+    """The files of the cases of a rule's scene."""
+    return case_files(declared_scene(wildcards)["cases"])
 
 
 def cases_on_polygons(scenes):
@@ -83,13 +86,13 @@ def figure(name, entry=None):
     }
 
 
-def pictures(paper):
-    """The figures that it shows."""
+def paper_figures(paper):
+    """The figures that a paper shows."""
     text = Path(paper).read_text(encoding="utf-8")
     return sorted(set(re.findall(r"\]\((figures/\w+\.svg)\)", text)))
 
 
-def claimed():
+def claimed_tables():
     """The tables that the ledger's claims read."""
     names = [
         name.format(scene=scene)

@@ -30,17 +30,17 @@ def run(snakemake):
         print(f"done in {perf_counter() - start:.1f} s, with at most {peak_mb():.0f} MB")
         return
     except InputError as error:
-        said = str(error)
+        message = str(error)
         code = error.exit_code
     except Exception as error:
         name = traceback.format_exception_only(error)[-1].strip()
-        said = f"{name}; the traceback is in {log}"
+        message = f"{name}; the traceback is in {log}"
         code = 1
         with suppress(OSError):  # on a full disk
             traceback.print_exc()
     for stream in (terminal, sys.stderr):
         with suppress(OSError):
-            print(f"unilateral: {said}", file=stream, flush=True)
+            print(f"unilateral: {message}", file=stream, flush=True)
     sys.exit(code)
 
 

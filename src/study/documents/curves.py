@@ -41,17 +41,17 @@ def write_curves(
     """
     from plotly.offline import get_plotlyjs
 
-    of_errors = {table.attrs["scene"]: table for table in map(tables.load_table, errors)}
-    of_rates = {table.attrs["scene"]: table for table in map(tables.load_table, rates)}
-    of_totals = {table.attrs["scene"]: table for table in map(tables.load_table, totals)}
-    found = [
+    scene_errors = _tables_by_scene(errors)
+    scene_rates = _tables_by_scene(rates)
+    scene_totals = _tables_by_scene(totals)
+    scene_curves = [
         curve
-        for scene, fitted in of_rates.items()
-        for curve in collect_curves(scene, of_errors[scene], fitted, of_totals.get(scene))
+        for scene, fitted in scene_rates.items()
+        for curve in collect_curves(scene, scene_errors[scene], fitted, scene_totals.get(scene))
     ]
-    titles = {each["case"]: read_case_declaration(each["case"])[0]["title"] for each in found}
+    titles = {curve["case"]: read_case_declaration(curve["case"])[0]["title"] for curve in scene_curves}
     text = Template(Path(template).read_text(encoding="utf-8")).substitute(
-        plotly=get_plotlyjs(), curves=_embed_json(found), titles=_embed_json(titles)
+        plotly=get_plotlyjs(), curves=_embed_json(scene_curves), titles=_embed_json(titles)
     )
     with replacing(page) as temporary:
         temporary.write_text(text, encoding="utf-8")
@@ -109,11 +109,11 @@ def _guaranteed_bounds(
     """The guaranteed bounds on a level, which the table of totals has as multiples of the true error."""
     if totals is None or norm not in BOUNDED_QUANTITY or case not in totals["case"]:
         return {}
-    at = np.all([np.isclose(totals[size], row[size], rtol=1e-9) for size in "hH"], axis=0)
-    if not at.any():
+    is_same_mesh = np.all([np.isclose(totals[size], row[size], rtol=1e-9) for size in "hH"], axis=0)
+    if not is_same_mesh.any():
         return {}
     error = row.get("upper", row["error"])
-    level = totals.sel(case=case).isel(mesh=int(at.argmax()))
+    level = totals.sel(case=case).isel(mesh=int(is_same_mesh.argmax()))
     return {
         "sharp": error * float(level[f"total_index_{BOUNDED_QUANTITY[norm]}"]),
         "cheap": error * float(level[f"local_index_{BOUNDED_QUANTITY[norm]}"]),
@@ -122,7 +122,7 @@ def _guaranteed_bounds(
 
 def _curve_pairs(rates: xr.Dataset) -> list[dict[str, Any]]:
     """The rates of neighbouring levels, and whether each counts."""
-    found = zip(*(rates[name].values for name in ("h_coarse", "h_fine", "rate", "asymptotic")), strict=True)
+    pairs = zip(*(rates[name].values for name in ("h_coarse", "h_fine", "rate", "asymptotic")), strict=True)
     return [
         {
             "coarse": _round_number(coarse),
@@ -130,7 +130,7 @@ def _curve_pairs(rates: xr.Dataset) -> list[dict[str, Any]]:
             "rate": _round_number(rate),
             "counts": bool(counts == 1),
         }
-        for coarse, fine, rate, counts in found
+        for coarse, fine, rate, counts in pairs
         if np.isfinite(coarse)
     ]
 

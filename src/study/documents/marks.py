@@ -63,10 +63,10 @@ def fill_text(
     format that does not fit; and for a sentence whose claim does not hold.
     """
     try:
-        given = Path(path).read_text(encoding="utf-8")
+        source = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as fault:
         raise InputError(f"{path} is listed as a document, and is no text in UTF-8 ({fault})") from None
-    text = _fill_numbers(str(path), given, numbers)
+    text = _fill_numbers(str(path), source, numbers)
     _check_marks(str(path), text, claims)
     return _fill_blocks(str(path), text, blocks)
 
@@ -77,8 +77,8 @@ def digest_prose(path: str | Path) -> str:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError):
         return ""
-    kept = NUMBER_MARK.sub(lambda mark: mark[0].partition("-->")[0], BLOCK_WITH_MARKS.sub(r"\1\3", text))
-    return sha256(kept.encode()).hexdigest()
+    prose = NUMBER_MARK.sub(lambda mark: mark[0].partition("-->")[0], BLOCK_WITH_MARKS.sub(r"\1\3", text))
+    return sha256(prose.encode()).hexdigest()
 
 
 def remove_marks(text: str) -> str:
@@ -88,17 +88,18 @@ def remove_marks(text: str) -> str:
 
 def _fill_blocks(path: str, text: str, blocks: Mapping[str, str]) -> str:
     marks = BLOCK_MARK.findall(text)
-    found = [name for name, _ in marks[::2]]
-    if marks != [(name, part) for name in dict.fromkeys(found) for part in ("begin", "end")]:
-        listed = ", ".join(f"{name}: {part}" for name, part in marks)
+    names = [name for name, _ in marks[::2]]
+    if marks != [(name, edge) for name in dict.fromkeys(names) for edge in ("begin", "end")]:
+        listed = ", ".join(f"{name}: {edge}" for name, edge in marks)
         raise InputError(f"{path}: each block needs one begin mark and then one end mark, not {listed}")
-    for name in found:
+    for name in names:
         _require_name(f"{path}, block '{name}'", "block", name, blocks)
     return BLOCK_WITH_MARKS.sub(lambda mark: f"{mark[1]}{blocks[mark[2]]}\n{mark[3]}", text)
 
 
 def _fill_numbers(path: str, text: str, numbers: Mapping[str, formats.Value]) -> str:
     def fill_mark(mark: re.Match[str]) -> str:
+        """The mark with its number in the format that it asks for."""
         name = mark["name"]
         spec = mark["spec"] or ""
         where = f"{_locate_mark(path, text, mark.start())}, mark '{mark[0].partition('-->')[0][4:]}'"
@@ -131,11 +132,12 @@ def _check_marks(path: str, text: str, claims: Mapping[str, bool]) -> None:
                 raise InputError(
                     f"{where}: claim {name}, on which this sentence rests, does not hold; rewrite it"
                 )
-    others = CLAIM_MARK.sub(lambda mark: mark["sentence"], sentences)
-    if left := ANY_MARK.search(others):
+    unguarded = CLAIM_MARK.sub(lambda mark: mark["sentence"], sentences)
+    if stray := ANY_MARK.search(unguarded):
+        where = _locate_mark(path, unguarded, stray.start())
         raise InputError(
-            f"{_locate_mark(path, others, left.start())}, mark '{quote_input(left[0])}': it is in no pair; right is "
-            "<!--=NAME:FORMAT-->0.19<!--/--> on one line, or <!--?CLAIM-->a sentence.<!--/-->"
+            f"{where}, mark '{quote_input(stray[0])}': it is in no pair; "
+            "right is <!--=NAME:FORMAT-->0.19<!--/--> on one line, or <!--?CLAIM-->a sentence.<!--/-->"
         )
 
 

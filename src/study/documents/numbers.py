@@ -70,14 +70,14 @@ def _study_numbers(
 ) -> tuple[dict[str, Any], dict[str, pd.DataFrame]]:
     """Parameters, claims and the costs of the whole study; the tables of claims and of figures."""
     claims = results["results/claims"]
-    observed = {each["id"]: {"observed": each["observed"]} for each in claims}
+    observed = {record["id"]: {"observed": record["observed"]} for record in claims}
     make = results["benchmarks/whole"]
     measured = make | results["benchmarks/installations"]
-    whole = {name: resource_use(each) for name, each in measured.items() if isinstance(each, Mapping)}
+    uses = {name: resource_use(record) for name, record in measured.items() if isinstance(record, Mapping)}
     numbers = {
         "study": _documented_parameters(study) | {"infsup": {"rule": RULE._asdict()}},
         "claims": observed | count_claims(claims),
-        "whole": whole | {name: make[name] for name in ("cores", "date")},
+        "whole": uses | {name: make[name] for name in ("cores", "date")},
     }
     return numbers, verdicts.tabulate_claims(claims) | {"figures": tabulate_figures(study["figures"])}
 
@@ -100,10 +100,10 @@ def _documented_parameters(study: Mapping[str, Any]) -> dict[str, Any]:
 
 def count_claims(claims: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """How many claims have a check, a margin or neither, and where the required numbers come from."""
-    origins = Counter(source_origin(each["source"]) for each in claims if each["source"] is not None)
-    known = {"all": origins.total(), "unmeasured": len(claims) - origins.total()}
-    known["margins"] = sum(texts.describe_margin(each) != texts.NO_NUMBER for each in claims)
-    return known | {"thresholds": {name: origins[name] for name in ORIGINS}}
+    origins = Counter(source_origin(record["source"]) for record in claims if record["source"] is not None)
+    counts = {"all": origins.total(), "unmeasured": len(claims) - origins.total()}
+    counts["margins"] = sum(texts.describe_margin(record) != texts.NO_NUMBER for record in claims)
+    return counts | {"thresholds": {name: origins[name] for name in ORIGINS}}
 
 
 def resource_use(measured: Mapping[str, float]) -> dict[str, Any]:
@@ -115,13 +115,13 @@ def resource_use(measured: Mapping[str, float]) -> dict[str, Any]:
 
 def flatten_groups(groups: Mapping[str, Any], prefix: str = "") -> dict[str, Value]:
     """{"a": {"b": 1, "c": [2]}} as {"a.b": 1}: names lead through the groups, and lists are left out."""
-    found: dict[str, Value] = {}
-    for name, of in groups.items():
-        if isinstance(of, Mapping):
-            found |= flatten_groups(of, f"{prefix}{name}.")
-        elif isinstance(of, Value):
-            found[f"{prefix}{name}"] = of
-    return found
+    values: dict[str, Value] = {}
+    for name, value in groups.items():
+        if isinstance(value, Mapping):
+            values |= flatten_groups(value, f"{prefix}{name}.")
+        elif isinstance(value, Value):
+            values[f"{prefix}{name}"] = value
+    return values
 
 
 def tabulate_figures(figures: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:

@@ -32,12 +32,12 @@ def typeset_pages(
     pages: Sequence[str],
 ) -> None:
     """Write a page for each text; `filter` is a Lua filter for pandoc."""
-    known = records.read_records(blocks) | provenance_blocks(records.read_records(manifest), parameters)
+    all_blocks = records.read_records(blocks) | provenance_blocks(records.read_records(manifest), parameters)
     holding = verdicts.holds_by_claim(records.read_records(claims))
     for text, page in zip(texts, pages, strict=True):
-        told = marks.fill_text(text, records.read_records(numbers), known, holding)
+        filled = marks.fill_text(text, records.read_records(numbers), all_blocks, holding)
         with replacing(page) as temporary:
-            temporary.write_text(convert_to_page(told, text, filter, template), encoding="utf-8")
+            temporary.write_text(convert_to_page(filled, text, filter, template), encoding="utf-8")
 
 
 def provenance_blocks(manifest: Mapping[str, Any], parameters: Iterable[str]) -> dict[str, str]:

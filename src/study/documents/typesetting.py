@@ -69,8 +69,8 @@ def _convert_markdown(
             marks.remove_marks(text), target_format, format="markdown", extra_args=arguments
         )
     except RuntimeError as error:
-        said = " ".join(PANDOC_NOISE.sub("", str(error)).split())
-        raise InputError(f"{paper} was not typeset: pandoc says {said}") from error
+        complaint = " ".join(PANDOC_NOISE.sub("", str(error)).split())
+        raise InputError(f"{paper} was not typeset: pandoc says {complaint}") from error
 
 
 def _compile_pdf(paper: str | Path, source: str) -> bytes:

@@ -17,21 +17,21 @@ TEX_SIGNS = {"≥": r"\ge", "≤": r"\le", "much more": r"\text{much more}"}
 
 def holds_by_claim(records: Sequence[Mapping[str, Any]]) -> dict[str, bool]:
     """Whether each claim holds, by its id; `records` are those of `results/claims.json`."""
-    return {each["id"]: verdict_holds(each["verdict"]) for each in records}
+    return {record["id"]: verdict_holds(record["verdict"]) for record in records}
 
 
 def tabulate_claims(records: Sequence[Mapping[str, Any]]) -> dict[str, pd.DataFrame]:
     """A table per section of the ledger, by the block's name."""
     rows: dict[str, list[dict[str, str]]] = {}
-    for each in records:
+    for record in records:
         row = {
-            "claim": each["id"],
-            "statement": f"{each['statement']} [{each['where']}]",
-            "measured": _describe_measurement(each),
-            "verdict": each["verdict"],
+            "claim": record["id"],
+            "statement": f"{record['statement']} [{record['where']}]",
+            "measured": _describe_measurement(record),
+            "verdict": record["verdict"],
         }
-        rows.setdefault(f"claims-{each['section']}", []).append(row)
-    return {name: pd.DataFrame(of) for name, of in rows.items()}
+        rows.setdefault(f"claims-{record['section']}", []).append(row)
+    return {name: pd.DataFrame(section_rows) for name, section_rows in rows.items()}
 
 
 def _describe_measurement(record: Mapping[str, Any]) -> str:
@@ -40,10 +40,10 @@ def _describe_measurement(record: Mapping[str, Any]) -> str:
         return texts.NO_NUMBER
     margin = texts.describe_margin(record)
     sees = record["sees"]
-    parts = [f"{record['quantity']}: {_format_comparison(texts.describe_observation(record))}"]
-    parts += [f"margin {margin}"] if margin != texts.NO_NUMBER else []
-    parts += [f"sees {sees.removesuffix(' of the control')}"] if sees else []
-    return "; ".join(parts).replace(" %", "\u00a0%").replace("× ", "×\u00a0")
+    phrases = [f"{record['quantity']}: {_format_comparison(texts.describe_observation(record))}"]
+    phrases += [f"margin {margin}"] if margin != texts.NO_NUMBER else []
+    phrases += [f"sees {sees.removesuffix(' of the control')}"] if sees else []
+    return "; ".join(phrases).replace(" %", "\u00a0%").replace("× ", "×\u00a0")
 
 
 def _format_comparison(text: str) -> str:

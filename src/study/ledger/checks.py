@@ -57,7 +57,7 @@ def worst(
     smallest, required = (True, at_least) if at_most is None else (False, at_most)
     if required is None:
         raise InputError(f"the check of {value!r} has no bound; it needs at_least or at_most")
-    found: dict[str, float] = {}
+    named: dict[str, float] = {}
     for scene in scenes:
         name = table.format(scene=scene)
         data = _select_data(tables[name], cases, select, H_over_h)
@@ -65,28 +65,26 @@ def worst(
             data = data.assign({variable: _evaluate(data, text)})
         values = _evaluate(data, value)
         counts = _evaluate(data, where) if where else xr.ones_like(values, dtype=bool)
+        # What is excluded is NaN, which min and max pass over; a row of these alone is NaN
         values, counts = xr.broadcast(values.where(counts), counts)
-        others = [dim for dim in values.dims if dim not in named_dimensions(values, rows)]
-        of_row = values.min(others) if smallest else values.max(others)
-        counted = name_values(counts.any(others), rows, scene or name)
-        found |= {
+        row_dims = [dim for dim in values.dims if dim not in named_dimensions(values, rows)]
+        row_values = values.min(row_dims) if smallest else values.max(row_dims)
+        counted = name_values(counts.any(row_dims), rows, scene or name)
+        named |= {
             row: number
-            for row, number in name_values(of_row, rows, scene or name).items()
+            for row, number in name_values(row_values, rows, scene or name).items()
             if counted[row] or not left_out
         }
-    return evidence.pick_worst(found, quantity, required, smallest)
+    return evidence.pick_worst(named, quantity, required, smallest)
 
 
 def all_of(tables: Tables, statements: Sequence[Mapping[str, Any]], **shared: Any) -> Evidence:
     """The evidence for a statement in parts, each as for `worst`; they share the other parameters."""
-    return evidence.require_all(*(worst(tables, **{**shared, **part}) for part in statements))
+    return evidence.require_all(*(worst(tables, **{**shared, **statement}) for statement in statements))
 
 
 def _select_data(
-    table: xr.Dataset,
-    cases: Sequence[str] | None,
-    select: Mapping[str, Any] | None,
-    H_over_h: float | None,
+    table: xr.Dataset, cases: Sequence[str] | None, select: Mapping[str, Any] | None, H_over_h: float | None
 ) -> xr.Dataset:
     """The part of a table that a check is about."""
     if cases is not None:
@@ -99,5 +97,5 @@ def _select_data(
 def _evaluate(data: xr.Dataset, value: str | Sequence[str] | Mapping[str, str]) -> xr.DataArray:
     if isinstance(value, str):
         return xr.DataArray(data.eval(value))
-    named_ones = value if isinstance(value, Mapping) else dict(zip(value, value, strict=True))
-    return xr.Dataset({name: _evaluate(data, text) for name, text in named_ones.items()}).to_dataarray()
+    expressions = value if isinstance(value, Mapping) else dict(zip(value, value, strict=True))
+    return xr.Dataset({name: _evaluate(data, text) for name, text in expressions.items()}).to_dataarray()

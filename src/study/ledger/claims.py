@@ -175,12 +175,13 @@ def read_claim(entry: Mapping[str, Any]) -> Claim:
         raise InputError(f"ledger, claim '{entry['id']}': {error}") from None
     if entry.keys() & frozenset.union(*CLAIM_FIELDS) not in CLAIM_FIELDS:
         raise InputError(
-            f"ledger, claim '{claim.id}': it needs {', '.join(sorted(CLAIM_FIELDS[0]))}, or 'unmeasured' alone"
+            f"ledger, claim '{claim.id}': it needs {', '.join(sorted(CLAIM_FIELDS[0]))}, "
+            "or 'unmeasured' alone"
         )
     if claim.check and claim.source.partition(":")[0] not in ORIGINS.values():
-        known = ", ".join(f"'{origin}'" for origin in ORIGINS.values())
+        origins = ", ".join(f"'{origin}'" for origin in ORIGINS.values())
         raise InputError(
-            f"ledger, claim '{claim.id}': its source has to begin with one of {known}, and a colon"
+            f"ledger, claim '{claim.id}': its source has to begin with one of {origins}, and a colon"
         )
     experiment, _, function = claim.check.partition(".")
     if claim.check and not hasattr(CHECK_MODULES.get(experiment), function):
@@ -198,7 +199,7 @@ def _restrict_to_control(claim: Claim) -> Claim:
 
 def judge_claims(tables: Sequence[str], claims: str) -> None:
     """Write and print the judgements of all claims, by the tables that lie in folders beside their file."""
-    records = [each.record() for each in judge_all(Results(Path(claims).parent))]
+    records = [judgement.record() for judgement in judge_all(Results(Path(claims).parent))]
     with replacing(claims) as temporary:
         temporary.write_text(json.dumps(records, indent=1) + "\n", encoding="utf-8")
     print(*list_claims(records), sep="\n")
@@ -221,9 +222,10 @@ def judge_claim(results: Results, claim: Claim) -> Judgement:
 
 def find_claim(claim_id: str) -> Claim:
     """The claim with that id. Raises InputError if there is none."""
-    known = {claim.id: claim for claim in load_ledger()}
-    if claim_id not in known:
+    claims_by_id = {claim.id: claim for claim in load_ledger()}
+    if claim_id not in claims_by_id:
         raise InputError(
-            f"there is no claim '{quote_input(claim_id)}'{suggest_name(claim_id, known)}; 'unilateral claims' lists them all"
+            f"there is no claim '{quote_input(claim_id)}'{suggest_name(claim_id, claims_by_id)}; "
+            "'unilateral claims' lists them all"
         )
-    return known[claim_id]
+    return claims_by_id[claim_id]

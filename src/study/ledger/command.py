@@ -38,15 +38,15 @@ def claims(claim: str | None, results: str, json: bool) -> int:
         from study.ledger.results import open_finished_results
 
         (judged,) = judge.judge_all(open_finished_results(results), [judge.find_claim(claim)])
-        found = [_complete_record(judged.record())]
+        claim_records = [_complete_record(judged.record())]
         text = listing.explain_claim(judged)
     else:
         stored = listing.read_claim_records(results)
         width = get_terminal_size().columns if sys.stdout.isatty() else None
-        found = [_complete_record(each) for each in stored]
+        claim_records = [_complete_record(record) for record in stored]
         text = "\n".join(listing.list_claims(stored, width))
-    print_result(as_text({"claims": found}) if json else text)
-    return EXIT_REJECTED if any(each["holds"] is False for each in found) else 0
+    print_result(as_text({"claims": claim_records}) if json else text)
+    return EXIT_REJECTED if any(record["holds"] is False for record in claim_records) else 0
 
 
 def _complete_record(stored: dict[str, Any]) -> dict[str, Any]:

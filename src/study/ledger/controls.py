@@ -40,14 +40,14 @@ def spoil_results(results: Results, control: Mapping[str, Any], share: float = 1
 
 
 def _spoil_table(table: xr.Dataset, control: Mapping[str, Any]) -> None:
-    here = table[control["variable"]]
-    place = {d: i for d, i in control.get("at", {}).items() if d in here.dims}
+    values = table[control["variable"]]
+    place = {d: i for d, i in control.get("at", {}).items() if d in values.dims}
     if "labels" in control:
-        here.loc[control["to"]] = here.sel(control["labels"]).values
+        values.loc[control["to"]] = values.sel(control["labels"]).values
     elif "from" in control:
-        here[...] = table[control["from"]].values
+        values[...] = table[control["from"]].values
     else:
-        here[place] = control["value"] if "value" in control else here[place] * control["factor"]
+        values[place] = control["value"] if "value" in control else values[place] * control["factor"]
 
 
 def find_smallest_share(fails: Callable[[float], bool]) -> float:

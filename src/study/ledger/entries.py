@@ -20,16 +20,16 @@ def read_entries() -> list[dict[str, Any]]:
     """
     declared = [entry for file in claims_files() for entry in read_stored_yaml(file)["claims"]]
     sections = read_stored_yaml(SECTIONS_FILE)
-    known = [entry["id"] for entry in declared]
-    named = [each for ids in sections.values() for each in ids]
-    for each in dict.fromkeys([*known, *named]):
-        if known.count(each) != 1 or named.count(each) != 1:
+    declared_ids = [entry["id"] for entry in declared]
+    placed_ids = [claim_id for section_ids in sections.values() for claim_id in section_ids]
+    for claim_id in dict.fromkeys([*declared_ids, *placed_ids]):
+        if declared_ids.count(claim_id) != 1 or placed_ids.count(claim_id) != 1:
             raise InputError(
-                f"ledger, claim '{each}': it has to be declared once, in the {CLAIMS_FILE} of an experiment, and "
-                "named once in sections.yaml"
+                f"ledger, claim '{claim_id}': it has to be declared once, in the {CLAIMS_FILE} "
+                "of an experiment, and named once in sections.yaml"
             )
-    by_id = dict(zip(known, declared, strict=True))
-    return [by_id[each] | {"section": section} for section, ids in sections.items() for each in ids]
+    by_id = dict(zip(declared_ids, declared, strict=True))
+    return [by_id[claim_id] | {"section": name} for name, ids in sections.items() for claim_id in ids]
 
 
 def claims_files() -> list[Path]:

@@ -40,9 +40,9 @@ def read_claim_records(folder: str | Path) -> list[dict[str, Any]]:
             f"there are no judged claims in '{folder}'; type 'make' in a clone of the project, or name the "
             "folder of its results by --results"
         )
-    found: list[dict[str, Any]] = records.read_records(path)
+    claim_records: list[dict[str, Any]] = records.read_records(path)
     records.check_listed_digest(folder, CLAIMS_RECORDS, records.read_listed_digests(folder))
-    return found
+    return claim_records
 
 
 def list_claims(judged: Sequence[Mapping[str, Any]], width: int | None = None) -> Iterator[str]:
@@ -53,12 +53,12 @@ def list_claims(judged: Sequence[Mapping[str, Any]], width: int | None = None) -
     columns = dict(COLUMNS)
     if width and width < _columns_width(columns) + MIN_VERDICT_LETTERS:
         del columns["observed"]
-    room = max(width - _columns_width(columns), MIN_VERDICT_LETTERS) if width else None
+    verdict_width = max(width - _columns_width(columns), MIN_VERDICT_LETTERS) if width else None
     yield _align_columns({name: name for name in columns}, columns) + "verdict"
-    for section, of in groupby(judged, lambda each: each["section"]):
+    for section, section_records in groupby(judged, lambda record: record["section"]):
         yield f"{section}:"
-        for each in of:
-            yield from _record_lines(each, columns, room)
+        for record in section_records:
+            yield from _record_lines(record, columns, verdict_width)
     for text in (summarise_claims(judged), MARGIN_NOTE):
         yield from _wrap(text, width)
 
@@ -84,9 +84,9 @@ def _record_lines(
     for fault in (records.FAILS, records.UNJUDGED):
         if verdict.startswith(fault):
             verdict = fault.upper() + verdict.removeprefix(fault)
-    first, *more = _wrap(verdict, verdict_letters)
+    first, *further_lines = _wrap(verdict, verdict_letters)
     yield _align_columns(values, columns) + first
-    yield from (" " * _columns_width(columns) + each for each in more)
+    yield from (" " * _columns_width(columns) + line for line in further_lines)
 
 
 def _wrap(text: str, width: int | None) -> list[str]:
@@ -95,15 +95,15 @@ def _wrap(text: str, width: int | None) -> list[str]:
 
 def summarise_claims(judged: Sequence[Mapping[str, Any]]) -> str:
     """How many claims hold, and which do not."""
-    verdicts = [each["verdict"] for each in judged]
-    failing = [each["id"] for each in judged if records.verdict_counts_against(each["verdict"])]
+    verdicts = [record["verdict"] for record in judged]
+    failing = [record["id"] for record in judged if records.verdict_counts_against(record["verdict"])]
     unmeasured = sum(verdict.startswith(records.UNMEASURED) for verdict in verdicts)
-    parts = [
+    phrases = [
         f"{sum(map(records.verdict_holds, verdicts))} hold",
         *([f"{len(failing)} do NOT hold: {', '.join(failing)}"] if failing else []),
         *([f"in {unmeasured} there is nothing to measure"] if unmeasured else []),
     ]
-    return f"{len(judged)} claims: {'; '.join(parts)}."
+    return f"{len(judged)} claims: {'; '.join(phrases)}."
 
 
 def explain_claim(judgement: Judgement) -> str:

@@ -30,7 +30,7 @@ MAX_TOLD_MARGIN = 10.0
 
 
 def format_margin(margin: float) -> str:
-    """A margin for readers: no more than two digits, and none beyond LEAST and PLENTY."""
+    """A margin for readers: at most two digits, and none where it is too small or too large to tell."""
     margin = float(f"{margin:.2g}")
     if abs(margin) >= MAX_TOLD_MARGIN:
         return f"> {100 * MAX_TOLD_MARGIN:.0f} %" if margin > 0 else f"< -{100 * MAX_TOLD_MARGIN:.0f} %"
@@ -74,9 +74,9 @@ def read_listed_digests(folder: str | os.PathLike[str]) -> dict[str, str]:
     manifest = Path(folder, MANIFEST)
     if not manifest.is_file():
         return {}
-    found = read_records(manifest)
+    record = read_records(manifest)
     try:
-        return {of["path"].partition("/")[2]: of["sha256"] for of in found["files"]}
+        return {entry["path"].partition("/")[2]: entry["sha256"] for entry in record["files"]}
     except (KeyError, TypeError, AttributeError) as error:
         raise StorageError(
             f"{manifest} is not the manifest of a study; 'snakemake -j2 -f {manifest}' makes it anew"
@@ -86,9 +86,9 @@ def read_listed_digests(folder: str | os.PathLike[str]) -> dict[str, str]:
 def check_listed_digest(folder: str | os.PathLike[str], name: str, listed_digests: Mapping[str, str]) -> None:
     """Raises StorageError for a file in the folder of which another SHA-256 is listed."""
     path = Path(folder, name)
-    found = sha256(path.read_bytes()).hexdigest()
-    if (wanted := listed_digests.get(name, found)) != found:
+    digest = sha256(path.read_bytes()).hexdigest()
+    if (listed := listed_digests.get(name, digest)) != digest:
         raise StorageError(
-            f"{path} is another version than the study ended with: its SHA-256 is {found[:16]}..., and "
-            f"{Path(folder, MANIFEST)} has {wanted[:16]}...; 'snakemake -j2 -f {path}' makes it anew"
+            f"{path} is another version than the study ended with: its SHA-256 is {digest[:16]}..., and "
+            f"{Path(folder, MANIFEST)} has {listed[:16]}...; 'snakemake -j2 -f {path}' makes it anew"
         )

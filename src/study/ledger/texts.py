@@ -48,15 +48,15 @@ def describe_observation(record: Mapping[str, Any]) -> str:
     if record["observed"] is None:
         return NO_NUMBER
     value = record["observed"]
-    much = abs(record["margin"]) >= MAX_TOLD_MARGIN
-    shown = "much more" if much else f"{value:.3g}"
-    return replace_greek(f"{'0' if abs(value) <= ZERO_OBSERVATION else shown} {record['expected']}")
+    is_far = abs(record["margin"]) >= MAX_TOLD_MARGIN
+    number = "much more" if is_far else f"{value:.3g}"
+    return replace_greek(f"{'0' if abs(value) <= ZERO_OBSERVATION else number} {record['expected']}")
 
 
 def describe_margin(record: Mapping[str, Any]) -> str:
     """The margin of a record; a dash if there is none, or 0 is required, to which nothing is relative."""
-    known = record["margin"] is not None and math.isfinite(record["margin"])
-    return format_margin(record["margin"]) if known and required_number(record) != 0 else NO_NUMBER
+    is_finite = record["margin"] is not None and math.isfinite(record["margin"])
+    return format_margin(record["margin"]) if is_finite and required_number(record) != 0 else NO_NUMBER
 
 
 def required_number(record: Mapping[str, Any]) -> float | None:

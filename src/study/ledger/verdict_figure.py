@@ -43,16 +43,20 @@ KIND_BY_BEGINNING = {
 def table(claims: style.FilePath) -> pd.DataFrame:
     """One row per claim that has a check: id, title, kind of its verdict, margin, within the axis' limits."""
     measured = [
-        each for each in records.read_records(claims) if not each["verdict"].startswith(records.UNMEASURED)
+        record
+        for record in records.read_records(claims)
+        if not record["verdict"].startswith(records.UNMEASURED)
     ]
-    found = pd.DataFrame(measured)
+    claims_table = pd.DataFrame(measured)
     margin = (
-        found["margin"]
+        claims_table["margin"]
         .astype(float)
         .fillna(records.MIN_TOLD_MARGIN)
         .clip(records.MIN_TOLD_MARGIN, records.MAX_TOLD_MARGIN)
     )
-    return found[["id", "title"]].assign(kind=found["verdict"].map(_verdict_kind), margin=margin)
+    return claims_table[["id", "title"]].assign(
+        kind=claims_table["verdict"].map(_verdict_kind), margin=margin
+    )
 
 
 def _verdict_kind(verdict: str) -> str:
@@ -70,24 +74,24 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     data = style.read_figure_table(csv_path)
     half = (len(data) + 1) // 2
     height = CLAIM_ROW_CM * half + LEGEND_HEIGHT_CM + PANEL_BOTTOM_CM
-    least = data["margin"].min()
-    most = data["margin"].max()
+    smallest = data["margin"].min()
+    largest = data["margin"].max()
     with style.open_figure(svg_path, height) as figure:
-        for left, rows in ((0.1, data[:half]), (8.8, data[half:])):
+        for left_cm, rows in ((0.1, data[:half]), (8.8, data[half:])):
             axes = style.add_axes(
-                figure, left + TITLE_WIDTH_CM, PANEL_BOTTOM_CM, PANEL_WIDTH_CM, CLAIM_ROW_CM * half
+                figure, left_cm + TITLE_WIDTH_CM, PANEL_BOTTOM_CM, PANEL_WIDTH_CM, CLAIM_ROW_CM * half
             )
             _draw_claims(axes, rows, half)
-            axes.set_xlim(least / 1.6, most * 1.6)
+            axes.set_xlim(smallest / 1.6, largest * 1.6)
         marks = {kind: mark for kind, mark in VERDICT_MARKS.items() if kind in set(data["kind"])}
         handles = [
             style.legend_entry(kind, ls="", marker=mark, color=colour, mec="white")
             for kind, (mark, colour) in marks.items()
         ]
         style.add_legend(figure, handles, 0.1, height, ncols=3, borderpad=None, borderaxespad=None)
-        ends = f"below {least:g} and above {most:g} they are drawn there"
-        told = f"Margins are relative to what is required; {ends}; counts that have to be 0 have none."
-        style.add_note(figure, told)
+        ends = f"below {smallest:g} and above {largest:g} they are drawn there"
+        note = f"Margins are relative to what is required; {ends}; counts that have to be 0 have none."
+        style.add_note(figure, note)
 
 
 def _draw_claims(axes: Axes, rows: pd.DataFrame, n_places: int) -> None:
@@ -101,8 +105,8 @@ def _draw_claims(axes: Axes, rows: pd.DataFrame, n_places: int) -> None:
     for y, row in zip(heights, rows.itertuples(), strict=True):
         marker, colour = VERDICT_MARKS[row.kind]
         axes.plot(row.margin, y, marker, color=colour, ms=5.5, mec="white", mew=0.5)
-        for left, text in ((0, row.id), (ID_WIDTH_CM, row.title)):
-            axes.text((left - TITLE_WIDTH_CM) / PANEL_WIDTH_CM, y, text, **beside)
+        for left_cm, text in ((0, row.id), (ID_WIDTH_CM, row.title)):
+            axes.text((left_cm - TITLE_WIDTH_CM) / PANEL_WIDTH_CM, y, text, **beside)
     axes.set_yticks(heights, [])
     axes.tick_params(left=False)
     axes.set_ylim(-0.7, n_places - 0.3)

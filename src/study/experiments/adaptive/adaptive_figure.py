@@ -36,7 +36,7 @@ def table(errors: style.FilePath, infsup: style.FilePath) -> pd.DataFrame:
     """
     measured = tables.load_table(errors)
     constants = tables.load_table(infsup)
-    of = xr.Dataset(
+    columns = xr.Dataset(
         {
             "unknowns": measured["unknowns"],
             "error": measured["h1_error"],
@@ -45,8 +45,8 @@ def table(errors: style.FilePath, infsup: style.FilePath) -> pd.DataFrame:
             "beta_of_edges": constants["beta_of_edges"],
         }
     )
-    of = of.sel(case=[name for name in of["case"].values if not has_clamped_sides(name)])
-    rows = of.to_dataframe(["case", "kind", "level"]).reset_index()
+    columns = columns.sel(case=[name for name in columns["case"].values if not has_clamped_sides(name)])
+    rows = columns.to_dataframe(["case", "kind", "level"]).reset_index()
     return rows[rows["unknowns"].notna()].astype({"unknowns": int})[COLUMNS]
 
 
@@ -59,7 +59,9 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     cases = list(dict.fromkeys(data["case"]))
     n_rows = len(cases) // len(PANEL_LEFTS_CM) + 1
     places = [
-        (left, PANEL_BOTTOM_CM + PANEL_ROW_CM * k) for k in range(n_rows)[::-1] for left in PANEL_LEFTS_CM
+        (left_cm, PANEL_BOTTOM_CM + PANEL_ROW_CM * k)
+        for k in range(n_rows)[::-1]
+        for left_cm in PANEL_LEFTS_CM
     ]
     with style.open_figure(svg_path, PANEL_BOTTOM_CM + PANEL_ROW_CM * n_rows - 1) as figure:
         for case, place in zip(cases, places, strict=False):
@@ -76,9 +78,9 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
             _set_unknowns_axis(axes, data["unknowns"])
         axes = style.add_axes(figure, *places[len(cases)], PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
         axes.set_title(r"$\beta$ on adapted meshes")
-        known = data[data["beta"].notna()]
+        beta_rows = data[data["beta"].notna()]
         for i, case in enumerate(cases):
-            levels = known[known["case"] == case]
+            levels = beta_rows[beta_rows["case"] == case]
             axes.plot(levels["unknowns"], levels["beta"], lw=1.0, ms=3.4, mew=0.9, **style.numbered_look(i))
             marks: style.Look = {**style.numbered_look(i), "ls": "", "ms": 2.6, "mew": 0.7, "mfc": "white"}
             axes.plot(levels["unknowns"], levels["beta_of_edges"], **marks)
@@ -98,29 +100,29 @@ def _set_unknowns_axis(axes: Axes, unknowns: pd.Series) -> None:
 
 def _draw_optimal_slope(axes: Axes, rows: pd.DataFrame) -> None:
     """The triangle of the optimal slope, at the left, below all lines."""
-    left = 1.3 * rows["unknowns"].min()
-    near = rows[rows["unknowns"] < TRIANGLE_SPAN * left]
+    x0 = 1.3 * rows["unknowns"].min()
+    near = rows[rows["unknowns"] < TRIANGLE_SPAN * x0]
     values = np.fmin(near["error"], near["bound"])
-    top = 0.6 * float((values * (near["unknowns"] / left) ** -OPTIMAL_SLOPE).min())
-    right = TRIANGLE_SPAN * left
+    top = 0.6 * float((values * (near["unknowns"] / x0) ** -OPTIMAL_SLOPE).min())
+    x1 = TRIANGLE_SPAN * x0
     base = top * TRIANGLE_SPAN**OPTIMAL_SLOPE
-    axes.fill([left, right, left], [top, base, base], fc="0.88", ec="0.25", lw=0.7)
+    axes.fill([x0, x1, x0], [top, base, base], fc="0.88", ec="0.25", lw=0.7)
     beside: style.Look = {"textcoords": "offset points", "fontsize": style.SMALL_FONT_POINTS}
-    axes.annotate("$2$", (np.sqrt(left * right), base), (0, -2), ha="center", va="top", **beside)
-    axes.annotate("$1$", (left, np.sqrt(top * base)), (-3, 0), ha="right", va="center", **beside)
+    axes.annotate("$2$", (np.sqrt(x0 * x1), base), (0, -2), ha="center", va="top", **beside)
+    axes.annotate("$1$", (x0, np.sqrt(top * base)), (-3, 0), ha="right", va="center", **beside)
 
 
 def _add_mesh_keys(figure: Figure, cases: list[str]) -> None:
-    lines = [
-        style.legend_entry(f"{kind}: {what}", ms=4, mew=0.9, lw=1.1, **look, **more)
+    entries = [
+        style.legend_entry(f"{kind}: {quantity}", ms=4, mew=0.9, lw=1.1, **look, **quantity_look)
         for kind, look in MESH_LOOKS.items()
-        for what, more in ((style.NORM_TITLES["h1"], {}), ("guaranteed bound", BOUND_LOOK))
+        for quantity, quantity_look in ((style.NORM_TITLES["h1"], {}), ("guaranteed bound", BOUND_LOOK))
     ]
-    of_beta = [
+    beta_entries = [
         style.legend_entry(case, ms=4, lw=1.0, **style.numbered_look(i)) for i, case in enumerate(cases)
     ]
-    of_beta.append(
+    beta_entries.append(
         style.legend_entry("cells of one edge", ls="", ms=4, mew=0.9, marker="o", color="0.25", mfc="white")
     )
-    style.add_legend(figure, lines, 1.25, 1.45, ncols=2, columnspacing=1.6)
-    style.add_legend(figure, of_beta, 11.2, 1.45, ncols=2, columnspacing=1.2)
+    style.add_legend(figure, entries, 1.25, 1.45, ncols=2, columnspacing=1.6)
+    style.add_legend(figure, beta_entries, 11.2, 1.45, ncols=2, columnspacing=1.2)

@@ -20,15 +20,17 @@ def adapted_rate(
     Raises Unjudged if it would pass, but a case has too few pairs, or the algebraic bound of an asymptotic
     level is more than that share of the error.
     """
-    of = tables[table].sel(kind="adapted", case=list(cases))
-    rates = {str(case): of[variable].sel(case=case).dropna("level").values for case in of["case"].values}
+    data = tables[table].sel(kind="adapted", case=list(cases))
+    rates = {str(case): data[variable].sel(case=case).dropna("level").values for case in data["case"].values}
     faults = [
-        f"{case} has {len(found)} pairs" for case, found in rates.items() if len(found) < MIN_ADAPTIVE_PAIRS
+        f"{case} has {len(case_rates)} pairs"
+        for case, case_rates in rates.items()
+        if len(case_rates) < MIN_ADAPTIVE_PAIRS
     ]
-    largest = float(of["share"].where(of["asymptotic"] == 1).max())
+    largest = float(data["share"].where(data["asymptotic"] == 1).max())
     if not largest <= share:
         faults.append(f"the algebraic bound is {largest:.2g} of an error")
-    rows = {case: float(np.min(found, initial=np.inf)) for case, found in rates.items()}
+    rows = {case: float(np.min(case_rates, initial=np.inf)) for case, case_rates in rates.items()}
     return require_preconditions(
         pick_worst(rows, "the smallest rate against the unknowns", at_least, True), faults
     )

@@ -65,10 +65,12 @@ def measure_adaptive(
         measured.append(measure(problem, h, limits, Stop(**stop)))
         print(f"{problem.name} measured")
     names = [problem.name for problem in problems]
-    given = {"adaptive": study, "stop": stop}
-    for parts, path in zip(zip(*measured, strict=True), (errors, infsup, timings), strict=True):
-        tables.save_table(join_tables(parts, "case", names), path, "adaptive", given)
-    tables.save_table(rates_in_unknowns(tables.load_table(errors), study["factor"]), rates, "adaptive", given)
+    parameters = {"adaptive": study, "stop": stop}
+    for case_tables, path in zip(zip(*measured, strict=True), (errors, infsup, timings), strict=True):
+        tables.save_table(join_tables(case_tables, "case", names), path, "adaptive", parameters)
+    tables.save_table(
+        rates_in_unknowns(tables.load_table(errors), study["factor"]), rates, "adaptive", parameters
+    )
 
 
 def mark_all(solution: DiscreteSolution) -> Index:
@@ -123,6 +125,7 @@ def asymptotic_unknowns(problem: Problem) -> float:
     if problem.exact is None:
         return np.nan
     declared = problem.exact.declaration["asymptotic"]["h1"]
+    # Squares of the side h, n of them: n h^2 = |Omega|
     return problem.polygon.area / parse_real(declared["from"], "asymptotic.h1") ** 2
 
 
@@ -161,15 +164,15 @@ def beta_constants(solution: DiscreteSolution) -> AdaptiveRow:
     P0 of the cells lies in that of the edges, and so one Gram matrix serves both.
     """
     mesh = solution.mesh
-    form = solution.form._replace(free=())
+    form = solution.form._replace(free=())  # so that free sides carry a multiplier, too
     edges = from_points(mesh.polygon, mesh.s)
     condensed = condense(mesh, form)
     gram = build_dual_norm(edges, form=form).gram()
-    of_cells = pair_constants(
+    cell_constants = pair_constants(
         mixed_spaces(condensed, solution.partition), gram.coarsen(solution.partition).p0
     )
-    of_edges = pair_constants(mixed_spaces(condensed, edges), gram.coarsen(edges).p0)
-    return of_cells | {"beta_of_edges": of_edges["beta_upper"]}
+    edge_constants = pair_constants(mixed_spaces(condensed, edges), gram.coarsen(edges).p0)
+    return cell_constants | {"beta_of_edges": edge_constants["beta_upper"]}
 
 
 def join_tables(tables: Sequence[xr.Dataset], dim: str, names: Sequence[str]) -> xr.Dataset:
@@ -193,7 +196,7 @@ def rates_in_unknowns(errors: xr.Dataset, factor: float) -> xr.Dataset:
     N = errors["unknowns"].values
     order = ("case", "kind", "level")
     later = np.argmax(N[..., None, :] >= factor * N[..., None], axis=-1)
-    # the fall of a value against the growth of N; NaN where there is no later level
+    # log(e_j / e_i) / log(N_j / N_i), j the first level with N_j >= factor N_i; NaN where there is none
     growth = np.where(later > 0, np.log(np.take_along_axis(N, later, axis=-1) / N), 1.0)
     observed = xr.Dataset(coords=errors.coords)
     for name in ("h1_error", "h1_bound"):

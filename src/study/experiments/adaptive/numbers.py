@@ -69,8 +69,8 @@ def tabulate_finest_levels(table: xr.Dataset) -> pd.DataFrame:
 
 def _last_value(values: xr.DataArray) -> float:
     """The last value that is known, or NaN."""
-    known = values.dropna("level").values
-    return float(known[-1]) if len(known) else np.nan
+    finite = values.dropna("level").values
+    return float(finite[-1]) if len(finite) else np.nan
 
 
 def tabulate_savings(errors: xr.Dataset) -> pd.DataFrame:
@@ -81,10 +81,10 @@ def tabulate_savings(errors: xr.Dataset) -> pd.DataFrame:
     """
     rows = []
     for case in errors["case"].values:
-        of = errors.sel(case=case)
-        target = _last_value(of["h1_bound"].sel(kind="uniform"))
-        uniform = _unknowns_to_bound(of.sel(kind="uniform"), target)
-        adapted = _unknowns_to_bound(of.sel(kind="adapted"), target)
+        case_levels = errors.sel(case=case)
+        target = _last_value(case_levels["h1_bound"].sel(kind="uniform"))
+        uniform = _unknowns_to_bound(case_levels.sel(kind="uniform"), target)
+        adapted = _unknowns_to_bound(case_levels.sel(kind="adapted"), target)
         rows.append(
             {
                 "problem": f"`{case}`",

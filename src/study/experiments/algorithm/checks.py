@@ -12,7 +12,7 @@ def step_growth(tables: Tables, scene: str, case: str, H_over_h: float, at_most:
     """The largest over the smallest of H steps / log(1/tolerance) for plain Uzawa, whose steps are O(1/H)."""
     runs = stored.select_ratio(tables[f"{scene}/errors"].sel(case=case), 1 / H_over_h)
     scaled = runs["iterations"] * runs["H"] / np.log(1 / runs["tolerance"])
-    fine = scaled.values[2:]
+    fine = scaled.values[2:]  # H <= 1/16
     rows = {"steps times H over the logarithm of the tolerance": float(fine.max() / fine.min())}
     lines = [f"  {name}: {value:.4g}" for name, value in name_values(scaled, "H = {H:g}").items()]
     return pick_worst(rows, r"largest over smallest, $H \le 1/16$", at_most, False)._replace(lines=lines)

@@ -36,13 +36,15 @@ def measure_formulation(mesh: Mesh, partition: Partition, cases: Sequence[ExactS
     """
     rng = np.random.default_rng(0)
     rows = []
-    for of in solve_cases(mesh, partition, cases):
-        in_K = _measure_minimum(of, of.lambda_H, "") | _measure_minimum(of, of.lambda_H + 1, "_elsewhere")
-        rows.append(_measure_weak_form(of, rng) | in_K)
-    alone = _measure_forms(of.spaces, rng) | _measure_galerkin(of.spaces)
+    for solved in solve_cases(mesh, partition, cases):
+        in_K = _measure_minimum(solved, solved.lambda_H, "") | _measure_minimum(
+            solved, solved.lambda_H + 1, "_elsewhere"
+        )
+        rows.append(_measure_weak_form(solved, rng) | in_K)
+    space_numbers = _measure_forms(solved.spaces, rng) | _measure_galerkin(solved.spaces)
     table = {name: ("case", [row[name] for row in rows]) for name in rows[0]}
-    of_spaces = {name: ((), value) for name, value in alone.items()}
-    return xr.Dataset({**table, **of_spaces}, {"case": [case.name for case in cases]})
+    space_variables = {name: ((), value) for name, value in space_numbers.items()}
+    return xr.Dataset({**table, **space_variables}, {"case": [case.name for case in cases]})
 
 
 def _measure_weak_form(solved_case: SolvedCase, rng: np.random.Generator) -> dict[str, float]:
@@ -55,14 +57,16 @@ def _measure_weak_form(solved_case: SolvedCase, rng: np.random.Generator) -> dic
     spaces = solved_case.spaces
     case = solved_case.exact.ritz.case
     boundary = solved_case.spaces.mesh.boundary
-    f, of_u, _, square = integrate_case(case, spaces.mesh, np.zeros(spaces.mesh.n_nodes), None)
-    slack = of_u - f
+    # (f, phi_i)_0, (u, phi_i)_1 and ||u||_1^2; the slack less <lambda, phi_i> is the residual of (P*)
+    load, u_products, _, square = integrate_case(case, spaces.mesh, np.zeros(spaces.mesh.n_nodes), None)
+    slack = u_products - load
     residual = slack.copy()
     residual[boundary] -= solved_case.exact.ritz.multiplier_load
     size = float(np.sqrt(square))
+    # v = u + w is in K where w >= g - u at the boundary; (1.5) says that no w has a negative value
     w = rng.standard_normal((N_DIRECTIONS, len(slack)))
-    more = rng.random((N_DIRECTIONS, len(boundary))) * rng.integers(2, size=(N_DIRECTIONS, 1))
-    w[:, boundary] = more - _smallest_gaps(case, spaces.mesh)
+    boundary_excess = rng.random((N_DIRECTIONS, len(boundary))) * rng.integers(2, size=(N_DIRECTIONS, 1))
+    w[:, boundary] = boundary_excess - _smallest_gaps(case, spaces.mesh)
     values = w @ slack / (size * np.sqrt(np.sum(w.T * (spaces.condensed.A @ w.T), axis=0)))
     return {
         "equation": _discrete_dual_norm(spaces, residual) / size,
@@ -78,16 +82,13 @@ def _discrete_dual_norm(spaces: MixedSpaces, values: Array) -> float:
 
 
 def _smallest_gaps(case: ExactSolution, mesh: Mesh) -> Array:
-    """The least gap u - g on both edges at each boundary node.
-
-    The shape is (nb,).
-    """
+    """The least gap u - g on both edges at each boundary node (nb,)."""
     polygon = mesh.polygon
     ends = mesh.s
     side = np.searchsorted(polygon.starts, 0.5 * (ends[1:] + ends[:-1])) - 1
     s = ends[:-1] - polygon.starts[side] + np.linspace(0, 1, GAP_POINTS_PER_EDGE)[:, None] * np.diff(ends)
-    least = case.gap(np.tile(side, GAP_POINTS_PER_EDGE), s.ravel()).reshape(s.shape).min(axis=0)
-    return np.minimum(least, np.roll(least, 1))
+    edge_gaps = case.gap(np.tile(side, GAP_POINTS_PER_EDGE), s.ravel()).reshape(s.shape).min(axis=0)
+    return np.minimum(edge_gaps, np.roll(edge_gaps, 1))
 
 
 def _measure_minimum(solved_case: SolvedCase, multiplier: Array, suffix: str) -> dict[str, float]:
@@ -102,6 +103,7 @@ def _measure_minimum(solved_case: SolvedCase, multiplier: Array, suffix: str) ->
     gap = spaces.operator.gap(multiplier, solved_case.discrete.offset)
     excess = np.random.default_rng(0).random((len(H_i), N_DIRECTIONS))
     excess[:, 0] = 0.0
+    # w is the response to the mu with B w = H_i (excess - gap): the cell means of u_h + w - g are the excess
     mu: Array = solve(spaces.operator.D, H_i[:, None] * (excess - gap[:, None]), assume_a="pos")
     w = spaces.response(np.zeros((len(u_h), N_DIRECTIONS)), mu)
     values = (spaces.condensed.A @ u_h - load) @ w
@@ -119,9 +121,10 @@ def _measure_forms(spaces: MixedSpaces, rng: np.random.Generator) -> dict[str, f
     m = len(spaces.cells)
 
     def form_terms(U: tuple[Array, Array], V: tuple[Array, Array]) -> Array:
-        (u, of_u) = U
-        (v, of_v) = V
-        return np.array([u @ (A @ v), of_u @ (spaces.B @ v[boundary]), of_v @ (spaces.B @ u[boundary])])
+        """The terms (u, v)_1, <lambda, v> and <mu, u>, which A(U, V) has with the signs 1, -1 and 1."""
+        (u, lambda_) = U
+        (v, mu) = V
+        return np.array([u @ (A @ v), lambda_ @ (spaces.B @ v[boundary]), mu @ (spaces.B @ u[boundary])])
 
     on_diagonal = [
         form_terms(U, U) / (U[0] @ (A @ U[0]))
@@ -130,11 +133,13 @@ def _measure_forms(spaces: MixedSpaces, rng: np.random.Generator) -> dict[str, f
             for _ in range(N_DIRECTIONS)
         )
     ]
+    # With ||u||_1 = ||lambda||_{-1/2,h} = <lambda, u> = 1 the form is the matrix [[1, 1], [-1, 0]] of the
+    # coefficients of U and V, and M its norm: the first pair of singular vectors attains it
     flux = np.full(m, 1 / math.sqrt(spaces.operator.D.sum()))
-    of_flux = spaces.response(np.zeros(len(spaces.mesh.points)), flux)
-    left, _, right = np.linalg.svd([[1.0, 1.0], [-1.0, 0.0]])
-    U = (left[:, 0][0] * of_flux, left[:, 0][1] * flux)
-    V = (right[0][0] * of_flux, right[0][1] * flux)
+    u_h = spaces.response(np.zeros(len(spaces.mesh.points)), flux)
+    left_vectors, _, right_vectors = np.linalg.svd([[1.0, 1.0], [-1.0, 0.0]])
+    U = (left_vectors[:, 0][0] * u_h, left_vectors[:, 0][1] * flux)
+    V = (right_vectors[0][0] * u_h, right_vectors[0][1] * flux)
     largest = form_terms(U, V)
     return {
         "diagonal": _farthest_from_1(np.array(on_diagonal) @ [1, -1, 1]),
@@ -156,10 +161,11 @@ def _measure_galerkin(spaces: MixedSpaces) -> dict[str, float]:
     """
     mesh = spaces.mesh
     A = spaces.condensed.A
-    square = 8 + 4 / np.tanh(0.5)
+    square = 8 + 4 / np.tanh(0.5)  # ||v||_1^2
     galerkin = spaces.response(np.zeros(mesh.n_nodes), np.ones(len(spaces.cells)))
     defects = {}
     for name, v_h in (("galerkin", galerkin), ("galerkin_elsewhere", _unit_flux_solution(mesh.points))):
+        # Pythagoras, which holds for the Galerkin approximation alone
         defects[name] = abs(square - float(v_h @ (A @ v_h)) - _squared_unit_flux_error(mesh, v_h)) / square
     return defects
 

@@ -72,22 +72,25 @@ def measure_algorithm(
     """
     rng = np.random.default_rng(0)
     distances = []
-    of_cases = []
-    for of in solve_cases(mesh, partition, cases):
+    rows = []
+    for solved in solve_cases(mesh, partition, cases):
         distances.append(
-            [[_distance_after_steps(of, share, steps, variant) for share in shares] for variant in VARIANTS]
+            [
+                [_distance_after_steps(solved, share, steps, variant) for share in shares]
+                for variant in VARIANTS
+            ]
         )
-        of_cases.append(
-            _measure_saddle(of, of.lambda_H, rng, "")
-            | _measure_saddle(of, of.lambda_H + 1, rng, "_elsewhere")
+        rows.append(
+            _measure_saddle(solved, solved.lambda_H, rng, "")
+            | _measure_saddle(solved, solved.lambda_H + 1, rng, "_elsewhere")
             | {
-                "multiplier_factor": _multiplier_factor(of, 0.5),
-                "multiplier_factor_elsewhere": _multiplier_factor(of, 1.0),
-                "off_cells": _cellwise_variation(of),
+                "multiplier_factor": _multiplier_factor(solved, 0.5),
+                "multiplier_factor_elsewhere": _multiplier_factor(solved, 1.0),
+                "off_cells": _cellwise_variation(solved),
             }
         )
     table: dict[str, Any] = {"distance": (("case", "variant", "rho_share"), np.array(distances))}
-    table |= {name: ("case", [each[name] for each in of_cases]) for name in of_cases[0]}
+    table |= {name: ("case", [row[name] for row in rows]) for name in rows[0]}
     coords = {"case": [case.name for case in cases], "variant": list(VARIANTS), "rho_share": list(shares)}
     return xr.Dataset(table, coords).assign(steps=((), steps))
 
@@ -106,9 +109,10 @@ def _multiplier_factor(solved_case: SolvedCase, share: float) -> float:
     """The norm in L2 of the stationary multiplier with that share of D, over that of lambda_H."""
     spaces = solved_case.spaces
     H_i = solved_case.spaces.partition.lengths
+    # The stationary multiplier minimises share mu.D mu / 2 + offset.(H_i mu) over mu >= 0
     scaled = replace(spaces.operator, D_factor=spaces.operator.D_factor * np.sqrt(share))
-    other = solve_by_active_set(scaled, solved_case.discrete.offset, np.inf).lambda_H
-    return float(np.sqrt(H_i @ other**2 / (H_i @ solved_case.lambda_H**2)))
+    stationary = solve_by_active_set(scaled, solved_case.discrete.offset, np.inf).lambda_H
+    return float(np.sqrt(H_i @ stationary**2 / (H_i @ solved_case.lambda_H**2)))
 
 
 def _measure_saddle(
@@ -127,23 +131,26 @@ def _measure_saddle(
     boundary = spaces.mesh.boundary
     A = spaces.condensed.A
     u_h = spaces.response(load, multiplier)
+    # (u_h, phi_i)_1 - (f, phi_i) - <lambda_H, phi_i>, which is 0 up to rounding
     weak = A @ u_h - load
     weak[boundary] -= spaces.B.T @ multiplier
 
     def L(v: Array, mu: Array) -> float:
+        """The Lagrangian ||v||_1^2 / 2 - (f, v) - <mu, v - g>."""
         return float(0.5 * v @ (A @ v) - load @ v - mu @ (spaces.B @ v[boundary] - H_i * g_means))
 
-    at = L(u_h, multiplier)
+    saddle = L(u_h, multiplier)
     size = np.abs(u_h).max()
     gap = spaces.B @ u_h[boundary] - H_i * g_means
     differences: dict[str, list[float]] = {"saddle_in_v": [], "saddle_in_mu": [], "inequality": []}
     for _ in range(N_DIRECTIONS):
         w = DIRECTION_SIZE * size * rng.standard_normal(len(u_h))
         mu = multiplier.max() * rng.random(len(multiplier))
-        differences["saddle_in_v"].append(L(u_h + w, multiplier) - at)
-        differences["saddle_in_mu"].append(at - L(u_h, mu))
+        differences["saddle_in_v"].append(L(u_h + w, multiplier) - saddle)
+        differences["saddle_in_mu"].append(saddle - L(u_h, mu))
+        # (4.4): A(U_h, V - U_h) - F(V - U_h) = (weak, w) + <mu - lambda_H, u_h - g>
         differences["inequality"].append(float(weak @ w + (mu - multiplier) @ gap))
-    return {f"{name}{suffix}": min(values) / abs(at) for name, values in differences.items()}
+    return {f"{name}{suffix}": min(values) / abs(saddle) for name, values in differences.items()}
 
 
 def _cellwise_variation(solved_case: SolvedCase) -> float:
@@ -158,9 +165,9 @@ def _cellwise_variation(solved_case: SolvedCase) -> float:
     values = np.interp(s, mesh.s, np.append(trace, trace[0])) - (u - gap)
     cell = np.clip(np.searchsorted(partition.points, s, side="right") - 1, 0, partition.n_cells - 1)
     means = np.bincount(cell, rule.weight * values, partition.n_cells) / partition.lengths
-    rest = rule.weight @ (values - means[cell]) ** 2
-    whole = rule.weight @ values**2
-    return float(np.sqrt(rest / whole))
+    variation = rule.weight @ (values - means[cell]) ** 2
+    square = rule.weight @ values**2
+    return float(np.sqrt(variation / square))
 
 
 def measure_certificates(
@@ -171,8 +178,12 @@ def measure_certificates(
     The table is over (case, step), for rho = 0.9/lambda_max(S). The error is ||u(mu) - u_h||_1, relative in
     `u_distance`. `first_term_index` is for the first of the two terms of `residual_bound`, which is no bound.
     """
-    rows = [[_measure_bounds(of, steps) for steps in recorded] for of in solve_cases(mesh, partition, cases)]
-    table = {name: (("case", "step"), [[each[name] for each in row] for row in rows]) for name in rows[0][0]}
+    rows = [
+        [_measure_bounds(solved, steps) for steps in recorded]
+        for solved in solve_cases(mesh, partition, cases)
+    ]
+    dims = ("case", "step")
+    table = {name: (dims, [[values[name] for values in row] for row in rows]) for name in rows[0][0]}
     return xr.Dataset(table, {"case": [case.name for case in cases], "step": list(recorded)})
 
 
@@ -182,7 +193,7 @@ def _measure_bounds(solved_case: SolvedCase, steps: int) -> dict[str, float]:
     rho = 0.9 / operator.lambda_max
     mu = iterate_variant(operator, offset, rho, steps, AS_MEANT)
     error = float(np.linalg.norm(operator.D_factor @ (mu - solved_case.lambda_H)))
-    R = np.minimum(mu, rho * operator.gap(mu, offset))
+    R = np.minimum(mu, rho * operator.gap(mu, offset))  # mu - max(0, mu - rho (u(mu) - g)): the last step
     return {
         "u_distance": error / float(np.linalg.norm(operator.D_factor @ solved_case.lambda_H)),
         "residual_index": residual_bound(operator, offset, mu, rho) / error,
@@ -197,15 +208,18 @@ def measure_split(mesh: Mesh, partition: Partition, cases: Sequence[ExactSolutio
     The table is over the cases. `..._elsewhere` is the same with H ||lambda-lambda_H||_0^2 as second term.
     """
     defects = []
-    for of in solve_cases(mesh, partition, cases):
-        ritz = of.exact.ritz
-        lambda_H = of.lambda_H
-        left = h1_distance(ritz.case, mesh, of.spaces.response(of.discrete.load, lambda_H)) ** 2
-        seconds = (
-            ritz.discrete_dual_norm(of.exact.boundary_load(of.spaces, lambda_H)) ** 2,
-            partition.H * of.exact.cell_means.l2_error(lambda_H) ** 2,
+    for solved in solve_cases(mesh, partition, cases):
+        ritz = solved.exact.ritz
+        lambda_H = solved.lambda_H
+        # ||u - u_h||_1^2 against ||u - z_h||_1^2 + the second term, the true and the spoilt one
+        square = h1_distance(ritz.case, mesh, solved.spaces.response(solved.discrete.load, lambda_H)) ** 2
+        second_terms = (
+            ritz.discrete_dual_norm(solved.exact.boundary_load(solved.spaces, lambda_H)) ** 2,
+            partition.H * solved.exact.cell_means.l2_error(lambda_H) ** 2,
         )
-        defects.append([abs(ritz.ritz_error**2 + second - left) / left for second in seconds])
+        defects.append(
+            [abs(ritz.ritz_error**2 + second_term - square) / square for second_term in second_terms]
+        )
     table = dict(zip(("split_defect", "split_defect_elsewhere"), np.transpose(defects), strict=True))
     coords = {"case": [case.name for case in cases]}
     return xr.Dataset({name: ("case", column) for name, column in table.items()}, coords)
@@ -218,16 +232,16 @@ def measure_uniqueness(mesh: Mesh, partition: Partition) -> xr.Dataset:
     `same_u` how far its u_h is from that of the first, in ||.||_1 relative to it.
     """
     spaces = mixed_spaces(condense(mesh), partition)
-    one = np.ones(partition.n_cells)
-    kernel = (-1.0) ** np.arange(partition.n_cells) / partition.lengths
-    other = one + 0.5 * kernel / np.abs(kernel).max()
-    gap = spaces.operator.gap(other, -spaces.operator.gap(one, np.zeros(partition.n_cells)))
-    norm = np.linalg.norm(spaces.operator.D_factor @ one)
+    lambda_H = np.ones(partition.n_cells)
+    kernel = (-1.0) ** np.arange(partition.n_cells) / partition.lengths  # <kernel, v> = 0 for v in V_h
+    mu = lambda_H + 0.5 * kernel / np.abs(kernel).max()
+    gap = spaces.operator.gap(mu, -spaces.operator.gap(lambda_H, np.zeros(partition.n_cells)))
+    norm = np.linalg.norm(spaces.operator.D_factor @ lambda_H)
     return xr.Dataset(
         {
             "violation": ((), float(np.abs(gap).max())),
-            "same_u": ((), float(np.linalg.norm(spaces.operator.D_factor @ (other - one)) / norm)),
-            "multiplier_distance": ((), float(np.sqrt(partition.lengths @ (other - one) ** 2))),
+            "same_u": ((), float(np.linalg.norm(spaces.operator.D_factor @ (mu - lambda_H)) / norm)),
+            "multiplier_distance": ((), float(np.sqrt(partition.lengths @ (mu - lambda_H) ** 2))),
         }
     )
 
@@ -242,17 +256,18 @@ def measure_elimination(meshes: Sequence[Mesh], partitions: Sequence[Partition],
     for k, (mesh, partition) in enumerate(zip(meshes, partitions, strict=True)):
         condensed = condense(mesh)
         spaces = mixed_spaces(condensed, partition)
-        alone = factorise_by_dissection(condensed.A)
+        factors = factorise_by_dissection(condensed.A)
         m = partition.n_cells
         nb = len(mesh.boundary)
         nnz = spaces.B.nnz
+        # One product y -> S y: by A and by A_3 as section 5 has them, and by S
         counts[:, k] = (
-            operations.count_product_by_A(m, nb, nnz, operations.count_factors(alone.lu)),
+            operations.count_product_by_A(m, nb, nnz, operations.count_factors(factors.lu)),
             operations.count_product_by_A_3(m, nb, nnz),
             operations.count_product_by_S(m),
         )
         if k == 0:
-            difference = _compare_eliminations(alone, spaces, steps)
+            difference = _compare_eliminations(factors, spaces, steps)
     sizes = {"h": [mesh.h for mesh in meshes], "unknowns": [mesh.n_nodes for mesh in meshes]}
     table = {name: ("mesh", row) for name, row in zip(("with_A", "with_A_3", "with_S"), counts, strict=True)}
     coordinates = {name: ("mesh", values) for name, values in sizes.items()}
@@ -265,13 +280,14 @@ def _compare_eliminations(factors: SparseFactors, spaces: MixedSpaces, steps: in
     condensed = spaces.condensed
     boundary = condensed.mesh.boundary
     rho = 1 / spaces.operator.lambda_max
-    full = np.zeros(len(H_i))
-    small = np.zeros(len(H_i))
+    lambda_A = np.zeros(len(H_i))
+    lambda_A_3 = np.zeros(len(H_i))
+    # (5.1)-(5.3) with f = 0, g = 1: lambda <- max(0, lambda - rho (means of u - 1)), A u = B^T lambda
     for _ in range(steps):
         load = np.zeros(condensed.mesh.n_nodes)
-        load[boundary] = spaces.B.T @ full
+        load[boundary] = spaces.B.T @ lambda_A
         u = factors.solve(load)[boundary]
-        v = condensed.solve_boundary(spaces.B.T @ small)
-        full = np.maximum(0, full - rho * (spaces.B @ u / H_i - 1))
-        small = np.maximum(0, small - rho * (spaces.B @ v / H_i - 1))
+        v = condensed.solve_boundary(spaces.B.T @ lambda_A_3)
+        lambda_A = np.maximum(0, lambda_A - rho * (spaces.B @ u / H_i - 1))
+        lambda_A_3 = np.maximum(0, lambda_A_3 - rho * (spaces.B @ v / H_i - 1))
     return float(np.abs(u - v).max() / np.abs(v).max())

@@ -30,22 +30,22 @@ def try_algorithm(
     h = parse_real(study["h"], "algorithm.h")
     H = parse_real(study["H"], "algorithm.H")
     mesh = make_structured_mesh(polygon, h)
-    cells = make_uniform_partition(polygon, H)
-    finest = make_uniform_partition(polygon, h)
+    partition = make_uniform_partition(polygon, H)
+    finest_partition = make_uniform_partition(polygon, h)
     shares = [float(share) for share in study["shares"]]
     recorded = study["recorded_steps"]
     sizes = [parse_real(size, "algorithm.eliminated") for size in study["eliminated"]]
     meshes = [make_structured_mesh(polygon, size) for size in sizes]
     partitions = [make_uniform_partition(polygon, size * H / h) for size in sizes]
-    made = {
-        steps: measure.measure_algorithm(mesh, cells, cases, shares, study["steps"]),
-        certificates: measure.measure_certificates(mesh, cells, cases, recorded),
-        singular: measure.measure_certificates(mesh, finest, cases, recorded),
-        uniqueness: measure.measure_uniqueness(mesh, finest),
-        unique: measure.measure_uniqueness(mesh, cells),
+    tables_by_path = {
+        steps: measure.measure_algorithm(mesh, partition, cases, shares, study["steps"]),
+        certificates: measure.measure_certificates(mesh, partition, cases, recorded),
+        singular: measure.measure_certificates(mesh, finest_partition, cases, recorded),
+        uniqueness: measure.measure_uniqueness(mesh, finest_partition),
+        unique: measure.measure_uniqueness(mesh, partition),
         elimination: measure.measure_elimination(meshes, partitions, study["compared_steps"]),
-        split: measure.measure_split(mesh, cells, cases),
-        formulation: statements(mesh, cells, cases),
+        split: measure.measure_split(mesh, partition, cases),
+        formulation: statements(mesh, partition, cases),
     }
-    for path, table in made.items():
+    for path, table in tables_by_path.items():
         tables.save_table(table, path, "algorithm", {"algorithm": study})

@@ -23,8 +23,8 @@ def exponents(
     """The smallest or the largest exponent of a variable over H, of the cases."""
     data = tables[table].sel(case=list(cases))
     quantity = f"the {'smallest' if is_minimum else 'largest'} exponent of $H$"
-    found = name_values(period_exponent(data, variable), "{case}")
-    return require_preconditions(pick_worst(found, quantity, required, is_minimum), _algebraic_faults(data))
+    named = name_values(period_exponent(data, variable), "{case}")
+    return require_preconditions(pick_worst(named, quantity, required, is_minimum), _algebraic_faults(data))
 
 
 def consistency(tables: Tables, table: str, at_most: float) -> Evidence:
@@ -41,6 +41,7 @@ def theorem_1_sharpness(tables: Tables, table: str, cases: Sequence[str], at_mos
     data = tables[table].sel(case=list(cases))
     sigma = data["flux_order"]
     tau = data["gap_order"]
+    # Theorem 1: D ~ H^{min(sigma + 1/2, (sigma + tau)/2)}
     distance = abs(period_exponent(data, "discrete_error") - np.minimum(sigma + 0.5, (sigma + tau) / 2))
     quantity = "the distance of the exponent of $D$ from that of Theorem 1"
     return require_preconditions(
@@ -51,9 +52,9 @@ def theorem_1_sharpness(tables: Tables, table: str, cases: Sequence[str], at_mos
 def alternating_rates(tables: Tables, table: str, gamma: float, at_most: float) -> Evidence:
     """How far rates of D are from (sigma + tau)/2 = (alpha + gamma)/2; each cell has contact and a gap."""
     data = tables[table].sel(gamma=gamma)
-    found = name_values(abs(partition_rates(data) - (float(data["alpha"]) + gamma) / 2), "from H = {H:g}")
+    named = name_values(abs(partition_rates(data) - (float(data["alpha"]) + gamma) / 2), "from H = {H:g}")
     quantity = r"the distance of a rate of $D$ from $(\sigma + \tau)/2$"
-    return require_preconditions(pick_worst(found, quantity, at_most, False), _algebraic_faults(data))
+    return require_preconditions(pick_worst(named, quantity, at_most, False), _algebraic_faults(data))
 
 
 def beyond_theorem(tables: Tables, table: str, cases: Sequence[str], at_least: float) -> Evidence:
@@ -61,9 +62,9 @@ def beyond_theorem(tables: Tables, table: str, cases: Sequence[str], at_least: f
     data = tables[table].sel(case=list(cases))
     proved = (data["flux_order"] + data["gap_order"]) / 2
     best = data["flux_order"] + 0.5
-    found = name_values((period_exponent(data, "discrete_error") - proved) / (best - proved), "{case}")
+    named = name_values((period_exponent(data, "discrete_error") - proved) / (best - proved), "{case}")
     quantity = r"the exponent of $D$, on the way from $(\sigma + \tau)/2$ to $\sigma + 1/2$"
-    return require_preconditions(pick_worst(found, quantity, at_least, True), _algebraic_faults(data))
+    return require_preconditions(pick_worst(named, quantity, at_least, True), _algebraic_faults(data))
 
 
 def partition_rates(data: xr.Dataset) -> xr.DataArray:
@@ -75,6 +76,7 @@ def partition_rates(data: xr.Dataset) -> xr.DataArray:
 
 def period_exponent(data: xr.Dataset, variable: str) -> xr.DataArray:
     """The exponent of a variable over H by case, the mean over the starts."""
+    # log(v_1 / v_2) / log(H_1 / H_2) over one period, from each start
     values = xr.ufuncs.log(data[variable]).diff("level")
     sizes = xr.ufuncs.log(data["H"]).diff("level")
     return (values / sizes).mean(["start", "level"], skipna=False)

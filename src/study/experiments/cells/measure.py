@@ -46,18 +46,20 @@ def measure_cells(study: Mapping[str, Any], stop: Mapping[str, Any], errors: str
     """Write the errors at a Cantor set, and those with a transition in each cell."""
     domain = scenes.scene_polygon(study)
     chosen = Stop(**stop, algorithm=study["algorithm"])
-    given = {"cells": study, "stop": stop}
-    of = study["alternating"]
+    parameters = {"cells": study, "stop": stop}
+    alternating_study = study["alternating"]
     mesh = make_structured_mesh(domain, parse_real(study["h"], "cells.h"))
     sizes = [parse_real(H, "cells.H") for H in study["H"]]
     table = measure(mesh, scenes.load_cases(study), sizes, study["period"], chosen)
-    tables.save_table(table, errors, "cells", given)
-    mesh = make_structured_mesh(domain, parse_real(of["h"], "cells.alternating.h"))
+    tables.save_table(table, errors, "cells", parameters)
+    mesh = make_structured_mesh(domain, parse_real(alternating_study["h"], "cells.alternating.h"))
     where = "cells.alternating"
-    exact = [parse_fraction(x, where) for x in of["H"]]
-    gammas = [parse_fraction(x, where) for x in of["gammas"]]
-    table = measure_alternating(mesh, exact, parse_fraction(of["alpha"], where), gammas, chosen)
-    tables.save_table(table, alternating, "cells", given)
+    alternating_sizes = [parse_fraction(x, where) for x in alternating_study["H"]]
+    gammas = [parse_fraction(x, where) for x in alternating_study["gammas"]]
+    table = measure_alternating(
+        mesh, alternating_sizes, parse_fraction(alternating_study["alpha"], where), gammas, chosen
+    )
+    tables.save_table(table, alternating, "cells", parameters)
 
 
 def measure(
@@ -67,7 +69,7 @@ def measure(
 
     Raises InputError where the cases do not have one u, which is a Cantor atom.
     """
-    flux_orders = []
+    flux_orders = []  # sigma of Theorem 1
     for case in cases:
         (atom,) = case.atoms
         if not isinstance(atom, CantorAtom) or case.declaration["u"] != cases[0].declaration["u"]:
@@ -75,7 +77,7 @@ def measure(
         flux_orders.append(atom.flux_order)
     condensed = condense(mesh)
     ritz = ritz_projection(cases[0], condensed)
-    H = np.array(sizes)[:, None] / [1.0, period]
+    H = np.array(sizes)[:, None] / [1.0, period]  # by start and level
     measured = np.array(
         [
             [
@@ -86,7 +88,8 @@ def measure(
         ]
     )
     by_name = measured.transpose(3, 2, 0, 1)
-    table = {name: (("case", "start", "level"), of) for name, of in zip(CELL_VARIABLES, by_name, strict=True)}
+    dims = ("case", "start", "level")
+    table = {name: (dims, values) for name, values in zip(CELL_VARIABLES, by_name, strict=True)}
     return xr.Dataset(
         table
         | {
@@ -105,10 +108,7 @@ def measure_partition(
     partition: Partition,
     stop: Stop,
 ) -> Array:
-    """Errors by case and by `CELL_VARIABLES` on one partition.
-
-    The shape is (case, MEASURED).
-    """
+    """Errors (case, variable) on one partition, in the order of `CELL_VARIABLES`."""
     spaces = mixed_spaces(condensed, partition)
     rows = []
     for case, cells in zip(cases, cell_means_of_gaps(cases, partition), strict=True):
@@ -135,11 +135,13 @@ def alternating_cases(
     )
     cases = []
     for gamma in gammas:
-        parts = [pos(ALTERNATING_START - T, gamma), pos(T - 1 + ALTERNATING_START, gamma)]
-        parts += [
+        # The gap is 0 between t = 1/4 and 3/4 but on the second half of each cell: there it is
+        # ((t - a - H/2) (a + H - t) / (H/2))^gamma, like s^gamma at both of its ends
+        gap_terms = [pos(ALTERNATING_START - T, gamma), pos(T - 1 + ALTERNATING_START, gamma)]
+        gap_terms += [
             pos((T - a - H / 2) * (a + H - T), gamma) / rational_expression(H / 2) ** gamma for a in starts
         ]
-        gap = sum_terms(term for part in parts for term in part.terms)
+        gap = sum_terms(term for expression in gap_terms for term in expression.terms)
         gaps = (gap, *[rational_expression(ALTERNATING_START) ** gamma] * (polygon.n_sides - 1))
         cases.append(ExactSolution(f"gamma {gamma}, H {H}", {}, polygon, atoms, gaps))
     return cases
@@ -159,5 +161,5 @@ def measure_alternating(
         )
     values = np.array(rows)
     table = {name: (("partition", "gamma"), values[..., k]) for k, name in enumerate(CELL_VARIABLES)}
-    coords = {"gamma": [float(each) for each in gammas], "h": mesh.h, "alpha": float(alpha)}
+    coords = {"gamma": [float(gamma) for gamma in gammas], "h": mesh.h, "alpha": float(alpha)}
     return xr.Dataset(table, coords=coords | {"H": ("partition", [float(H) for H in sizes])})

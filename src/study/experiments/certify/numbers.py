@@ -17,10 +17,10 @@ def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, A
     `half` is the error with half the load over that of the mixed method, for `clamped` on the coarsest mesh.
     """
     index = bound_indices(results["certify/solutions"]).sel(case="natural")
-    of_penalty = index.sel(scheme=f"penalty {study['certify']['penalties'][0]}/h").values
+    penalty_indices = index.sel(scheme=f"penalty {study['certify']['penalties'][0]}/h").values
     errors = results["certify/solutions"]["certified_error"].sel(case="clamped").isel(mesh=0)
     half = float(errors.sel(scheme="half the load") / errors.sel(scheme="mixed method"))
-    penalty = {"coarsest": float(of_penalty[0]), "finest": float(of_penalty[-1])}
+    penalty = {"coarsest": float(penalty_indices[0]), "finest": float(penalty_indices[-1])}
     return {"certify": {"penalty": penalty, "half": half, "sweeps": study["certify"]["sweeps"]}}
 
 
@@ -40,10 +40,10 @@ def tabulate_solutions(table: xr.Dataset) -> pd.DataFrame:
     for case in table["case"].values:
         for scheme in table["scheme"].values:
             row = {"case": f"`{case}`", "method": str(scheme)}
-            of = table.sel(case=case, scheme=scheme)
+            runs = table.sel(case=case, scheme=scheme)
             for k, h in enumerate(table["h"].values):
-                at = f"h = {format_value(float(h), '1/n')}"
-                row[f"error, {at}"] = f"{float(of['certified_error'][k]):.3g}"
-                row[f"bound/error, {at}"] = f"{float(bound_indices(of)[k]):.2f}"
+                size = f"h = {format_value(float(h), '1/n')}"
+                row[f"error, {size}"] = f"{float(runs['certified_error'][k]):.3g}"
+                row[f"bound/error, {size}"] = f"{float(bound_indices(runs)[k]):.2f}"
             rows.append(row)
     return pd.DataFrame(rows)

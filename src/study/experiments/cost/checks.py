@@ -19,7 +19,7 @@ def relative_step_growth(
     rows: dict[str, float] = {}
     for ratio in share["H_over_h"].values:
         data = share.sel(H_over_h=ratio).dropna("H")
-        factors = data.values[1:] / data.values[:-1]
+        factors = data.values[1:] / data.values[:-1]  # from one H to the next
         rows |= {
             f"H/h = {ratio:g}, H = {H:g}": float(f)
             for H, f in zip(data["H"].values[1:], factors, strict=True)
@@ -80,6 +80,7 @@ def step_economy(tables: Tables, at_least: float) -> Evidence:
     """
     algebra = tables["cost/algebra"]
     share = algebra["step_operations"].sel(algebra="A") / algebra["step_operations"].sel(algebra="S")
+    # Nested dissection: a solve with A takes O(n log n) operations, a product with S O(m^2) = O(n)
     over_log = share.values / np.log(algebra["unknowns"].sel(algebra="S").values)
     rows = {
         f"h = {h:g}": float(growth)

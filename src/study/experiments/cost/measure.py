@@ -62,22 +62,22 @@ def measure_cost(
     rows: dict[tuple[Variant, float], CostRow] = {}
     for (name, declared), norm in zip(scene.items(), norms, strict=True):
         gram = Gram.from_table(tables.load_table(norm))
-        here = [variant for variant in variants if variant.scene == name]
+        scene_variants = [variant for variant in variants if variant.scene == name]
         for h in study["h"][name]:
             mesh = make_structured_mesh(scenes.scene_polygon(declared), parse_real(h, "cost.h"))
-            rows |= measure(mesh, scenes.load_cases(declared), gram, here, sizes, study)
-    given = {f"scenes.{name}": declared for name, declared in scene.items()}
-    given |= {f"cost.{field}": value for field, value in study.items()}
+            rows |= measure(mesh, scenes.load_cases(declared), gram, scene_variants, sizes, study)
+    parameters = {f"scenes.{name}": declared for name, declared in scene.items()}
+    parameters |= {f"cost.{field}": value for field, value in study.items()}
     for axis, path in zip(planned, axes, strict=True):
-        tables.save_table(tabulate_axis(axis, rows, sizes, study["stops"]), path, "cost", given)
+        tables.save_table(tabulate_axis(axis, rows, sizes, study["stops"]), path, "cost", parameters)
 
 
 def plan_axes(study: Mapping[str, Any]) -> list[Variation]:
     """The study's axes. Each field that one changes has the base's value first, then the others."""
     base = study["base"] | {"H_over_h": parse_real(study["base"]["H_over_h"], "cost.base.H_over_h")}
     axes = []
-    for others in study["axes"].values():
-        values = {field: [study["base"][field], *given] for field, given in others.items()}
+    for declared in study["axes"].values():
+        values = {field: [study["base"][field], *varied] for field, varied in declared.items()}
         if "H_over_h" in values:
             values["H_over_h"] = [parse_real(ratio, "cost.axes.H_over_h") for ratio in values["H_over_h"]]
         changes = [dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())]
@@ -98,13 +98,14 @@ def measure(
     `gram` holds the dual norm's forms for the cases, in their order. Of the study the limits of runs are
     read. A variant in another precision has to follow its twin in double precision.
     """
+    # Factors of A with the boundary nodes last, whose last block gives A_3; and by dissection of all nodes
     eliminated = factorise_by_dissection(form_matrix(mesh), mesh.boundary)
     condensed = condense_factors(mesh, eliminated)
     factors = factorise_by_dissection(form_matrix(mesh))
     with_boundary_last = operations.count_factors(eliminated.lu)
     counts = {"A": operations.count_factors(factors.lu), "A_3": with_boundary_last, "S": with_boundary_last}
-    named = {variant.case for variant in variants}
-    ritz = {case.name: ritz_projection(case, condensed) for case in cases if case.name in named}
+    case_names = {variant.case for variant in variants}
+    ritz = {case.name: ritz_projection(case, condensed) for case in cases if case.name in case_names}
 
     rows: dict[tuple[Variant, float], CostRow] = {}
     for ratio in dict.fromkeys(variant.H_over_h for variant in variants):
@@ -113,13 +114,22 @@ def measure(
             continue
         spaces = mixed_spaces(condensed, make_uniform_partition(mesh.polygon, ratio * mesh.h))
         form = gram.coarsen(spaces.partition)
-        for c, case in enumerate(cases):
-            here = [each for each in variants if (each.case, each.H_over_h) == (case.name, ratio)]
-            if not here:
+        for case_index, case in enumerate(cases):
+            case_variants = [
+                variant for variant in variants if (variant.case, variant.H_over_h) == (case.name, ratio)
+            ]
+            if not case_variants:
                 continue
             exact = CaseProjections(ritz[case.name], cell_means(case, spaces.partition))
-            posed = PosedCase(exact, discretise_case(spaces, exact), form, c, factors, counts)
-            for variant in here:
+            posed = PosedCase(
+                exact=exact,
+                discrete=discretise_case(spaces, exact),
+                form=form,
+                case_index=case_index,
+                factors=factors,
+                counts=counts,
+            )
+            for variant in case_variants:
                 max_steps = study["max_steps"] if variant.algebra == "S" else study["costly_steps"]
                 twin = rows.get((variant._replace(precision="float64"), H))
                 if twin and np.isfinite(twin["steps"]).any():
@@ -133,14 +143,17 @@ def _measure_run(posed: PosedCase, variant: Variant, stops: Sequence[float], max
     reached = run_to_levels(posed, variant, stops, max_steps)
     setup, step, totals = count_operations(posed, variant, reached)
     method, rho = method_and_step(variant.algorithm, posed.spaces)
-    errors = np.reshape([posed.errors(each.lambda_H) for each in reached], (len(reached), len(RUN_ERRORS))).T
+    errors = np.reshape(
+        [posed.errors(level.lambda_H) for level in reached], (len(reached), len(RUN_ERRORS))
+    ).T
     at_levels: dict[str, Sequence[float]] = dict(zip(RUN_ERRORS, errors.tolist(), strict=True))
     at_levels |= {
-        "steps": [each.steps for each in reached],
-        "operator_applications": [each.applications for each in reached],
-        "factorisations": [1 + (method == "newton") * each.steps for each in reached],
+        "steps": [level.steps for level in reached],
+        "operator_applications": [level.applications for level in reached],
+        # Newton factorises S on the cells in contact in every step
+        "factorisations": [1 + (method == "newton") * level.steps for level in reached],
         "operations": totals,
-        "algebraic_bound": [each.bound for each in reached],
+        "algebraic_bound": [level.bound for level in reached],
     }
     missing = [math.nan] * (len(stops) - len(reached))
     spaces = posed.spaces

@@ -91,19 +91,23 @@ def recommend(cases: xr.Dataset, H_over_h: float, coarsest: float) -> dict[str, 
     """Over all cases: the loss against the best H/h, that H/h, the stop that `natural` needs, the work that
     Uzawa adds to the set-up, and the factor of work for half the error.
     """
-    lost = loss_spans(cases, coarsest)
-    both = ("h1", "hm12")
+    losses = loss_spans(cases, coarsest)
+    norms = ("h1", "hm12")
     by_norm = prices_by_norm(split_by_case(cases), H_over_h, coarsest)
     added = [price.over_setup - 1 for price in by_norm["h1"].values()]
     return {
         "cases": cases.sizes["case"],
         "compared_at": trade.COMPARED_LEVEL,
         "lowest": float(cases["stop"].min()),
-        "loss": {norm: {work: by[H_over_h][1] - 1 for work, by in lost[norm].items()} for norm in both},
-        "best_ratio": {norm: {work: best_ratio(by) for work, by in lost[norm].items()} for norm in lost},
+        "loss": {
+            norm: {work: spans[H_over_h][1] - 1 for work, spans in losses[norm].items()} for norm in norms
+        },
+        "best_ratio": {
+            norm: {work: best_ratio(spans) for work, spans in losses[norm].items()} for norm in losses
+        },
         "enough": {"hm12": {"natural": by_norm["hm12"]["natural"].stop}},
         "uzawa_adds": {"least": min(added), "most": max(added)},
-        "halving": {norm: max(price.halving for price in by_norm[norm].values()) for norm in both},
+        "halving": {norm: max(price.halving for price in by_norm[norm].values()) for norm in norms},
     }
 
 
@@ -134,16 +138,16 @@ def loss_spans(cases: xr.Dataset, coarsest: float) -> dict[str, dict[str, Spans]
     """
     spans: dict[str, dict[str, Spans]] = {}
     for norm in ERROR_NORMS:
-        of_setup = []
-        of_uzawa = []
+        setup_losses = []
+        uzawa_losses = []
         for case in split_by_case(cases).values():
             error = trade.relative_errors(case, norm)
             work = case["operations"]
             discrete = (error / trade.error_excess(case, norm)).isel(stop=-1)
-            of_setup.append(trade.losses_by_ratio(discrete, case["setup_operations"]))
+            setup_losses.append(trade.losses_by_ratio(discrete, case["setup_operations"]))
             stop = trade.sufficient_stop(case, norm, coarsest)
-            of_uzawa.append(trade.losses_by_ratio(error.sel(stop=stop), work.sel(stop=stop)))
-        spans[norm] = {"setup": _common_spans(of_setup), "uzawa": _common_spans(of_uzawa)}
+            uzawa_losses.append(trade.losses_by_ratio(error.sel(stop=stop), work.sel(stop=stop)))
+        spans[norm] = {"setup": _common_spans(setup_losses), "uzawa": _common_spans(uzawa_losses)}
     return spans
 
 
@@ -163,12 +167,12 @@ def best_ratio(spans: Spans) -> float:
 
 def tabulate_ratios(cases: xr.Dataset, coarsest: float) -> pd.DataFrame:
     """Per norm and H/h the error at the same work over that of the best H/h."""
-    lost = loss_spans(cases, coarsest)
-    ratios = sorted({ratio for by_work in lost.values() for spans in by_work.values() for ratio in spans})
+    losses = loss_spans(cases, coarsest)
+    ratios = sorted({ratio for by_work in losses.values() for spans in by_work.values() for ratio in spans})
     rows = [
         {"error of": ERROR_TITLES[norm], "work": WORK_TITLES[counted]}
         | {f"{ratio:g}": format_span(spans[ratio], ".2f") if ratio in spans else "" for ratio in ratios}
-        for norm, by_work in lost.items()
+        for norm, by_work in losses.items()
         for counted, spans in by_work.items()
     ]
     return pd.DataFrame(rows)
@@ -192,17 +196,17 @@ def tabulate_price_spans(cases: xr.Dataset, H_over_h: float, coarsest: float) ->
     """The least and the largest of `prices_by_norm` over all cases, per norm."""
     rows = []
     for norm, by_name in prices_by_norm(split_by_case(cases), H_over_h, coarsest).items():
-        found = pd.DataFrame(by_name.values())
+        prices = pd.DataFrame(by_name.values())
         titles = {
             "stop": "stop that was enough, of ‖u−u_h‖₁",
             "operations": "operations",
-            "error": f"relative error at h = {format_value(found['h'][0], '1/n')}",
+            "error": f"relative error at h = {format_value(prices['h'][0], '1/n')}",
             "halving": "half of it costs",
         }
         rows.append(
             {"for the error of": ERROR_TITLES[norm]}
             | {
-                titles[name]: format_span(found[name], spec)
+                titles[name]: format_span(prices[name], spec)
                 for name, spec in PRICE_COLUMNS.values()
                 if name in titles
             }
@@ -215,19 +219,19 @@ def tabulate_price_spans(cases: xr.Dataset, H_over_h: float, coarsest: float) ->
 
 def compare_algorithms(crossed: xr.Dataset, H_over_h: float, stop: float) -> xr.Dataset:
     """The steps of each algorithm to a level on the finest mesh, and its work over that of the cheapest."""
-    at = crossed.sel(H_over_h=H_over_h).dropna("H", how="all", subset=["steps"]).isel(H=-1)
-    here = at[["steps", "operations"]].sel(stop=stop, method="nearest")
-    return here.assign(work=here["operations"] / here["operations"].min("algorithm"))
+    finest = crossed.sel(H_over_h=H_over_h).dropna("H", how="all", subset=["steps"]).isel(H=-1)
+    compared = finest[["steps", "operations"]].sel(stop=stop, method="nearest")
+    return compared.assign(work=compared["operations"] / compared["operations"].min("algorithm"))
 
 
 def tabulate_algorithms(crossed: xr.Dataset, H_over_h: float) -> pd.DataFrame:
     """The steps of each algorithm to some levels, and its work over that of the cheapest."""
     rows = [{"algorithm": title} for title in ALGORITHM_TITLES.values()]
     for stop in COMPARED_LEVELS:
-        here = compare_algorithms(crossed, H_over_h, stop)
+        compared = compare_algorithms(crossed, H_over_h, stop)
         level = format_value(stop, "10^")
         for row, name in zip(rows, ALGORITHM_TITLES, strict=True):
-            run = here.sel(algorithm=name)
+            run = compared.sel(algorithm=name)
             row[f"steps to {level}"] = format_value(float(f"{run['steps'].item():.2g}"), "space")
             row[f"work to {level}"] = f"{run['work'].item():.2f}"
     return pd.DataFrame(rows)
@@ -255,18 +259,18 @@ def newton_share(crossed: xr.Dataset, H_over_h: float) -> float:
     newton = crossed.sel(algorithm="newton", H_over_h=H_over_h).sel(
         stop=trade.COMPARED_LEVEL, method="nearest"
     )
-    at = newton.dropna("H").isel(H=-1)
-    return float(at["operations"] / at["setup_operations"] - 1)
+    finest = newton.dropna("H").isel(H=-1)
+    return float(finest["operations"] / finest["setup_operations"] - 1)
 
 
 def step_exponents(crossed: xr.Dataset, coarsest: float) -> dict[str, Any]:
     """The exponents p of steps ~ H^-p, over H/h; by how many the steps of the active set grow at most."""
     ratios = [float(ratio) for ratio in crossed["H_over_h"].values if ratio <= MAX_GROWTH_RATIO]
-    found: dict[str, Any] = {"largest_ratio": MAX_GROWTH_RATIO}
+    exponents: dict[str, Any] = {"largest_ratio": MAX_GROWTH_RATIO}
     for name in ("uzawa", "nesterov"):
         powers = [trade.growth_exponent(crossed, name, ratio, coarsest) for ratio in ratios]
-        found[name] = {"least": min(powers), "most": max(powers)}
-    return found | {"newton_more": int(crossed["steps"].sel(algorithm="newton").diff("H").max())}
+        exponents[name] = {"least": min(powers), "most": max(powers)}
+    return exponents | {"newton_more": int(crossed["steps"].sel(algorithm="newton").diff("H").max())}
 
 
 # Algebra and precision.
@@ -286,7 +290,8 @@ def weigh_elimination(crossed: xr.Dataset, algebra: xr.Dataset, H_over_h: float)
     }
     return over_A | {
         "coarse": {"h": float(h[0]), "A": float(over_S.sel(algebra="A")[0])},
-        "fine": {"h": float(h[-1])} | {by: float(over_S.sel(algebra=by)[-1]) for by in ("A", "A_3")},
+        "fine": {"h": float(h[-1])}
+        | {matrix: float(over_S.sel(algebra=matrix)[-1]) for matrix in ("A", "A_3")},
         "level": COMPARED_LEVELS[0],
         "setup": float(setup.sel(algebra="S") / setup.sel(algebra="A")),
         "pays_after": math.ceil(trade.break_even_steps(algebra)[-1]),

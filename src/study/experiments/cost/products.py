@@ -36,6 +36,7 @@ def make_product_by_A(factors: SparseFactors, spaces: MixedSpaces) -> ApplyS:
     load = np.zeros(spaces.mesh.n_nodes)
 
     def apply(y: Array, out: Array) -> None:
+        """H_i^{-1/2} B A^{-1} B^T H_i^{-1/2} y."""
         load[boundary] = spaces.B.T @ (y / root)
         np.divide(spaces.B @ factors.solve(load)[boundary], root, out=out)
 
@@ -47,6 +48,7 @@ def make_product_by_A_3(spaces: MixedSpaces) -> ApplyS:
     root = np.sqrt(spaces.operator.H_i)
 
     def apply(y: Array, out: Array) -> None:
+        """H_i^{-1/2} B A_3^{-1} B^T H_i^{-1/2} y."""
         np.divide(spaces.B @ spaces.condensed.solve_boundary(spaces.B.T @ (y / root)), root, out=out)
 
     return apply
@@ -62,13 +64,14 @@ def make_single_product(operator: DualOperator) -> ApplyS:
     S = operator.S.astype(np.float32)
 
     def apply(y: Array, out: Array) -> None:
+        """The product in float32, stored in float64."""
         out[:] = S @ y.astype(np.float32)
 
     return apply
 
 
 def make_refined_product(operator: DualOperator) -> ApplyS:
-    """y -> S y_0 + S (y - y_0), the increment in single precision; every REFRESH products y_0 = y, in double.
+    """y -> S y_0 + S (y - y_0), the increment in single precision; every 50 products y_0 = y, in double.
 
     Iterative refinement, see N. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., chapter 12.
     """
@@ -79,6 +82,7 @@ def make_refined_product(operator: DualOperator) -> ApplyS:
     count = 0
 
     def apply(y: Array, out: Array) -> None:
+        """S y_0 + S (y - y_0), of which the first is kept from one refresh to the next."""
         nonlocal count
         if count % PRODUCTS_PER_REFRESH == 0:
             np.copyto(anchor, y)

@@ -43,10 +43,10 @@ class Variant(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PosedCase:
-    """A case on a mesh and a partition, with the dual norm's forms there, in which it has the number `case_index`.
+    """A case on a mesh and a partition, with the dual norm's forms there.
 
-    `factors` are those of A for steps without elimination of the interior; `counts` has the counts of A's
-    factors, by the matrix of a step.
+    In these it has the number `case_index`. `factors` are those of A for steps without elimination of the
+    interior; `counts` has the counts of A's factors, by the matrix of a step.
     """
 
     exact: CaseProjections
@@ -66,11 +66,7 @@ class PosedCase:
         """`errors` of the discrete solution (u_h, lambda_H)."""
         tolerance = DISCRETE_TOLERANCE_SHARE * self.exact.ritz.ritz_error
         solution = uzawa(
-            self.spaces.operator,
-            self.discrete.offset,
-            tolerance,
-            max_steps=MAX_NEWTON_STEPS,
-            method="newton",
+            self.spaces.operator, self.discrete.offset, tolerance, max_steps=MAX_NEWTON_STEPS, method="newton"
         )
         return self.errors(solution.lambda_H)
 
@@ -85,6 +81,7 @@ class PosedCase:
         lower, upper = self.form.error_bounds(
             self.case_index, (self.exact.cell_means.lambda_means - mu)[None]
         )
+        # ||lambda - mu||_{-1/2} is at least its discrete norm D
         return errors.h1, max(float(lower[0]), errors.hm12_discrete), float(upper[0]), errors.l2
 
 
@@ -155,6 +152,7 @@ class History:
     def _residual_bound(self, y: Array) -> float:
         """The bound of `residual_bound`, in double precision whatever the loop's own is."""
         S = self.operator.S
+        # ||u(mu) - u_h||_1 <= ||R||_S + ||R||_0 / (rho lambda_min(S)^{1/2}), R = y - max(0, y - rho F)
         R = np.minimum(y, self.rho * (S @ y + self.root * self.offset))
         size = dnrm2(R)
         return scaled_matrix_norm(S, R, size) + size * self.bound_per_residual
@@ -221,7 +219,7 @@ def count_operations(
         case _:
             setup += operations.count_forming_S(m, nb) + operations.count_spectrum(m)
             application = operations.count_product_by_S(m)
-    # A residual: S y, plus 4 m for F, rho F, R and its norm; one product in REFRESH is made twice.
+    # A residual: S y, plus 4 m for F, rho F, R and its norm; one refined product in 50 is made twice.
     residual = application + 4 * m
     if variant.precision == "refined":
         residual += application / PRODUCTS_PER_REFRESH + 2 * m
@@ -232,10 +230,10 @@ def count_operations(
     check = application + 2 * m
     totals = [
         setup
-        + (each.steps + 1) * residual
-        + each.steps * advance
-        + each.checks * check
-        + each.newton_operations
-        for each in reached
+        + (level.steps + 1) * residual
+        + level.steps * advance
+        + level.checks * check
+        + level.newton_operations
+        for level in reached
     ]
     return setup, residual + advance, totals

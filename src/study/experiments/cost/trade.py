@@ -30,7 +30,7 @@ class Price(NamedTuple):
     """The price of an error in a norm on the finest mesh.
 
     `stop` is the level that is enough, and `error` is relative. `operations` are Uzawa's, and `over_setup` is
-    their quotient by those of the set-up. `halving_factor` is the fitted factor of work for half of the
+    their quotient by those of the set-up. `halving` is the fitted factor of work for half of the
     error.
     """
 
@@ -44,8 +44,8 @@ class Price(NamedTuple):
 
 def relative_errors(table: xr.Dataset, norm: str) -> xr.DataArray:
     """The errors over the norm of u or lambda."""
-    whole = table["u_norm"] if norm == "h1" else error_in_norm(table, norm, quantity="norm")
-    return error_in_norm(table, norm) / whole
+    exact_norm = table["u_norm"] if norm == "h1" else error_in_norm(table, norm, quantity="norm")
+    return error_in_norm(table, norm) / exact_norm
 
 
 def error_excess(table: xr.Dataset, norm: str) -> xr.DataArray:
@@ -54,23 +54,20 @@ def error_excess(table: xr.Dataset, norm: str) -> xr.DataArray:
 
 
 def pareto_front(work: Array, error: Array) -> Index:
-    """Indices of the points that no cheaper one beats, each with a gain, by rising work.
-
-    The shape is (k,).
-    """
-    kept = []
-    least = np.inf
+    """Indices (k,) of the points that no cheaper one beats, each with a gain, by rising work."""
+    front = []
+    smallest_error = np.inf
     for i in np.lexsort((error, work)):
-        if np.isfinite(work[i]) and error[i] < MAX_FRONT_QUOTIENT * least:
-            kept.append(int(i))
-            least = error[i]
-    return np.array(kept, dtype=np.intp)
+        if np.isfinite(work[i]) and error[i] < MAX_FRONT_QUOTIENT * smallest_error:
+            front.append(int(i))
+            smallest_error = error[i]
+    return np.array(front, dtype=np.intp)
 
 
 def growth_exponent(crossed: xr.Dataset, algorithm: str, H_over_h: float, coarsest: float) -> float:
-    """The exponent p of steps ~ H^-p to the level SHOWN, by least squares over H <= `coarsest`.
+    """The exponent p of steps ~ H^-p to the compared level, by least squares over H <= `coarsest`.
 
-    NaN with fewer than SIZES such H.
+    NaN with fewer than three such H.
     """
     steps = (
         crossed["steps"]
@@ -84,9 +81,10 @@ def growth_exponent(crossed: xr.Dataset, algorithm: str, H_over_h: float, coarse
 
 
 def sufficient_stop(cases: xr.Dataset, norm: str, coarsest: float) -> float:
-    """The largest stopping level below 1 that leaves no error above ENOUGH times the discrete solution's."""
-    of = error_excess(cases.sel(H=cases["H"] <= coarsest, stop=cases["stop"] < 1), norm)
-    worst = of.max([name for name in of.dims if name != "stop"])
+    """The largest stopping level below 1 that leaves all errors at most 1.1 times the discrete solution's."""
+    excess = error_excess(cases.sel(H=cases["H"] <= coarsest, stop=cases["stop"] < 1), norm)
+    worst = excess.max([name for name in excess.dims if name != "stop"])
+    # Levels fall: from the first good one on all have to be good
     good = worst.values <= ENOUGH_FACTOR
     first = int(np.argmax(np.logical_and.accumulate(good[::-1])[::-1]))
     return float(worst["stop"][first]) if good[-1] else np.nan
@@ -94,52 +92,56 @@ def sufficient_stop(cases: xr.Dataset, norm: str, coarsest: float) -> float:
 
 def halving_factor(work: Array, error: Array) -> float:
     """The factor of work that halves the error ~ work^-p, p by least squares; inf if it does not fall."""
-    known = np.isfinite(work) & np.isfinite(error)
-    p = -float(np.polyfit(np.log(work[known]), np.log(error[known]), 1)[0])
+    finite = np.isfinite(work) & np.isfinite(error)
+    # error ~ work^-p: half of it takes 2^(1/p) times the work
+    p = -float(np.polyfit(np.log(work[finite]), np.log(error[finite]), 1)[0])
     return 2 ** (1 / p) if p > 0 else np.inf
 
 
 def cheapest_at_level(crossed: xr.Dataset, norm: str, stop: float) -> xr.Dataset:
     """The work, relative error and h of the cheapest algorithm at that level, over (H_over_h, H)."""
-    at = crossed.sel(stop=stop)
-    cheapest_one = at["operations"].fillna(np.inf).argmin("algorithm")
-    runs = xr.Dataset({"work": at["operations"], "error": relative_errors(at, norm), "h": at["h"]})
-    return runs.isel(algorithm=cheapest_one).drop_vars("algorithm")
+    level_runs = crossed.sel(stop=stop)
+    cheapest = level_runs["operations"].fillna(np.inf).argmin("algorithm")
+    runs = xr.Dataset(
+        {"work": level_runs["operations"], "error": relative_errors(level_runs, norm), "h": level_runs["h"]}
+    )
+    return runs.isel(algorithm=cheapest).drop_vars("algorithm")
 
 
 def losses_by_ratio(error: xr.DataArray, work: xr.DataArray) -> dict[float, float]:
     """The mean error of each H/h over that of the best one, at the same work.
 
     `error` and `work` are over (H_over_h, H). Between meshes log error is linear in log work; its mean is
-    over the works that all ratios reach with more than SIZES H.
+    over the works that all ratios reach with more than three H.
     """
     lines: dict[float, tuple[Array, Array]] = {}
     for ratio in error["H_over_h"].values:
         x = np.log(work.sel(H_over_h=ratio).values)
         y = np.log(error.sel(H_over_h=ratio).values)
-        known = np.isfinite(x) & np.isfinite(y)
-        if np.count_nonzero(known) > MIN_SIZES:
-            lines[float(ratio)] = (x[known], y[known])
+        finite = np.isfinite(x) & np.isfinite(y)
+        if np.count_nonzero(finite) > MIN_SIZES:
+            lines[float(ratio)] = (x[finite], y[finite])
     first = max(x.min() for x, _ in lines.values())
     last = min(x.max() for x, _ in lines.values())
     common = np.linspace(first, last, N_WORK_VALUES)
+    # The mean of log error over the common range of log work, for each H/h, less the least of these
     means = {ratio: float(np.mean(np.interp(common, x, y))) for ratio, (x, y) in sorted(lines.items())}
     return {ratio: float(np.exp(mean - min(means.values()))) for ratio, mean in means.items()}
 
 
 def price_at_level(runs: xr.Dataset, norm: str, stop: float, coarsest: float) -> Price:
     """Price of an error at a level, by runs over (H, stop) with H <= `coarsest`."""
-    at = runs.sel(H=runs["H"] <= coarsest, stop=stop).dropna("H", subset=["operations"])
-    error = relative_errors(at, norm)
-    last = at.isel(H=-1)
-    work = last["operations"].item()
+    levels = runs.sel(H=runs["H"] <= coarsest, stop=stop).dropna("H", subset=["operations"])
+    error = relative_errors(levels, norm)
+    finest = levels.isel(H=-1)
+    work = finest["operations"].item()
     return Price(
-        stop,
-        last["h"].item(),
-        error.values[-1].item(),
-        work,
-        work / last["setup_operations"].item(),
-        halving_factor(at["operations"].values, error.values),
+        stop=stop,
+        h=finest["h"].item(),
+        error=error.values[-1].item(),
+        operations=work,
+        over_setup=work / finest["setup_operations"].item(),
+        halving=halving_factor(levels["operations"].values, error.values),
     )
 
 
@@ -152,23 +154,22 @@ def cheapest_run(crossed: xr.Dataset, norm: str, target: float) -> dict[str, flo
     if not bool(good.notnull().any()):
         return None
     place = good.fillna(np.inf).argmin(...)
-    at = runs[["h", "operations"]].isel(place)
+    cheapest = runs[["h", "operations"]].isel(place)
     names = ("H_over_h", "stop", "h", "operations")
-    return {**{name: at[name].item() for name in names}, "error": float(error.isel(place))}
+    return {**{name: cheapest[name].item() for name in names}, "error": float(error.isel(place))}
 
 
 def break_even_steps(algebra: xr.Dataset) -> Array:
-    """Steps after which forming S has paid, against solves with A, by H; the spectrum is not counted.
-
-    The shape is (H,).
+    """Steps, by H, after which forming S has paid, against solves with A; the spectrum is not counted.
 
     With A, too, rho and the guaranteed stop need the spectrum, and there it is taken as given.
     """
-    more = algebra["setup_operations"].sel(algebra="S") - algebra["setup_operations"].sel(algebra="A")
+    extra_setup = algebra["setup_operations"].sel(algebra="S") - algebra["setup_operations"].sel(algebra="A")
     cells = algebra["multipliers"].sel(algebra="S").values
-    more = more - [operations.count_spectrum(int(m)) for m in cells]
+    # Steps n with extra set-up = n (a step with A - a step with S)
+    extra_setup = extra_setup - [operations.count_spectrum(int(m)) for m in cells]
     saved = algebra["step_operations"].sel(algebra="A") - algebra["step_operations"].sel(algebra="S")
-    return (more / saved).values
+    return (extra_setup / saved).values
 
 
 def work_of_A_over_S(
@@ -176,13 +177,11 @@ def work_of_A_over_S(
 ) -> xr.DataArray:
     """Operations of a run whose steps solve with A over those with S, by (H, stop).
 
-    The shape is (H, stop).
-
     Both are without the spectrum and the checks of the bound, that is, without the guarantee.
     """
     runs = crossed.sel(algorithm=algorithm, H_over_h=H_over_h)
-    of = algebra.sel(algebra="A")
+    run_by_A = algebra.sel(algebra="A")
     spectrum = xr.apply_ufunc(operations.count_spectrum, runs["multipliers"])
     residuals = runs["steps"] + 1
     by_S = runs["setup_operations"] - spectrum + residuals * runs["step_operations"]
-    return (of["setup_operations"] + residuals * of["step_operations"]) / by_S
+    return (run_by_A["setup_operations"] + residuals * run_by_A["step_operations"]) / by_S

@@ -59,23 +59,25 @@ def table(
     """Work, in operations, and relative errors, and what is behind them.
 
     kind front: work and relative error in a norm that no cheaper run beats; line: those of the cheapest
-    algorithm at a fixed H/h and the level that is enough; steps: of an algorithm to the level SHOWN, with
+    algorithm at a fixed H/h and the level that is enough; steps: of an algorithm to the level 1e-6, with
     the exponent fitted up to the `coarsest` H; step: work of one, or of the set-up, by matrix; stop: the
     largest excess at a level.
     """
     runs = tables.load_table(crossed)
-    of_cases = tables.load_table(cases)
-    of_matrix = tables.load_table(algebra)
+    case_runs = tables.load_table(cases)
+    matrix_costs = tables.load_table(algebra)
     ratio = parse_real(base["H_over_h"], "H_over_h")
     largest = parse_real(coarsest, "coarsest")
-    parts = [_tabulate_norm(runs, of_cases, norm, largest) for norm in style.NORM_TITLES]
-    parts += [_tabulate_steps(runs, ratio, largest), _tabulate_matrices(of_matrix)]
-    return pd.concat(parts, ignore_index=True)[list(COLUMNS)]
+    tables_by_kind = [_tabulate_norm(runs, case_runs, norm, largest) for norm in style.NORM_TITLES]
+    tables_by_kind += [_tabulate_steps(runs, ratio, largest), _tabulate_matrices(matrix_costs)]
+    return pd.concat(tables_by_kind, ignore_index=True)[list(COLUMNS)]
 
 
 def _tabulate_norm(crossed: xr.Dataset, cases: xr.Dataset, norm: str, coarsest: float) -> pd.DataFrame:
-    at = cost.cheapest_at_level(crossed, norm, cost.sufficient_stop(cases.isel(case=[0]), norm, coarsest))
-    lines = at.to_dataframe().reset_index().dropna()
+    cheapest = cost.cheapest_at_level(
+        crossed, norm, cost.sufficient_stop(cases.isel(case=[0]), norm, coarsest)
+    )
+    lines = cheapest.to_dataframe().reset_index().dropna()
     worst = cost.error_excess(cases.sel(H=cases["H"] <= coarsest), norm).max(["case", "H_over_h", "H"])
     stops = pd.DataFrame({"kind": "stop", "stop": worst["stop"], "excess": worst})
     return pd.concat([tabulate_front(crossed, norm), lines.assign(kind="line"), stops]).assign(norm=norm)
@@ -84,33 +86,33 @@ def _tabulate_norm(crossed: xr.Dataset, cases: xr.Dataset, norm: str, coarsest: 
 def tabulate_front(crossed: xr.Dataset, norm: str) -> pd.DataFrame:
     """The runs that no cheaper one beats in a norm."""
     crossed = crossed.sel(stop=crossed["stop"] < 1)
-    of = {"error": cost.relative_errors(crossed, norm), "work": crossed["operations"], "h": crossed["h"]}
-    points = xr.Dataset(of).to_dataframe().reset_index().rename(columns={"algorithm": "label"})
-    kept = points.iloc[cost.pareto_front(points["work"].to_numpy(), points["error"].to_numpy())]
-    return kept.assign(kind="front")
+    columns = {"error": cost.relative_errors(crossed, norm), "work": crossed["operations"], "h": crossed["h"]}
+    points = xr.Dataset(columns).to_dataframe().reset_index().rename(columns={"algorithm": "label"})
+    front = points.iloc[cost.pareto_front(points["work"].to_numpy(), points["error"].to_numpy())]
+    return front.assign(kind="front")
 
 
 def _tabulate_steps(crossed: xr.Dataset, H_over_h: float, coarsest: float) -> pd.DataFrame:
-    parts = []
+    algorithm_rows = []
     for algorithm in crossed["algorithm"].values:
         steps = crossed["steps"].sel(H_over_h=H_over_h, algorithm=algorithm)
         last = steps.sel(stop=cost.COMPARED_LEVEL, method="nearest")
         fitted = algorithm not in UNFITTED_ALGORITHMS
         slope = round(cost.growth_exponent(crossed, algorithm, H_over_h, coarsest), 1) if fitted else np.nan
         line = {"kind": "steps", "label": algorithm, "H": last["H"], "steps": last, "slope": slope}
-        parts.append(pd.DataFrame(line))
-    return pd.concat(parts)
+        algorithm_rows.append(pd.DataFrame(line))
+    return pd.concat(algorithm_rows)
 
 
 def _tabulate_matrices(algebra: xr.Dataset) -> pd.DataFrame:
     lines = {name: algebra["step_operations"].sel(algebra=name) for name in algebra["algebra"].values}
     lines |= {f"setup_{name}": algebra["setup_operations"].sel(algebra=name) for name in ("S", "A")}
     unknowns = algebra["unknowns"].sel(algebra="S")
-    parts = [
+    line_tables = [
         pd.DataFrame({"kind": "step", "label": label, "unknowns": unknowns, "work": values})
         for label, values in lines.items()
     ]
-    return pd.concat(parts)
+    return pd.concat(line_tables)
 
 
 def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
@@ -120,32 +122,33 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     stop, work, error, steps, slope (p of steps ~ H^-p), excess. Raises InputError for a table without them.
     """
     data = style.read_figure_table(csv_path)
-    parts = {kind: rows for kind, rows in data.groupby("kind")}
-    ratios = np.unique(parts["line"]["H_over_h"]).tolist()
-    edge: style.Look = {"mec": "white", "mew": 0.3}
+    by_kind = {kind: rows for kind, rows in data.groupby("kind")}
+    ratios = np.unique(by_kind["line"]["H_over_h"]).tolist()
+    marker_edge: style.Look = {"mec": "white", "mew": 0.3}
     looks: dict[float, style.Look] = {
-        r: {**style.numbered_look(i), **THIN_LINE, **edge} for i, r in enumerate(ratios)
+        r: {**style.numbered_look(i), **THIN_LINE, **marker_edge} for i, r in enumerate(ratios)
     }
     with style.open_figure(svg_path, 14.8) as figure:
-        for left, (norm, title) in zip(PANEL_LEFTS_CM, style.NORM_TITLES.items(), strict=True):
-            axes = style.add_axes(figure, left, 9.4, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
-            rows = parts["front"][parts["front"]["norm"] == norm]
+        for left_cm, (norm, title) in zip(PANEL_LEFTS_CM, style.NORM_TITLES.items(), strict=True):
+            axes = style.add_axes(figure, left_cm, 9.4, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
+            rows = by_kind["front"][by_kind["front"]["norm"] == norm]
             style.draw_log_line(axes, rows["work"], rows["error"], **FRONT_LOOK)
-            for ratio, rows in parts["line"][parts["line"]["norm"] == norm].groupby("H_over_h"):
+            for ratio, rows in by_kind["line"][by_kind["line"]["norm"] == norm].groupby("H_over_h"):
                 style.draw_log_line(axes, rows["work"], rows["error"], **looks[ratio])
             axes.set(title=f"{title}, relative", xlabel="operations")
             style.set_plain_ticks(axes.yaxis)
         lower = [
-            style.add_axes(figure, left, 2.4, PANEL_WIDTH_CM, PANEL_HEIGHT_CM) for left in PANEL_LEFTS_CM
+            style.add_axes(figure, left_cm, 2.4, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
+            for left_cm in PANEL_LEFTS_CM
         ]
-        _draw_steps(lower[0], parts["steps"])
+        _draw_steps(lower[0], by_kind["steps"])
         for label, (name, look) in MATRIX_LOOKS.items():
-            rows = parts["step"][parts["step"]["label"] == label]
+            rows = by_kind["step"][by_kind["step"]["label"] == label]
             style.draw_log_line(lower[1], rows["unknowns"], rows["work"], **{**look, **THIN_LINE}, label=name)
         lower[1].set(title="operations: a step, the set-up", xlabel="unknowns in $\\Omega$")
         lower[1].set_ylim(top=200 * lower[1].get_ylim()[1])
         _add_line_names(lower[1], "upper left")
-        stops = parts["stop"][parts["stop"]["stop"] >= MIN_DRAWN_LEVEL]
+        stops = by_kind["stop"][by_kind["stop"]["stop"] >= MIN_DRAWN_LEVEL]
         for i, (norm, title) in enumerate(style.NORM_TITLES.items()):
             rows = stops[stops["norm"] == norm]
             style.draw_log_line(
@@ -174,7 +177,7 @@ def _draw_steps(axes: Axes, rows: pd.DataFrame) -> None:
         look = {**ALGORITHM_LOOKS[str(label)][1], "lw": 0.9}
         style.draw_log_line(axes, line["H"], line["steps"], **look)
         end = line.loc[line["H"].idxmin()]
-        if pd.notna(end["slope"]) and all(not 0.8 < end["steps"] / other < 1.25 for other in ends):
+        if pd.notna(end["slope"]) and all(not 0.8 < end["steps"] / end_steps < 1.25 for end_steps in ends):
             text = f"$H^{{-{end['slope']:.1f}}}$"
             axes.annotate(
                 text, (end["H"], end["steps"]), color=look["color"], fontsize=style.SMALL_FONT_POINTS, **place

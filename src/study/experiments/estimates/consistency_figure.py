@@ -66,6 +66,7 @@ def leading_term(transition: Transition, partition: Partition) -> tuple[float, f
     cell = int(np.searchsorted(partition.points, s, side="right")) - 1
     theta = float((s - partition.points[cell]) / partition.lengths[cell])
     size = float(partition.lengths[cell] / polygon.lengths[side])
+    # The product of both cell means, over (H/L)^{alpha+gamma}
     means = theta ** (gamma + 1) * (1 - theta) ** (alpha + 1) / ((alpha + 1) * (gamma + 1))
     return float(polygon.lengths[side]) * size**transition.term_order * means, theta
 
@@ -83,29 +84,29 @@ def table(
     that cells without a transition add; all terms stand in one column, so that they are rounded alike.
     """
     drawn = next(scene for scene in scenes if case in scene["cases"])
-    (of_cells,) = configured.load_cases({**drawn, "cases": [case]})
+    (drawn_case,) = configured.load_cases({**drawn, "cases": [case]})
     (cells,) = configured.scene_partitions({**drawn, "H": [H]})
-    parts = [_tabulate_side(of_cells, cells)]
-    for scene, of_scene in zip(scenes, map(tables.load_table, errors), strict=True):
-        wanted = [name for name in cases if name in scene["cases"]]
-        for each in configured.load_cases({**scene, "cases": wanted}):
-            parts.append(_tabulate_sizes(each, of_scene.sel(case=each.name)))
-    return pd.concat(parts)
+    row_tables = [_tabulate_side(drawn_case, cells)]
+    for scene, scene_errors in zip(scenes, map(tables.load_table, errors), strict=True):
+        names = [name for name in cases if name in scene["cases"]]
+        for scene_case in configured.load_cases({**scene, "cases": names}):
+            row_tables.append(_tabulate_sizes(scene_case, scene_errors.sel(case=scene_case.name)))
+    return pd.concat(row_tables)
 
 
 def _tabulate_side(case: ExactSolution, partition: Partition) -> pd.DataFrame:
     side = first_transition(case).side
     means = cell_means(case, partition)
-    here = partition.side == side
+    on_side = partition.side == side
     start = partition.polygon.starts[side]
-    of_cells = {
+    columns = {
         "s": partition.points[:-1] - start,
         "end": partition.points[1:] - start,
         "lambda_mean": means.lambda_means,
         "gap_mean": means.gap_means,
         "term": means.consistency_terms,
     }
-    return pd.DataFrame({"kind": "cell", "case": case.name, "H": partition.H, **of_cells})[here]
+    return pd.DataFrame({"kind": "cell", "case": case.name, "H": partition.H, **columns})[on_side]
 
 
 def _tabulate_sizes(case: ExactSolution, errors: xr.Dataset) -> pd.DataFrame:
@@ -192,7 +193,7 @@ def _draw_totals(axes: Axes, rows: pd.DataFrame) -> None:
     axes.set_yscale("log")
     cases = list(_sort_by_order(rows)["case"])
     thetas = sorted(rows["theta"].unique())
-    for (case, theta, kind), part in rows.groupby(["case", "theta", "kind"]):
+    for (case, theta, kind), line_rows in rows.groupby(["case", "theta", "kind"]):
         i = cases.index(case)
         k = thetas.index(theta)
         if kind == "predicted":
@@ -201,11 +202,11 @@ def _draw_totals(axes: Axes, rows: pd.DataFrame) -> None:
                 "lw": 0.9,
                 "ls": style.LINE_STYLES[k % len(style.LINE_STYLES)],
             }
-            axes.plot(part["H"], part["over_H2"], **line)
+            axes.plot(line_rows["H"], line_rows["over_H2"], **line)
         if kind == "total":
             axes.plot(
-                part["H"],
-                part["over_H2"],
+                line_rows["H"],
+                line_rows["over_H2"],
                 ls="",
                 zorder=3,
                 **style.marker_look(i, k == 0, TOTAL_MARKER_POINTS),

@@ -35,13 +35,15 @@ def table(
     `norm` holds the forms of the dual norm on the scene's partitions. Errors that are 0 are left out.
     """
     gram = Gram.from_table(tables.load_table(norm))
-    cells = scene_partitions(scene)
+    partitions = scene_partitions(scene)
     runs = tables.select_ratio(tables.load_table(errors), parse_real(h_over_H, "h_over_H"))
     bounds = {bound: tables.error_in_norm(runs, "hm12", bound) for bound in ("lower", "upper")}
     norms = xr.Dataset({**bounds, "l2": tables.error_in_norm(runs, "l2"), "u_norm": runs["u_norm"]})
-    errors_of_runs = norms.to_dataframe(["case", "run"]).reset_index().assign(kind="error")
-    known = errors_of_runs[errors_of_runs["upper"] > NEGLIGIBLE_ERROR_SHARE * errors_of_runs["u_norm"]]
-    rows = pd.concat([known, *(_tabulate_functions(gram, cells[k]) for k in dual_norm_partitions(scene))])
+    run_errors = norms.to_dataframe(["case", "run"]).reset_index().assign(kind="error")
+    nonzero = run_errors[run_errors["upper"] > NEGLIGIBLE_ERROR_SHARE * run_errors["u_norm"]]
+    rows = pd.concat(
+        [nonzero, *(_tabulate_functions(gram, partitions[k]) for k in dual_norm_partitions(scene))]
+    )
     lower = rows["lower"]
     upper = rows["upper"]
     l2 = rows["l2"]
@@ -56,6 +58,7 @@ def _tabulate_functions(gram: Gram, partition: Partition) -> pd.DataFrame:
     p0 = gram.coarsen(partition).p0
     rows = []
     for kind, mu in zip(FUNCTION_TITLES, (np.ones(m), (-1.0) ** np.arange(m)), strict=True):
+        # Both Gram matrices of P0: mu.G mu bounds ||mu||_{-1/2}^2 from either side
         lower = np.sqrt(mu @ p0.lower @ mu)
         upper = np.sqrt(mu @ p0.upper @ mu)
         l2 = np.sqrt(partition.lengths @ mu**2)
@@ -71,28 +74,31 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     the first two cases.
     """
     data = style.read_figure_table(csv_path)
-    name = data["case"].where(data["kind"] == "error", data["kind"])
-    lines = {str(of): rows.sort_values("H") for of, rows in data.groupby(name, sort=False)}
-    cases = [of for of in lines if of not in FUNCTION_TITLES]
+    line_names = data["case"].where(data["kind"] == "error", data["kind"])
+    lines = {str(line): rows.sort_values("H") for line, rows in data.groupby(line_names, sort=False)}
+    cases = [line for line in lines if line not in FUNCTION_TITLES]
     numbers = style.number_looks(
         [*FUNCTION_TITLES, *cases]
     )  # the functions take what the familiar cases leave
     looks = {
-        of: {**style.numbered_look(numbers[of]), "ms": 4.6, "lw": 1.1} for of in [*cases, *FUNCTION_TITLES]
+        line: {**style.numbered_look(numbers[line]), "ms": 4.6, "lw": 1.1}
+        for line in [*cases, *FUNCTION_TITLES]
     }
     with style.open_figure(svg_path, 9.0) as figure:
         errors = style.add_axes(figure, 1.25, 2.9, 4.4, 5.2)
         gaps = style.add_axes(figure, 7.05, 2.9, 4.4, 5.2)
         norms = style.add_axes(figure, 12.45, 2.9, 4.4, 5.2)
-        for of, look in looks.items():
-            rows = lines[of]
-            if of in cases:
+        for line, look in looks.items():
+            rows = lines[line]
+            if line in cases:
                 errors.plot(rows["H"], rows["mean"], **look)
                 errors.vlines(rows["H"], rows["lower"], rows["upper"], color=look["color"], lw=3)
             gaps.plot(rows["H"], rows["gap"], **look)
-            if of in (*FUNCTION_TITLES, *cases[:N_COMPARED_CASES]):
+            if line in (*FUNCTION_TITLES, *cases[:N_COMPARED_CASES]):
                 norms.plot(rows["H"], rows["mean"], **look)
-                norms.plot(rows["H"], rows["shortcut"], **{**look, "marker": "", "ls": _shortcut_dashes(of)})
+                norms.plot(
+                    rows["H"], rows["shortcut"], **{**look, "marker": "", "ls": _shortcut_dashes(line)}
+                )
         ratios = ", ".join(map(style.format_fraction, sorted(data["h_over_H"].dropna().unique())))
         errors.set(title=style.NORM_TITLES["hm12"], xlabel=f"cell size $H$  ($h/H={ratios}$)")
         gaps.set(title="upper / lower bound $-$ 1", xlabel="cell size $H$")
@@ -100,7 +106,9 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
         for axes in (errors, gaps, norms):
             style.set_size_axes(axes, data["H"])
         gaps.yaxis.set_major_formatter(lambda gap, _: f"{100 * gap:g} %")
-        handles = [style.legend_entry(FUNCTION_TITLES.get(of, of), **look) for of, look in looks.items()]
+        handles = [
+            style.legend_entry(FUNCTION_TITLES.get(line, line), **look) for line, look in looks.items()
+        ]
         grey: style.Look = {"color": "0.25", "lw": 1.1}
         true = style.legend_entry(r"$\Vert\mu\Vert_{-1/2}$", **grey)
         short = style.legend_entry(

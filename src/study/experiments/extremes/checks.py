@@ -18,6 +18,7 @@ def outcomes(tables: Tables, table: str) -> Evidence:
     error = data["true_error"].values
     bound = data["guaranteed"].values
     allowed = bound + data["allowance"].values
+    # A point is right only if error <= bound + allowance is true of numbers; one that was refused has none
     valid = np.isfinite(allowed) & (error <= allowed)
     untried = (outcome == "refused") & np.isnan(error) & np.isnan(bound)
     wrong = ~(valid | untried) | (outcome == "wrong") | (data["tool"].values == "wrong")
@@ -35,6 +36,7 @@ def no_earlier(tables: Tables, table: str) -> Evidence:
     rows = {}
     for name in data["axis"].values:
         values = data["value"].values[data["axis_of"].values == name]
+        # -1 where values fall towards the extreme, so that `sign` times them always rises
         sign = 1 if values[-1] > values[0] else -1
         pairs = [[float(data[key].sel(axis=name)) for key in pair] for pair in LIMIT_NAMES]
         early = [np.isfinite(measured) and not sign * measured >= sign * limit for limit, measured in pairs]
@@ -52,9 +54,9 @@ def step_limit(tables: Tables, table: str, nearest: Mapping[str, float]) -> Evid
     rows = {}
     untried = []
     for axis, distance in nearest.items():
-        here = data["axis_of"].values == axis
-        share = data["value"].values[here] / float(data["predicted_limit"].sel(axis=axis))
-        wrong = (data["outcome"].values[here] == "right") != (share < 1)
+        on_axis = data["axis_of"].values == axis
+        share = data["value"].values[on_axis] / float(data["predicted_limit"].sel(axis=axis))
+        wrong = (data["outcome"].values[on_axis] == "right") != (share < 1)
         rows[axis] = float(np.count_nonzero(wrong))
         untried += [
             f"{near:g} of the limit was not tried on the axis {axis}"
@@ -74,11 +76,12 @@ def power_law(
     data = tables[table]
     value = data["value"].values
     number = data["measured"].values
-    kept = (data["axis_of"].values == axis) & (value <= max_value) & np.isfinite(number)
-    if np.count_nonzero(kept) < 2:
+    is_fitted = (data["axis_of"].values == axis) & (value <= max_value) & np.isfinite(number)
+    if np.count_nonzero(is_fitted) < 2:
         raise Unjudged(f"fewer than two numbers are known on the axis {axis}")
-    slope = np.polyfit(np.log(value[kept]), np.log(number[kept]), 1)[0]
-    rows = {f"slope over {np.count_nonzero(kept)} values": abs(float(slope) - exponent)}
+    # number ~ value^slope
+    slope = np.polyfit(np.log(value[is_fitted]), np.log(number[is_fitted]), 1)[0]
+    rows = {f"slope over {np.count_nonzero(is_fitted)} values": abs(float(slope) - exponent)}
     return pick_worst(rows, f"how far the slope is from {exponent:g}", at_most, False)
 
 
@@ -91,11 +94,12 @@ def rounding_floor(tables: Tables, table: str, axis: str, factor: float) -> Evid
     value = data["value"].values
     number = data["measured"].values
     expected = data["predicted"].values
+    # number/expected outside [1/factor, factor], or NaN
     beyond = ~(np.abs(np.log(number / expected)) <= np.log(factor))
     slope = float(np.polyfit(np.log(expected), np.log(number), 1)[0])
     rows = {
-        f"{where:g}: {found:.2g} for {told:.2g}": float(each)
-        for where, found, told, each in zip(value, number, expected, beyond, strict=True)
+        f"{where:g}: {measured:.2g} for {predicted:.2g}": float(is_beyond)
+        for where, measured, predicted, is_beyond in zip(value, number, expected, beyond, strict=True)
     }
     rows[f"slope {slope:.2g}"] = float(not slope > 1)
     return pick_worst(rows, f"floors beyond a factor of {factor:g}, or that grow no faster", 0.0, False)

@@ -48,14 +48,17 @@ def data_size_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """
 
     def pose(times: float) -> ExtremeProblem:
+        """The problem with all data multiplied by `times`."""
         return pose_on_square(h, H, wave_contact, times)
 
     def change(times: float, problem: ExtremeProblem, mu: Array) -> float:
+        """max |mu - lambda_H| / max lambda_H, without overflow."""
         unit = problem.lambda_H.max()
         return float(np.abs(mu / unit - problem.lambda_H / unit).max())
 
     unit = pose(1.0)
     downwards = values[-1] < values[0]
+    # Both grow like the data: the tolerance has to be a normal number, the first residual below MAX_RESIDUAL
     limit = SMALLEST_NORMAL / budget.tolerance(unit) if downwards else MAX_RESIDUAL / first_residual(unit)
     return Axis(
         pose=pose, measure=change, predicted=0.0, max_change=MAX_SCALING_CHANGE, limit=limit, tool_limit=limit
@@ -65,7 +68,7 @@ def data_size_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
 def start_size_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """lambda^0 has that size everywhere, and |boundary|^(1/2) times it in L2.
 
-    It is refused if its norm in L2 is above DIVERGED; below that the steps grow like the size's logarithm.
+    It is refused if its norm in L2 is above MAX_RESIDUAL; below that the steps grow like its logarithm.
     """
     problem = pose_on_square(h, H, wave_contact)
     limit = MAX_RESIDUAL / float(np.sqrt(square().perimeter))
@@ -82,10 +85,13 @@ def flat_contact_axis(values: Array, h: float, H: float, budget: Budget) -> Axis
     """lambda = 0 and u = g on that share of the boundary, reached from above."""
 
     def pose(share: float) -> ExtremeProblem:
+        """The problem with flat contact on that share."""
+
         def contact(partition: Partition) -> tuple[Array, Array]:
+            """lambda_H and the gap, both 0 on the cells up to that share."""
             lambda_H, gap = wave_contact(partition)
-            kept = cell_middles(partition) > share
-            return lambda_H * kept, gap * kept
+            is_loaded = cell_middles(partition) > share
+            return lambda_H * is_loaded, gap * is_loaded
 
         return pose_on_square(h, H, contact)
 
@@ -95,19 +101,22 @@ def flat_contact_axis(values: Array, h: float, H: float, budget: Budget) -> Axis
 def touching_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """lambda = 0, and the gap is 0 at one point inside a cell, on which lambda^0 = 1; the axis is H.
 
-    The gap is 1 - cos(pi (s - TOUCH) / 2): the cell's mean is (pi H)^2/72 to leading order, as TOUCH is a
-    third of the cell from one of its ends.
+    The gap is 1 - cos(pi (s - 1/3) / 2): the cell's mean is (pi H)^2/72 to leading order, as 1/3 is a third
+    of the cell from one of its ends.
     """
 
     def contact(partition: Partition) -> tuple[Array, Array]:
+        """lambda_H = 0, and the cell means of the gap by the antiderivative of the cosine."""
         integral = np.diff(np.sin(np.pi / 2 * (partition.points - TOUCHING_POINT))) * 2 / np.pi
         return np.zeros(partition.n_cells), 1 - integral / partition.lengths
 
     def start_on_cell(size: float, problem: ExtremeProblem) -> Array:
+        """lambda^0 = 1 on the cell with the touching point, else 0."""
         points = problem.spaces.partition.points
         return ((points[:-1] < TOUCHING_POINT) & (points[1:] > TOUCHING_POINT)).astype(float)
 
     def smallest_gap(size: float, problem: ExtremeProblem, mu: Array) -> float:
+        """The least cell mean of u_h - g."""
         return float(problem.spaces.operator.gap(mu, problem.discrete.offset).min())
 
     return Axis(
@@ -126,6 +135,7 @@ def shrinking_contact_axis(values: Array, h: float, H: float, budget: Budget) ->
     unit = square().area / square().perimeter
 
     def pose(width: float) -> ExtremeProblem:
+        """The problem whose g is a hat of that width on one cell: lambda_H is the load there, if g > 0."""
         g = np.where(np.arange(partition.n_cells) == 1, 2 * width - 1, -1.0)
         loaded = np.maximum(g, 0) * partition.lengths / np.diag(D)
         gap = D @ loaded / partition.lengths - g
@@ -138,8 +148,9 @@ def vertex_contact_axis(values: Array, h: float, H: float, budget: Budget) -> Ax
     """Contact on two opposite sides and a gap on the others: all vertices are transitions; the axis is H."""
 
     def contact(partition: Partition) -> tuple[Array, Array]:
-        here = partition.side % 2 == 0
-        return full_contact(partition)[0] * here, 1.0 * ~here
+        """Contact on the sides with even numbers, and the gap 1 on the others."""
+        has_contact = partition.side % 2 == 0
+        return full_contact(partition)[0] * has_contact, 1.0 * ~has_contact
 
     return Axis(pose=lambda size: pose_on_square(size * h / H, size, contact), measure=_count_loaded_cells)
 
@@ -148,6 +159,7 @@ def zero_data_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """f = g = 0, from lambda^0 = 1 on cells of that size, h in proportion."""
 
     def pose(size: float) -> ExtremeProblem:
+        """The problem with f = g = 0 on cells of that size."""
         return pose_on_square(size * h / H, size, lambda cells: (np.zeros(cells.n_cells),) * 2, 0.0)
 
     return Axis(pose=pose, measure=_count_loaded_cells, start=_start_from_one, predicted=0.0)
@@ -208,6 +220,7 @@ def _meant_step_axis(problem: ExtremeProblem, budget: Budget) -> Axis:
     """The axis of all algorithms; the number is the relative error left by plain Uzawa after all steps."""
 
     def remaining_error(share: float, problem: ExtremeProblem, mu: Array) -> float:
+        """The relative error of plain Uzawa's last iterate."""
         return problem.error(_iterate_uzawa(problem, share, budget, AS_MEANT)) / problem.size
 
     return Axis(pose=lambda share: problem, measure=remaining_error, sets_rho=True, limit=1.0)
@@ -237,7 +250,15 @@ def _bound_iterate(problem: ExtremeProblem, mu: Array, share: float, budget: Bud
     operator = problem.spaces.operator
     rho = share * 2 / operator.lambda_max
     bound = residual_bound(operator, problem.discrete.offset, mu, rho)
-    return DualResult(mu, budget.max_steps, 0, bound, bound <= budget.tolerance(problem), rho, "uzawa")
+    return DualResult(
+        lambda_H=mu,
+        iterations=budget.max_steps,
+        operator_applications=0,
+        bound=bound,
+        converged=bound <= budget.tolerance(problem),
+        rho=rho,
+        algorithm="uzawa",
+    )
 
 
 # The precision, in full contact.
@@ -260,10 +281,12 @@ def _precision_axis(values: Array, h_over_H: float, budget: Budget, precision: D
     """
     problems = {size: pose_on_square(h_over_H * size, size, full_contact) for size in values.tolist()}
     unit_roundoff = 0.5 * float(np.finfo(precision).eps)
+    # epsilon cond(S), and the bound that an error of this size has
     floors = np.array([unit_roundoff * problem.condition for problem in problems.values()])
     bounds = floors * [bound_per_error(problem) for problem in problems.values()]
 
     def run(size: float, problem: ExtremeProblem) -> DualResult:
+        """The last iterate in that precision, with its bound in float64."""
         mu = iterate_in_precision(problem, round_operator(problem, precision), budget.max_steps)
         return _bound_iterate(problem, mu, 0.5, budget)
 
@@ -282,6 +305,7 @@ def round_operator(problem: ExtremeProblem, precision: DTypeLike) -> DualOperato
     boundary = problem.spaces.mesh.boundary
     A = spaces.condensed.A.astype(precision)
     cholesky = schur_factor(factorise(A, elimination_order(A, boundary)), len(boundary))
+    # A_3 = R^T R, D = B A_3^{-1} B^T = half^T half with half = R^{-T} B^T
     half = solve_triangular(cholesky, spaces.B.T.toarray().astype(precision), trans="T")
     return replace(spaces.operator, D_factor=half, H_i=spaces.partition.lengths.astype(precision))
 
@@ -302,6 +326,7 @@ def iterate_in_precision(problem: ExtremeProblem, operator: DualOperator, steps:
     S = operator.S
     b = (root * problem.discrete.offset).astype(root.dtype)
     rho = root.dtype.type(1.9 / operator.lambda_max)
+    # (5.1)-(5.3) in y = H_i^{1/2} lambda: y <- max(0, y - rho (S y + b))
     y = np.zeros_like(b)
     for _ in range(steps):
         y = np.maximum(0, y - rho * (S @ y + b))

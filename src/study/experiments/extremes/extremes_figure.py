@@ -42,13 +42,13 @@ BROKEN_KINDS = tuple(kind for kind in OUTCOME_MARKS if not kind.startswith("righ
 def table(extremes: style.FilePath) -> pd.DataFrame:
     """A row per point: the axis's label, the kind of outcome, logarithms of the value and the limits."""
     points = tables.load_table(extremes)
-    of = points.sel(axis=points["axis_of"])
-    limits = {f"log10_{name}": of[f"predicted_{name}"] for name in ("limit", "tool_limit")}
+    axes = points.sel(axis=points["axis_of"])
+    limits = {f"log10_{name}": axes[f"predicted_{name}"] for name in ("limit", "tool_limit")}
     logarithms = {
         name: np.log10(limit.where(np.isfinite(limit)).values)
         for name, limit in {"log10_value": points["value"], **limits}.items()
     }
-    return pd.DataFrame({"label": of["label"].values, "kind": outcome_kinds(points), **logarithms})
+    return pd.DataFrame({"label": axes["label"].values, "kind": outcome_kinds(points), **logarithms})
 
 
 def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
@@ -60,11 +60,11 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     groups = list(style.read_figure_table(csv_path).groupby("label", sort=False))
     rows = -(-len(groups) // 2)
     with style.open_figure(svg_path, TOP_MARGIN_CM + STRIP_STEP_CM * rows + PANEL_BOTTOM_CM) as figure:
-        for k, (label, of) in enumerate(groups):
+        for k, (label, points) in enumerate(groups):
             column, row = divmod(k, rows)
             bottom = PANEL_BOTTOM_CM + STRIP_STEP_CM * (rows - 1 - row) + 0.45
             axes = style.add_axes(figure, PANEL_LEFTS_CM[column], bottom, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
-            _draw_strip(axes, of)
+            _draw_strip(axes, points)
             axes.set_title(str(label), loc="left", fontsize=style.SMALL_FONT_POINTS, pad=2)
         handles = [
             style.legend_entry(kind, ls="", marker=mark, color=colour, mec=_edge_colour(colour))
@@ -100,8 +100,10 @@ def _draw_strip(axes: Axes, points: pd.DataFrame) -> None:
         values, points["kind"].isin(BROKEN_KINDS).to_numpy(), CROWDED_SHARE * (high - low)
     )
     for kind, (mark, colour) in OUTCOME_MARKS.items():
-        here = (points["kind"] == kind).to_numpy()
-        axes.plot(values[here], height[here], mark, color=colour, ms=6, mec=_edge_colour(colour), mew=0.6)
+        has_kind = (points["kind"] == kind).to_numpy()
+        axes.plot(
+            values[has_kind], height[has_kind], mark, color=colour, ms=6, mec=_edge_colour(colour), mew=0.6
+        )
     marked = _choose_ticks(values)
     axes.set_xticks(marked, [_format_axis_value(value) for value in marked])
     axes.set_yticks([])
@@ -128,10 +130,10 @@ def _stagger_points(values: Array, broken: Mask, near: float) -> Array:
     height = np.zeros(len(values))
     runs = np.cumsum(np.abs(np.diff(values, prepend=values[0])) >= near)
     for run in np.unique(runs):
-        here = np.flatnonzero(runs == run)
-        mixed = 0 < np.count_nonzero(broken[here]) < len(here)
-        down = broken[here] if mixed else np.arange(len(here)) % 2 == 1
-        height[here] = np.where(down, -0.5, 0.5) if len(here) > 1 else 0.0
+        members = np.flatnonzero(runs == run)
+        mixed = 0 < np.count_nonzero(broken[members]) < len(members)
+        down = broken[members] if mixed else np.arange(len(members)) % 2 == 1
+        height[members] = np.where(down, -0.5, 0.5) if len(members) > 1 else 0.0
     return height
 
 

@@ -44,6 +44,7 @@ def ratio_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """
 
     def pose(value: float) -> ExtremeProblem:
+        """The problem with that h/H, of which one is the axis's own."""
         edge, cell = (H * value, H) if value < 0.5 else (h, h / value)
         return pose_on_square(edge, cell, wave_contact)
 
@@ -56,6 +57,7 @@ def odd_edges_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """H = h and an odd number e of edges: beta is like 1/e, so that cond(S) ~ 1/(H beta^2) is like e^3."""
 
     def pose(edges: float) -> ExtremeProblem:
+        """The problem with so many edges, each a cell; the last side has those that are too many."""
         counts = np.full(4, int(edges) // 4)
         counts[3] += int(edges) - counts.sum()
         points = square().divided(counts)
@@ -71,6 +73,7 @@ def shifted_cells_axis(values: Array, h: float, H: float, budget: Budget) -> Axi
     mesh = structured_square(h)
 
     def pose(fraction: float) -> ExtremeProblem:
+        """The problem on the shifted partition."""
         return pose_contact(mesh, make_shifted_partition(square(), h, fraction), wave_contact)
 
     return _power_law_axis(pose, values, (values[0] / values) ** 2, budget)
@@ -82,6 +85,7 @@ def short_cell_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     points = make_uniform_partition(square(), H).points
 
     def pose(length: float) -> ExtremeProblem:
+        """The problem with a further point of T_H behind the middle of the first side."""
         return pose_contact(
             mesh, from_points(square(), np.sort(np.append(points, 0.5 + length))), wave_contact
         )
@@ -93,6 +97,7 @@ def loaded_short_cell_axis(values: Array, h: float, H: float, budget: Budget) ->
     """One short cell as in `short_cell_axis`, and lambda^0 = 1/length on that cell and 0 on all others."""
 
     def start(length: float, problem: ExtremeProblem) -> Array:
+        """lambda^0 = 1/length on the shortest cell."""
         H_i = problem.spaces.operator.H_i
         return (H_i == H_i.min()) / length
 
@@ -107,13 +112,15 @@ def near_vertices_axis(values: Array, h: float, H: float, budget: Budget) -> Axi
     mesh = structured_square(h)
     aligned = make_uniform_partition(square(), H)
     inside = ~np.isin(aligned.points, square().starts)
-    there = pose_contact(mesh, aligned, wave_contact).spaces.operator.D
+    D = pose_contact(mesh, aligned, wave_contact).spaces.operator.D
 
     def pose(distance: float) -> ExtremeProblem:
+        """The problem whose points of T_H inside the sides are moved that far."""
         return pose_contact(mesh, Partition(square(), aligned.points + distance * inside), wave_contact)
 
     def change(distance: float, problem: ExtremeProblem, mu: Array) -> float:
-        return float(np.abs(problem.spaces.operator.D - there).max() / np.abs(there).max())
+        """The largest change of D over its largest entry."""
+        return float(np.abs(problem.spaces.operator.D - D).max() / np.abs(D).max())
 
     return Axis(pose=pose, measure=change, predicted=2 * values / H, max_change=ROUNDING_CHANGE)
 
@@ -125,6 +132,7 @@ def kernel_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """
 
     def distance(size: float, problem: ExtremeProblem, mu: Array) -> float:
+        """The relative distance of mu from lambda_H in L2."""
         return problem.distance(mu, problem.lambda_H)
 
     return Axis(pose=lambda size: pose_equal_sizes(size, 0.0), measure=distance, limit=NEVER_RIGHT)
@@ -137,6 +145,7 @@ def loaded_kernel_axis(values: Array, h: float, H: float, budget: Budget) -> Axi
     """
 
     def distance(gap: float, problem: ExtremeProblem, mu: Array) -> float:
+        """The relative distance of mu from lambda_H without its part in the kernel."""
         return problem.distance(mu, remove_kernel(problem.lambda_H))
 
     mildest = pose_equal_sizes(h, float(values[0]))
@@ -158,6 +167,7 @@ def pose_equal_sizes(h: float, gap: float) -> ExtremeProblem:
     """H = h, and contact on all cells, or with that gap on every other one."""
 
     def contact(partition: Partition) -> tuple[Array, Array]:
+        """Contact on all cells, or on those with even numbers and that gap on the others."""
         free = (np.arange(partition.n_cells) % 2 == 1) & (gap > 0)
         return full_contact(partition)[0] * ~free, gap * free
 
@@ -192,6 +202,7 @@ def needle_angle_axis(values: Array, h: float, H: float, budget: Budget) -> Axis
     """A right triangle with that angle."""
 
     def needle(a: float) -> Polygon:
+        """The right triangle with the legs 1 and tan(a)."""
         return Polygon(np.array([[0, 0], [1, 0], [1, np.tan(a)]]), "needle")
 
     return _polygon_family_axis(needle, values, h, H, budget, full_contact)
@@ -201,6 +212,7 @@ def slit_width_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """A square with a slit of that width, half as long as a side."""
 
     def slit_square(w: float) -> Polygon:
+        """The unit square without [1/2 - w/2, 1/2 + w/2] x [0, 1/2]."""
         a = 0.5 - w / 2
         b = 0.5 + w / 2
         corners = [[0, 0], [a, 0], [a, 0.5], [b, 0.5], [b, 0], [1, 0], [1, 1], [0, 1]]
@@ -213,6 +225,7 @@ def short_side_axis(values: Array, h: float, H: float, budget: Budget) -> Axis:
     """A square with a corner cut off so that a side of that length is left."""
 
     def cut_square(length: float) -> Polygon:
+        """The unit square without the triangle at (1, 0) whose longest side has that length."""
         d = length / np.sqrt(2)
         return Polygon(np.array([[0, 0], [1 - d, 0], [1, d], [1, 1], [0, 1]]), "cut square")
 
@@ -225,9 +238,11 @@ def aspect_ratio_axis(values: Array, h: float, H: float, budget: Budget) -> Axis
     partition = make_uniform_partition(square(), H)
 
     def strip_mesh(ratio: float) -> Mesh:
+        """The tensor mesh with one more line, 1/(n ratio) from the left and from the lower side."""
         return make_tensor_mesh(np.unique(np.append(np.arange(n + 1) / n, 1 / (n * ratio))))
 
     def pose(ratio: float) -> ExtremeProblem:
+        """The problem on the mesh with such strips."""
         return pose_contact(strip_mesh(ratio), partition, wave_contact)
 
     limit = find_crossing(
@@ -244,15 +259,17 @@ def square_place_axis(values: Array, h: float, H: float, budget: Budget) -> Axis
     """
 
     def pose(distance: float) -> ExtremeProblem:
+        """The problem on the square that is moved by (distance, -distance)."""
         polygon = Polygon(square().vertices + distance * np.array([1, -1]), "square")
         return pose_contact(
             meshes.make_unstructured_mesh(polygon, h), make_uniform_partition(polygon, H), wave_contact
         )
 
-    here = pose(0.0).spaces.operator.S
+    S = pose(0.0).spaces.operator.S
 
     def change(distance: float, problem: ExtremeProblem, mu: Array) -> float:
-        return float(np.abs(problem.spaces.operator.S - here).max() / np.abs(here).max())
+        """The largest change of S over its largest entry."""
+        return float(np.abs(problem.spaces.operator.S - S).max() / np.abs(S).max())
 
     limit = meshes.MAX_ROUNDING_PER_H * h / float(np.finfo(float).eps)
     return Axis(
@@ -266,12 +283,7 @@ def square_place_axis(values: Array, h: float, H: float, budget: Budget) -> Axis
 
 
 def _polygon_family_axis(
-    shape: Callable[[float], Polygon],
-    values: Array,
-    h: float,
-    H: float,
-    budget: Budget,
-    contact: ContactRule,
+    shape: Callable[[float], Polygon], values: Array, h: float, H: float, budget: Budget, contact: ContactRule
 ) -> Axis:
     """The axis of a family of polygons, with h and H in units of the longest side.
 
@@ -281,10 +293,12 @@ def _polygon_family_axis(
 
     @cache
     def family_mesh(value: float) -> Mesh:
+        """The mesh of the polygon with that value."""
         polygon = shape(value)
         return meshes.make_unstructured_mesh(polygon, h * polygon.lengths.max())
 
     def pose(value: float) -> ExtremeProblem:
+        """The problem on that mesh and the uniform cells."""
         polygon = family_mesh(value).polygon
         partition = make_uniform_partition(polygon, H * polygon.lengths.max())
         return pose_contact(family_mesh(value), partition, contact)
@@ -298,14 +312,17 @@ def _polygon_family_axis(
 
     law = np.array([_condition_law(shape(value), H) for value in values])
     mildest = pose(float(values[0])).condition
+    # cond(S) ~ mildest law / law_0; the library refuses meshes on which constants change too much
     numbers = np.where(law >= law[0], mildest * law / law[0], np.nan)
-    refused = np.array([rounding_of_mesh(value) for value in values.tolist()]) / MAX_CONSTANT_ERROR
+    rounding_share = np.array([rounding_of_mesh(value) for value in values.tolist()]) / MAX_CONSTANT_ERROR
     return Axis(
         pose=pose,
         measure=measure_condition,
         predicted=numbers,
         limit=find_crossing(values, numbers, budget.max_condition),
-        tool_limit=find_crossing(values, np.maximum(numbers / budget.max_condition_nesterov, refused), 1.0),
+        tool_limit=find_crossing(
+            values, np.maximum(numbers / budget.max_condition_nesterov, rounding_share), 1.0
+        ),
     )
 
 

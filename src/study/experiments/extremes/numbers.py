@@ -39,10 +39,7 @@ CONDITION_AXES = (
 
 
 def outcome_kinds(table: xr.Dataset) -> NDArray[np.str_]:
-    """Outcome of plain Uzawa at each point, or that only the library's own choice is right.
-
-    The shape is (point,).
-    """
+    """Outcome of plain Uzawa at each point (p,), or that only the library's own choice is right."""
     outcome = table["outcome"].values
     tool = table["tool"].values
     return np.where((outcome != "right") & (tool == "right"), RESCUED, outcome)
@@ -70,15 +67,15 @@ def tabulate_limits(table: xr.Dataset) -> pd.DataFrame:
     Axes without limits on which all is right are left out; `tabulate_unlimited_axes` has them.
     """
     rows = []
-    for name in [each for each in table["axis"].values if each not in unlimited_axes(table)]:
-        of = table.sel(axis=name)
+    for name in [axis for axis in table["axis"].values if axis not in unlimited_axes(table)]:
+        axis_limits = table.sel(axis=name)
         points = table["axis_of"].values == name
         tooled = np.all(table["tool"].values[points] != "")
         count = Counter(outcome_kinds(table)[points].tolist())
         row = _describe_axis(table, name)
-        row["limit of plain Uzawa: predicted, met at"] = _format_limits(of, "limit")
+        row["limit of plain Uzawa: predicted, met at"] = _format_limits(axis_limits, "limit")
         row["limit of `unilateral solve`: predicted, met at"] = (
-            _format_limits(of, "tool_limit") if tooled else TOOL_NOT_OFFERED
+            _format_limits(axis_limits, "tool_limit") if tooled else TOOL_NOT_OFFERED
         )
         row["points"] = ", ".join(f"{many} {KIND_TEXTS.get(kind, kind)}" for kind, many in count.items())
         rows.append(row)
@@ -92,9 +89,9 @@ def tabulate_unlimited_axes(table: xr.Dataset) -> pd.DataFrame:
 
 def unlimited_axes(table: xr.Dataset) -> list[str]:
     """The axes for which no limit is predicted, and on which plain Uzawa is right everywhere."""
-    found = ("predicted_limit", "predicted_tool_limit", "measured_limit")
-    none = np.all([np.isnan(table[name].values) for name in found], axis=0)
-    return [str(name) for name in table["axis"].values[none]]
+    limit_names = ("predicted_limit", "predicted_tool_limit", "measured_limit")
+    is_unlimited = np.all([np.isnan(table[name].values) for name in limit_names], axis=0)
+    return [str(name) for name in table["axis"].values[is_unlimited]]
 
 
 def _describe_axis(table: xr.Dataset, name: str) -> dict[str, str]:
@@ -104,10 +101,10 @@ def _describe_axis(table: xr.Dataset, name: str) -> dict[str, str]:
 
 
 def _format_limits(axis_limits: xr.Dataset, limit_name: str) -> str:
-    found = (float(axis_limits[f"{which}_{limit_name}"]) for which in ("predicted", "measured"))
+    limits = (float(axis_limits[f"{which}_{limit_name}"]) for which in ("predicted", "measured"))
     return ", ".join(
         NOWHERE_RIGHT if math.isinf(x) else NO_LIMIT if math.isnan(x) else format_value(x, "short")
-        for x in found
+        for x in limits
     )
 
 
@@ -135,23 +132,24 @@ def summarise_outcomes(table: xr.Dataset) -> dict[str, Any]:
 
 def _bracket_limit(table: xr.Dataset, axis: str) -> dict[str, Any]:
     """The last value before the first that is not right, that one, and the local limit."""
-    of = table.sel(axis=axis)
+    axis_limits = table.sel(axis=axis)
     values = table["value"].values[table["axis_of"].values == axis]
-    first = float(of["measured_limit"])
-    return {"right": float(values[values < first].max()), "fails": first, "local": float(of["local_limit"])}
+    first = float(axis_limits["measured_limit"])
+    local = float(axis_limits["local_limit"])
+    return {"right": float(values[values < first].max()), "fails": first, "local": local}
 
 
 def summarise_reaction(table: xr.Dataset) -> dict[str, Any]:
     """Points over c/k, the largest bounds over the error, and the relative change that a slight c makes.
 
-    `slight` is how far the error, or a bound over it, is for c/k <= SLIGHT from that of c = 0, relatively.
+    `slight` is how far the error, or a bound over it, is for 0 < c/k <= 0.01 from that of c = 0, relatively.
     """
     values = table["c_over_k"].values
     sizes = table["h"].values
     error = table["energy_error"]
     index = {bound: table[f"{bound}_bound"] / error for bound in ("cheap", "sharp")}
     slight = (table["c_over_k"] > 0) & (table["c_over_k"] <= MAX_SLIGHT_C_OVER_K)
-    changes = [abs(each / each.sel(c_over_k=0) - 1).where(slight) for each in (error, *index.values())]
+    changes = [abs(ratio / ratio.sel(c_over_k=0) - 1).where(slight) for ratio in (error, *index.values())]
     return {
         "points": int(error.size),
         "failed": int(np.count_nonzero(np.isnan(error))),
@@ -159,6 +157,6 @@ def summarise_reaction(table: xr.Dataset) -> dict[str, Any]:
         "to": float(values.max()),
         "coarsest": float(sizes.max()),
         "finest": float(sizes.min()),
-        **{bound: float(each.max()) for bound, each in index.items()},
+        **{bound: float(ratio.max()) for bound, ratio in index.items()},
         "slight": max(float(change.max()) for change in changes),
     }

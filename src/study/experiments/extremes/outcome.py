@@ -76,11 +76,13 @@ class Budget:
     @property
     def max_condition(self) -> float:
         """The largest cond(S) for which plain Uzawa needs no more steps, with rho = 1.9/lambda_max(S)."""
+        # An error falls like (1 - 1.9/cond)^n: n = cond log(1/accuracy) / 1.9
         return 1.9 * self.max_steps / -np.log(self.accuracy)
 
     @property
     def max_condition_nesterov(self) -> float:
         """The largest cond(S) for which Nesterov needs no more steps, contracting by 1 - cond(S)^{-1/2}."""
+        # An error falls like (1 - cond^{-1/2})^n: n = cond^{1/2} log(1/accuracy)
         return float((self.max_steps / np.log(self.accuracy)) ** 2)
 
 
@@ -131,10 +133,11 @@ def try_value(axis: Axis, value: float, predicted: float, budget: Budget) -> dic
                 )
     point |= {"value": value, "predicted": predicted}
     measured = point["measured"]
+    # A number is wrong above both its prediction and `max_change`
     untried = point["outcome"] == OUTCOME_REFUSED and np.isnan(measured)
     if axis.max_change is not None and not untried and not measured <= max(predicted, axis.max_change):
-        said = f"{measured:.2g}, predicted {predicted:.2g}"
-        point |= {"outcome": OUTCOME_WRONG, "tool": OUTCOME_WRONG, "message": said}
+        message = f"{measured:.2g}, predicted {predicted:.2g}"
+        point |= {"outcome": OUTCOME_WRONG, "tool": OUTCOME_WRONG, "message": message}
     return point
 
 
@@ -142,8 +145,8 @@ def _tabulate_verdict(verdict: RunVerdict, tool: str, measured: float, **overrid
     """A point with the verdict's numbers, and its outcome and message unless there are others."""
     names = ("true_error", "guaranteed", "allowance", "tolerance", "u_norm")
     numbers = {name: getattr(verdict, name) for name in names}
-    said = {"outcome": verdict.outcome, "tool": tool, "message": verdict.message}
-    return {**numbers, "measured": measured, **said, **overrides}
+    outcome = {"outcome": verdict.outcome, "tool": tool, "message": verdict.message}
+    return {**numbers, "measured": measured, **outcome, **overrides}
 
 
 def _try_algorithms(axis: Axis, value: float, problem: ExtremeProblem, budget: Budget) -> dict[str, Any]:
@@ -159,9 +162,9 @@ def _try_algorithms(axis: Axis, value: float, problem: ExtremeProblem, budget: B
     measured = np.nan if lambda_H is None else axis.measure(value, problem, lambda_H)
     nearest = max(verdicts.values(), key=lambda verdict: verdict.bound_share)
     if nearest.outcome == OUTCOME_WRONG:
-        names = ", ".join(name for name, each in verdicts.items() if each.outcome == OUTCOME_WRONG)
-        said = f"{names}: the error is above the bound, or there is none"
-        return _tabulate_verdict(nearest, OUTCOME_WRONG, measured, message=said)
+        names = ", ".join(name for name, judged in verdicts.items() if judged.outcome == OUTCOME_WRONG)
+        message = f"{names}: the error is above the bound, or there is none"
+        return _tabulate_verdict(nearest, OUTCOME_WRONG, measured, message=message)
     plain = verdicts[PLAIN_UZAWA]
     tool = OUTCOME_NO_TOOL if axis.sets_rho else verdicts[LIBRARY_CHOICE].outcome
     return _tabulate_verdict(nearest, tool, measured, outcome=plain.outcome, message=plain.message)
@@ -183,13 +186,14 @@ def _judge_algorithms(
     for method in STEP_METHODS:
         if method == "newton" and operator.is_singular:
             continue
-        given = rho if method == PLAIN_UZAWA else None
-        run = partial(uzawa, operator, offset, tolerance, given, start, steps, method)
-        known = tool.algorithm == method and given is None
-        verdicts[method] = tool if known else _judge_or_refuse(problem, run, tolerance)
-    exact = partial(solve_by_active_set, operator, offset, tolerance)
+        method_rho = rho if method == PLAIN_UZAWA else None
+        run = partial(uzawa, operator, offset, tolerance, method_rho, start, max_steps=steps, method=method)
+        # The library's choice has run: its own result stands, unless the axis sets another rho
+        is_library_choice = tool.algorithm == method and method_rho is None
+        verdicts[method] = tool if is_library_choice else _judge_or_refuse(problem, run, tolerance)
+    active_set = partial(solve_by_active_set, operator, offset, tolerance)
     verdicts[ACTIVE_SET] = (
-        tool if tool.algorithm == ACTIVE_SET else _judge_or_refuse(problem, exact, tolerance)
+        tool if tool.algorithm == ACTIVE_SET else _judge_or_refuse(problem, active_set, tolerance)
     )
     return verdicts | {LIBRARY_CHOICE: tool}
 
@@ -207,14 +211,15 @@ def judge_run(problem: ExtremeProblem, result: DualResult, tolerance: float) -> 
     allowance = problem.rounding_allowance
     bound = result.bound
     outcome = OUTCOME_RIGHT if result.converged else OUTCOME_NOT_CONVERGED
+    # Right: error <= bound + allowance, finite, and the word `converged` says that bound <= tolerance
     if not error <= bound + allowance < np.inf or result.converged != (bound <= tolerance):
         outcome = OUTCOME_WRONG
-    said = f"{result.iterations} steps"
+    message = f"{result.iterations} steps"
     if not result.converged:
-        said = f"bound {bound / tolerance:.2g} times the tolerance after {said}"
+        message = f"bound {bound / tolerance:.2g} times the tolerance after {message}"
     return RunVerdict(
         outcome,
-        said,
+        message,
         result.algorithm,
         result.lambda_H,
         true_error=error,
@@ -248,4 +253,5 @@ def find_crossing(values: Array, numbers: Array, limit: float) -> float:
     k = above[0]
     if not np.isfinite(y[k]):
         return float(values[k])
+    # Linear between both values in the logarithms
     return float(np.exp(x[k - 1] + (np.log(limit) - y[k - 1]) * (x[k] - x[k - 1]) / (y[k] - y[k - 1])))

@@ -51,16 +51,16 @@ class ExtremeProblem:
     @property
     def condition(self) -> float:
         """lambda_max(S) / lambda_min(S), infinite where S is singular."""
-        of = self.spaces.operator
-        return np.inf if of.is_singular else of.lambda_max / of.lambda_min
+        operator = self.spaces.operator
+        return np.inf if operator.is_singular else operator.lambda_max / operator.lambda_min
 
     @cached_property
     def rounding(self) -> float:
         """Relative change of constants by rounding, ||A^{-1} (1, .)_0 - 1||_1 / ||1||_1 as computed."""
         mesh = self.spaces.mesh
-        one = np.ones(mesh.n_nodes)
-        computed = self.spaces.condensed.solve(stiffness_and_mass(mesh)[1] @ one)
-        return max(MIN_ROUNDING, self.norm(computed - one) / self.norm(one))
+        constant = np.ones(mesh.n_nodes)
+        computed = self.spaces.condensed.solve(stiffness_and_mass(mesh)[1] @ constant)
+        return max(MIN_ROUNDING, self.norm(computed - constant) / self.norm(constant))
 
     @property
     def rounding_allowance(self) -> float:
@@ -72,6 +72,7 @@ class ExtremeProblem:
 
     def error(self, mu: Array) -> float:
         """||u(mu) - u_h||_1 of any multiplier (m,), by a solve on all nodes, in units of a power of 2."""
+        # A power of 2 near the largest value: dividing by it rounds nothing, and squares stay in range
         unit = 2.0 ** (math.frexp(float(np.abs(self.u).max()))[1] - 1)
         u = self.spaces.response(self.discrete.load / unit, mu / unit)
         return unit * self.norm(u - self.u / unit)
@@ -101,10 +102,12 @@ def pose_solution(
     lambda_H = factor * polygon.area / polygon.perimeter * lambda_H
     slope = factor * min(1.0, 1 / polygon.diameter)
     u = factor + slope * (mesh.points - polygon.vertices[0]).sum(axis=1)
+    # (f, phi_j) = (u, phi_j)_0 + <du/dn, phi_j> - <lambda_H, phi_j>, as u is linear
     load = stiffness_and_mass(mesh)[1] @ u
-    # <du/dn, phi_j>: half of the flux on each edge goes to either end
+    # Half of the flux on each edge goes to either end
     half = 0.5 * np.diff(mesh.s) * slope * polygon.normals.sum(axis=1)[mesh.side]
     load[mesh.boundary] += half + np.roll(half, 1) - spaces.B.T @ lambda_H
+    # g has the cell means of u - gap, so that complementarity holds cell by cell
     means = spaces.B @ u[mesh.boundary] / partition.lengths
     discrete = build_condensed_problem(
         spaces, load, spaces.condensed.solve(load)[mesh.boundary], means - factor * gap
@@ -139,15 +142,12 @@ def condense_mesh(mesh: Mesh) -> CondensedMatrix:
 
 
 def cell_middles(partition: Partition) -> Array:
-    """Middles of the cells as shares of the perimeter.
-
-    The shape is (m,).
-    """
+    """Middles of the cells (m,) as shares of the perimeter."""
     return 0.5 * (partition.points[1:] + partition.points[:-1]) / partition.polygon.perimeter
 
 
 def wave_contact(partition: Partition) -> tuple[Array, Array]:
-    """lambda_H and the gap, (m,) each, with contact on WAVES intervals."""
+    """lambda_H and the gap, (m,) each, with contact on three intervals."""
     wave = np.sin(2 * np.pi * N_CONTACT_INTERVALS * cell_middles(partition))
     return np.maximum(wave, 0), np.maximum(-wave, 0)
 

@@ -111,6 +111,7 @@ class StepCase:
         w = self.w(mesh.points[:, 0])
         e = w - u_h
         stiffness, mass = stiffness_and_mass(mesh)
+        # s (1, e) - (grad w, grad e), for |||u - u_h|||^2 = |||u - w|||^2 + 2 mixed + |||e|||^2
         mixed = s * mass.sum(axis=0) @ e - w @ (stiffness @ e)
         return math.sqrt(
             self.squared_distance_to_w(mesh, c) + 2 * mixed + energy_norm(mesh, e, Form(c=c)) ** 2

@@ -18,7 +18,7 @@ PANEL_HEIGHT_CM = 4.6
 INDEX_TICKS = (1, 1.2, 1.5, 2, 3, 5, 10)
 LABELLED_POWERS = (-8, 0, 8, 16)
 POWER_LIMITS = (-9, 17)
-"""Powers of 10 of c/k that the axis shows: for smaller ones the bounds are those for c = 0, see X.tiny."""
+"""Powers of 10 of c/k that the axis shows: for smaller ones the bounds are those for c = 0 (claim X.tiny)."""
 BOUND_LOOKS: dict[str, style.Look] = {
     "cheap": {"ls": "-", "lw": 1.0, "ms": 3.2, "mew": 0.6},
     "sharp": {"ls": (0, (3, 2)), "lw": 0.8, "ms": 3.2, "mew": 0.6, "mfc": "white"},
@@ -51,12 +51,12 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     sizes = sorted(data["h"].unique(), reverse=True)
     limits = (0.98, 1.05 * data["index"].max())
     with style.open_figure(svg_path, PANEL_BOTTOM_CM + PANEL_HEIGHT_CM + 0.7) as figure:
-        for left, (case, rows) in zip(PANEL_LEFTS_CM, data.groupby("case", sort=False), strict=True):
-            axes = style.add_axes(figure, left, PANEL_BOTTOM_CM, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
+        for left_cm, (case, rows) in zip(PANEL_LEFTS_CM, data.groupby("case", sort=False), strict=True):
+            axes = style.add_axes(figure, left_cm, PANEL_BOTTOM_CM, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
             _draw_indices(axes, rows, sizes)
             axes.set_ylim(limits)
             axes.set_title(str(case))
-            if left == PANEL_LEFTS_CM[0]:
+            if left_cm == PANEL_LEFTS_CM[0]:
                 axes.set_ylabel("bound over error")
             else:
                 axes.tick_params(labelleft=False)

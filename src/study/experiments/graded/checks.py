@@ -26,7 +26,7 @@ def order(tables: Tables, table: str, norms: Sequence[str], tolerance: float) ->
     """
     data = tables[table]
     faults = list[str]()
-    found: dict[str, float] = {}
+    excess: dict[str, float] = {}
     share = float((data["algebraic_bound"] / data["discrete_error"]).max())
     if not share <= MAX_ALGEBRAIC_PART:
         faults.append(f"the algebraic error is {share:.2g} of D")
@@ -35,9 +35,9 @@ def order(tables: Tables, table: str, norms: Sequence[str], tolerance: float) ->
         pairs = int(rates.count("pair").min())
         if pairs < MIN_GRADED_PAIRS:
             faults.append(f"a run has {pairs} pairs")
-        found |= _name_by_run((rates - expected_order(data)).min("pair"), data, f"{norm}, ")
+        excess |= _name_by_run((rates - expected_order(data)).min("pair"), data, f"{norm}, ")
     return require_preconditions(
-        pick_worst(found, r"the smallest rate less $\min(3/2, \gamma)$", -tolerance, True), faults
+        pick_worst(excess, r"the smallest rate less $\min(3/2, \gamma)$", -tolerance, True), faults
     )
 
 
@@ -49,8 +49,8 @@ def singular_order(tables: Tables, table: str, tolerance: float) -> Evidence:
     data = tables[table]
     slow = data.isel(run=np.flatnonzero(gamma(data) < SMOOTH_ORDER))
     excess = rates_by_halving(slow["singular_error"]).isel(pair=-1) - gamma(slow)
-    least = float(data["least_multiplier"].min())
-    faults = [] if least > 0 else [f"lambda_H is {least:.2g} in a cell"]
+    smallest_multiplier = float(data["least_multiplier"].min())
+    faults = [] if smallest_multiplier > 0 else [f"lambda_H is {smallest_multiplier:.2g} in a cell"]
     quantity = r"the rate of the finest pair less $\gamma$"
     return require_preconditions(pick_worst(_name_by_run(excess, slow), quantity, tolerance, False), faults)
 
@@ -61,11 +61,12 @@ def t_order(tables: Tables, table: str, tolerance: float) -> Evidence:
     Where gamma > 3/2 the factor (1 + ln 1/h)^{1/2} is allowed for.
     """
     data = tables[table]
-    taken = 0.5 * rates_by_halving(1 / (1 - xr.ufuncs.log(data["equal_h"]))) * (gamma(data) > SMOOTH_ORDER)
-    excess = rates_by_halving(data["weighted_ritz_means"]) + taken - expected_order(data)
-    least = excess.isel(pair=[-2, -1]).min("pair", skipna=False)
+    # t <= C h^{3/2} (1 + ln 1/h)^{1/2} for gamma > 3/2: the rate that the root of the logarithm takes
+    log_rate = 0.5 * rates_by_halving(1 / (1 - xr.ufuncs.log(data["equal_h"]))) * (gamma(data) > SMOOTH_ORDER)
+    excess = rates_by_halving(data["weighted_ritz_means"]) + log_rate - expected_order(data)
+    smallest_excess = excess.isel(pair=[-2, -1]).min("pair", skipna=False)
     quantity = r"the smallest rate of $t$ with its logarithm, less $\min(3/2, \gamma)$"
-    return pick_worst(_name_by_run(least, data), quantity, -tolerance, True)
+    return pick_worst(_name_by_run(smallest_excess, data), quantity, -tolerance, True)
 
 
 def gamma(data: xr.Dataset) -> xr.DataArray:

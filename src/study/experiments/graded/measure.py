@@ -46,9 +46,9 @@ def measure_grading(study: Mapping[str, Any], stop: Mapping[str, Any], errors: s
     chosen = Stop(**stop, algorithm=study["algorithm"])
     normed = study["normed"]
     measured = [run for scene in study["scenes"] for run in measure(scene, normed, chosen)]
-    given = {"graded": study, "stop": stop}
-    tables.save_table(xr.concat(measured, "run"), errors, "graded", given)
-    tables.save_table(measure_refinement(study, stop), adapted, "graded", given)
+    parameters = {"graded": study, "stop": stop}
+    tables.save_table(xr.concat(measured, "run"), errors, "graded", parameters)
+    tables.save_table(measure_refinement(study, stop), adapted, "graded", parameters)
 
 
 def measure(scene: Mapping[str, Any], normed: int, stop: Stop) -> Iterator[xr.Dataset]:
@@ -57,11 +57,11 @@ def measure(scene: Mapping[str, Any], normed: int, stop: Stop) -> Iterator[xr.Da
     levels = list(scenes.refine_to_levels(scenes.coarsest_mesh(scene), scene["mesh"]["levels"]))
     for case in scenes.load_cases(scene):
         vertex = singular_atom(case).side
-        for given in scene["kappas"]:
-            kappa = parse_real(given, "graded.kappas")
+        for declared_kappa in scene["kappas"]:
+            kappa = parse_real(declared_kappa, "graded.kappas")
             meshes = [grade_to_vertex(mesh, vertex, radius, kappa) for mesh in levels]
-            found = measure_levels(meshes, case, normed, stop).assign_coords(kappa=kappa)
-            yield found.assign(equal_h=("level", [mesh.h for mesh in levels]))
+            errors = measure_levels(meshes, case, normed, stop).assign_coords(kappa=kappa)
+            yield errors.assign(equal_h=("level", [mesh.h for mesh in levels]))
             print(f"{case.name}, kappa = {kappa:g} measured")
 
 
@@ -73,10 +73,11 @@ def grade_to_vertex(mesh: Mesh, vertex: int, radius: float, kappa: float) -> Mes
     """
     centre = mesh.polygon.vertices[vertex]
     offset = mesh.points - centre
+    # r/R, and 1 beyond R: x -> centre + (x - centre) (r/R)^(1/kappa - 1)
     share = np.minimum(np.hypot(*offset.T) / radius, 1.0)
-    moved = centre + offset * share[:, None] ** (1 / kappa - 1)
-    check_areas(moved, mesh.triangles, GRADED_MESH)
-    return build_conforming_mesh(mesh.polygon, moved, mesh.triangles, GRADED_MESH)
+    points = centre + offset * share[:, None] ** (1 / kappa - 1)
+    check_areas(points, mesh.triangles, GRADED_MESH)
+    return build_conforming_mesh(mesh.polygon, points, mesh.triangles, GRADED_MESH)
 
 
 def singular_atom(case: ExactSolution) -> PolarAtom:
@@ -97,30 +98,30 @@ def measure_levels(levels: Sequence[Mesh], case: ExactSolution, normed: int, sto
     other levels.
     """
     spaces = [mixed_spaces(condense(mesh), two_edge_cells(mesh)) for mesh in levels]
-    finest = [each.partition for each in spaces if each.partition.n_cells <= normed][-1]
+    finest = [pair.partition for pair in spaces if pair.partition.n_cells <= normed][-1]
     gram = build_dual_norm(finest, [case]).gram([case])
     atom = singular_atom(case)
-    rows = [_measure_level(each, case, gram, stop) | mesh_resolution(each) for each in spaces]
-    for row, each in zip(rows, spaces, strict=True):
-        row["singular_error"] = singular_part_error(replace(case, atoms=(atom,)), each)
+    rows = [_measure_level(pair, case, gram, stop) | mesh_resolution(pair) for pair in spaces]
+    for row, pair in zip(rows, spaces, strict=True):
+        row["singular_error"] = singular_part_error(replace(case, atoms=(atom,)), pair)
     return tabulate_rows(rows).assign_coords(case=case.name, exponent=float(atom.beta))
 
 
 def _measure_level(spaces: MixedSpaces, case: ExactSolution, gram: Gram, stop: Stop) -> GradedRow:
     """Errors of the discrete solution; in the dual norm if the forms are of a finer partition."""
-    seen = project_case(case, spaces)
-    result = solve_condensed_problem(discretise_case(spaces, seen), stop).result
-    errors = seen.errors(spaces, result.lambda_H)
+    projections = project_case(case, spaces)
+    result = solve_condensed_problem(discretise_case(spaces, projections), stop).result
+    errors = projections.errors(spaces, result.lambda_H)
     row = {
         "h1_error": errors.h1,
         "discrete_error": errors.hm12_discrete,
-        "weighted_ritz_means": weighted_ritz_means(seen, spaces),
+        "weighted_ritz_means": weighted_ritz_means(projections, spaces),
         "least_multiplier": float(result.lambda_H.min()),
         "algebraic_bound": result.bound,
         "converged": float(result.converged),
         "quadrature_share": errors.quadrature_share,
     }
-    return row | _dual_norm_errors(spaces, seen, gram, result.lambda_H)
+    return row | _dual_norm_errors(spaces, projections, gram, result.lambda_H)
 
 
 def _dual_norm_errors(
@@ -128,11 +129,13 @@ def _dual_norm_errors(
 ) -> GradedRow:
     if spaces.partition.n_cells > gram.n_cells:
         return dict.fromkeys(("hm12_error_lower", "hm12_error_upper", "beta_lower"), np.nan)
-    form = gram.coarsen(spaces.partition)
+    form = gram.coarsen(
+        spaces.partition
+    )  # the lower bound is at least D, since ||.||_{-1/2,h} <= ||.||_{-1/2}
     lower, upper = form.error_bounds(0, (exact_data.cell_means.lambda_means - lambda_H)[None])
-    least = exact_data.errors(spaces, lambda_H).hm12_discrete
+    D = exact_data.errors(spaces, lambda_H).hm12_discrete
     return {
-        "hm12_error_lower": max(float(lower[0]), least),
+        "hm12_error_lower": max(float(lower[0]), D),
         "hm12_error_upper": float(upper[0]),
         "beta_lower": infsup_constants(spaces.operator, form.p0).beta_lower,
     }
@@ -140,39 +143,38 @@ def _dual_norm_errors(
 
 def singular_part_error(singular: ExactSolution, spaces: MixedSpaces) -> float:
     """||z_h - u_h||_1 of a case, were multipliers of both signs allowed."""
-    seen = project_case(singular, spaces)
-    return seen.errors(spaces, equality_multiplier(discretise_case(spaces, seen))).hm12_discrete
+    projections = project_case(singular, spaces)
+    return projections.errors(spaces, equality_multiplier(discretise_case(spaces, projections))).hm12_discrete
 
 
 def equality_multiplier(discrete: CondensedProblem) -> Array:
-    """The multiplier, of either sign, at which all cell means of u_h - g are 0.
-
-    The shape is (m,).
-    """
+    """The multiplier (m,), of either sign, at which all cell means of u_h - g are 0."""
     root = np.sqrt(discrete.spaces.operator.H_i)
     S = discrete.spaces.operator.S
+    # S y + b = 0 for y = H_i^{1/2} mu and b = H_i^{1/2} offset
     return np.asarray(solve_linear(S, -discrete.offset * root, assume_a="pos") / root)
 
 
 def weighted_ritz_means(exact_data: CaseProjections, spaces: MixedSpaces) -> float:
     """t of Lemma 1: (sum_i H_i^{-1} ||Pi_H(u - z_h)||_{0,i}^2)^{1/2}."""
+    # H_i^{-1/2} ||Pi_H(u - z_h)||_{0,i} is the mean of u - z_h on the cell i
     u_means = exact_data.cell_means.gap_means + exact_data.cell_means.g_means
     return float(np.linalg.norm(u_means - spaces.B @ exact_data.ritz.boundary_values / spaces.operator.H_i))
 
 
 def mesh_resolution(spaces: MixedSpaces) -> GradedRow:
     """How large the mesh is, its smallest angle, and how finely it resolves the cells."""
-    found = resolution(spaces.mesh, spaces.partition)
-    of_mesh = {"unknowns": float(spaces.mesh.n_nodes), "least_angle": smallest_angle(spaces.mesh)}
-    return of_mesh | {"delta": found.delta, "alpha_1": found.alpha_1}
+    scales = resolution(spaces.mesh, spaces.partition)
+    sizes = {"unknowns": float(spaces.mesh.n_nodes), "least_angle": smallest_angle(spaces.mesh)}
+    return sizes | {"delta": scales.delta, "alpha_1": scales.alpha_1}
 
 
 def smallest_angle(mesh: Mesh) -> float:
     """The smallest angle of all triangles, in degrees."""
     corners = mesh.points[mesh.triangles]
-    before = (np.roll(corners, 1, axis=1) - corners).reshape(-1, 2)
-    after = (np.roll(corners, -1, axis=1) - corners).reshape(-1, 2)
-    return float(np.degrees(np.arctan2(cross(after, before), np.sum(after * before, axis=1)).min()))
+    incoming = (np.roll(corners, 1, axis=1) - corners).reshape(-1, 2)
+    outgoing = (np.roll(corners, -1, axis=1) - corners).reshape(-1, 2)
+    return float(np.degrees(np.arctan2(cross(outgoing, incoming), np.sum(outgoing * incoming, axis=1)).min()))
 
 
 def measure_refinement(study: Mapping[str, Any], stop: Mapping[str, Any]) -> xr.Dataset:

@@ -34,9 +34,9 @@ def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, A
     `factor` is that of the unknowns on adapted meshes over which orders are taken.
     """
     errors = results["graded/errors"]
-    least = {"beta": "beta_lower", "angle": "least_angle", "delta": "delta"}
-    found = {name: float(errors[variable].min()) for name, variable in least.items()}
-    return {"graded": found | {"most_unknowns": float(errors["unknowns"].max()), "factor": UNKNOWNS_FACTOR}}
+    variables = {"beta": "beta_lower", "angle": "least_angle", "delta": "delta"}
+    minima = {name: float(errors[variable].min()) for name, variable in variables.items()}
+    return {"graded": minima | {"most_unknowns": float(errors["unknowns"].max()), "factor": UNKNOWNS_FACTOR}}
 
 
 def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
@@ -52,15 +52,15 @@ def tabulate_graded_orders(errors: xr.Dataset) -> pd.DataFrame:
     data = errors.assign(hm12_error=error_in_norm(errors, "hm12"))
     rows = []
     for run in range(data.sizes["run"]):
-        of = data.isel(run=run)
+        levels = data.isel(run=run)
         rates = {
-            title: float(rates_by_halving(of[name].dropna("level"))[-1])
+            title: float(rates_by_halving(levels[name].dropna("level"))[-1])
             for title, name in GRADED_COLUMNS.items()
         }
-        exponent = float(gamma(of))
-        row = {"case": f"`{of['case'].item()}`", "angle": f"{1 / float(of['exponent']):.2g}π"}
+        exponent = float(gamma(levels))
+        row = {"case": f"`{levels['case'].item()}`", "angle": f"{1 / float(levels['exponent']):.2g}π"}
         row |= {
-            r"$\kappa$": f"{float(of['kappa']):g}",
+            r"$\kappa$": f"{float(levels['kappa']):g}",
             r"$\gamma$": f"{exponent:.2f}",
             "required": f"{min(SMOOTH_ORDER, exponent):.2f}",
         }
@@ -77,9 +77,11 @@ def tabulate_adapted_orders(adapted: xr.Dataset) -> pd.DataFrame:
         row = {"case": f"`{case}`", "unknowns": format_value(float(errors["unknowns"].max()), "space")}
         for title, name in ADAPTED_COLUMNS.items():
             orders = orders_between_levels(unknowns, errors[name].values, UNKNOWNS_FACTOR)
-            least = format_value(float(orders.min()), ".2f")
+            smallest_order = format_value(float(orders.min()), ".2f")
             row[title] = (
-                f"{least} to {format_value(float(orders.max()), '.2f')}" if len(orders) > 1 else least
+                f"{smallest_order} to {format_value(float(orders.max()), '.2f')}"
+                if len(orders) > 1
+                else smallest_order
             )
         rows.append(row)
     return pd.DataFrame(rows)

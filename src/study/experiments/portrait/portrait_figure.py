@@ -50,19 +50,19 @@ def table(polygon: str, f: str, h: str, H: str, reference: str) -> pd.DataFrame:
     problem = build_from_declaration({"polygon": domain.vertices.tolist(), "f": f, "g": 0}, polygon)
     fine = parse_real(reference, "reference")
     sizes = {"computed": (parse_real(h, "h"), parse_real(H, "H")), "reference": (fine, 2 * fine)}
-    parts = []
-    for of, (edge, cell) in sizes.items():
+    frames = []
+    for role, (edge, cell) in sizes.items():
         mesh = make_structured_mesh(domain, edge)
         cells = make_uniform_partition(domain, cell)
         solution = solve_condensed_problem(discretise(problem, mesh, cells))
-        parts += [each.assign(of=of) for each in _tabulate_boundary(domain, mesh, cells, solution)]
-        if of == "computed":
+        frames += [rows.assign(of=role) for rows in _tabulate_boundary(domain, mesh, cells, solution)]
+        if role == "computed":
             corners = mesh.triangles.ravel()
             x, y = mesh.points[corners].T
             u_h = solution.u_h[corners]
             field = pd.DataFrame({"kind": "mesh", "h": mesh.h, "H": cells.H, "x": x, "y": y, "value": u_h})
-            parts.append(field.assign(of=of))
-    return pd.concat(parts)[COLUMNS]
+            frames.append(field.assign(of=role))
+    return pd.concat(frames)[COLUMNS]
 
 
 def _tabulate_boundary(
@@ -72,13 +72,13 @@ def _tabulate_boundary(
     node = np.column_stack([mesh.boundary, np.roll(mesh.boundary, -1)]).ravel()
     position = np.column_stack([mesh.s[:-1], mesh.s[1:]]).ravel()
     x, y = mesh.points[node].T
-    of_edges = {"s": position, "side": np.repeat(mesh.side, 2), "x": x, "y": y, "value": solution.u_h[node]}
-    nodes = pd.DataFrame({"kind": "node", **of_edges}).drop_duplicates(["side", "s"])
+    columns = {"s": position, "side": np.repeat(mesh.side, 2), "x": x, "y": y, "value": solution.u_h[node]}
+    nodes = pd.DataFrame({"kind": "node", **columns}).drop_duplicates(["side", "s"])
     s = cells.points[:-1]
     end = cells.points[1:]
     x, y = polygon.at(cells.side, (s + end) / 2 - polygon.starts[cells.side]).T
-    of_cells = {"s": s, "end": end, "side": cells.side, "x": x, "y": y, "value": solution.lambda_H}
-    return nodes, pd.DataFrame({"kind": "cell", **of_cells})
+    columns = {"s": s, "end": end, "side": cells.side, "x": x, "y": y, "value": solution.lambda_H}
+    return nodes, pd.DataFrame({"kind": "cell", **columns})
 
 
 def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
@@ -174,6 +174,6 @@ def _draw_trace(axes: Axes, data: pd.DataFrame) -> None:
     axes.plot(computed["s"], computed["value"], marker=".", markersize=3.5, **COMPUTED_LOOK)
     axes.plot(reference["s"], reference["value"], **REFERENCE_LOOK)
     contact = _contact_middles(data)
-    at_the_foot: style.Look = {"transform": axes.get_xaxis_transform(), "clip_on": False, "zorder": 3}
-    axes.plot(contact["s"], 0 * contact["s"], **at_the_foot, **CONTACT_LOOK)
+    foot_look: style.Look = {"transform": axes.get_xaxis_transform(), "clip_on": False, "zorder": 3}
+    axes.plot(contact["s"], 0 * contact["s"], **foot_look, **CONTACT_LOOK)
     axes.set(ylabel="$u_h-g$", xlabel=r"arc length $s$ along $\partial\Omega$")

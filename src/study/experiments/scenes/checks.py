@@ -33,11 +33,11 @@ def not_faster(
     tables: Tables, scenes: Sequence[str], cases: Sequence[str], norm: str, H_over_h: float, at_most: float
 ) -> Evidence:
     """The largest rate of the finest pair of levels."""
-    found = {
+    finest_rates = {
         name: _finest_rate(row)
         for name, row in _select_judged_rates(tables, scenes, cases, [norm], H_over_h).items()
     }
-    return pick_worst(found, "the largest rate of the finest pair", at_most, False)
+    return pick_worst(finest_rates, "the largest rate of the finest pair", at_most, False)
 
 
 def _finest_rate(row: xr.Dataset) -> float:
@@ -133,8 +133,10 @@ def exactness(
     fall short by the tolerance, but not below 0. Raises Unjudged if a case is in no scene.
     """
     rows = select_cases(tables, "{scene}/totals", scenes, orders)
-    expected = {name: max(2 * (orders[of["case"].item()] - 1), tolerance) for name, of in rows.items()}
-    excess = {name: (float(index_rate(of)) - expected[name]) / tolerance for name, of in rows.items()}
+    expected = {
+        name: max(2 * (orders[totals["case"].item()] - 1), tolerance) for name, totals in rows.items()
+    }
+    excess = {name: (float(index_rate(totals)) - expected[name]) / tolerance for name, totals in rows.items()}
     quantity = "the smallest rate of index − 1 less the expected one, over its tolerance"
     evidence = pick_worst(excess, quantity, -1.0, True)
     absent = set(orders) - {table["case"].item() for table in rows.values()}
@@ -145,6 +147,7 @@ def index_rate(totals: xr.Dataset) -> xr.DataArray:
     """The rate at which the sharp bound over the error of u, less 1, falls on the last two halvings of h."""
     excess = totals["total_index_u"].isel(mesh=[-3, -1]) - 1
     h = totals["h"].isel(mesh=[-3, -1])
-    of_excess = xr.DataArray(np.log(excess.isel(mesh=0) / excess.isel(mesh=1)))
-    of_h = xr.DataArray(np.log(h.isel(mesh=0) / h.isel(mesh=1)))
-    return of_excess / of_h
+    # log(excess_1 / excess_2) / log(h_1 / h_2)
+    excess_fall = xr.DataArray(np.log(excess.isel(mesh=0) / excess.isel(mesh=1)))
+    h_fall = xr.DataArray(np.log(h.isel(mesh=0) / h.isel(mesh=1)))
+    return excess_fall / h_fall

@@ -27,10 +27,12 @@ def fit_floors(errors: str, name: str, ratio: object, floors: str) -> None:
     """Write the fits of a scene's errors, for asymptotic sizes as the cases declare them."""
     table = tables.load_table(errors)
     declared = {
-        each: case.read_case_declaration(each)[0]["asymptotic"]["h1"]["from"] for each in table["case"].values
+        case_name: case.read_case_declaration(case_name)[0]["asymptotic"]["h1"]["from"]
+        for case_name in table["case"].values
     }
     starts = {
-        each: parse_real(start, f"case '{each}', asymptotic.h1.from") for each, start in declared.items()
+        case_name: parse_real(start, f"case '{case_name}', asymptotic.h1.from")
+        for case_name, start in declared.items()
     }
     fits = fit_cases(table, starts, parse_real(ratio, "judged_ratio"))
     tables.save_table(fits, floors, name, {"rates.judged_ratio": ratio})
@@ -59,19 +61,21 @@ def fit_floor(h: Array, H: Array, error: Array) -> Floor:
             "a fit needs four, at two of each"
         )
     start = np.array([np.log(np.min(error / h)), np.log(np.min(error / H**START_S)), START_S])
-    least = least_squares(
+    fit = least_squares(
         _log_residuals, start, args=(np.log(h), np.log(H), np.log(error)), xtol=1e-14, ftol=1e-14, gtol=1e-14
     )
+    # (J^T J)^{-1} times the variance of the residuals, by degrees of freedom: errors less parameters
     freedom = len(error) - len(start)
-    covariance = np.linalg.inv(least.jac.T @ least.jac) * (least.fun @ least.fun) / freedom
-    C1, C2 = np.exp(least.x[:2])
+    covariance = np.linalg.inv(fit.jac.T @ fit.jac) * (fit.fun @ fit.fun) / freedom
+    C1, C2 = np.exp(fit.x[:2])
     uncertainty = np.sqrt(covariance[2, 2])
-    largest = np.max(np.abs(least.fun))
-    return Floor(float(C1), float(C2), float(least.x[2]), float(uncertainty), float(largest), len(error))
+    largest = np.max(np.abs(fit.fun))
+    return Floor(float(C1), float(C2), float(fit.x[2]), float(uncertainty), float(largest), len(error))
 
 
 def _log_residuals(parameters: Array, log_h: Array, log_H: Array, log_error: Array) -> Array:
     log_C1, log_C2, s = parameters
+    # log error = log((C1 h)^2 + (C2 H^s)^2) / 2
     model = 0.5 * np.logaddexp(2 * (log_C1 + log_h), 2 * (log_C2 + s * log_H))
     return np.asarray(model - log_error)
 
@@ -85,7 +89,7 @@ def fit_cases(errors: xr.Dataset, starts: Mapping[str, float], judged_ratio: flo
     zero = errors["projection_error"].max("partition") <= ZERO_ERROR_SHARE * errors["u_norm"].max("mesh")
     cases = [str(case) for case in errors["case"].values if not zero.sel(case=case)]
     fits = [_fit_case(errors.sel(case=case), starts[case], judged_ratio) for case in cases]
-    table = {name: ("case", [getattr(each, name) for each in fits]) for name in Floor._fields}
+    table = {name: ("case", [getattr(fit, name) for fit in fits]) for name in Floor._fields}
     return xr.Dataset(table | {"start": ("case", [starts[case] for case in cases])}, coords={"case": cases})
 
 

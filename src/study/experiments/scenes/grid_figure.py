@@ -27,8 +27,8 @@ def table(errors: style.FilePath, cases: Sequence[str]) -> pd.DataFrame:
     """One row per case, norm, h and H: the error, NaN where it was not computed, and whether beta = 0."""
     runs = tables.load_table(errors).sel(case=list(cases))
     without_beta = (runs["algorithm"] == "active_set").astype(int)
-    of = xr.Dataset({"error": tables.errors_in_all_norms(runs), "beta_zero": without_beta})
-    rows = of.to_dataframe(["case", "norm", "mesh", "partition"]).reset_index()
+    columns = xr.Dataset({"error": tables.errors_in_all_norms(runs), "beta_zero": without_beta})
+    rows = columns.to_dataframe(["case", "norm", "mesh", "partition"]).reset_index()
     return rows[["case", "norm", "h", "H", "h_over_H", "error", "beta_zero"]]
 
 
@@ -46,13 +46,13 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     gap = 0.62
     with style.open_figure(svg_path, 3.55 + (height + gap) * len(cases)) as figure:
         top = 2.05 + (height + gap) * len(cases)
-        for left, (norm, title) in zip((1.62, 6.74, 11.86), style.NORM_TITLES.items(), strict=True):
+        for left_cm, (norm, title) in zip((1.62, 6.74, 11.86), style.NORM_TITLES.items(), strict=True):
             rows = data[data["norm"] == norm]
             positive = rows["error"][rows["error"] > 0]
             low, high = (positive.min(), positive.max()) if len(positive) else (0.1, 1.0)
             scale = ScalarMappable(LogNorm(low, high), colormaps["cividis"])
             for i, case in enumerate(cases):
-                axes = style.add_axes(figure, left, top - height - i * (height + gap), width, height)
+                axes = style.add_axes(figure, left_cm, top - height - i * (height + gap), width, height)
                 _draw_error_map(axes, rows[rows["case"] == case], h, H, scale)
                 axes.set_xticks(range(len(h)), _format_sizes(h) if i == 0 else [])
                 axes.set_yticks(range(len(H)), _format_sizes(H) if norm == "h1" else [])
@@ -68,7 +68,7 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
                 if i == 0:
                     axes.set_xlabel("mesh size $h$", labelpad=4)
                     axes.set_title(title, pad=6)
-            place = style.add_axes(figure, left, 1.45, width, 0.25)
+            place = style.add_axes(figure, left_cm, 1.45, width, 0.25)
             style.simplify_colour_bar(figure.colorbar(scale, cax=place, orientation="horizontal"))
         handles = [
             style.legend_entry("constant $h/H$", color="black", lw=0.8),
@@ -97,8 +97,8 @@ def _draw_error_map(
     for (j, i), error, beta_zero in zip(places.tolist(), rows["error"], rows["beta_zero"], strict=True):
         _draw_cell(axes, j, i, error, bool(beta_zero), scale)
     for ratio in DRAWN_RATIOS:
-        on = np.isclose(rows["h_over_H"], ratio, rtol=1e-3)
-        _draw_diagonal(axes, sorted(places[on].tolist()), ratio)
+        has_ratio = np.isclose(rows["h_over_H"], ratio, rtol=1e-3)
+        _draw_diagonal(axes, sorted(places[has_ratio].tolist()), ratio)
 
 
 def _draw_cell(axes: Axes, j: int, i: int, error: float, beta_zero: bool, scale: ScalarMappable) -> None:

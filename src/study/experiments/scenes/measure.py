@@ -79,11 +79,11 @@ def solve_scene(
         print(f"h = {refined.h:.4g} solved")
     solved = tables.join_levels(solved_levels)
     timed = tables.join_levels(timed_levels)
-    given = {f"scenes.{name}": scene, "stop": stop}
-    tables.save_table(solved, solutions, name, given)
-    tables.save_table(solved.drop_vars("lambda_H"), errors, name, given)
-    tables.save_table(lemma_quotients(solved), infsup, name, given)
-    tables.save_table(timed, timings, name, given)
+    parameters = {f"scenes.{name}": scene, "stop": stop}
+    tables.save_table(solved, solutions, name, parameters)
+    tables.save_table(solved.drop_vars("lambda_H"), errors, name, parameters)
+    tables.save_table(lemma_quotients(solved), infsup, name, parameters)
+    tables.save_table(timed, timings, name, parameters)
 
 
 def solve_on_partitions(
@@ -108,16 +108,17 @@ def solve_on_partitions(
     problems = ritz_projections(cases, condensed)
     table = _empty_table(mesh, cases, partitions)
     table["sigma_1"][:] = sigma_1
-    for c, problem in enumerate(problems):
+    for case_index, problem in enumerate(problems):
         for name in CASE_VARIABLES:
-            table[name][c, 0] = getattr(problem, name)
+            table[name][case_index, 0] = getattr(problem, name)
     seconds = np.full((len(cases), 1, len(partitions)), np.nan)
     for k, partition in enumerate(partitions):
+        # The limits count as reached in spite of rounding
         if not H_over_h[0] <= partition.H / mesh.h * (1 + 1e-12) <= H_over_h[1] * (1 + 2e-12):
             continue
-        cells = [cell_means(case, partition) for case in cases]
+        case_means = [cell_means(case, partition) for case in cases]
         for name in PARTITION_VARIABLES:
-            table[name].values[:, k] = [getattr(each, name) for each in cells]
+            table[name].values[:, k] = [getattr(means, name) for means in case_means]
         spaces = mixed_spaces(condensed, partition)
         # The dual norm on the partition; where S is singular beta is 0, and no norm is needed
         form = None
@@ -129,22 +130,23 @@ def solve_on_partitions(
         values = (spaces.operator.lambda_min, spaces.operator.lambda_max, *stability)
         for name, value in zip(PAIR_VARIABLES, values, strict=True):
             table[name][0, k] = value
-        for c, problem in enumerate(problems):
+        for case_index, problem in enumerate(problems):
             begin = time.perf_counter()
-            exact = CaseProjections(problem, cells[c])
-            table["ritz_means"][c, 0, k] = exact.ritz_means_norm(spaces)
+            exact = CaseProjections(problem, case_means[case_index])
+            table["ritz_means"][case_index, 0, k] = exact.ritz_means_norm(spaces)
             discrete = discretise_case(spaces, exact)
             solution = solve_condensed_problem(discrete, stop, stability.beta_lower)
             errors = exact.errors(spaces, solution.result.lambda_H)
-            seconds[c, 0, k] = time.perf_counter() - begin
-            _record_run(table, c, k, solution, errors)
-            table["balance"][c, 0, k] = discrete.balance(solution)
+            seconds[case_index, 0, k] = time.perf_counter() - begin
+            _record_run(table, case_index, k, solution, errors)
+            table["balance"][case_index, 0, k] = discrete.balance(solution)
+            # ||e||_{-1/2} of e = lambda - lambda_H lies between both bounds, and above ||e||_{-1/2,h} = D
             if form:
-                difference = cells[c].lambda_means - solution.lambda_H
-                lower, upper = form.error_bounds(c, difference[None])
-                table["hm12_error_lower"][c, 0, k] = max(float(lower[0]), errors.hm12_discrete)
-                table["hm12_error_upper"][c, 0, k] = upper[0]
-                table["hm12_best"][c, 0, k] = form.best_approximations[c]
+                difference = case_means[case_index].lambda_means - solution.lambda_H
+                lower, upper = form.error_bounds(case_index, difference[None])
+                table["hm12_error_lower"][case_index, 0, k] = max(float(lower[0]), errors.hm12_discrete)
+                table["hm12_error_upper"][case_index, 0, k] = upper[0]
+                table["hm12_best"][case_index, 0, k] = form.best_approximations[case_index]
     coordinates = {"case": table["case"], "h": table["h"], "H": table["H"]}
     timings = xr.Dataset(
         {
@@ -167,6 +169,7 @@ def _empty_table(mesh: Mesh, cases: Sequence[ExactSolution], partitions: Sequenc
     grid = ("mesh", "partition")
 
     def nan_array(*shape: int) -> np.ndarray:
+        """An array for what is not known yet."""
         return np.full(shape, np.nan)
 
     variables: dict[str, tuple] = {name: (run, nan_array(n, 1, p)) for name in RUN_VARIABLES}

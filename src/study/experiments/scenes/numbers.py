@@ -24,12 +24,12 @@ NO_RATE_JUDGED = "–"
 
 def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
     """The rate of u without (j) and without (jj); bounds on totals."""
-    at = {"norm": "h1", "h_over_H": parse_real(study["rates"]["judged_ratio"], "judged_ratio")}
-    without = {
-        case: smallest_rate(results[f"{scene}/rates"].sel(case=case, **at))
+    labels = {"norm": "h1", "h_over_H": parse_real(study["rates"]["judged_ratio"], "judged_ratio")}
+    smallest_rates = {
+        case: smallest_rate(results[f"{scene}/rates"].sel(case=case, **labels))
         for scene, case in (("corners", "violates_j"), ("irregular", "violates_jj"))
     }
-    return {"rates": without, "totals": summarise_corner_totals(results["corners/totals"])}
+    return {"rates": smallest_rates, "totals": summarise_corner_totals(results["corners/totals"])}
 
 
 def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
@@ -56,8 +56,8 @@ def split_clamped_scenes(
     scenes: Mapping[str, xr.Dataset],
 ) -> tuple[dict[str, xr.Dataset], dict[str, xr.Dataset]]:
     """The scenes without clamped sides, and those with some."""
-    clamped = {name: of for name, of in scenes.items() if has_clamped_sides(of["case"].values[0])}
-    return {name: of for name, of in scenes.items() if name not in clamped}, clamped
+    clamped = {name: table for name, table in scenes.items() if has_clamped_sides(table["case"].values[0])}
+    return {name: table for name, table in scenes.items() if name not in clamped}, clamped
 
 
 def tabulate_rates(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd.DataFrame:
@@ -68,12 +68,12 @@ def tabulate_rates(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd.DataFra
         {"scene": name, "case": f"`{case}`"}
         | {
             f"{ERROR_TITLES[norm]} (proved {proved[norm]:g})": describe_rate(
-                found.sel(case=case, norm=norm, h_over_H=ratio)
+                rates.sel(case=case, norm=norm, h_over_H=ratio)
             )
             for norm in ERROR_NORMS
         }
-        for name, found in scenes.items()
-        for case in found["case"].values
+        for name, rates in scenes.items()
+        for case in rates["case"].values
     ]
     return pd.DataFrame(rows)
 
@@ -94,27 +94,29 @@ def describe_rate(rates_row: xr.Dataset) -> str:
 def tabulate_rates_by_case(scenes: Mapping[str, xr.Dataset], ratio: float) -> pd.DataFrame:
     """Per case, the smallest rates of all scenes; a case that is nowhere judged has no row."""
     rows = []
-    for case in dict.fromkeys(case for found in scenes.values() for case in found["case"].values):
-        of = {
-            name: found.sel(case=case, h_over_H=ratio)
-            for name, found in scenes.items()
-            if case in found["case"]
+    for case in dict.fromkeys(case for rates in scenes.values() for case in rates["case"].values):
+        case_rates = {
+            name: rates.sel(case=case, h_over_H=ratio)
+            for name, rates in scenes.items()
+            if case in rates["case"]
         }
-        shown_of = {
-            ERROR_TITLES[norm]: _describe_smallest_rate([found.sel(norm=norm) for found in of.values()])
+        rate_texts = {
+            ERROR_TITLES[norm]: _describe_smallest_rate(
+                [rates.sel(norm=norm) for rates in case_rates.values()]
+            )
             for norm in ERROR_NORMS
         }
-        if set(shown_of.values()) != {NO_RATE_JUDGED}:
-            rows.append({"case": f"`{case}`", "scenes": ", ".join(of)} | shown_of)
+        if set(rate_texts.values()) != {NO_RATE_JUDGED}:
+            rows.append({"case": f"`{case}`", "scenes": ", ".join(case_rates)} | rate_texts)
     return pd.DataFrame(rows)
 
 
 def _describe_smallest_rate(rates_rows: Sequence[xr.Dataset]) -> str:
-    judged = [of for of in rates_rows if of["verdict"].item() in ("holds", "fails")]
+    judged = [row for row in rates_rows if row["verdict"].item() in ("holds", "fails")]
     if not judged:
         return "exact" if rates_rows[0]["verdict"].item() == "exact" else NO_RATE_JUDGED
-    failed = any(of["verdict"].item() == "fails" for of in judged)
-    expected = max(float(of["expected"]) for of in judged)
+    failed = any(row["verdict"].item() == "fails" for row in judged)
+    expected = max(float(row["expected"]) for row in judged)
     return f"{min(map(smallest_rate, judged)):.2f} of {expected:.3g}" + (", **fails**" if failed else "")
 
 
@@ -126,11 +128,11 @@ FLOOR_COLUMNS = {"C₁": ("C1", ".3g"), "C₂": ("C2", ".3g"), "s": ("s", ".2f")
 
 def tabulate_floors(fits: xr.Dataset) -> pd.DataFrame:
     """The fit of the errors over the whole (h, H) grid, by case."""
-    of = fits.to_dataframe()
+    fit_rows = fits.to_dataframe()
     table = pd.DataFrame(
-        [{"case": f"`{case}`"} | format_row(fit, FLOOR_COLUMNS) for case, fit in of.iterrows()]
+        [{"case": f"`{case}`"} | format_row(fit, FLOOR_COLUMNS) for case, fit in fit_rows.iterrows()]
     )
-    table["s"] += [f" ± {uncertainty:.2f}" for uncertainty in of["s_uncertainty"]]
+    table["s"] += [f" ± {uncertainty:.2f}" for uncertainty in fit_rows["s_uncertainty"]]
     return table
 
 

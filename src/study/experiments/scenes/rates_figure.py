@@ -26,14 +26,16 @@ def table(errors: style.FilePath, rates: style.FilePath) -> pd.DataFrame:
     """
     solved = tables.load_table(errors)
     fitted = tables.load_table(rates)
-    all_parts = [_tabulate_ratio(solved, fitted.sel(h_over_H=ratio)) for ratio in fitted["h_over_H"].values]
-    parts = [part for part in all_parts if part["error"].notna().any()]
-    if not parts:
+    ratio_tables = [
+        _tabulate_ratio(solved, fitted.sel(h_over_H=ratio)) for ratio in fitted["h_over_H"].values
+    ]
+    known_tables = [ratio_table for ratio_table in ratio_tables if ratio_table["error"].notna().any()]
+    if not known_tables:
         ratios = ", ".join(f"{ratio:g}" for ratio in fitted["h_over_H"].values)
         raise InputError(
             f"scene '{solved.attrs['scene']}' has no level with h/H = {ratios} to draw rates along"
         )
-    rows = pd.concat(parts).sort_values(LINE_INDEX, kind="stable")
+    rows = pd.concat(known_tables).sort_values(LINE_INDEX, kind="stable")
     return rows.assign(scene=solved.attrs["scene"])[COLUMNS]
 
 
@@ -61,14 +63,14 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
         key = style.add_axes(figure, 0, 0, style.PAGE_WIDTH_CM, bottom - 0.9)
         key.set(xlim=(0, style.PAGE_WIDTH_CM), ylim=(0, bottom - 0.9))
         key.axis("off")
-        for left, (norm, title) in zip((1.25, 6.8, 12.35), style.NORM_TITLES.items(), strict=True):
+        for left_cm, (norm, title) in zip((1.25, 6.8, 12.35), style.NORM_TITLES.items(), strict=True):
             rows = data[data["norm"] == norm]
-            axes = style.add_axes(figure, left, bottom + 0.2, 4.5, 5.0)
+            axes = style.add_axes(figure, left_cm, bottom + 0.2, 4.5, 5.0)
             axes.set_title(title)
             axes.set_xlabel(f"mesh size $h$  ($h/H = {', '.join(map(style.format_fraction, ratios))}$)")
             _draw_error_lines(axes, rows, cases, ratios)
             _draw_proved_slope(axes, rows)
-            _draw_rate_columns(key, rows, cases, ratios, left)
+            _draw_rate_columns(key, rows, cases, ratios, left_cm)
         for i, case in enumerate(cases):
             key.text(
                 0.7, bottom - 0.9 - 1.35 - KEY_ROW_CM * i, case, fontsize=style.SMALL_FONT_POINTS, va="center"
@@ -81,16 +83,16 @@ def _draw_error_lines(axes: Axes, rows: pd.DataFrame, cases: dict[str, int], rat
     style.set_size_axes(axes, rows["h"], every=2)
     exact = []
     for case, i in cases.items():
-        of_case = rows[(rows["case"] == case) & rows["error"].notna()]
-        if len(of_case) and (of_case["error"] == 0).all():
+        case_rows = rows[(rows["case"] == case) & rows["error"].notna()]
+        if len(case_rows) and (case_rows["error"] == 0).all():
             exact.append(f"{case}: {EXACT_NOTES[str(rows['norm'].iloc[0])]}")
         for j, ratio in enumerate(ratios):
-            line = of_case[(of_case["h_over_H"] == ratio) & (of_case["error"] > 0)].sort_values("h")
+            line = case_rows[(case_rows["h_over_H"] == ratio) & (case_rows["error"] > 0)].sort_values("h")
             axes.plot(line["h"], line["error"], **_line_look(i), ls=_ratio_dashes(j))
-            for asymptotic, part in line.groupby("asymptotic"):
+            for asymptotic, marked_rows in line.groupby("asymptotic"):
                 axes.plot(
-                    part["h"],
-                    part["error"],
+                    marked_rows["h"],
+                    marked_rows["error"],
                     ls="",
                     **style.marker_look(i, bool(asymptotic), ERROR_MARKER_POINTS),
                 )
@@ -113,17 +115,17 @@ def _draw_proved_slope(axes: Axes, rows: pd.DataFrame) -> None:
     """The triangle of the proved slope, at the right, below all lines."""
     proved = float(rows["proved"].iloc[0])
     drawn = rows[rows["error"] > 0]
-    right = rows["h"].max() / 1.25
-    left = right / 3
-    near = drawn[drawn["h"] > left / 2]
-    base = float((near["error"] * (left / near["h"]) ** proved).min()) / 2 if len(near) else 1.0
-    top = base * (right / left) ** proved
-    axes.add_patch(Polygon([(left, base), (right, base), (right, top)], fc="0.88", ec="0.25", lw=0.7))
+    x1 = rows["h"].max() / 1.25
+    x0 = x1 / 3
+    near = drawn[drawn["h"] > x0 / 2]
+    base = float((near["error"] * (x0 / near["h"]) ** proved).min()) / 2 if len(near) else 1.0
+    top = base * (x1 / x0) ** proved
+    axes.add_patch(Polygon([(x0, base), (x1, base), (x1, top)], fc="0.88", ec="0.25", lw=0.7))
     beside: style.Look = {"textcoords": "offset points", "fontsize": style.SMALL_FONT_POINTS}
-    middle_x = np.sqrt(left * right)
+    middle_x = np.sqrt(x0 * x1)
     middle_y = np.sqrt(base * top)
     axes.annotate("$1$", (middle_x, base), (0, -2), ha="center", va="top", **beside)
-    axes.annotate(f"${style.format_fraction(proved)}$", (right, middle_y), (2, 0), va="center", **beside)
+    axes.annotate(f"${style.format_fraction(proved)}$", (x1, middle_y), (2, 0), va="center", **beside)
     low, high = axes.get_ylim()
     axes.set_ylim(min(low, base / (high / low) ** 0.09), high)
 
@@ -143,16 +145,16 @@ def _draw_rate_columns(
         key.plot([x - 0.62, x], [top - 1.02] * 2, color="black", lw=1.0, ls=_ratio_dashes(j))
     for place, (case, i) in enumerate(cases.items()):
         y = top - 1.35 - KEY_ROW_CM * place
-        of_case = rows[rows["case"] == case]
+        case_rows = rows[rows["case"] == case]
         start = 0.1 if left_cm < 2 else left_cm
         key.plot([start, start + 0.5], [y, y], **_line_look(i))
         key.plot([start + 0.25], [y], ls="", **style.marker_look(i, True, ERROR_MARKER_POINTS))
-        observed = [of_case.loc[of_case["h_over_H"] == ratio, "rate"] for ratio in ratios]
-        if of_case["rate"].isna().all():
-            errors = of_case["error"].dropna()
+        observed = [case_rows.loc[case_rows["h_over_H"] == ratio, "rate"] for ratio in ratios]
+        if case_rows["rate"].isna().all():
+            errors = case_rows["error"].dropna()
             reason = "exact" if (errors == 0).all() else "no asymptotic level"
             key.text(right, y, "error not computed" if errors.empty else reason, **text)
             continue
-        for x, column in zip([*places, right], [*observed, of_case["expected"]], strict=True):
-            known = column.dropna()
-            key.text(x, y, f"{known.iloc[0]:.2f}" if len(known) else "–", **text)
+        for x, column in zip([*places, right], [*observed, case_rows["expected"]], strict=True):
+            rates = column.dropna()
+            key.text(x, y, f"{rates.iloc[0]:.2f}" if len(rates) else "–", **text)

@@ -50,11 +50,11 @@ def bound_totals(
     cases = [case for case in scenes.load_cases(scene) if case.name in case_names]
     meshes = scenes.refine_to_levels(scenes.read_coarsest_mesh(mesh, scene), levels)
     indices = [
-        tabulate_indices(each, partitions, cases, solved.isel(mesh=[level]), H_over_h)
-        for level, each in enumerate(meshes)
+        tabulate_indices(level_mesh, partitions, cases, solved.isel(mesh=[level]), H_over_h)
+        for level, level_mesh in enumerate(meshes)
     ]
-    given = {f"scenes.{name}": scene, "totals.levels": levels, f"totals.scenes.{name}": case_names}
-    tables.save_table(tables.join_levels(indices), totals, name, given | {"rates.judged_ratio": ratio})
+    parameters = {f"scenes.{name}": scene, "totals.levels": levels, f"totals.scenes.{name}": case_names}
+    tables.save_table(tables.join_levels(indices), totals, name, parameters | {"rates.judged_ratio": ratio})
 
 
 def tabulate_indices(
@@ -76,22 +76,24 @@ def tabulate_indices(
     form = spaces.condensed.form
     partition = spaces.partition
     indices = np.full((len(INDEX_VARIABLES), len(cases), 1), np.nan)
-    for c, case in enumerate(cases):
-        of = solved.sel(case=case.name).isel(mesh=0, partition=k)
-        mu = of["lambda_H"].values[: len(cells)]
+    for case_index, case in enumerate(cases):
+        run = solved.sel(case=case.name).isel(mesh=0, partition=k)
+        mu = run["lambda_H"].values[: len(cells)]
         data = enclose_data(case.problem, mesh, form)
         u_D = data.constraint.clamped_values
         g_means = obstacle_means(case.problem, partition)
         discrete = build_condensed_problem(spaces, case_load(case, mesh), None, g_means, u_D)
+        # u_h = u_D + u(lambda_H), from the stored multiplier
         u_h = u_D + spaces.response(discrete.homogeneous_data[0], mu)
         lambda_H = spaces.extend_by_zero(mu)
         sharp = sharp_bound(data, partition, u_h, lambda_H, form)
         cheap = local_bound(data, partition, u_h, lambda_H, form)
-        of_u = float(error_in_norm(of, "h1"))
-        of_lambda = float(error_in_norm(of, "hm12", "upper"))
-        of_lambda = of_lambda if of_lambda > EXACT_LAMBDA_SHARE * float(of["u_norm"]) else np.nan
-        of_sharp = sharp.u / of_u, sharp.lambda_ / of_lambda, sharp.eta / of_u
-        indices[:, c, 0] = *of_sharp, cheap.u / of_u, cheap.lambda_ / of_lambda
+        u_error = float(error_in_norm(run, "h1"))
+        lambda_error = float(error_in_norm(run, "hm12", "upper"))
+        # Where lambda_H is exact its error is rounding, and no bound over it says anything
+        lambda_error = lambda_error if lambda_error > EXACT_LAMBDA_SHARE * float(run["u_norm"]) else np.nan
+        sharp_indices = sharp.u / u_error, sharp.lambda_ / lambda_error, sharp.eta / u_error
+        indices[:, case_index, 0] = *sharp_indices, cheap.u / u_error, cheap.lambda_ / lambda_error
     table = {name: (("case", "mesh"), values) for name, values in zip(INDEX_VARIABLES, indices, strict=True)}
     return xr.Dataset(table, coords={"case": [case.name for case in cases], "h": ("mesh", [mesh.h])}).assign(
         H=("mesh", [partition.H])

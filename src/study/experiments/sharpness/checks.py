@@ -29,31 +29,30 @@ def lemma_1(tables: Tables, scenes: Sequence[str]) -> Evidence:
     The bound is the positive root of D^2 = m D + (m + D) k + c, k = min(a/beta, t/beta_0), with m from below
     and beta from above: every factor on its unfavourable side.
     """
-    found = {}
+    quotients = {}
     for scene in scenes:
         names = list(tables[f"{scene}/dual_norm"]["case"].values)
         runs = tables[f"{scene}/errors"].sel(case=names)
         for p, (cells, gram) in enumerate(dual_norm_forms(tables, scene)):
-            nothing = np.zeros((1, gram.n_cells))
-            m = [float(gram.error_bounds(c, nothing).lower[0]) for c in range(len(names))]
+            zero = np.zeros((1, gram.n_cells))
+            # ||lambda - Pi_H lambda||_{-1/2} from below
+            m = [float(gram.error_bounds(c, zero).lower[0]) for c in range(len(names))]
             shares = _lemma_1_quotients(runs.isel(partition=p), xr.DataArray(m, dims="case"))
             for case, share in zip(names, shares, strict=True):
                 if np.isfinite(share).any():
-                    found[f"{scene}, {case}, H = {cells.H:g}"] = float(np.nanmax(share))
-    return pick_worst(found, "$D$ over its bound in Lemma 1", 1.0, False)
+                    quotients[f"{scene}, {case}, H = {cells.H:g}"] = float(np.nanmax(share))
+    return pick_worst(quotients, "$D$ over its bound in Lemma 1", 1.0, False)
 
 
 def _lemma_1_quotients(runs: xr.Dataset, m: xr.DataArray) -> Array:
-    """D over its bound in Lemma 1 by (case, mesh); NaN where beta or D is 0.
-
-    The shape is (case, mesh).
-    """
+    """D over its bound in Lemma 1 by (case, mesh); NaN where beta or D is 0."""
     D = runs["discrete_error"]
     c = runs["consistency"]
     H = float(runs["H"])
-    known = (runs["beta_lower"] > 0) & (D / runs["u_norm"] > RELATIVE_ROUNDING)
-    beta = runs["beta_upper"].where(known)
-    beta_0 = runs["beta_0"].where(known)
+    is_proved = (runs["beta_lower"] > 0) & (D / runs["u_norm"] > RELATIVE_ROUNDING)
+    beta = runs["beta_upper"].where(is_proved)
+    beta_0 = runs["beta_0"].where(is_proved)
+    # D^2 = m D + (m + D) k + c, that is D^2 - (m + k) D - (m k + c) = 0
     k = np.minimum(runs["ritz_error"] / beta, runs["ritz_means"] / H**0.5 / beta_0)
     bound = 0.5 * (m + k + np.sqrt((m + k) ** 2 + 4 * (m * k + c)))
     return np.asarray((D / bound).transpose("case", "mesh").values, dtype=float)
@@ -97,10 +96,10 @@ def free_position_errors(tables: Tables, table: str, norms: Sequence[str], at_mo
     for norm in norms:
         share = error_in_norm(data, norm) / error_in_norm(freest, norm)
         rows |= _name_by_alpha(share.max(["level", "gamma", "position"], skipna=False), f"{norm}, ")
-    held = _name_by_alpha(freest["held"].max(["level", "position"], skipna=False))
+    has_multiplier = _name_by_alpha(freest["held"].max(["level", "position"], skipna=False))
     return require_all(
         pick_worst(rows, r"an error over that for the smallest $\gamma$", at_most, False),
-        pick_worst(held, "positions whose cell has a multiplier at the smallest gamma", 0.0, False),
+        pick_worst(has_multiplier, "positions whose cell has a multiplier at the smallest gamma", 0.0, False),
     )
 
 
@@ -111,9 +110,9 @@ def t_rate(tables: Tables, table: str, tolerance: float) -> Evidence:
     """
     data = tables[table]
     power = xr.DataArray(logarithm_power(data["alpha"].values), dims="alpha")
-    taken = xr.DataArray(surfaces.logarithm_loss(data["H"].values), dims="pair") * power
+    log_rate = xr.DataArray(surfaces.logarithm_loss(data["H"].values), dims="pair") * power
     expected = data["predicted"].sel(norm="discrete")
-    excess = (data["t_rate"] + taken - expected).isel(pair=[-2, -1]).min("pair", skipna=False)
+    excess = (data["t_rate"] + log_rate - expected).isel(pair=[-2, -1]).min("pair", skipna=False)
     quantity = r"the smallest rate of $t$ with its logarithm, less $\min(3/2, 1 + \alpha)$"
     return pick_worst(_name_by_alpha(excess), quantity, -tolerance, True)
 
@@ -125,16 +124,17 @@ def proposition_3(
 
     The rates are over the last factor of 4, and the logarithm is allowed for.
     """
-    found = {}
+    excess = {}
     for name, run in select_cases(tables, "{scene}/errors", scenes, exponents).items():
         h = run["h"].values[[-3, -1]]
         error = run["ritz_boundary_error"].values[[-3, -1]]
         nu = exponents[str(run["case"].values)]
+        # Proposition 3: C h^{min(2, 3/2 + nu)} times a power of ln(1/h)
         rate = np.log(error[0] / error[1]) / np.log(h[0] / h[1])
-        taken = float(logarithm_power(nu)) * surfaces.logarithm_loss(h)[0]
-        found[name] = float(rate + taken - min(2.0, 1.5 + nu))
+        log_rate = float(logarithm_power(nu)) * surfaces.logarithm_loss(h)[0]
+        excess[name] = float(rate + log_rate - min(2.0, 1.5 + nu))
     quantity = r"the rate over the last factor of 4 with its logarithm, less $\min(2, 3/2 + \nu)$"
-    return pick_worst(found, quantity, -tolerance, True)
+    return pick_worst(excess, quantity, -tolerance, True)
 
 
 def logarithm_power(nu: ArrayLike) -> Array:
@@ -144,10 +144,7 @@ def logarithm_power(nu: ArrayLike) -> Array:
 
 
 def _theorem_4_excess(data: xr.Dataset, norm: str) -> xr.DataArray:
-    """Rates of the largest error over gamma, less the predicted ones, by (pair, alpha).
-
-    The shape is (pair, alpha).
-    """
+    """Rates of the largest error over gamma, less the predicted ones, by (pair, alpha)."""
     return surfaces.largest_error_rate(data, norm) - surfaces.predicted_rate(norm, data["alpha"])
 
 

@@ -61,14 +61,15 @@ def family_cases(
     polygon: Polygon, contact_start: Fraction, alpha: Fraction, gammas: Sequence[Fraction]
 ) -> list[ExactSolution]:
     """Members of the family with one u on side 0, contact on CONTACT_LENGTH from `contact_start` on."""
-    rest = (T - contact_start - CONTACT_LENGTH) / (1 - contact_start - CONTACT_LENGTH)
+    beyond_contact = (T - contact_start - CONTACT_LENGTH) / (1 - contact_start - CONTACT_LENGTH)
     atoms = (
         make_harmonic_atom(polygon, 0, float(contact_start), alpha, rational_expression(CONTACT_LENGTH)),
     )
     members = []
     for gamma in gammas:
         height = rational_expression(contact_start) ** gamma
-        gap = pos(contact_start - T, gamma) + height * pos(rest, CUTOFF_GAP_EXPONENT)
+        # (x_0 - t)_+^gamma before the contact, and beyond it a power that the cutoff of lambda hides
+        gap = pos(contact_start - T, gamma) + height * pos(beyond_contact, CUTOFF_GAP_EXPONENT)
         gaps = (gap, *[height] * (polygon.n_sides - 1))
         members.append(
             ExactSolution(f"alpha {alpha}, gamma {gamma}, at {contact_start}", {}, polygon, atoms, gaps)
@@ -77,13 +78,14 @@ def family_cases(
 
 
 def transition_positions(H: Fraction, n_positions: int) -> list[Fraction]:
-    """The transitions, inside the cell of size H that begins at START, in side lengths.
+    """The transitions, inside the cell of size H that begins at 1/4, in side lengths.
 
     Raises InputError where no cell of a uniform partition begins there.
     """
     if (TRANSITION_CELL_START / H).denominator > 1:
         raise InputError(
-            f"sharpness, H: {H} does not divide {TRANSITION_CELL_START}, where the cell of the transitions begins"
+            f"sharpness, H: {H} does not divide {TRANSITION_CELL_START}, "
+            "where the cell of the transitions begins"
         )
     return [TRANSITION_CELL_START + H * Fraction(2 * k + 1, 2 * n_positions) for k in range(n_positions)]
 
@@ -121,24 +123,28 @@ def family_on_partition(
 def measure(condensed: CondensedMatrix, family: FamilyOnPartition, stop: Stop) -> xr.Dataset:
     """Errors over (alpha, gamma, position) on one mesh and one partition, and what they depend on."""
     (alphas, gammas) = family.exponents
-    at = family.positions
+    positions = family.positions
     partition = family.partition
     gram = family.gram
     mesh = condensed.mesh
     polygon = condensed.mesh.polygon
     spaces = mixed_spaces(condensed, partition)
     beta = infsup_constants(spaces.operator, gram.p0).beta_lower
-    measured = {name: np.full((len(alphas), len(gammas), len(at)), np.nan) for name in SHARPNESS_VARIABLES}
+    shape = (len(alphas), len(gammas), len(positions))
+    measured = {name: np.full(shape, np.nan) for name in SHARPNESS_VARIABLES}
     for a, row in enumerate(family.members):
+        # Members with one alpha and one place have one u: its projection serves all gammas
         problems = ritz_projections([members[0] for members in row], condensed)
         for k, (problem, members) in enumerate(zip(problems, row, strict=True)):
-            crossed = np.searchsorted(partition.points, polygon.arc_length(0, float(at[k]))) - 1
+            transition = polygon.arc_length(0, float(positions[k]))
+            transition_cell = np.searchsorted(partition.points, transition) - 1
             for c, cells in enumerate(family.means[a][k]):
                 exact = CaseProjections(replace(problem, case=members[c]), cells)
                 solution = solve_condensed_problem(discretise_case(spaces, exact), stop, beta)
                 errors = exact.errors(spaces, solution.result.lambda_H)
+                # Both bounds on ||lambda - lambda_H||_{-1/2}, which is at least D = ||z_h - u_h||_1
                 difference = cells.lambda_means - solution.lambda_H
-                lower, upper = gram.error_bounds(a * len(at) + k, difference[None])
+                lower, upper = gram.error_bounds(a * len(positions) + k, difference[None])
                 values = (
                     errors.h1,
                     max(float(lower[0]), errors.hm12_discrete),
@@ -146,7 +152,7 @@ def measure(condensed: CondensedMatrix, family: FamilyOnPartition, stop: Stop) -
                     errors.l2,
                     errors.hm12_discrete,
                     exact.ritz_means_norm(spaces),
-                    float(solution.lambda_H[crossed] > 0),
+                    float(solution.lambda_H[transition_cell] > 0),
                     cells.consistency,
                     solution.result.bound,
                     float(solution.result.converged),
@@ -170,17 +176,19 @@ def measure_sharpness(
     """Write errors and rates along h/H, and along H at one h. A pair that both have is solved once."""
     domain = find_polygon(study["polygon"])
     fixed = study["fixed"]
-    alphas = [parse_fraction(each, "sharpness.alphas") for each in study["alphas"]]
-    gammas = [parse_fraction(each, "sharpness.gammas") for each in study["gammas"]]
+    alphas = [parse_fraction(exponent, "sharpness.alphas") for exponent in study["alphas"]]
+    gammas = [parse_fraction(exponent, "sharpness.gammas") for exponent in study["gammas"]]
     chosen = Stop(**stop, algorithm=study["algorithm"])
-    given = {"sharpness": study, "stop": stop}
+    parameters = {"sharpness": study, "stop": stop}
 
     @cache
     def condensed_mesh(h: Fraction) -> CondensedMatrix:
+        """The structured mesh of the size h, condensed."""
         return condense(make_structured_mesh(domain, float(h)))
 
     @cache
     def family(H: Fraction) -> FamilyOnPartition:
+        """The family on the uniform partition of the size H."""
         return family_on_partition(
             make_uniform_partition(domain, float(H)),
             transition_positions(H, study["positions"]),
@@ -189,14 +197,16 @@ def measure_sharpness(
 
     @cache
     def solve_level(h: Fraction, H: Fraction) -> xr.Dataset:
+        """Errors of all members on one pair."""
         solved = measure(condensed_mesh(h), family(H), chosen)
         print(f"h = {h}, H = {H} solved")
         return solved
 
     def save_levels(levels: Sequence[xr.Dataset], to_errors: str, to_rates: str) -> None:
+        """Write the errors of all levels, and their rates."""
         table = join_sharpness_levels(levels)
-        tables.save_table(table, to_errors, "sharpness", given)
-        tables.save_table(tabulate_surfaces(table), to_rates, "sharpness", given)
+        tables.save_table(table, to_errors, "sharpness", parameters)
+        tables.save_table(tabulate_surfaces(table), to_rates, "sharpness", parameters)
 
     ratio = parse_fraction(study["h_over_H"], "sharpness.h_over_H")
     sizes = [parse_fraction(H, "sharpness.H") for H in study["H"]]

@@ -17,9 +17,8 @@ POSITIONS_TITLE = "positions with a multiplier in the transition's cell"
 
 def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, Any]:
     """How far Theorem 2's exponent and Lemma 1's bound are from what is observed."""
-    return {
-        "theorems": summarise_theorems({each["id"]: each["observed"] for each in results["results/claims"]})
-    }
+    observed = {claim["id"]: claim["observed"] for claim in results["results/claims"]}
+    return {"theorems": summarise_theorems(observed)}
 
 
 def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
@@ -35,17 +34,19 @@ def tabulate_exceptions(rates: xr.Dataset, tolerances: Mapping[str, float]) -> p
     many positions of the transition have a multiplier in its cell on the finest level.
     """
     missing = (rates["predicted"] - rates["rate"].isel(pair=-1)).where(rates["alpha"] > 0, drop=True)
-    taken = 0.5 * logarithm_loss(rates["H"].values)[-1]
-    held = rates["held"].isel(level=-1)
+    log_rate = 0.5 * logarithm_loss(rates["H"].values)[-1]
+    has_multiplier = rates["held"].isel(level=-1)
     rows = []
     for alpha, gamma in itertools.product(missing["alpha"].values, missing["gamma"].values):
-        here = {norm: float(missing.sel(norm=norm, alpha=alpha, gamma=gamma)) for norm in tolerances}
-        if any(here[norm] > tolerances[norm] for norm in tolerances):
+        norm_misses = {norm: float(missing.sel(norm=norm, alpha=alpha, gamma=gamma)) for norm in tolerances}
+        if any(norm_misses[norm] > tolerances[norm] for norm in tolerances):
             lacks = {
-                ERROR_TITLES[n]: f"{here[n]:.2f} ({here[n] - taken:.2f})" if here[n] > tolerances[n] else "–"
+                ERROR_TITLES[n]: f"{norm_misses[n]:.2f} ({norm_misses[n] - log_rate:.2f})"
+                if norm_misses[n] > tolerances[n]
+                else "–"
                 for n in tolerances
             }
-            share = {POSITIONS_TITLE: f"{100 * float(held.sel(alpha=alpha, gamma=gamma)):.3g} %"}
+            share = {POSITIONS_TITLE: f"{100 * float(has_multiplier.sel(alpha=alpha, gamma=gamma)):.3g} %"}
             rows.append({r"$\alpha$": f"{alpha:g}", r"$\gamma$": f"{gamma:g}"} | lacks | share)
     return pd.DataFrame(
         rows,

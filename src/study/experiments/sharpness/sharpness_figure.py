@@ -45,25 +45,25 @@ def table(rates: style.FilePath, fixed: style.FilePath) -> pd.DataFrame:
     of what the choice Pi_H lambda leaves of D for the least gamma; `proved`: ends of Theorem 4.1's line.
     """
     stored = tables.load_table(rates)
-    parts = []
+    norm_tables = []
     for norm in PANEL_TITLES:
         theory = _tabulate_theory(norm, stored["alpha"].values, float(stored["gamma"].min()))
-        parts.append(
+        norm_tables.append(
             pd.concat([*_tabulate_measured_rates(norm, stored, tables.load_table(fixed)), *theory]).assign(
                 norm=norm
             )
         )
-    return pd.concat(parts)[COLUMNS]
+    return pd.concat(norm_tables)[COLUMNS]
 
 
 def _tabulate_measured_rates(norm: str, rates: xr.Dataset, fixed: xr.Dataset) -> Iterator[pd.DataFrame]:
-    found = {"measured": surfaces.overall_rate(fixed, "discrete")}
+    rate_by_kind = {"measured": surfaces.overall_rate(fixed, "discrete")}
     if norm != "discrete":
-        found = {
+        rate_by_kind = {
             "measured": rates["rate"].sel(norm=norm, drop=True).isel(pair=-1),
             "largest": surfaces.largest_error_rate(rates, norm).isel(pair=-1),
         }
-    for kind, rate in found.items():
+    for kind, rate in rate_by_kind.items():
         yield rate.rename("rate").to_dataframe().reset_index().assign(kind=kind)
 
 
@@ -88,16 +88,16 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
     """
     data = style.read_figure_table(csv_path)
     with style.open_figure(svg_path, PANEL_BOTTOM_CM + PANEL_HEIGHT_CM + 0.7) as figure:
-        for norm, left in PANEL_LEFTS_CM.items():
-            axes = style.add_axes(figure, left, PANEL_BOTTOM_CM, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
+        for norm, left_cm in PANEL_LEFTS_CM.items():
+            axes = style.add_axes(figure, left_cm, PANEL_BOTTOM_CM, PANEL_WIDTH_CM, PANEL_HEIGHT_CM)
             axes.set(title=PANEL_TITLES[norm], ylabel="rate" if norm == "discrete" else "")
             _draw_rate_panel(axes, data[data["norm"] == norm])
-        least = style.format_fraction(data["gamma"].min())
+        smallest_gamma = style.format_fraction(data["gamma"].min())
         labels = {
             "measured": "observed, a tick for each exponent of the gap",
             "largest": "of the largest error over these",
             "predicted": "Theorems 2 and 4",
-            "left": rf"what $\mu=\Pi_H\lambda$ gives, $\gamma=$${least}$",
+            "left": rf"what $\mu=\Pi_H\lambda$ gives, $\gamma=$${smallest_gamma}$",
             "proved": "Theorem 4.1 (1980)",
         }
         handles: list[Artist] = [
@@ -116,8 +116,11 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
 
 def _draw_rate_panel(axes: Axes, rows: pd.DataFrame) -> None:
     for kind, look in RATE_LOOKS.items():
-        of = rows[rows["kind"] == kind]
-        for _, line in of.groupby("alpha") if kind == "measured" else [("", of)] * (not of.empty):
+        kind_rows = rows[rows["kind"] == kind]
+        lines = (
+            kind_rows.groupby("alpha") if kind == "measured" else [("", kind_rows)] * (not kind_rows.empty)
+        )
+        for _, line in lines:
             axes.plot(line["alpha"], line["rate"], **look)
     first = rows["alpha"].min()
     last = rows["alpha"].max()

@@ -1,7 +1,7 @@
 """Rates over the exponents (alpha, gamma) of a transition: measured, predicted, and what the proof leaves.
 
 Errors are r.m.s. means over the positions of the transition in its cell, in H^{-1/2} those of the mean of
-the bounds. The consistency term, which bounds a square, is a mean. Beside the norms of `NORMS`
+the bounds. The consistency term, which bounds a square, is a mean. Beside the norms of `ERROR_NORMS`
 there is `discrete`, D = ||z_h - u_h||_1 = ||lambda - lambda_H||_{-1/2,h}.
 """
 
@@ -28,8 +28,8 @@ INVERSE_ESTIMATE_LOSS = {"h1": 0.0, "hm12": 0.0, "l2": 0.5, "discrete": 0.0}
 
 def predicted_rate(norm: str, alpha: ArrayLike) -> Array:
     """The rate by Theorem 4, that of the best approximation of u (h1) or lambda; for D in H by Theorem 2."""
-    most, smoothness = THEOREM_4_RATES[norm]
-    return np.minimum(most, np.asarray(alpha, dtype=float) + smoothness)
+    best_rate, smoothness = THEOREM_4_RATES[norm]
+    return np.minimum(best_rate, np.asarray(alpha, dtype=float) + smoothness)
 
 
 def consistency_rate(alpha: ArrayLike, gamma: ArrayLike) -> Array:
@@ -45,19 +45,16 @@ def proof_rate(norm: str, alpha: ArrayLike, gamma: ArrayLike) -> Array:
 
 
 def logarithm_loss(sizes: ArrayLike) -> Array:
-    """Rate that a factor 1 + ln 1/H takes between neighbouring sizes H; its root takes half.
-
-    The shape is (pair,).
-    """
+    """Rates (pair,) that a factor 1 + ln 1/H takes between neighbouring sizes H; its root takes half."""
     H = np.asarray(sizes, dtype=float)
-    L = 1 - np.log(H)
+    L = 1 - np.log(H)  # an error H^p L has the rate p - log(L_2 / L_1) / log(H_1 / H_2)
     return np.asarray(np.log(L[1:] / L[:-1]) / np.log(H[:-1] / H[1:]))
 
 
 def predicted_bend(norm: str) -> float:
     """The alpha at which the regularity no longer limits the predicted rate."""
-    most, smoothness = THEOREM_4_RATES[norm]
-    return most - smoothness
+    best_rate, smoothness = THEOREM_4_RATES[norm]
+    return best_rate - smoothness
 
 
 def proof_bend(norm: str, gamma: float) -> float:
@@ -90,6 +87,7 @@ def tabulate_surfaces(errors: xr.Dataset) -> xr.Dataset:
     H = errors["H"].values
     alpha = errors["alpha"].values
     gamma = errors["gamma"].values
+    # R.m.s. means over the positions; t = H^{-1/2} ||Pi_H(u - z_h)||_0; the consistency term bounds a square
     error = np.stack([_position_mean(error_in_norm(errors, norm) ** 2) ** 0.5 for norm in ERROR_MEASURES])
     t = _position_mean(errors["ritz_means"] ** 2 / errors["H"]) ** 0.5
     consistency = _position_mean(errors["consistency"])
@@ -122,6 +120,7 @@ def tabulate_surfaces(errors: xr.Dataset) -> xr.Dataset:
                 np.stack([_algebraic_share(errors, norm) for norm in ERROR_MEASURES]),
             ),
             "converged": (levels, _level_values(errors["converged"].min("position"))),
+            # (j): u in H^2, that is, alpha > 0; (jj): u and g Lipschitz on every side
             "j": (surface, np.broadcast_to(a > 0, (len(alpha), len(gamma))).astype(float)),
             "jj": (surface, ((a >= 0) & (c >= 1)).astype(float)),
         },
@@ -136,20 +135,14 @@ def tabulate_surfaces(errors: xr.Dataset) -> xr.Dataset:
 
 
 def overall_rate(rates: xr.Dataset, norm: str) -> xr.DataArray:
-    """The rate of an error from the coarsest to the finest H, by (alpha, gamma).
-
-    The shape is (alpha, gamma).
-    """
+    """The rate of an error from the coarsest to the finest H, by (alpha, gamma)."""
     error = rates["error"].sel(norm=norm, drop=True)
     H = rates["H"].values
     return np.log(error.isel(level=0) / error.isel(level=-1)) / np.log(H[0] / H[-1])
 
 
 def largest_error_rate(rates: xr.Dataset, norm: str) -> xr.DataArray:
-    """Rates of the largest error over gamma, by (pair, alpha): Theorem 4 has one constant for all gamma.
-
-    The shape is (pair, alpha).
-    """
+    """Rates of the largest error over gamma, by (pair, alpha): Theorem 4 has one constant for all gamma."""
     largest = rates["error"].sel(norm=norm, drop=True).max("gamma", skipna=False)
     error = xr.ufuncs.log(largest).diff("level")
     H = xr.ufuncs.log(rates["H"]).diff("level")
@@ -165,19 +158,17 @@ def _position_mean(array: xr.DataArray) -> Array:
 
 
 def _adjacent_rates(error: Array, H: Array) -> Array:
-    """Rates between adjacent levels of errors (..., level, alpha, gamma).
-
-    The shape is (..., pair, alpha, gamma).
-    """
+    """Rates (..., pair, alpha, gamma) between adjacent levels of errors (..., level, alpha, gamma)."""
     steps = np.log(H[:-1] / H[1:])[:, None, None]
     return np.asarray(np.log(error[..., :-1, :, :] / error[..., 1:, :, :]) / steps)
 
 
 def _algebraic_share(errors: xr.Dataset, norm: str) -> Array:
     """The share as rates are judged: the bound turned into that norm, over the error's lower bound."""
+    # The bound is one in ||.||_{-1/2,h} >= beta ||.||_{-1/2} and >= lambda_min(S)^{1/2} ||.||_0
     beta = errors["beta_lower"]
     lambda_min = errors["lambda_min"]
-    one = xr.ones_like(beta)
-    to_norm = {"h1": one, "hm12": beta, "l2": lambda_min**0.5, "discrete": one}[norm]
+    ones = xr.ones_like(beta)
+    to_norm = {"h1": ones, "hm12": beta, "l2": lambda_min**0.5, "discrete": ones}[norm]
     share = errors["algebraic_bound"] / to_norm / error_in_norm(errors, norm, "lower")
     return _level_values(share.max("position", skipna=False))

@@ -39,7 +39,8 @@ MAX_REGULAR_ALPHA_1 = 10
 """`regular` pairs have neighbouring cells within this ratio, and the angles of RULE, as claim T.node says."""
 PAIR_LABELS = {
     "uniform": "uniform",
-    "regular": rf"other ones, angles $\geq {RULE.smallest_angle:g}°$, neighbouring cells within {MAX_REGULAR_ALPHA_1}:1",
+    "regular": rf"other ones, angles $\geq {RULE.smallest_angle:g}°$, "
+    f"neighbouring cells within {MAX_REGULAR_ALPHA_1}:1",
     "irregular": "other ones, smaller angles or larger ratios",
     "worst": "the worst that searches found",
 }
@@ -51,15 +52,15 @@ def table(surveys: Sequence[style.FilePath], families: Mapping[str, Mapping[str,
 
     `widest` is the largest beta_upper/beta_lower - 1 of all.
     """
-    parts = [
+    survey_rows = [
         tables.load_table(path)[PAIR_COLUMNS]
         .to_dataframe(["partition", "mesh"])
         .assign(scene=name, label=family["label"], kind=family["kind"])
         for (name, family), path in zip(families.items(), surveys, strict=True)
     ]
-    rows = pd.concat(parts)[["scene", "label", "kind", "H", *PAIR_COLUMNS]]
-    known = rows["beta_lower"] > 0
-    return rows.assign(widest=(rows["beta_upper"] / rows["beta_lower"] - 1)[known].max())
+    rows = pd.concat(survey_rows)[["scene", "label", "kind", "H", *PAIR_COLUMNS]]
+    is_positive = rows["beta_lower"] > 0
+    return rows.assign(widest=(rows["beta_upper"] / rows["beta_lower"] - 1)[is_positive].max())
 
 
 def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
@@ -111,7 +112,7 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
 
 def _draw_pairs(axes: Axes, data: pd.DataFrame, x: str, y: str) -> None:
     for kind, look in PAIR_LOOKS.items():
-        of = data[data["look"] == kind]
-        axes.plot(of[x], of[y], **look)
+        pairs = data[data["look"] == kind]
+        axes.plot(pairs[x], pairs[y], **look)
     axes.set_ylim(-0.03, 1.03)
     style.draw_light_grid(axes)

@@ -99,17 +99,18 @@ def survey_pairs(
         side[p, : partition.n_cells] = partition.side
     for k, size in enumerate(sizes):
         condensed = cache(condense)
-        on = make_meshes(partitions, meshes, size)
-        for p, (partition, mesh) in enumerate(zip(partitions, on, strict=True)):
-            alike = partition.polygon.vertices.tobytes(), partition.points.tobytes()
-            if alike not in grams:
-                grams[alike] = build_dual_norm(partition).gram().p0
-            gram = grams[alike]
+        size_meshes = make_meshes(partitions, meshes, size)
+        for p, (partition, mesh) in enumerate(zip(partitions, size_meshes, strict=True)):
+            gram_key = partition.polygon.vertices.tobytes(), partition.points.tobytes()
+            if gram_key not in grams:
+                grams[gram_key] = build_dual_norm(partition).gram().p0
+            gram = grams[gram_key]
             spaces = mixed_spaces(condensed(mesh), partition)
             operator = spaces.operator
-            sizes_of = {"h": mesh.h, "h_over_H": mesh.h / partition.H}
-            for name, value in (sizes_of | pair_constants(spaces, gram)).items():
+            mesh_sizes = {"h": mesh.h, "h_over_H": mesh.h / partition.H}
+            for name, value in (mesh_sizes | pair_constants(spaces, gram)).items():
                 values[name][k, p] = value
+            # With a kernel of one dimension at most the worst mu is one function
             if np.count_nonzero(operator.spectrum <= SINGULAR_EIGENVALUE_RATIO * operator.lambda_max) <= 1:
                 symmetries = _cell_symmetries(mesh, partition, meshes[p])
                 worst[k, p, : partition.n_cells] = worst_multiplier(operator.D, gram.lower, symmetries)
@@ -140,9 +141,10 @@ def worst_multiplier(D: Array, G: Array, symmetries: Sequence[Index] = ()) -> Ar
     that are equally bad it is the first, beginning with the symmetric.
     """
     m = len(D)
-    least = 0.0
+    smallest = 0.0
     mu = np.empty(0)
     for signs in product((1.0, -1.0), repeat=len(symmetries)):
+        # The product of (1 +- P) / 2 over the symmetries P projects onto the mu with these signs
         projector = np.eye(m)
         for sign, image in zip(signs, symmetries, strict=True):
             projector = 0.5 * (projector + sign * projector[image])
@@ -150,10 +152,12 @@ def worst_multiplier(D: Array, G: Array, symmetries: Sequence[Index] = ()) -> Ar
         basis = vectors[:, values > 0.5]
         if not basis.shape[1]:
             continue
+        # The least ||mu||_{-1/2,h}^2 / ||mu||_{-1/2}^2 = mu.D mu / mu.G mu of the class
         value, x = eigh(basis.T @ D @ basis, basis.T @ G @ basis, subset_by_index=[0, 0])
-        if not mu.size or value[0] < least - TIE_TOLERANCE * abs(least):
-            least = float(value[0])
+        if not mu.size or value[0] < smallest - TIE_TOLERANCE * abs(smallest):
+            smallest = float(value[0])
             mu = basis @ x[:, 0]
+    # The sign and the size are those that make the first of the largest values 1
     size = np.abs(mu)
     return mu / mu[np.flatnonzero(size >= (1 - TIE_TOLERANCE) * size.max())[0]]
 
@@ -188,20 +192,18 @@ def make_meshes(partitions: Sequence[Partition], specs: Sequence[Spec], size: ob
     Raises InputError for nodes that are out of order, or without the vertices.
     """
     by_nodes = cache(triangulate_from_boundary)
-    made = []
+    meshes = []
     for partition, spec in zip(partitions, specs, strict=True):
         polygon = partition.polygon
         if spec.get("kind") == "structured":
-            made.append(make_structured_mesh(polygon, partition.H / parse_real(size, "edges_per_cell")))
+            meshes.append(make_structured_mesh(polygon, partition.H / parse_real(size, "edges_per_cell")))
         else:
-            made.append(by_nodes(polygon, tuple(place_boundary_nodes(partition, spec, size).tolist())))
-    return made
+            meshes.append(by_nodes(polygon, tuple(place_boundary_nodes(partition, spec, size).tolist())))
+    return meshes
 
 
 def place_boundary_nodes(partition: Partition, spec: Spec, size: object) -> Array:
-    """Arc lengths of the mesh nodes on the boundary, as the mapping of a mesh places them.
-
-    The shape is (nb,).
+    """Arc lengths (nb,) of the mesh nodes on the boundary, as the mapping of a mesh places them.
 
     `follow` places node j of n as the point j m / n of the partition's, linear between its points, so that
     every cell has the same number of edges; `equal`, `graded` and `random` divide the sides as partitions
@@ -231,6 +233,7 @@ def place_boundary_nodes(partition: Partition, spec: Spec, size: object) -> Arra
 def _place_inner_nodes(partition: Partition, delta: float, spec: Spec) -> Array:
     cells = np.bincount(partition.side)
     side, number = _number_pieces(cells)
+    # Twice the distance, in cells, of the cell's middle from that of its side
     beyond = 2 * number + 1 - cells[side]
     share = np.where(np.abs(beyond) <= 1, 0.5, np.where(beyond < 0, 1 - delta, delta))
     if "seed" in spec:
@@ -243,6 +246,7 @@ def _graded_points(polygon: Polygon, counts: Counts, spec: Spec) -> Array:
     q = parse_real(spec["grading"], "grading")
     (side, index) = _number_pieces(counts)
     t = index / counts[side]
+    # (2 t)^q / 2 up to the middle of the side, and its mirror image behind it
     share = np.where(t <= 0.5, 0.5 * (2 * t) ** q, 1 - 0.5 * (2 - 2 * t) ** q)
     return np.append(polygon.starts[side] + polygon.lengths[side] * share, polygon.perimeter)
 
@@ -250,6 +254,7 @@ def _graded_points(polygon: Polygon, counts: Counts, spec: Spec) -> Array:
 def _random_points(polygon: Polygon, counts: Counts, spec: Spec) -> Array:
     sizes = parse_real(spec["spread"], "spread") ** np.random.default_rng(spec["seed"]).random(counts.sum())
     side, _ = _number_pieces(counts)
+    # The sums of the sizes on each side, from its start, over the side's own
     first = np.cumsum(counts) - counts
     before = np.cumsum(sizes) - sizes
     share = (before - before[first][side]) / np.add.reduceat(sizes, first)[side]
@@ -257,10 +262,7 @@ def _random_points(polygon: Polygon, counts: Counts, spec: Spec) -> Array:
 
 
 def _number_pieces(counts: Counts) -> tuple[Counts, Counts]:
-    """Side of every piece, and its number on that side.
-
-    The shape is (sum(counts),).
-    """
+    """Side of every piece, and its number on that side, (sum(counts),) each."""
     side = np.repeat(np.arange(len(counts)), counts)
     return side, np.arange(len(side)) - (np.cumsum(counts) - counts)[side]
 

@@ -25,8 +25,8 @@ def table(survey: style.FilePath, h_over_H: Sequence[object]) -> pd.DataFrame:
 
     Raises InputError for a ratio that the survey does not have.
     """
-    of = tables.load_table(survey).isel(partition=0)
-    return pd.concat([_tabulate_worst(of, parse_real(ratio, "h_over_H")) for ratio in h_over_H])
+    first_partition = tables.load_table(survey).isel(partition=0)
+    return pd.concat([_tabulate_worst(first_partition, parse_real(ratio, "h_over_H")) for ratio in h_over_H])
 
 
 def _tabulate_worst(survey: xr.Dataset, ratio: float) -> pd.DataFrame:
@@ -39,8 +39,8 @@ def _tabulate_worst(survey: xr.Dataset, ratio: float) -> pd.DataFrame:
     m = len(points) - 1
     beta = 0.5 * (mesh["beta_lower"] + mesh["beta_upper"])
     cells = {"side": survey["side"].values[:m].astype(int), "s": points[:-1], "end": points[1:]}
-    of_mesh = {"h_over_H": float(mesh["h_over_H"]), "beta": float(beta)}
-    return pd.DataFrame({**of_mesh, **cells, "mu": mesh["worst"].values[:m]})
+    mesh_columns = {"h_over_H": float(mesh["h_over_H"]), "beta": float(beta)}
+    return pd.DataFrame({**mesh_columns, **cells, "mu": mesh["worst"].values[:m]})
 
 
 def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
@@ -68,8 +68,8 @@ def draw(csv_path: style.FilePath, svg_path: style.FilePath) -> None:
 def _draw_worst(axes: Axes, rows: pd.DataFrame) -> None:
     edges = [*rows["s"], rows["end"].iloc[-1]]
     for sign, colour in ((1, style.COLOURS[0]), (-1, style.COLOURS[1])):
-        part = (sign * rows["mu"]).clip(lower=0) * sign
-        axes.stairs(part, edges, fill=True, color=colour, alpha=0.35, lw=0)
+        signed_values = (sign * rows["mu"]).clip(lower=0) * sign
+        axes.stairs(signed_values, edges, fill=True, color=colour, alpha=0.35, lw=0)
     axes.stairs(rows["mu"], edges, baseline=None, color="black", lw=0.9)
     axes.axhline(0, color="0.4", lw=0.5)
     axes.set(xlim=(edges[0], edges[-1]), ylim=(-1.15, 1.15), yticks=(-1, 0, 1), ylabel=r"$\mu$")

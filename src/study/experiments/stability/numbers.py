@@ -34,7 +34,7 @@ def numbers(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, A
 
 def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
     """The tables of beta on uniform meshes, and of its rank correlations."""
-    ratios = [parse_real(each, "uniform_ratios") for each in study["infsup"]["uniform_ratios"]]
+    ratios = [parse_real(ratio, "uniform_ratios") for ratio in study["infsup"]["uniform_ratios"]]
     return {
         "beta": tabulate_least_beta(results["figures/infsup"], ratios),
         "correlations": tabulate_correlations(results["figures/infsup"], RULE.smallest_angle),
@@ -44,43 +44,42 @@ def blocks(results: Mapping[str, Any], study: Mapping[str, Any]) -> dict[str, pd
 def tabulate_least_beta(pairs: pd.DataFrame, ratios: Sequence[float]) -> pd.DataFrame:
     """Lower bounds on beta on uniform meshes, per family of meshes and H/h."""
     rows = []
-    for label, of in pairs[pairs["kind"] == "uniform"].groupby("label", sort=False):
-        at = {ratio: np.isclose(of["h_over_H"] * ratio, 1, rtol=TABLE_ROUNDING) for ratio in ratios}
-        least = {f"{ratio:g}": float(of.loc[here, "beta_lower"].min()) for ratio, here in at.items()}
-        rows.append(
-            {r"$\beta$ at least, at $H/h$ =": label}
-            | {name: format_value(b, "down.2f") for name, b in least.items()}
-        )
+    for label, family in pairs[pairs["kind"] == "uniform"].groupby("label", sort=False):
+        row = {r"$\beta$ at least, at $H/h$ =": label}
+        for ratio in ratios:
+            has_ratio = np.isclose(family["h_over_H"] * ratio, 1, rtol=TABLE_ROUNDING)
+            row[f"{ratio:g}"] = format_value(float(family.loc[has_ratio, "beta_lower"].min()), "down.2f")
+        rows.append(row)
     return pd.DataFrame(rows)
 
 
 def tabulate_correlations(pairs: pd.DataFrame, smallest_angle: float) -> pd.DataFrame:
     """Which measure of h/H predicts beta best, on meshes that are not uniform: Spearman's coefficients."""
-    other = pairs[(pairs["kind"] != "uniform") & (pairs["edges_per_cell"] > 0)]
-    of = {
-        "pairs that are not uniform": other,
-        f"of them without angles below {smallest_angle:g}°": other[other["smallest_angle"] >= smallest_angle],
+    irregular = pairs[(pairs["kind"] != "uniform") & (pairs["edges_per_cell"] > 0)]
+    wide = irregular[irregular["smallest_angle"] >= smallest_angle]
+    groups = {
+        "pairs that are not uniform": irregular,
+        f"of them without angles below {smallest_angle:g}°": wide,
     }
     rows = []
-    for what, kept in of.items():
-        found = {name: kept[name].corr(kept["beta_lower"], method="spearman") for name in RATIO_TITLES}
-        rows.append(
-            {r"rank correlation of $\beta$ with": f"{len(kept)} {what}"}
-            | {RATIO_TITLES[name]: f"{value:.2f}" for name, value in found.items()}
-        )
+    for title, group in groups.items():
+        row = {r"rank correlation of $\beta$ with": f"{len(group)} {title}"}
+        for name, heading in RATIO_TITLES.items():
+            row[heading] = f"{group[name].corr(group['beta_lower'], method='spearman'):.2f}"
+        rows.append(row)
     return pd.DataFrame(rows)
 
 
 def summarise_rule(pairs: pd.DataFrame, cell_over_edge: float, smallest_angle: float) -> dict[str, Any]:
     """How many pairs keep the rule; the worst one with flat triangles; the angle of the worst of a search."""
-    few = cell_over_edge * (1 - TABLE_ROUNDING)
-    flat_ones = pairs["smallest_angle"] < smallest_angle
-    fine = pairs["cell_over_edge"] >= few
-    searched = pairs[(pairs["kind"] == "worst") & (pairs["edges_per_cell"] >= few)]
-    flat = pairs[fine & flat_ones].nsmallest(1, "beta_upper").iloc[0]
+    limit = cell_over_edge * (1 - TABLE_ROUNDING)
+    is_flat = pairs["smallest_angle"] < smallest_angle
+    fine = pairs["cell_over_edge"] >= limit
+    searched = pairs[(pairs["kind"] == "worst") & (pairs["edges_per_cell"] >= limit)]
+    flat = pairs[fine & is_flat].nsmallest(1, "beta_upper").iloc[0]
     edges = searched.nsmallest(1, "beta_upper").iloc[0]
     return {
-        "kept": len(pairs[fine & ~flat_ones]),
+        "kept": len(pairs[fine & ~is_flat]),
         "flat": {"beta": float(flat["beta_upper"]), "mesh": flat["label"]},
         "edges": {"angle": float(edges["smallest_angle"])},
     }
@@ -108,7 +107,7 @@ def summarise_inner_nodes(pairs: pd.DataFrame) -> dict[str, Any]:
 
 def summarise_fortin_bound(pairs: pd.DataFrame) -> dict[str, float]:
     """The least beta on structured meshes of the square at H = 2h, and the least of the bounds on it."""
-    of = pairs[
+    nested = pairs[
         (pairs["label"] == "square, structured") & np.isclose(pairs["h_over_H"], 0.5, rtol=TABLE_ROUNDING)
     ]
-    return {"solved": float(of["beta_lower"].min()), "unsolved": float(of["beta_fortin"].min())}
+    return {"solved": float(nested["beta_lower"].min()), "unsolved": float(nested["beta_fortin"].min())}
