@@ -273,7 +273,7 @@ def test_no_bug_is_named_by_chance(seen):
         assert all(not fault.is_explained for fault in found.faults)
         assert bool(found.faults) == (size >= 1e-3)
         assert found.remarks == []
-    right = piecewise_constant(of.level.cells, solve_condensed_problem(of.discrete).lambda_H)
+    right = piecewise_constant(of.level.partition, solve_condensed_problem(of.discrete).lambda_H)
     for u in (of.u_h + 0.3, of.u_h + 1, of.u_h - 0.5, 0 * of.u_h):
         found = diagnose_solution(
             of.case, ForeignSolution("", of.level, u, right, ""), of.discrete, of.own, of.u_h
