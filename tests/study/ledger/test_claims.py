@@ -98,7 +98,13 @@ def test_a_claim_that_is_not_declared_once_and_named_once_is_told(monkeypatch, c
 GENERAL = ("id", "section", "title", "statement", "where")
 ENTRY = {
     **dict.fromkeys((*GENERAL, "verdict"), "x"),
-    **{"id": "4.x", "check": "scenes.theorem_rate", "source": "derived: x", "reads": [], "control": {"what": "x"}},
+    **{
+        "id": "4.x",
+        "check": "scenes.theorem_rate",
+        "source": "derived: x",
+        "reads": [],
+        "control": {"what": "x"},
+    },
 }
 
 

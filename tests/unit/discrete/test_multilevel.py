@@ -341,7 +341,9 @@ def test_most_of_the_total_bound_is_not_algebraic():
     at_zero = multilevel_algebraic_bound(
         found.multigrid.finest, np.zeros(found.mesh.n_nodes), np.zeros(len(found.cells))
     )
-    crude = found.improve_to_fraction(found._convert_result(found.multigrid.solve(at_zero, max_residual_norm=1e9)), Stop())
+    crude = found.improve_to_fraction(
+        found._convert_result(found.multigrid.solve(at_zero, max_residual_norm=1e9)), Stop()
+    )
     assert crude.result.bound <= 0.01 * crude.total_bound("h1")
     assert crude.total_bound("h1") > 100 * best
 

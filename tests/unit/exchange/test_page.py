@@ -126,7 +126,8 @@ def test_what_holds():
     case = load("natural").problem
     assert passes_judgement(found, compute_rates(case, found))
     assert not passes_judgement(
-        [replace(found[0], diagnosis=Diagnosis([Fault("wrong", "")], [])), found[1]], compute_rates(case, found)
+        [replace(found[0], diagnosis=Diagnosis([Fault("wrong", "")], [])), found[1]],
+        compute_rates(case, found),
     )
     same = [replace(each, errors=found[0].errors) for each in found]
     assert compute_rates(case, same)["h1"].observed == 0

@@ -347,7 +347,8 @@ def test_rounding_of_A3_is_within_what_is_allowed(n):
     """Of the active set's u. What constants lose is of the order of eps tr(K) / |Omega| = 4 eps n^2."""
     of = problem(1 / n, 1 / 8, full_contact)
     assert (
-        of.error(solve_by_active_set(of.spaces.operator, of.discrete.offset, 1e-6).lambda_H) <= of.rounding_allowance
+        of.error(solve_by_active_set(of.spaces.operator, of.discrete.offset, 1e-6).lambda_H)
+        <= of.rounding_allowance
     )
     assert 1e-12 <= of.rounding <= max(1e-12, np.finfo(float).eps * 4 * n**2)
 
