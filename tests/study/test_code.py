@@ -56,7 +56,7 @@ UNCHANGED = {
     "layout": (MEASURE, "def measure_cells", "\n\ndef measure_cells", None),
     "another experiment": (
         "src/study/experiments/graded/measure.py",
-        "def measure_graded",
+        "def measure_grading",
         "def other",
         None,
     ),
@@ -68,7 +68,7 @@ CHANGED = {
     "the library": ("src/unilateral/solvers/uzawa.py", "def uzawa(", "def other("),
     "a package": ("src/unilateral/solvers/__init__.py", '"""', 'x = 1\n"""'),
     "data": ("src/study/variables.yaml", "h:", "h2:"),
-    "what scripts share": ("workflow/scripts/job.py", "made_by(snakemake.rule)", "made_by('other')"),
+    "what scripts share": ("workflow/scripts/job.py", "stamp_rule(snakemake.rule)", "stamp_rule('other')"),
     "the script": ("workflow/scripts/cells.py", "params.stop", "params.other"),
 }
 

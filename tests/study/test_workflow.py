@@ -130,7 +130,7 @@ PARAMS = {
     "totals": {
         "scene": "scenes.{scene}",
         "levels": "totals.levels",
-        "wanted": "totals.scenes.{scene}",
+        "case_names": "totals.scenes.{scene}",
         "ratio": "rates.judged_ratio",
     },
     "floors": {"ratio": "rates.judged_ratio"},

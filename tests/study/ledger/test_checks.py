@@ -108,4 +108,6 @@ def test_parts_share_what_they_do_not_say_themselves():
     """3 is at least 2, and 7 is not at most 6; the first part is told if both hold."""
     check = partial(shared.all_of, table="t", value="x", quantity="q")
     for most, expected in ((6, (7, False)), (7, (3, True))):
-        observes(partial(check, parts=[{"at_least": 2}, {"at_most": most, "quantity": "p"}]), MADE, expected)
+        observes(
+            partial(check, statements=[{"at_least": 2}, {"at_most": most, "quantity": "p"}]), MADE, expected
+        )

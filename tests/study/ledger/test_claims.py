@@ -98,15 +98,21 @@ def test_a_claim_that_is_not_declared_once_and_named_once_is_told(monkeypatch, c
 GENERAL = ("id", "section", "title", "statement", "where")
 ENTRY = {
     **dict.fromkeys((*GENERAL, "verdict"), "x"),
-    **{"id": "4.x", "check": "scenes.rate", "source": "derived: x", "reads": [], "control": {"what": "x"}},
+    **{
+        "id": "4.x",
+        "check": "scenes.theorem_rate",
+        "source": "derived: x",
+        "reads": [],
+        "control": {"what": "x"},
+    },
 }
 
 
 @pytest.mark.parametrize(
     "changed",
     [
-        {"check": "scenes.rates"},
-        {"check": "rates.rate"},
+        {"check": "scenes.theorem_rates"},
+        {"check": "rates.theorem_rate"},
         {"contol": {}},
         {"source": "derived by hand"},
         {"unmeasured": "x"},

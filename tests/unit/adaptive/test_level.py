@@ -56,7 +56,7 @@ class Made(DiscreteSolution):
         }
         known |= numbers
         mesh = SimpleNamespace(
-            growth=known.pop("growth"),
+            exact_mesh_factor=known.pop("growth"),
             n_nodes=known.pop("unknowns"),
             areas=make_structured_mesh(LARGE_SQUARE, 1).areas,
             polygon=LARGE_SQUARE,
@@ -69,7 +69,9 @@ class Made(DiscreteSolution):
             "beta": 0.5,
         }
         bound = SimpleNamespace(
-            u=known.pop("u"), lambda_=known.pop("lambda_"), irreducible=known.pop("irreducible")
+            u=known.pop("u"),
+            lambda_=known.pop("lambda_"),
+            irreducible_remainder=known.pop("irreducible"),
         )
         result = SimpleNamespace(bound=known.pop("algebraic"), converged=True)
         vars(self).update(result=result, local_bound=bound, sharp_bound=bound, **data | known)
@@ -77,7 +79,9 @@ class Made(DiscreteSolution):
 
 def level(goal=None, seconds=1.0, **numbers):
     costs = {
-        name: numbers.pop(name) for name in ("elapsed", "mb", "enclosing", "predicted") if name in numbers
+        name: numbers.pop(name)
+        for name in ("elapsed", "peak_mb", "enclosing_seconds", "predicted")
+        if name in numbers
     }
     made = measure_level(Made(**numbers), goal or Goal(0.2), costs.pop("predicted", math.inf))
     return replace(made, seconds=seconds, **costs)
@@ -93,9 +97,9 @@ def test_the_norm_of_the_solution_is_below_the_discrete_one_by_the_error():
 
 
 def test_the_algebraic_error_of_lambda_is_divided_by_beta():
-    of = Made(algebraic_bound=0.3)
+    of = Made(algebraic=0.3)
     assert (of.algebraic_bound("h1"), of.algebraic_bound("hm12")) == (0.3, 0.6)
-    assert Made(algebraic_bound=0.3, beta=0.0).algebraic_bound("hm12") == math.inf
+    assert Made(algebraic=0.3, beta=0.0).algebraic_bound("hm12") == math.inf
 
 
 @pytest.mark.parametrize("norm", ["h1", "hm12"])
@@ -242,10 +246,17 @@ def measured(goal=None):
     rate = 1e-3
     ends = {1000: 20.0, 3000: 98.0}
     later = [
-        level(goal, 0.5 + rate * (n + OVERHEAD_UNKNOWNS), unknowns=n, elapsed=end, enclosing=0.5, mb=10.0)
+        level(
+            goal,
+            0.5 + rate * (n + OVERHEAD_UNKNOWNS),
+            unknowns=n,
+            elapsed=end,
+            enclosing_seconds=0.5,
+            peak_mb=10.0,
+        )
         for n, end in ends.items()
     ]
-    return [level(goal, 10.0, unknowns=9, elapsed=10.0, mb=10.0), *later]
+    return [level(goal, 10.0, unknowns=9, elapsed=10.0, peak_mb=10.0), *later]
 
 
 def test_the_time_that_is_spent_is_not_left():

@@ -15,7 +15,7 @@ from unilateral.adaptive.loop import search
 from unilateral.discrete import multilevel
 from unilateral.errors import BudgetError
 
-STEPS = ("divided_mesh", "discretise_on", "solve")
+STEPS = ("divided_mesh", "discretise_level", "solve_next_level")
 """What is done on a level, in this order; the first level has another mesh."""
 
 
@@ -53,17 +53,17 @@ def test_an_interrupt_in_the_first_level_is_raised(monkeypatch, step):
 
 def test_another_error_is_raised(monkeypatch):
     """Control: it is a fault, and no end of a search."""
-    failing(monkeypatch, "solve", ZeroDivisionError())
+    failing(monkeypatch, "solve_next_level", ZeroDivisionError())
     with pytest.raises(ZeroDivisionError):
         search(load("natural").problem, Goal(1e-3))
 
 
 def test_memory_that_the_system_refuses_is_a_limit(monkeypatch):
-    failing(monkeypatch, "solve", MemoryError())
+    failing(monkeypatch, "solve_next_level", MemoryError())
     found = search(load("natural").problem, Goal(1e-3))
     assert found.ended == "out of budget (the memory of this machine)"
     assert len(found.levels) == 1
-    failing(monkeypatch, "solve", MemoryError(), at=1)
+    failing(monkeypatch, "solve_next_level", MemoryError(), at=1)
     with pytest.raises(MemoryError):
         search(load("natural").problem, Goal(1e-3))
 

@@ -182,7 +182,7 @@ def test_costs_and_what_they_allow_agree(natural_levels):
 def test_seconds_are_predicted_by_the_rate_of_the_levels(lshape_levels):
     """Twice the unknowns and the overhead take twice the time of the last level, beside what encloses f."""
     first, *_, last = lshape_levels
-    done = [replace(first, enclosing=0.25), replace(last, seconds=1.0, enclosing=0.25)]
+    done = [replace(first, enclosing_seconds=0.25), replace(last, seconds=1.0, enclosing_seconds=0.25)]
     twice = 2 * (done[-1].unknowns + OVERHEAD_UNKNOWNS) - OVERHEAD_UNKNOWNS
     assert predict_seconds(done, twice) == pytest.approx(0.25 + 2 * 0.75)
 
@@ -193,8 +193,8 @@ def test_what_encloses_f_is_taken_to_grow_on_but_not_to_fall(lshape_levels):
     more = last.unknowns - first.unknowns
     for before, added in ((0.1, 0.1), (0.3, 0.0)):
         done = [
-            replace(first, seconds=before, enclosing=before),
-            replace(last, seconds=0.2, enclosing=0.2),
+            replace(first, seconds=before, enclosing_seconds=before),
+            replace(last, seconds=0.2, enclosing_seconds=0.2),
         ]
         assert predict_seconds(done, last.unknowns + more) == pytest.approx(0.2 + added)
 
@@ -202,7 +202,7 @@ def test_what_encloses_f_is_taken_to_grow_on_but_not_to_fall(lshape_levels):
 def test_a_level_on_the_same_mesh_tells_nothing_of_growth(lshape_levels):
     """As where a bound was missed by so little that no triangle is halved for it."""
     first, *_, last = lshape_levels
-    done = [first, replace(last, enclosing=0.1), replace(last, seconds=0.2, enclosing=0.2)]
+    done = [first, replace(last, enclosing_seconds=0.1), replace(last, seconds=0.2, enclosing_seconds=0.2)]
     assert predict_seconds(done[1:], last.unknowns) == pytest.approx(0.2)
 
 

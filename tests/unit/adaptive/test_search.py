@@ -305,14 +305,16 @@ def test_gmsh_is_imported_only_where_a_mesh_is_made_by_it(tmp_path):
         "from unilateral.geometry.polygon import square; "
         "from unilateral.problems import case; "
         "from study.experiments.scenes import measure as scene; "
-        "cases, cells = [case.load('natural', square())], partition.uniform(square(), 1 / 4)"
+        "cases = [case.load_solution('natural', square())]; "
+        "cells = partition.make_uniform_partition(square(), 1 / 4)"
     )
-    forms = f"dual.Gram.of_table(xarray.open_dataset({str(table)!r}))"
+    forms = f"dual.Gram.from_table(xarray.open_dataset({str(table)!r}))"
     steps = [
         f"main(['solve', {str(FILES[0].with_name('square_all_sides.yaml'))!r}, '--accuracy', '0.9'])",
         "main(['solve', 'natural', '--h', '1/8', '--H', '1/8'])",
-        f"scene.sweep(structured.structured(square(), 1 / 8), cases, [cells], {forms})",
-        "dual.dual_norm(cells, cases)",
+        "mesh = structured.make_structured_mesh(square(), 1 / 8); "
+        f"scene.solve_on_partitions(mesh, cases, [cells], {forms})",
+        "dual.build_dual_norm(cells, cases)",
     ]
     source = "; ".join([imports, *(f"{step}; print('', 'gmsh' in sys.modules)" for step in steps)])
     command = [sys.executable, "-c", source]

@@ -214,7 +214,7 @@ def outcome(bug, found):
     if not found.faults:
         remarks = ["remark" if any(map(each.startswith, names)) else each for each in found.remarks]
         return ", ".join(remarks) or "-"
-    words = {_word(names, fault.what) for fault in found.faults}
+    words = {_word(names, fault.description) for fault in found.faults}
     known = [word for word in ("?", "either", "named") if word in words]
     return known[0] if len(known) == len(words) else str(words)
 
@@ -249,7 +249,7 @@ def test_a_bug_is_named_or_not_known(seen, tmp_path, name, method):
 def test_what_is_not_named_says_what_it_may_be(seen, tmp_path, method):
     """An iteration that stopped early is a right solution for another g, so that nobody can tell."""
     (found,) = seen("natural").judged(tmp_path, "stopped early", method).faults
-    assert "the iteration stopped too early, or g or the contact conditions differ" in found.what
+    assert "the iteration stopped too early, or g or the contact conditions differ" in found.description
 
 
 def test_every_name_is_in_the_documents():
@@ -273,7 +273,7 @@ def test_no_bug_is_named_by_chance(seen):
         assert all(not fault.is_explained for fault in found.faults)
         assert bool(found.faults) == (size >= 1e-3)
         assert found.remarks == []
-    right = piecewise_constant(of.level.cells, solve_condensed_problem(of.discrete).lambda_H)
+    right = piecewise_constant(of.level.partition, solve_condensed_problem(of.discrete).lambda_H)
     for u in (of.u_h + 0.3, of.u_h + 1, of.u_h - 0.5, 0 * of.u_h):
         found = diagnose_solution(
             of.case, ForeignSolution("", of.level, u, right, ""), of.discrete, of.own, of.u_h
@@ -301,7 +301,7 @@ def test_two_bugs_at_once_are_both_named_if_they_explain_all(seen, tmp_path):
     u, cells = author.solved(of.author, "mass term missing")
     level = of.level
     for multiplier, explained in ((-cells.multiplier, [True, True]), (cells.multiplier + 1, [False])):
-        mu = piecewise_constant(level.cells, multiplier.to_numpy())
+        mu = piecewise_constant(level.partition, multiplier.to_numpy())
         found = diagnose_solution(
             of.case, ForeignSolution("", level, u.u.to_numpy(), mu, ""), of.discrete, of.own, of.u_h
         )

@@ -182,7 +182,9 @@ def test_a_folder_that_is_there_is_not_touched(folder, refused):
 
 def test_a_failure_midway_leaves_nothing(tmp_path, monkeypatch):
     """The second level's cells cannot be written."""
-    monkeypatch.setattr("unilateral.exchange.export.of_cells", lambda cells, **_: 1 / (cells.n_cells - 8))
+    monkeypatch.setattr(
+        "unilateral.exchange.export.make_cell_columns", lambda cells, **_: 1 / (cells.n_cells - 8)
+    )
     with pytest.raises((ZeroDivisionError, AttributeError)):
         export_case(
             load("natural").problem, make_structured_mesh(polygon.square(), 1 / 4), 1 / 4, 2, tmp_path / "out"

@@ -111,7 +111,7 @@ def test_faults_and_names_are_told_as_text():
     image = "<img src=x onerror=alert(1)>"
     told = Diagnosis([Fault("<lambda, v>", "& more")], [])
     level = replace(one.solution.level, name=image)
-    spoilt = replace(one, told=told, given=replace(one.solution, file="<b>.csv", level=level))
+    spoilt = replace(one, diagnosis=told, solution=replace(one.solution, file="<b>.csv", level=level))
     text = written("natural", [spoilt])
     in_text = "&lt;img src=x onerror=alert(1)&gt;"
     assert f"<li>&lt;b&gt;.csv: &lt;lambda, v&gt;: &amp; more ({in_text})</li>" in text
@@ -126,7 +126,8 @@ def test_what_holds():
     case = load("natural").problem
     assert passes_judgement(found, compute_rates(case, found))
     assert not passes_judgement(
-        [replace(found[0], told=Diagnosis([Fault("wrong", "")], [])), found[1]], compute_rates(case, found)
+        [replace(found[0], diagnosis=Diagnosis([Fault("wrong", "")], [])), found[1]],
+        compute_rates(case, found),
     )
     same = [replace(each, errors=found[0].errors) for each in found]
     assert compute_rates(case, same)["h1"].observed == 0

@@ -124,7 +124,7 @@ def test_a_rate_may_fall_short_by_what_is_documented(proved):
 def test_rates_are_over_levels_with_h_and_H_small_enough():
     """`natural` counts from h = 1/8 and H = 1/4 on: not h = 1/8 with H = 1/2, nor levels 2.05 apart."""
     sizes = ((1 / 8, 1 / 2), (1 / 16, 1 / 4), (1 / 32, 1 / 8))
-    levels = [SimpleNamespace(mesh=SimpleNamespace(h=h), cells=SimpleNamespace(H=H)) for h, H in sizes]
+    levels = [SimpleNamespace(mesh=SimpleNamespace(h=h), partition=SimpleNamespace(H=H)) for h, H in sizes]
     errors = [Errors(e, e, e, e) for e in (1.0, 0.5, 0.25)]
     ladder = [
         ScoredSolution(ForeignSolution("", level, np.zeros(0), None, ""), each, each, Diagnosis([], []), None)
@@ -138,7 +138,7 @@ def test_rates_are_over_levels_with_h_and_H_small_enough():
 
 def ladder(*errors, sizes=(1 / 8, 1 / 16, 1 / 32, 1 / 64)):
     """Solutions on levels with such errors, the own ones all 1; H = 2h."""
-    levels = [SimpleNamespace(mesh=SimpleNamespace(h=h), cells=SimpleNamespace(H=2 * h)) for h in sizes]
+    levels = [SimpleNamespace(mesh=SimpleNamespace(h=h), partition=SimpleNamespace(H=2 * h)) for h in sizes]
     given = [ForeignSolution("", level, np.zeros(0), None, "") for level in levels]
     own = Errors(1.0, 1.0, 1.0, 1.0)
     pairs = zip(given, errors, strict=False)

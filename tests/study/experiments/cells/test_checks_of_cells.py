@@ -9,7 +9,7 @@ from made_up import observes, table
 from study.experiments.cells import checks as transitions
 
 LARGEST_OF = {"table": "t", "variable": "discrete_error", "cases": ["cantor_2", "cantor_1.5"]}
-LARGEST_OF |= {"required": 0.7, "at_least": False}
+LARGEST_OF |= {"required": 0.7, "is_minimum": False}
 
 
 def on_cells(bound=0.001, converged=1.0, gap_order=(1.0, 3 / 4)):

@@ -112,7 +112,7 @@ def test_only_bad_input_is_refused():
         raise InputError("too small")
 
     for slack in (None, 1e-12):
-        point = tried(refuse, predicted=0.0, slack=slack)
+        point = tried(refuse, predicted=0.0, max_change=slack)
         assert (point["outcome"], point["tool"], point["message"]) == (
             OUTCOME_REFUSED,
             OUTCOME_REFUSED,
@@ -162,7 +162,7 @@ def test_numbers_above_what_is_predicted_and_the_slack_are_wrong(start, measured
     """Also where all is refused but the active set, and a number that is none; without a slack none is."""
     known = problem()
     declared = {"pose": lambda _: known, "start": lambda *_: start, "measure": lambda *_: measured}
-    assert tried(predicted=predicted, slack=1e-12, **declared)["outcome"] == expected
+    assert tried(predicted=predicted, max_change=1e-12, **declared)["outcome"] == expected
     assert tried(predicted=predicted, **declared)["outcome"] == (OUTCOME_REFUSED if start else OUTCOME_RIGHT)
 
 
@@ -225,7 +225,7 @@ def test_an_axis_makes_and_condenses_a_mesh_once(count):
     """Short cells lie on one mesh, the squares of three sizes on three; the mildest is posed twice."""
     condense_mesh.cache_clear()
     eliminated = count(problems, "condense")
-    made_by_gmsh = count(meshes, "unstructured")
+    made_by_gmsh = count(meshes, "make_unstructured_mesh")
     survey(short=[0.1, 0.01, 0.001])
     assert (len(eliminated), len(made_by_gmsh)) == (1, 0)
     survey(scale_down=[1, 0.5, 0.25])
@@ -347,7 +347,8 @@ def test_rounding_of_A3_is_within_what_is_allowed(n):
     """Of the active set's u. What constants lose is of the order of eps tr(K) / |Omega| = 4 eps n^2."""
     of = problem(1 / n, 1 / 8, full_contact)
     assert (
-        of.error(solve_by_active_set(of.spaces.operator, of.discrete.offset, 1e-6).lambda_H) <= of.rounding_allowance
+        of.error(solve_by_active_set(of.spaces.operator, of.discrete.offset, 1e-6).lambda_H)
+        <= of.rounding_allowance
     )
     assert 1e-12 <= of.rounding <= max(1e-12, np.finfo(float).eps * 4 * n**2)
 

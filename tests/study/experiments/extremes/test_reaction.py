@@ -160,7 +160,7 @@ def without_integration_by_parts(monkeypatch):
     squares = ResidualParts._squares_of_block
 
     def without(parts, block):
-        return squares(parts._replace(by_parts=np.full_like(parts.mean, math.inf)), block)
+        return squares(parts._replace(s_prime=np.full_like(parts.mean, math.inf)), block)
 
     monkeypatch.setattr(ResidualParts, "_squares_of_block", without)
 
