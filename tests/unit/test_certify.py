@@ -233,7 +233,7 @@ def test_u_above_the_given_values_says_nothing_of_the_gap_at_a_clamped_vertex():
     """u = 5 is lowered to 0 on side 3, so that it is less than 1 above g near the ends of this side."""
     problem = ul.Problem(SQUARE, 0, -1, [1], c=0, u={3: 0})
     mesh = mesh_of(problem, 4)
-    ends = certified(problem, mesh, np.full(mesh.n_nodes, 5.0)).solved.bound().ends
+    ends = certified(problem, mesh, np.full(mesh.n_nodes, 5.0)).solved.bound().clamped_ends
     assert np.all(ends.gamma[[0, 3]] <= 1 + 1e-12)
 
 

@@ -137,7 +137,7 @@ def test_the_modules_are_the_case(monkeypatch, name, kind):
     for i, length in enumerate(case.polygon.lengths):
         side = np.full(20, i)
         s = (np.arange(20) + 0.43) / 20 * length
-        (u, flux, gap) = case.boundary(side, s)
+        (u, flux, gap) = case.trace_flux_and_gap(side, s)
         points = case.polygon.at(side, s)
         np.testing.assert_allclose(found["g"][i](points), u - gap, rtol=0, atol=1e-12)
         np.testing.assert_allclose(found["lambda_"][i](points), flux, rtol=1e-9, atol=1e-12)
