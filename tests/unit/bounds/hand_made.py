@@ -43,7 +43,7 @@ LINEAR_SOURCE = "cosh(x - 0.4) + cosh(y - 0.55) + 0.1*x - 0.05*y"
 class Manufactured:
     """u from a formula and g = u - gap, gap >= 0 a formula in x, y too; no singular points.
 
-    It is the solution where lambda = k du/dn >= 0, and 0 where gap > 0; `boundary` is that of ExactSolution.
+    It is the solution where lambda = k du/dn >= 0, and 0 where gap > 0; `trace_flux_and_gap` is that of ExactSolution.
     """
 
     flux_in_L2 = True
@@ -66,12 +66,12 @@ class Manufactured:
     def kinks(self):
         return []
 
-    singular = flux_singular = kinks
+    singular_points = flux_singular_points = kinks
 
     def transitions(self):
         return np.zeros(0)
 
-    def boundary(self, side, s, near=None):
+    def trace_flux_and_gap(self, side, s, near=None):
         points = self.polygon.at(side, s).T
         (out_x, out_y) = self.polygon.normals[side].T
         u = self.u(*points) + np.zeros(len(s))

@@ -211,7 +211,7 @@ def test_places_on_an_edge_are_known_up_to_the_reach():
 def test_rounding_is_unknown_too():
     """Of a flux that is p: that of the moments, at least EPS / 2 of their size."""
     flux = flux_of("1000/3")
-    exact = replace(flux, doubt=0 * flux.remainder, jumps=0 * flux.jumps)
+    exact = replace(flux, remainder=0 * flux.remainder, jumps=0 * flux.jumps)
     found = project_given_flux(exact, make_structured_mesh(square(), 1 / 4))
     assert 2**-53 * 333 < found.remainder_dual_norm(make_structured_mesh(square(), 1 / 4), H1) < 1e-10
 
@@ -296,7 +296,7 @@ def test_both_the_size_and_the_mean_of_what_is_unknown_have_the_rounding_of_mome
     """As if places were known up to a hundredth of an edge: a flux of 5 is known up to 0.05."""
     mesh = make_structured_mesh(square(), 1 / 8)
     flux = flux_of("5")
-    flux = replace(flux, doubt=0 * flux.remainder, jumps=0 * flux.jumps, reach=0.01 / 8)
+    flux = replace(flux, remainder=0 * flux.remainder, jumps=0 * flux.jumps, reach=0.01 / 8)
     found = project_given_flux(flux, mesh)
     assert np.all(found.remainder_norms[:8] >= 0.05 * np.sqrt(1 / 8))
     assert np.all(found.remainder_integrals[:8] >= 0.05 / 8)

@@ -92,7 +92,7 @@ def test_partitions_whose_points_are_no_vertices_of_the_mesh(name, shift):
     problem = Manufactured(polygon, f"({x}**2 + {y}**2)/2 + {x}**3/200 + {y}**4/200 + 0.03*{x}*{y}")
     mesh = meshes.make_unstructured_mesh(polygon, 0.11)
     cells = partitions.make_shifted_partition(polygon, 0.27, shift)
-    flux = problem.boundary(mesh.side, mesh.s[:-1] - polygon.starts[mesh.side])[1]
+    flux = problem.trace_flux_and_gap(mesh.side, mesh.s[:-1] - polygon.starts[mesh.side])[1]
     assert np.all(flux > 0)
     lambda_H = cell_means(problem, cells).lambda_means
     u_h = u_of(problem, mesh, cells, lambda_H)
@@ -213,11 +213,11 @@ def test_without_feasibility_the_bound_is_too_small(bound, monkeypatch):
 def test_with_other_fluxes_on_the_edges_the_bound_is_too_small(module, bound, times, monkeypatch):
     """Control: q.n of the right lambda_H says nothing of one that is so many times as large."""
     of = pair("full_contact", 8)
-    own = module.edge_flux
+    own = module.build_normal_flux
     wrong = of._replace(lambda_H=times * of.lambda_H)
-    lower = float(norm_for("full_contact", 4, "square").of_error(of.case, wrong.lambda_H[None]).lower[0])
+    lower = float(norm_for("full_contact", 4, "square").bound_error(of.case, wrong.lambda_H[None]).lower[0])
     assert lower <= bound(*wrong.given).lambda_
-    monkeypatch.setattr(module, "edge_flux", lambda *_: own(of.mesh, of.cells, of.lambda_H, of.u_h, H1))
+    monkeypatch.setattr(module, "build_normal_flux", lambda *_: own(of.mesh, of.cells, of.lambda_H, of.u_h, H1))
     assert lower > 5 * bound(*wrong.given).lambda_
 
 
@@ -247,8 +247,8 @@ def test_the_slack_counts_twice_for_u(bound, monkeypatch):
 
     D is small here against eta, so that nothing is taken off again.
     """
-    found = with_more_missing(bound, monkeypatch, "slack", 0.5 / 16)
-    assert all(each.lifting < 0.2 for each in found)
+    found = with_more_missing(bound, monkeypatch, "edge_complementarity", 0.5 / 16)
+    assert all(each.lift_norm < 0.2 for each in found)
     before, after = (each.u**2 for each in found)
     assert after - before == pytest.approx(1, rel=1e-6)
 
@@ -256,10 +256,10 @@ def test_the_slack_counts_twice_for_u(bound, monkeypatch):
 @BOUNDS
 def test_what_is_missing_counts_for_u_by_its_norm(bound, monkeypatch):
     """X^2 <= R + D^2: where D is larger, and R as before, the square for u has the difference of both D^2."""
-    found = with_more_missing(bound, monkeypatch, "squares", 0.01)
-    before, after = (each.u**2 - each.lifting**2 for each in found)
+    found = with_more_missing(bound, monkeypatch, "extension_squares", 0.01)
+    before, after = (each.u**2 - each.lift_norm**2 for each in found)
     assert after == pytest.approx(before, rel=1e-6)
-    assert found[1].lifting > found[0].lifting + 0.1
+    assert found[1].lift_norm > found[0].lift_norm + 0.1
 
 
 def test_what_is_not_known_of_g_counts_three_times(monkeypatch):
@@ -275,7 +275,7 @@ def test_what_is_not_known_of_g_counts_three_times(monkeypatch):
     monkeypatch.setattr(feasible, "bound_shortfall", lambda *given: shorts.append(own(*given)) or shorts[-1])
     data, *others = of.given
     g = of.case.problem.enclosed_obstacle
-    for obstacle in (g, replace(g, doubt=g.remainder + t, upper=g.upper + t)):
+    for obstacle in (g, replace(g, remainder=g.remainder + t, upper=g.upper + t)):
         local_bound(replace(data, constraint=build_constraint(obstacle, of.mesh, H1)), *others)
     known, doubtful = shorts
     assert doubtful.complementarity - known.complementarity == pytest.approx(2 * t * force, rel=1e-6)

@@ -45,50 +45,50 @@ def ends(clamped, u_on_side_0=U_H, doubts=(), pushed=(), upper=()):
     """
     edges = np.flatnonzero(np.isin(BOUNDARY.side, [0, clamped]))
     g = SimpleNamespace(
-        edge=np.repeat(edges, 2), upper=np.zeros(2 * len(edges)), doubt=np.zeros(2 * len(edges))
+        edge=np.repeat(edges, 2), g_upper=np.zeros(2 * len(edges)), remainder=np.zeros(2 * len(edges))
     )
     for edge, doubt in doubts:
-        g.doubt[np.flatnonzero(g.edge == edge)[0]] = doubt
+        g.remainder[np.flatnonzero(g.edge == edge)[0]] = doubt
     for edge, high in upper:
-        g.upper[np.flatnonzero(g.edge == edge)[0]] = high
+        g.g_upper[np.flatnonzero(g.edge == edge)[0]] = high
     push = np.zeros(16)
     u_h = np.full(16, 9.0)
     push[list(pushed)] = 1e-9
     u_h[:5] = u_on_side_0
     form = Form(c=0.0, clamped=(clamped,), free=tuple({1, 2, 3} - {clamped}))
-    lift = SimpleNamespace(g=g)
-    return module.find_clamped_ends(BOUNDARY, form, lift, u_h, SimpleNamespace(push=push), 7.0)
+    lift = SimpleNamespace(constraint=g)
+    return module.find_clamped_ends(BOUNDARY, form, lift, u_h, SimpleNamespace(contact_scale=push), 7.0)
 
 
 def test_the_part_after_a_clamped_side_has_its_least_gap():
     """Up to where the gap is below half of 2.5: three edges, on which it is 2 at least."""
     found = ends(clamped=3)
-    assert found.reach == pytest.approx([0.1 + 0.2 + 0.3, 0, 0, 0])
+    assert found.gap_length == pytest.approx([0.1 + 0.2 + 0.3, 0, 0, 0])
     assert found.gamma == pytest.approx([2.0, 1, 1, 1])
-    assert found.product == 7.0
+    assert found.gamma_force_bound == 7.0
 
 
 def test_the_part_before_a_clamped_side_runs_backwards():
     """From the other end of side 0, with its longest edge first; gaps are 2.5, 2, 2, 1.2 from there."""
     found = ends(clamped=1, u_on_side_0=U_H[::-1])
-    assert found.reach == pytest.approx([0, 0.4 + 0.3 + 0.2, 0, 0])
+    assert found.gap_length == pytest.approx([0, 0.4 + 0.3 + 0.2, 0, 0])
     assert found.gamma == pytest.approx([1, 2.0, 1, 1])
 
 
 def test_where_all_of_a_side_is_wide_all_of_it_counts():
     found = ends(clamped=3, u_on_side_0=np.full(5, 2.0))
-    assert (found.reach[0], found.gamma[0]) == pytest.approx((1.0, 2.0))
+    assert (found.gap_length[0], found.gamma[0]) == pytest.approx((1.0, 2.0))
 
 
 @pytest.mark.parametrize("u_at_vertex", [0.0, -1.0])
 def test_without_a_gap_at_the_vertex_nothing_is_known(u_at_vertex):
     found = ends(clamped=3, u_on_side_0=np.array([u_at_vertex, 2, 2, 2, 2]))
-    assert not found.reach.any()
+    assert not found.gap_length.any()
 
 
 def test_beside_free_sides_nothing_is_known():
     """Sides 3 and 2 meet at vertex 3, sides 0 and 1 at vertex 1: no g, so no gap."""
-    assert np.flatnonzero(ends(clamped=3).reach).tolist() == [0]
+    assert np.flatnonzero(ends(clamped=3).gap_length).tolist() == [0]
 
 
 def test_the_highest_g_on_an_edge_counts():
@@ -112,13 +112,13 @@ def test_the_doubt_of_the_clamped_side_lowers_v_at_the_vertex():
     found = ends(clamped=3, doubts=[(15, 0.4)])
     assert found.gamma[0] <= 2.5 - 0.4
     assert found.gamma[0] == pytest.approx(2.5 - LOWERING_PER_REMAINDER * 0.4)
-    assert not ends(clamped=3, doubts=[(15, 0.7)]).reach.any()
+    assert not ends(clamped=3, doubts=[(15, 0.7)]).gap_length.any()
 
 
 @pytest.mark.parametrize(("pushed", "reach"), [(3, 0.1 + 0.2), (2, 0.1), (1, 0.0), (0, 0.0), (15, 0.0)])
 def test_next_to_contact_there_is_no_gap(pushed, reach):
     """v may be below u_h on an edge with lambda_H > 0, and so at its ends, which other edges share."""
-    assert ends(clamped=3, pushed=[pushed]).reach[0] == pytest.approx(reach)
+    assert ends(clamped=3, pushed=[pushed]).gap_length[0] == pytest.approx(reach)
 
 
 def clamps(reach, gamma, product=6.0, clamped=(3,), free=()):
@@ -227,7 +227,7 @@ def raised(monkeypatch, **parts):
         made = own(*of)
 
         class Lifted(type(made)):
-            def lifted(self, nodal, bubbles):
+            def make_feasible(self, nodal, bubbles):
                 *values, short = made.make_feasible(nodal, bubbles)
                 first = np.arange(len(nodal)) == 0
                 return *values, short._replace(**{k: np.where(first, v, 0.0) for k, v in parts.items()})
@@ -238,12 +238,12 @@ def raised(monkeypatch, **parts):
 
 
 def test_the_product_has_the_slack_once(arguments, monkeypatch):
-    raised(monkeypatch, slack=LARGE)
+    raised(monkeypatch, edge_complementarity=LARGE)
     assert LARGE <= local_bounds.local_bound(*arguments).clamped_ends.gamma_force_bound <= LARGE + 1
 
 
 def test_the_product_has_a_quarter_of_the_square_of_the_extension(arguments, monkeypatch):
     """The energy norm of w is 1e6, of what is missing at the boundary."""
-    raised(monkeypatch, squares=LARGE**2)
+    raised(monkeypatch, extension_squares=LARGE**2)
     found = local_bounds.local_bound(*arguments).clamped_ends.gamma_force_bound
     assert LARGE**2 / 4 <= found <= LARGE**2 / 4 * (1 + 1e-5)

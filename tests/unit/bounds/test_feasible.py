@@ -57,7 +57,7 @@ def test_g_is_within_the_doubt_of_p(text, most, monkeypatch):
 def test_what_is_added_for_the_doubt_is_pressed_like_the_doubt():
     """v = p = 0 on the unit square, doubt 1/1000, q.n = 1: v + 1/1000 - g may be 2/1000 all around."""
     found = on_edges("0")
-    g = replace(found, doubt=np.full_like(found.remainder, 1e-3))
+    g = replace(found, remainder=np.full_like(found.remainder, 1e-3))
     nb = len(g.mesh.boundary)
     every = np.ones(nb, dtype=bool)
     v = np.zeros(2 * nb)

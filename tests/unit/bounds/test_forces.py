@@ -556,7 +556,7 @@ def boundary(monkeypatch):
     monkeypatch.setattr(of_forces, "energy_norm", lambda *of: 0.0)
     s = np.linspace(0, 4, 17)
     s[1] = 1e-12
-    mesh = SimpleNamespace(boundary=np.arange(16), polygon=square(), s=s, growth=1.0, n_nodes=16)
+    mesh = SimpleNamespace(boundary=np.arange(16), polygon=square(), s=s, exact_mesh_factor=1.0, n_nodes=16)
     load = np.zeros(16)
     load[[0, 1, 5]] = 1.0, 2.0, 4.0
     return of_forces.LeastBound(mesh, None, load, 0.5, load, np.zeros(16, dtype=bool), H1)
@@ -576,7 +576,7 @@ def test_the_pairing_is_rounded_relative_to_its_own_terms(boundary):
     """w = 1: no place matters, and loads of 7 in all are rounded. w = 3 at node 5 alone: 3 times 4 is."""
     (found,) = boundary._bound_on_exact_mesh(np.ones((16, 1)))
     assert found - 7 == pytest.approx(7 * SQUARES_ROUNDING, rel=1e-3)
-    (found,) = boundary._most(np.where(np.arange(16)[:, None] == 5, 3.0, 0.0))
+    (found,) = boundary._bound_on_exact_mesh(np.where(np.arange(16)[:, None] == 5, 3.0, 0.0))
     assert found - 12 == pytest.approx(12 * SQUARES_ROUNDING, rel=1e-3)
 
 
@@ -589,7 +589,7 @@ def test_the_norm_of_w_is_rounded_up_and_grows(boundary, monkeypatch):
     """E = 1/2."""
     seen = []
     monkeypatch.setattr(of_forces, "energy_norm", lambda mesh, w, norm: seen.append(norm) or 1e6)
-    boundary.mesh.growth = 1.5
+    boundary.mesh.exact_mesh_factor = 1.5
     (found,) = boundary._bound_on_exact_mesh(np.zeros((16, 1)))
     assert (
         1.5 * 0.5 * 1e6 * (1 + 0.999 * SQUARES_ROUNDING)

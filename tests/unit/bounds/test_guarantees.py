@@ -131,7 +131,7 @@ def test_a_bound_without_what_f_h_leaves_is_noticed(one, bound):
 
     def without(data):
         zero = np.zeros_like(data.source.remainder)
-        return replace(data, source=replace(data.source, oscillation=zero, jumps=zero, rest=zero))
+        return replace(data, source=replace(data.source, oscillation=zero, jumps=zero, remainder=zero))
 
     found = [bound(without(trial.given[0]), *trial.given[1:]) for trial in one.trials]
     assert violations(one, found)

@@ -59,7 +59,7 @@ def with_more(monkeypatch, part, name="residual_parts"):
     monkeypatch.setattr(local_bounds, name, changed)
 
 
-@pytest.mark.parametrize("part", ["misfit", "rest"])
+@pytest.mark.parametrize("part", ["misfit", "remainder"])
 def test_a_part_of_the_residual_counts_for_both_errors(arguments, monkeypatch, part):
     """By 1 or Friedrichs' constant, which is 2 / pi on the square."""
     form = arguments[-1]
@@ -72,7 +72,7 @@ def test_a_part_of_the_residual_counts_for_both_errors(arguments, monkeypatch, p
 
 def test_the_extension_counts_once_for_u_and_for_lambda(arguments, monkeypatch):
     """X^2 <= R + D^2 with D = ||w||_1, and Y <= eta, the norm of v - q."""
-    missing(monkeypatch, squares=LARGE**2)
+    missing(monkeypatch, extension_squares=LARGE**2)
     found = local_bounds.local_bound(*arguments)
     assert LARGE * (1 + 0.9 * SQUARES_ROUNDING) <= found.u <= LARGE * NEAR
     assert LARGE <= found.lambda_ <= LARGE * NEAR
@@ -80,8 +80,8 @@ def test_the_extension_counts_once_for_u_and_for_lambda(arguments, monkeypatch):
 
 def test_without_eta_the_extension_counts_twice_for_lambda(arguments, monkeypatch):
     """Y <= D + (R + D^2)^(1/2)."""
-    with_more(monkeypatch, "misfit", "move_parts")
-    missing(monkeypatch, squares=(LARGE / 4) ** 2)
+    with_more(monkeypatch, "misfit", "add_lift_to_residual")
+    missing(monkeypatch, extension_squares=(LARGE / 4) ** 2)
     assert 2 * (LARGE / 4) <= local_bounds.local_bound(*arguments).lambda_ <= 2 * (LARGE / 4) * NEAR
 
 
@@ -98,7 +98,7 @@ def test_what_is_added_for_the_doubt_counts_by_its_norm(arguments, monkeypatch):
 
 def test_the_slack_counts_twice_under_the_root(arguments, monkeypatch):
     """In R, and in the square of eta."""
-    missing(monkeypatch, slack=LARGE**2)
+    missing(monkeypatch, edge_complementarity=LARGE**2)
     found = local_bounds.local_bound(*arguments)
     assert math.sqrt(2) * LARGE <= found.u <= math.sqrt(2) * LARGE * NEAR
     assert math.sqrt(2) * LARGE <= found.lambda_ <= math.sqrt(2) * LARGE * NEAR
@@ -130,7 +130,7 @@ def test_what_jumps_leave_on_pieces_is_left_of_f():
     """Two pieces of triangle 0 with norms of 3 and 4 beside p = 0; integrals of 1 and 2; and squares of 9."""
     mesh = make_structured_mesh(square(), 1)
     whole = {"c": np.zeros((15, 1)), "corners": np.eye(3)[None], "parent": np.zeros(1, int)}
-    areas = {"area": mesh.areas[:1], "outer": mesh.areas[:1]}
+    areas = {"area": mesh.areas[:1], "outer_area": mesh.areas[:1]}
     pieces = [
         TrianglePieces(
             **whole,

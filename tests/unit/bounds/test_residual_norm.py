@@ -25,7 +25,7 @@ CLAMPED = {"square": (3,)}
 FRIEDRICHS = 2 / math.pi
 """The constant of functions on the unit square that vanish on one side."""
 RATIOS = [0.0, 1e-8, 1e-2, 1.0, 10.0, 100.0, 1e4, 1e8]
-KINDS = ("misfit", "oscillation", "mean", "rest")
+KINDS = ("misfit", "oscillation", "mean", "remainder")
 
 
 @cache
@@ -164,7 +164,7 @@ def test_by_parts_a_layer_that_is_not_seen_costs_little():
     found, load = parts("right", np.random.default_rng(9), [1.0, 0.0, 0.0, 0.0], form, 1.0)
     least = dual_norm("right", load, form)
     assert found.dual_norms()[0] < 3 * least
-    assert found._replace(by_parts=0 * found.mean + math.inf).norms()[0] > 4 * least
+    assert found._replace(s_prime=0 * found.mean + math.inf).dual_norms()[0] > 4 * least
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -235,7 +235,7 @@ def test_the_smaller_of_both_counts_on_a_triangle():
     found, _ = parts("square", np.random.default_rng(7), [1.0, 1.0, 1.0, 0.1], Form())
     squares = found.squares()
     other = np.array([0.5 * math.sqrt(squares[0]), math.inf])
-    np.testing.assert_allclose(found._replace(by_parts=other).squares(), squares * [0.25, 1.0])
+    np.testing.assert_allclose(found._replace(s_prime=other).squares(), squares * [0.25, 1.0])
 
 
 @pytest.mark.parametrize("form", [Form(), Form(2.0, 0.5, (3,), friedrichs=FRIEDRICHS), *forms("square")])

@@ -132,7 +132,7 @@ def test_such_a_step_needs_the_bound_by_parts(monkeypatch):
     monkeypatch.setattr(
         ResidualParts,
         "_squares_of_block",
-        lambda self, block: own(self._replace(by_parts=np.full_like(self.mean, np.inf)), block),
+        lambda self, block: own(self._replace(s_prime=np.full_like(self.mean, np.inf)), block),
     )
     bound, error = time_step(STEPS["hat"](np.arange(1, 8) / 8), 8, 1e12)
     assert bound > 10 * error

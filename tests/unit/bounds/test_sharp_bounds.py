@@ -82,7 +82,7 @@ def rule_of(mesh, degree):
     return bary, bary @ mesh.points[mesh.triangles], 2 * mesh.areas[:, None] * weights
 
 
-def linear_source(k, c):
+def u_with_linear_source(k, c):
     """A u with -k Delta u + c u = c (x/10 - y/20)."""
     rate = math.sqrt(c / k)
     return f"cosh({rate}*(x - 0.4)) + cosh({rate}*(y - 0.55)) + 0.1*x - 0.05*y"
@@ -97,7 +97,7 @@ def test_the_identity_holds_for_any_v_and_any_flux(name, k, c):
     """
     wedge = Polygon(np.array([[0, 0], [1, 0], [np.cos(np.pi / 18), np.sin(np.pi / 18)]]), "wedge")
     polygon = square() if name == "square" else wedge
-    problem = Manufactured(polygon, linear_source(k, c), k=k, c=c)
+    problem = Manufactured(polygon, u_with_linear_source(k, c), k=k, c=c)
     mesh = meshes.make_unstructured_mesh(polygon, 0.35)
     field, sigma, d = of_random_flux(problem, mesh)
     spaces = field.spaces
@@ -229,7 +229,7 @@ def test_the_steps_go_to_the_best_potential_and_the_best_flux(monkeypatch):
     for most in (1, 50):
         monkeypatch.setattr(bounds, "MAX_DESCENT_STEPS", most)
         d, phi, _ = bounds._minimise_eta(lift, field, load_of_v, 0.0)
-        found.append(np.sqrt(field.turned(phi).squares(d)[0].sum()))
+        found.append(np.sqrt(field.add_curl(phi).square_norms(d)[0].sum()))
     best = best_distance(mesh, problem.g, problem.f, field.w, field.rho, flux.end_values)
     assert found[1] == pytest.approx(best, rel=1e-6)
     assert found[0] > 1.01 * best
@@ -406,15 +406,15 @@ def test_all_that_rounding_may_do_is_in_the_parts():
     field = field_of(
         spaces, linear_source(mesh, zero), zero, np.zeros((len(mesh.boundary), 2)), Form(2.0, 3.0)
     )
-    large = replace(field, more_field=field.more_field + 5.0, more_rho=field.more_rho + 7.0)
-    of_zero = large.parts(np.zeros(spaces.size), no_given_flux(mesh))
+    large = replace(field, misfit_allowance=field.misfit_allowance + 5.0, rho_allowance=field.rho_allowance + 7.0)
+    of_zero = large.residual_parts(np.zeros(spaces.size), no_given_flux(mesh))
     np.testing.assert_allclose(of_zero.misfit, 5 * np.sqrt(mesh.areas), rtol=1e-9)
-    np.testing.assert_allclose(of_zero.rest, 7 * np.sqrt(mesh.areas), rtol=1e-9)
+    np.testing.assert_allclose(of_zero.remainder, 7 * np.sqrt(mesh.areas), rtol=1e-9)
     # 1e6 is off by some units in the last place, and so is its gradient
-    of_constant = field.parts(spaces.embed_linear(1e6 + zero), no_given_flux(mesh))
+    of_constant = field.residual_parts(spaces.embed_linear(1e6 + zero), no_given_flux(mesh))
     eps = np.finfo(float).eps
     assert np.all(of_constant.misfit > 2.0 * 1e6 * eps / mesh.longest_edges * np.sqrt(mesh.areas))
-    assert np.all(of_constant.rest > 3.0 * 1e6 * eps * np.sqrt(mesh.areas))
+    assert np.all(of_constant.remainder > 3.0 * 1e6 * eps * np.sqrt(mesh.areas))
 
 
 def test_what_f_h_leaves_is_orthogonal_to_linear_functions_alone():
@@ -433,7 +433,7 @@ def test_what_f_h_leaves_is_orthogonal_to_linear_functions_alone():
         assert field.residual_parts(d, no_given_flux(mesh)).oscillation == pytest.approx(both + source.jumps)
 
 
-@pytest.mark.parametrize("field", ["left", "size", "integral"])
+@pytest.mark.parametrize("field", ["oscillation", "remainder_norms", "remainder_integrals"])
 def test_what_is_left_of_a_given_flux_counts(field):
     """tau - tau~ is large on the lower side: what is free of means, what is not known, and its integral."""
     problem = Manufactured(square(), LINEAR_SOURCE)
@@ -445,8 +445,8 @@ def test_what_is_left_of_a_given_flux_counts(field):
     large = np.where(mesh.side == 0, 1e6, 0.0)
     tau = data.given_flux._replace(**{field: large})
     on_edges = np.sqrt(trace_constants(mesh)) * 1e6, 1e6 / np.sqrt(mesh.areas[mesh.boundary_triangles])
-    most = np.linalg.norm(on_edges[field == "integral"] * (large > 0))
-    assert 0.1 * most < sharp_bound(replace(data, tau=tau), *others).u <= 1.1 * most
+    most = np.linalg.norm(on_edges[field == "remainder_integrals"] * (large > 0))
+    assert 0.1 * most < sharp_bound(replace(data, given_flux=tau), *others).u <= 1.1 * most
 
 
 @pytest.mark.parametrize("c", [1e3, 1e8])
@@ -497,7 +497,7 @@ def test_where_s_prime_counts_the_flux_stays_as_it_is(monkeypatch):
     )
     sharp_bound(data, cells, u_h, zero, form)
     field = fields[0]
-    s_prime = residuals[0].by_parts
+    s_prime = residuals[0].s_prime
     thick = mesh.longest_edges > np.median(mesh.longest_edges)
 
     # the flux before it was turned
@@ -529,7 +529,7 @@ def test_what_is_added_to_v_is_in_eta(monkeypatch):
     given = given_to(*of_full_contact(4))
     own = feasible.bound_shortfall
     before = sharp_bound(*given)
-    for field, more in (("squares", 1.0), ("added", 1e3)):
+    for field, more in (("extension_squares", 1.0), ("nodal_raise", 1e3)):
         seen = []
 
         def missing(*of, field=field, more=more, seen=seen):
@@ -545,7 +545,7 @@ def test_what_is_added_to_v_is_in_eta(monkeypatch):
         data, cells, u_h, lambda_H, form = given
         flux = bounds.build_normal_flux(data.mesh, cells, lambda_H, u_h, form)
         added = feasible.build_lifting(data.constraint, form, u_h, flux).remainder_squares(seen[-1]).sum()
-        norm = seen[-1].norm + math.sqrt(added)
+        norm = seen[-1].extension_norm + math.sqrt(added)
         assert norm > 100 * before.eta
         assert norm < after.eta < 1.01 * norm
 
@@ -590,7 +590,7 @@ def test_a_tiny_reaction_changes_nothing(kind):
     """Both bounds of u, of lambda, and of fluxes are those of c = 0 up to 1 %."""
     without = sharp_bound(*of_layer(kind, 8, 1.0, 0.0)[0])
     tiny = sharp_bound(*of_layer(kind, 8, 1.0, 1e-30)[0])
-    for name in ("u", "lambda_", "of_fluxes", "eta"):
+    for name in ("u", "lambda_", "reaction_bound", "eta"):
         assert getattr(tiny, name) == pytest.approx(getattr(without, name), rel=1e-2)
 
 

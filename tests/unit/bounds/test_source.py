@@ -148,7 +148,7 @@ def test_both_parts_of_the_distance_are_needed():
     found = enclose_function(mesh, of)
     rest = found.remainder + 0.6 * np.sqrt(mesh.areas)
     moved = replace(found, f_h=found.f_h + 0.6, remainder=rest)
-    for each, without in ((found, "oscillation"), (moved, "rest")):
+    for each, without in ((found, "oscillation"), (moved, "remainder")):
         assert dual(of, each) <= distance(each)
         assert dual(of, each) > distance(replace(each, **{without: 0 * rest}))
 

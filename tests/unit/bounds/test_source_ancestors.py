@@ -177,8 +177,8 @@ def test_p_of_an_ancestor_holds_on_every_triangle(name):
                 np.any(np.abs(value - wrong) > found.remainder[np.roll(number, 1)][:, None] + slack)
             )
         found = enclose_function(mesh, of).ancestors
-        p = values(found.polynomials, found.select, at)
-        assert np.all(np.abs(value - p) <= found.known.rad[found.select][:, None] + slack), text
+        p = values(found.polynomials, found.numbers, at)
+        assert np.all(np.abs(value - p) <= found.polynomials.remainder[found.numbers][:, None] + slack), text
         check_halvings(found, mesh)
     assert np.any(controls)
 

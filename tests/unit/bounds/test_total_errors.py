@@ -34,14 +34,14 @@ class Parts:
     misfit: np.ndarray
     others: np.ndarray
 
-    def _replace(self, by_parts=math.inf, **others):
-        assert np.all(np.isinf(by_parts))
+    def _replace(self, s_prime=math.inf, **others):
+        assert np.all(np.isinf(s_prime))
         return replace(self, **others)
 
     def functional(self):
         return self.space.G.T @ self.misfit + self.others
 
-    def norms(self):
+    def dual_norms(self):
         A = self.space.matrix(self.form)
         V = self.space.V
         functional = self.functional()
@@ -147,7 +147,7 @@ class Trial:
         self.v = v
 
     def bounds(self, **others):
-        given = {"of_u": self.of_u, "of_v": self.of_v, "D": self.D, "D_clamped": self.D_clamped} | others
+        given = {"u_residual": self.of_u, "v_residual": self.of_v, "D": self.D, "D_clamped": self.D_clamped} | others
         return bound_total_errors(1.0, **given, sigma_distance=0.0)
 
     def errors(self):
@@ -172,7 +172,7 @@ def violations(trials, bounds=Trial.bounds):
     for trial in trials:
         result = bounds(trial)
         energy = 1 + trial.u @ trial.A @ trial.u
-        stated = np.array([result.u, result.lambda_, result.fluxes, result.product])
+        stated = np.array([result.u, result.lambda_, result.reaction_bound, result.gamma_force_bound])
         rounding = 1e-9 * np.array([math.sqrt(energy)] * 3 + [energy])
         found += trial.errors() > stated + rounding
     return found
@@ -185,7 +185,7 @@ def test_no_error_is_larger_than_its_bound(trials):
 
 
 def without_slack(trial):
-    return trial.bounds(of_u=trial.of_u._replace(slack=0.0), of_v=trial.of_v._replace(slack=0.0))
+    return trial.bounds(u_residual=trial.of_u._replace(B=0.0), v_residual=trial.of_v._replace(B=0.0))
 
 
 @pytest.mark.parametrize(
@@ -214,7 +214,7 @@ def test_of_a_part_of_v_the_norm_is_enough(trials, known, wrong):
         misfit = own.misfit + trial.form.k * trial.space.G @ w
         parts = replace(own, misfit=misfit, others=own.others + trial.form.c * trial.space.M @ w)
         missing = known * math.sqrt(w @ trial.A @ w)
-        return trial.bounds(of_v=bound_residual(parts, missing, trial.of_v.slack))
+        return trial.bounds(v_residual=bound_residual(parts, missing, trial.of_v.B))
 
     assert violations(trials, bounds).any() == wrong
 

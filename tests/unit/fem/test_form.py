@@ -105,7 +105,7 @@ def test_beta_is_at_least_its_bound(form, kind):
     """beta in the norm of V_h/4 in place of that of V, which is at least as large: the supremum is."""
     polygon = square()
     mesh = (
-        getattr(meshes, kind)(polygon, 1 / 8)
+        meshes.make_unstructured_mesh(polygon, 1 / 8)
         if kind == "unstructured"
         else make_structured_mesh(polygon, 1 / 8)
     )

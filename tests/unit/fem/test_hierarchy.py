@@ -142,13 +142,13 @@ def test_known_levels_are_taken_over(way: str, known: int) -> None:
     if known == 2:
         assert of.levels[0] is before.levels[0]
     for level, expected in zip(of.levels, found.of.levels, strict=True):
-        for name in ("ends", "smoothed", "columns", "halved"):
+        for name in ("ends", "smoothed_nodes", "columns", "area_halvings"):
             np.testing.assert_array_equal(getattr(level, name), getattr(expected, name))
         assert (level.rows is None) == (expected.rows is None) == (level.n == found.mesh.n_nodes)
         if level.rows is not None:
             assert close(level.rows, expected.rows)
     assert close(of.A, found.of.A)
-    for name in ("boundary", "nodes", "root", "halved"):
+    for name in ("boundary", "triangles", "coarse_triangle", "area_halvings"):
         np.testing.assert_array_equal(getattr(of, name), getattr(found.of, name))
     assert np.abs(of.nodal_weights - found.of.nodal_weights).max() < ROUND_OFF
     assert build_hierarchy(found.mesh, found.of) is found.of

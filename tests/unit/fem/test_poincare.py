@@ -370,7 +370,7 @@ def test_the_constant_grows_with_the_exact_mesh(two_triangles, nodes, monkeypatc
     """
     monkeypatch.setattr(poincare, "MAX_FRIEDRICHS_NODES", nodes)
     before = friedrichs_constant(two_triangles, (3,))
-    monkeypatch.setattr(type(two_triangles), "growth", property(lambda _: 1.5))
+    monkeypatch.setattr(type(two_triangles), "exact_mesh_factor", property(lambda _: 1.5))
     assert friedrichs_constant(two_triangles, (3,)) == pytest.approx(1.5**2 * before)
 
 

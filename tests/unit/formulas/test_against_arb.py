@@ -229,17 +229,17 @@ UNDERFLOWING = ("product", "exp", "power -3", "positive power 141/20")
 FACTORIALS = last_times(2.5, taylor_enclosures._factorials)
 BINOMIALS = last_times(0.4, taylor_enclosures._binomial_coefficients)
 CONTROLS = {  # what is spoilt, and operations that need it
-    "widening": (interval, "ULPS", 0, [f"{name} of intervals" for name in WIDENED]),
-    "factors of powers": (interval, "PRODUCT", 0.0, ["positive power 199/2 of intervals"]),
-    "fractional exponents": (interval, "EXPONENT", 0.0, ["positive power 100/7 of intervals"]),
-    "underflow": (taylor, "TINY", 0.0, [f"{name} of models" for name in UNDERFLOWING]),
+    "widening": (interval, "ROUNDING_ULPS", 0, [f"{name} of intervals" for name in WIDENED]),
+    "factors of powers": (interval, "POWER_ERROR_PER_FACTOR", 0.0, ["positive power 199/2 of intervals"]),
+    "fractional exponents": (interval, "EXPONENT_ERROR", 0.0, ["positive power 100/7 of intervals"]),
+    "underflow": (taylor, "UNDERFLOW_ALLOWANCE", 0.0, [f"{name} of models" for name in UNDERFLOWING]),
     "rounding of sums": (taylor, "EPS", 0.0, ["sum of models"]),
     "rounding of products": (taylor, "EPS", 0.0, ["product of models"]),
     "rounding of numbers": (taylor, "EPS", 0.0, ["times -0.3333333333333333 of models"]),
     "coefficients of powers": (taylor_enclosures, "EPS", 0.0, ["positive power 100/7 of models"]),
     "last factorial": (taylor_enclosures, "_factorials", FACTORIALS, ["exp of models", "sin of models"]),
-    "last binomial": (taylor_enclosures, "_binomials", BINOMIALS, ["positive power 3/2 of models"]),
-    "Cauchy's estimate": (taylor_enclosures, "AROUND_TANH", 0.01, ["tanh of models"]),
+    "last binomial": (taylor_enclosures, "_binomial_coefficients", BINOMIALS, ["positive power 3/2 of models"]),
+    "Cauchy's estimate": (taylor_enclosures, "MAX_TANH_ON_CIRCLE", 0.01, ["tanh of models"]),
 }
 
 
@@ -253,7 +253,7 @@ def test_without_a_term_values_lie_outside(monkeypatch, name):
 
 
 @pytest.mark.parametrize(
-    ("name", "module", "constant"), [("exp", taylor, "OF_FUNCTIONS"), ("tanh", taylor_enclosures, "OF_TANH")]
+    ("name", "module", "constant"), [("exp", taylor, "FUNCTION_COEFFICIENT_ERROR"), ("tanh", taylor_enclosures, "TANH_COEFFICIENT_ERROR")]
 )
 def test_functions_of_numpy_may_be_off_by_four_units(monkeypatch, name, module, constant):
     """As the guarantee assumes; here they are better. Control: without the term for it values lie outside."""

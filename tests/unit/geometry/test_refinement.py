@@ -44,7 +44,7 @@ def test_children_have_the_edges_that_sorting_finds(name, way):
         np.testing.assert_array_equal(of.nodes, mesh.triangles)
         by = np.lexsort(np.sort(of.ends, axis=1).T[::-1])
         place = np.lexsort(np.sort(expected.ends, axis=1).T[::-1])
-        for array in ("ends", "sides"):
+        for array in ("ends", "edge_triangles"):
             both = (np.sort(getattr(each, array)[at], axis=1) for each, at in ((of, by), (expected, place)))
             np.testing.assert_array_equal(*both)
         number = np.empty(len(by), dtype=int)

@@ -56,10 +56,10 @@ class Flux:
     clamped_sides = ()
     c = 1.0
 
-    def singular(self):
+    def singular_points(self):
         return [SingularPoint(0, self.at / self.polygon.lengths[0], self.alpha.denominator)]
 
-    flux_singular = singular
+    flux_singular_points = singular_points
 
     @property
     def flux_in_L2(self):
@@ -68,7 +68,7 @@ class Flux:
     def transitions(self):
         return np.zeros(0)
 
-    def boundary(self, side, s, near=None):
+    def trace_flux_and_gap(self, side, s, near=None):
         with np.errstate(divide="ignore"):
             power = np.where(side == 0, np.abs(s - self.at) ** float(self.alpha), 0)
         return 0 * s, np.sin(5 * s) + power, 0 * s

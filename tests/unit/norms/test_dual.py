@@ -157,8 +157,8 @@ def test_singular_points_and_a_vertex_against_finer_spaces(norms_at_a_point, alp
     cells = coarse_norm.partition
     case = Flux(cells.polygon, at, alpha)
     means = cell_means(case, cells).lambda_means[None]
-    coarse = coarse_norm.of_error(case, means)
-    fine = fine_norm.of_error(case, means)
+    coarse = coarse_norm.bound_error(case, means)
+    fine = fine_norm.bound_error(case, means)
     assert brackets(coarse, fine.lower, fine.upper, gap=0.05)
     assert brackets(fine, coarse.lower, coarse.upper, gap=0.05 / 3)
 
@@ -217,27 +217,27 @@ def test_the_gram_matrices_give_what_a_direct_evaluation_gives(name, m, rounding
     """Also on a coarser partition, whose P0 lies in the finer P0: on the same reference mesh."""
     norm, of, gram = with_gram(name, 4)
     cells = partitions.make_uniform_partition(POLYGONS[name], 1 / m)
-    gram = gram if m == 4 else gram.on(cells)
+    gram = gram if m == 4 else gram.coarsen(cells)
     mu = np.random.default_rng(5).standard_normal((3, cells.n_cells))
     found = [np.sqrt(np.einsum("ki,ij,kj->k", mu, G, mu)) for G in gram.p0]
-    assert_allclose(found, norm.of_p0(mu, cells), rtol=1e-9)
+    assert_allclose(found, norm.bound_p0(mu, cells), rtol=1e-9)
     for c, case in enumerate(of):
         means = cell_means(case, cells).lambda_means
         assert_allclose(gram.means[c], means, rtol=0, atol=1e-12)
         for scale in (1.0, 1e-3, 0.0):
-            expected = norm.of_error(case, means + scale * mu, cells)
-            assert_allclose(gram.error(c, -scale * mu), expected, rtol=rounding)
+            expected = norm.bound_error(case, means + scale * mu, cells)
+            assert_allclose(gram.error_bounds(c, -scale * mu), expected, rtol=rounding)
 
 
 def test_the_forms_of_a_partition_are_its_own():
     norm, _, gram = with_gram("square", 4)
-    for found, given in zip(vars(gram.on(norm.partition)).values(), vars(gram).values(), strict=True):
+    for found, given in zip(vars(gram.coarsen(norm.partition)).values(), vars(gram).values(), strict=True):
         assert_allclose(found, given, rtol=1e-12, atol=1e-15)
 
 
 def test_a_partition_that_is_not_nested_has_no_forms_here():
     with sentences.raises(InputError):
-        with_gram("square", 4)[2].on(partitions.make_uniform_partition(POLYGONS["square"], 1 / 3))
+        with_gram("square", 4)[2].coarsen(partitions.make_uniform_partition(POLYGONS["square"], 1 / 3))
 
 
 @pytest.mark.parametrize("name", ["square", "lshape"])
@@ -255,7 +255,7 @@ def test_the_best_approximation_against_direct_evaluations():
     places = np.vstack([np.zeros(n), one, (one[:, None] + one).reshape(-1, n)])
     for c, case in enumerate(of):
         means = cell_means(case, norm.partition).lambda_means
-        squares = norm.of_error(case, means + places).lower ** 2
+        squares = norm.bound_error(case, means + places).lower ** 2
         at_means = squares[0]
         single = squares[1 : n + 1]
         double = squares[n + 1 :].reshape(n, n)

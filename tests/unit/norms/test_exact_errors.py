@@ -61,7 +61,7 @@ def test_triangles_on_which_u_and_its_approximation_are_0_are_left_out(monkeypat
         nothing = np.zeros(len(seen[-1]))
         return nothing, np.zeros((len(nothing), 2)), nothing
 
-    monkeypatch.setattr(type(case), "whole", whole)
+    monkeypatch.setattr(type(case), "value_gradient_and_source", whole)
     ritz_projection(case, on)
     away = np.hypot(*(np.concatenate(seen) - [1 / 3, 0]).T)
     assert 0.2 < away.max() < 1 / 4 + 2 * on.mesh.diameter

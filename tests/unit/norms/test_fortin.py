@@ -381,7 +381,7 @@ def test_both_norms_grow_on_the_exact_mesh(monkeypatch):
     """That of P v, and that of v."""
     mesh, cells = PAIRS["two edges"]()
     before = beta_lower_bound(mesh, cells)
-    monkeypatch.setattr(type(mesh), "growth", property(lambda _: 1.5))
+    monkeypatch.setattr(type(mesh), "exact_mesh_factor", property(lambda _: 1.5))
     assert beta_lower_bound(mesh, cells) == pytest.approx(before / 1.5**2)
 
 

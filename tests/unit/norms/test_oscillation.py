@@ -254,7 +254,7 @@ def test_a_partition_that_is_not_nested_in_the_reference_mesh(name):
     assert brackets(coarse, fine.lower, fine.upper, gap=0.05)
     own = build_dual_norm(other, [case], 16)
     fine = own.bound_error(case, mu)
-    coarse = norm_on(name, 6).of_error(case, mu, other)
+    coarse = norm_on(name, 6).bound_error(case, mu, other)
     assert brackets(coarse, fine.lower, fine.upper, gap=0.05)
 
 

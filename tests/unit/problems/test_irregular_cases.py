@@ -251,7 +251,7 @@ def test_bad_corners_are_refused(atom, case_like):
         case_like("full_contact", odd, polygons="any", constants={}, u=[{"atom": "corner", **atom}])
 
 
-@pytest.mark.parametrize("name", ["value_and_gradient", "whole"])
+@pytest.mark.parametrize("name", ["value_and_gradient", "value_gradient_and_source"])
 def test_outside_its_support_an_atom_is_not_evaluated(monkeypatch, name):
     """Of 100 x 100 places 1/8 pi lie in the half disc of radius 1/2, to 100 of its boundary's squares."""
     atom = make_harmonic_atom(square(), 0, 0.5, Fraction(1, 2), rational_expression(Fraction(1, 2)))
@@ -260,7 +260,7 @@ def test_outside_its_support_an_atom_is_not_evaluated(monkeypatch, name):
     def counted(numbers):
         return lambda r, theta: seen.append(len(r)) or [np.ones_like(r)] * numbers
 
-    monkeypatch.setitem(vars(atom), "_values", (counted(3), counted(4)))
+    monkeypatch.setitem(vars(atom), "_compiled_formulas", (counted(3), counted(4)))
     x = (np.arange(100) + 0.5) / 100
     places = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
     getattr(atom, name)(places)
