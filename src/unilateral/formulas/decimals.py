@@ -103,32 +103,32 @@ def _format_plus_minus(value: float, lower: float, upper: float) -> str:
     '(6.00 ± 0.10)e+09'
     """
     with localcontext(prec=EXACT_SUM_DIGITS):
-        of = Decimal(value)
+        exact = Decimal(value)
         low = Decimal(lower)
         high = Decimal(upper)
-        apart = max(high - of, of - low)
-        if not (of or apart):
+        apart = max(high - exact, exact - low)
+        if not (exact or apart):
             return "0 ± 0"
-        largest = max(abs(of), apart)
+        largest = max(abs(exact), apart)
         power = largest.adjusted() if largest and not -4 <= largest.adjusted() < MAX_PLAIN_DIGITS else 0
-        digit = Decimal(1).scaleb((apart.adjusted() if apart else of.adjusted() - MAX_PLAIN_DIGITS) - 1)
-        shown = of.quantize(digit)
-        wide = max(high - shown, shown - low).quantize(digit, ROUND_CEILING)
-        text = " ± ".join(format(each.scaleb(-power), "f") for each in (shown, wide))
+        digit = Decimal(1).scaleb((apart.adjusted() if apart else exact.adjusted() - MAX_PLAIN_DIGITS) - 1)
+        rounded = exact.quantize(digit)
+        wide = max(high - rounded, rounded - low).quantize(digit, ROUND_CEILING)
+        text = " ± ".join(format(number.scaleb(-power), "f") for number in (rounded, wide))
     return f"({text})e{power:+03d}" if power else text
 
 
 def _format_rounding(x: float | Decimal, spec: str, rounding: str) -> str:
-    parts = FORMAT_SPEC.fullmatch(spec)
-    if parts is None:
+    match = FORMAT_SPEC.fullmatch(spec)
+    if match is None:
         raise ValueError(f"'{spec}' is not a format such as .4e, .2f or .3g")
     if x == 0 or not math.isfinite(x):
         return format(x, spec)
     with localcontext(rounding=rounding):
-        if parts[2] == "f":
+        if match[2] == "f":
             return format(Decimal(x), spec)
-        general = parts[2] == "g"
-        digits = max(int(parts[1]), 1) if general else int(parts[1]) + 1
+        general = match[2] == "g"
+        digits = max(int(match[1]), 1) if general else int(match[1]) + 1
         mantissa, _, power = format(Decimal(x), f".{digits - 1}e").partition("e")
     exponent = int(power)
     if general and -4 <= exponent < digits:

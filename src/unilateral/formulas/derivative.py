@@ -31,8 +31,8 @@ def _derive_product(c: Fraction, powers: tuple[Power, ...], variable: str) -> Ex
         if variable in base.variables:
             # one product of all factors: equal ones become a power, whose enclosure is closer
             inner, inner_powers = _derive_base(base, variable).factors
-            others = powers[:i] + powers[i + 1 :]
-            terms.append(multiply_powers(c * k * inner, [(base, k - 1), *others, *inner_powers]))
+            other_powers = powers[:i] + powers[i + 1 :]
+            terms.append(multiply_powers(c * k * inner, [(base, k - 1), *other_powers, *inner_powers]))
     return sum(terms, ZERO)
 
 

@@ -49,8 +49,8 @@ class Evaluation(ABC, Generic[V]):
     def constant(self, e: Expression) -> V:
         """The value of an expression without variables."""
         terms = (
-            reduce(self.product, (self._evaluate_power(power) for power in of), self.number(c))
-            for of, c in e.terms
+            reduce(self.product, (self._evaluate_power(power) for power in powers), self.number(c))
+            for powers, c in e.terms
         )
         return reduce(add, terms, self.number(Fraction(0)))
 
@@ -60,11 +60,11 @@ class Evaluation(ABC, Generic[V]):
 
     def _evaluate_sum(self, e: Expression) -> V:
         fixed, varying = e.terms_by_variables
-        parts = [self._evaluate_term(times, of) for times, of in varying]
-        return reduce(add, [*parts, self.evaluate(fixed)] if fixed.terms else parts)
+        terms = [self._evaluate_term(times, powers) for times, powers in varying]
+        return reduce(add, [*terms, self.evaluate(fixed)] if fixed.terms else terms)
 
-    def _evaluate_term(self, times: Expression, of: Sequence[Power]) -> V:
-        value = reduce(self.product, (self._evaluate_power(power) for power in of))
+    def _evaluate_term(self, times: Expression, powers: Sequence[Power]) -> V:
+        value = reduce(self.product, (self._evaluate_power(power) for power in powers))
         return value if times.rational == 1 else self.times(value, times)
 
     def _evaluate_power(self, power: Power) -> V:
@@ -78,10 +78,10 @@ class Evaluation(ABC, Generic[V]):
             return self.evaluate(base)
         return self.values[base] if base in self.values else self.function(base)
 
-    def _use_cache(self, part: Any, read: Any) -> V:
-        if part in self.cache:
-            return self.cache[part]
-        value = read(part)
-        if self.counts.get(part, 0) > 1:
-            self.cache[part] = value
+    def _use_cache(self, subexpression: Any, compute: Any) -> V:
+        if subexpression in self.cache:
+            return self.cache[subexpression]
+        value = compute(subexpression)
+        if self.counts.get(subexpression, 0) > 1:
+            self.cache[subexpression] = value
         return value

@@ -66,16 +66,16 @@ def _sturm_chain(polynomial: Polynomial) -> list[list[int]]:
 def _divide_polynomials(dividend: Polynomial, divisor: Polynomial) -> tuple[Polynomial, Polynomial]:
     """The quotient and the remainder."""
     quotient = []
-    rest = [*dividend]
-    while len(rest) >= len(divisor):
-        factor = rest[0] / divisor[0]
+    remainder = [*dividend]
+    while len(remainder) >= len(divisor):
+        factor = remainder[0] / divisor[0]
         quotient.append(factor)
         for i, c in enumerate(divisor):
-            rest[i] -= factor * c
-        rest = rest[1:]
-    while rest and rest[0] == 0:
-        rest = rest[1:]
-    return quotient, rest
+            remainder[i] -= factor * c
+        remainder = remainder[1:]
+    while remainder and remainder[0] == 0:
+        remainder = remainder[1:]
+    return quotient, remainder
 
 
 def _sign_changes(chain: list[list[int]], n: int, k: int) -> int:

@@ -70,8 +70,8 @@ def _runs_of_neighbours(places: Index) -> tuple[tuple[slice, slice], ...]:
     """Slices of the indices 0, 1, ... and of their places (k,), cut where a place is not the next one."""
     cuts = [0, *(np.flatnonzero(np.diff(places) != 1) + 1).tolist(), len(places)]
     return tuple(
-        (slice(i, j), slice(at, at + j - i))
-        for (i, j), at in zip(pairwise(cuts), places[cuts[:-1]].tolist(), strict=True)
+        (slice(i, j), slice(place, place + j - i))
+        for (i, j), place in zip(pairwise(cuts), places[cuts[:-1]].tolist(), strict=True)
     )
 
 
@@ -85,14 +85,14 @@ class TaylorModel:
     range: IntervalArrays
 
     @QUIET
-    def __add__(self, other: TaylorModel) -> TaylorModel:
-        c = self.c + other.c
-        rad = self.rad + other.rad + EPS * (np.abs(self.c) + np.abs(other.c)).sum(axis=0)
-        return tighten_model(self.basis, c, rad, interval.add_intervals(self.range, other.range))
+    def __add__(self, model: TaylorModel) -> TaylorModel:
+        c = self.c + model.c
+        rad = self.rad + model.rad + EPS * (np.abs(self.c) + np.abs(model.c)).sum(axis=0)
+        return tighten_model(self.basis, c, rad, interval.add_intervals(self.range, model.range))
 
-    def __mul__(self, other: TaylorModel) -> TaylorModel:
-        c, rad = _multiply_models(self.basis, (self.c, self.rad), (other.c, other.rad))
-        return tighten_model(self.basis, c, rad, interval.multiply_intervals(self.range, other.range))
+    def __mul__(self, model: TaylorModel) -> TaylorModel:
+        c, rad = _multiply_models(self.basis, (self.c, self.rad), (model.c, model.rad))
+        return tighten_model(self.basis, c, rad, interval.multiply_intervals(self.range, model.range))
 
     @QUIET
     def scale(self, number: float) -> TaylorModel:
@@ -133,10 +133,10 @@ def affine_model(
 
 def range_model(basis: MonomialBasis, values: IntervalArrays) -> TaylorModel:
     """The model of a function of which only two bounds (k,) are known."""
-    known = np.fmax(values[0], -np.inf), np.fmin(values[1], np.inf)
-    c = np.zeros((len(basis.degrees), len(known[0])))
-    c[0], rad = _midpoint_and_radius(known)
-    return TaylorModel(basis, c, rad, known)
+    bounds = np.fmax(values[0], -np.inf), np.fmin(values[1], np.inf)
+    c = np.zeros((len(basis.degrees), len(bounds[0])))
+    c[0], rad = _midpoint_and_radius(bounds)
+    return TaylorModel(basis, c, rad, bounds)
 
 
 def number_model(model: TaylorModel, value: Array | float) -> TaylorModel:
@@ -161,17 +161,17 @@ def apply_on_subsets(
 ) -> TaylorModel:
     """Functions of models, each on its part of the boxes, and 0 on the rest."""
     done = []
-    rest = np.ones(len(arguments[0].rad), dtype=bool)
-    for of, where in pieces:
-        rest &= ~where
+    outside = np.ones(len(arguments[0].rad), dtype=bool)
+    for function, where in pieces:
+        outside &= ~where
         if where.all():
-            return of(*arguments)
+            return function(*arguments)
         if where.any():
             done.append(
-                (of(*(argument.select_boxes(where) for argument in arguments)), np.flatnonzero(where))
+                (function(*(argument.select_boxes(where) for argument in arguments)), np.flatnonzero(where))
             )
-    zero = number_model(arguments[0].select_boxes(rest), 0.0)
-    return join_models([*done, (zero, np.flatnonzero(rest))])
+    zero = number_model(arguments[0].select_boxes(outside), 0.0)
+    return join_models([*done, (zero, np.flatnonzero(outside))])
 
 
 @QUIET
@@ -214,9 +214,9 @@ def _midpoint_and_radius(values: IntervalArrays) -> tuple[Array, Array]:
     lower, upper = values
     middle = 0.5 * upper + 0.5 * lower
     half = 0.5 * upper - 0.5 * lower
-    known = np.isfinite(middle)
+    finite = np.isfinite(middle)
     reach = (1 + 4 * EPS) * (half + EPS * np.abs(middle)) + UNDERFLOW_ALLOWANCE
-    return np.where(known, middle, 0.0), np.where(known, reach, np.inf)
+    return np.where(finite, middle, 0.0), np.where(finite, reach, np.inf)
 
 
 def _sizes_by_degree(basis: MonomialBasis, c: Array) -> Array:
@@ -243,16 +243,16 @@ def _multiply_models(
     (y, s) = b
     c = np.zeros(x.shape, dtype=np.result_type(x, y))
     for i in np.flatnonzero(x.any(axis=1)):
-        for others, into in basis.product_slices[i]:
-            c[into] += x[i] * y[others]
-    of_x = _sizes_by_degree(basis, x)
+        for factors, products in basis.product_slices[i]:
+            c[products] += x[i] * y[factors]
+    x_sizes = _sizes_by_degree(basis, x)
     # from_y[i] is the sum over the degrees of y from n - i on, whose products with degree i + 1 are left out
-    from_y = np.add.accumulate(_sizes_by_degree(basis, y)[::-1])
-    above = np.add.reduce(of_x[1:] * from_y[:-1])
-    all_x = np.add.reduce(of_x)
-    all_y = from_y[-1]
-    rounding = (len(basis.degrees) + 2) * EPS * (all_x * all_y)  # EPS times one of them may underflow
-    return c, add_rounding(basis, above + (all_x + r) * s + all_y * r + rounding)
+    y_tails = np.add.accumulate(_sizes_by_degree(basis, y)[::-1])
+    above = np.add.reduce(x_sizes[1:] * y_tails[:-1])
+    x_size = np.add.reduce(x_sizes)
+    y_size = y_tails[-1]
+    rounding = (len(basis.degrees) + 2) * EPS * (x_size * y_size)  # EPS times one of them may underflow
+    return c, add_rounding(basis, above + (x_size + r) * s + y_size * r + rounding)
 
 
 def compose_model(

@@ -81,24 +81,24 @@ def mark_triangles(mesh: Mesh, shares: Array) -> Index:
     """
     shortest = float(np.spacing(mesh.polygon.largest)) / MAX_ROUNDING_PER_H
     order = np.argsort(-shares, kind="stable")
-    largest = order[: np.searchsorted(np.cumsum(shares[order]), BULK_SHARE * shares.sum()) + 1]
-    largest = largest[mesh.longest_edges[largest] > shortest]
-    if largest.size == 0:
+    marked = order[: np.searchsorted(np.cumsum(shares[order]), BULK_SHARE * shares.sum()) + 1]
+    marked = marked[mesh.longest_edges[marked] > shortest]
+    if marked.size == 0:
         raise InputError(
             f"the triangles of '{mesh.polygon.name}' from which most of the bound comes have edges of "
             f"{shortest:.2g}, as short as rounding allows; take a larger accuracy"
         )
-    return largest
+    return marked
 
 
 def halve_triangle_edges(adapted: AdaptedMesh, halvings: Index) -> AdaptedMesh:
     """The mesh with the edges of each triangle halved `halvings` (m,) times, and others as that needs."""
-    wanted = halvings
-    while (chosen := np.flatnonzero(wanted > 0)).size:
+    remaining = halvings
+    while (chosen := np.flatnonzero(remaining > 0)).size:
         before = len(adapted.mesh.steps)
         adapted = _refine_once(adapted, chosen)
         (step,) = adapted.mesh.steps[before:]
-        wanted = step.replace_values(wanted, wanted[step.parent] - 1)
+        remaining = step.replace_values(remaining, remaining[step.parent] - 1)
     return refine_and_balance(adapted, adapted.unbalanced_triangles)
 
 

@@ -85,8 +85,8 @@ def rounding_errors_of_points(points: Array) -> Array:
 
     Of places as a person typed them the unit is 0, or that of single precision if they are kept in it.
     """
-    of_places = _single_precision_units(points, 0.0) if has_typed_digits(points) else rounding_units(points)
-    return 0.5 * np.hypot(*of_places.T)
+    units = _single_precision_units(points, 0.0) if has_typed_digits(points) else rounding_units(points)
+    return 0.5 * np.hypot(*units.T)
 
 
 def max_point_error(points: Array) -> float:

@@ -38,24 +38,24 @@ class Kink:
 
         The shape is (k,).
         """
-        moved = points - np.array(self.centre)
+        offsets = points - np.array(self.centre)
         if self.radius:
-            return np.hypot(moved[:, 0], moved[:, 1]) - self.radius
-        return cross(moved, np.array(self.tangent))
+            return np.hypot(offsets[:, 0], offsets[:, 1]) - self.radius
+        return cross(offsets, np.array(self.tangent))
 
     def crossings(self, polygon: Polygon) -> list[SingularPoint]:
         """Where the curve crosses the sides, as points with a kink; a side along it is not crossed."""
-        found = []
+        points = []
         for side, (start, edge) in enumerate(zip(polygon.vertices, polygon.edges, strict=True)):
             if self.radius:
-                moved = start - np.array(self.centre)
-                roots = np.roots([edge @ edge, 2 * edge @ moved, moved @ moved - self.radius**2])
+                offset = start - np.array(self.centre)
+                roots = np.roots([edge @ edge, 2 * edge @ offset, offset @ offset - self.radius**2])
                 t = roots.real[roots.imag == 0]
             else:
                 first, last = self.signed_distances(np.stack([start, start + edge]))
                 t = np.array([first / (first - last)]) if first * last < 0 else np.array([])
-            found += [SingularPoint(side, float(x), 1) for x in t if 0 < x < 1]
-        return found
+            points += [SingularPoint(side, float(x), 1) for x in t if 0 < x < 1]
+        return points
 
 
 def area_in_disc(vertices: Array, radius: float) -> Array:

@@ -30,8 +30,8 @@ def boundary_node_shifts(polygon: Polygon, points: Array, side: Index, s: Array)
     """
     t = (s - polygon.starts[side]) / np.diff(polygon.starts)[side]
     along = t[:, None] * polygon.edges[side]
-    off = points - polygon.vertices[side] - along
-    return np.hypot(*off.T) + 4 * EPS * np.hypot(*along.T)
+    error = points - polygon.vertices[side] - along
+    return np.hypot(*error.T) + 4 * EPS * np.hypot(*along.T)
 
 
 def distortion_bounds(node_shifts: Array, triangles: Index, longest_edges: Array, areas: Array) -> Array:

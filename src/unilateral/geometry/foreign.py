@@ -51,11 +51,11 @@ def as_mesh(
 def _warn_of_moved_nodes(outline: Outline, points: Array, mesh: Mesh, where: str) -> None:
     """Warns where turns of the boundary were taken for rounding, and nodes moved for that."""
     away = np.hypot(*(mesh.points - points).T)
-    moved = int(np.count_nonzero(away))
+    n_moved = int(np.count_nonzero(away))
     farthest = int(away.argmax())
-    if moved and len(outline.rounded_nodes):
+    if n_moved and len(outline.rounded_nodes):
         turns = pluralise(len(outline.rounded_nodes), "node")
-        nodes = pluralise(moved, "node was", "nodes were")
+        nodes = pluralise(n_moved, "node was", "nodes were")
         warnings.warn(
             f"{where}: the polygon has {mesh.polygon.n_sides} sides; the turns of its boundary at {turns}, "
             f"of up to {np.degrees(outline.max_rounding_turn):.2g} degrees, are taken for rounding of coordinates, and "
@@ -137,7 +137,9 @@ def _extract_arrays(points_or_mesh: Any, triangles: ArrayLike | None, where: str
 
 def _are_meshio_blocks(cells: Any) -> bool:
     """Whether they are the cells of a mesh of meshio, of the version that is asked for."""
-    return isinstance(cells, list) and all(hasattr(each, "type") and hasattr(each, "data") for each in cells)
+    return isinstance(cells, list) and all(
+        hasattr(block, "type") and hasattr(block, "data") for block in cells
+    )
 
 
 def extract_meshio_triangles(content: Any, where: str, corners_only: bool = False) -> tuple[Array, Array]:
@@ -145,15 +147,15 @@ def extract_meshio_triangles(content: Any, where: str, corners_only: bool = Fals
 
     Triangles of second order are refused, or their `corners_only` taken.
     """
-    known = {"triangle", "line", "vertex"} | ({"triangle6", "line3"} if corners_only else set())
-    foreign = sorted({block.type for block in content.cells} - known)
-    curved = [kind for kind in foreign if kind.startswith("triangle")]
+    allowed_kinds = {"triangle", "line", "vertex"} | ({"triangle6", "line3"} if corners_only else set())
+    other_kinds = sorted({block.type for block in content.cells} - allowed_kinds)
+    curved = [kind for kind in other_kinds if kind.startswith("triangle")]
     if curved:
         raise InputError(
             f"{where}: there are cells of type {curved[0]}, {SECOND_ORDER_FAULT}, in gmsh by Mesh.ElementOrder = 1"
         )
-    if foreign:
-        raise InputError(f"{where}: there are cells of type {foreign[0]}; take plain triangles")
+    if other_kinds:
+        raise InputError(f"{where}: there are cells of type {other_kinds[0]}; take plain triangles")
     points = read_floats(content.points, f"{where}, points")
     blocks = [
         read_indices(block.data[:, :3] if corners_only else block.data, f"{where}, triangles")
@@ -176,16 +178,18 @@ def _drop_third_coordinate(points: ArrayLike, where: str) -> Array:
 
     The shape is (n, 2).
     """
-    found = read_floats(points, f"{where}, points", "they have to be numbers, an array of the shape (n, 2)")
-    if found.ndim != 2 or found.shape[1] != 3:
-        return found
-    lifted = np.flatnonzero(found[:, 2])
+    coordinates = read_floats(
+        points, f"{where}, points", "they have to be numbers, an array of the shape (n, 2)"
+    )
+    if coordinates.ndim != 2 or coordinates.shape[1] != 3:
+        return coordinates
+    lifted = np.flatnonzero(coordinates[:, 2])
     if lifted.size:
         raise InputError(
-            f"{where}: node {lifted[0]} has the third coordinate {found[lifted[0], 2]:.6g}; the mesh has to "
+            f"{where}: node {lifted[0]} has the third coordinate {coordinates[lifted[0], 2]:.6g}; the mesh has to "
             "lie in the plane z = 0"
         )
-    return found[:, :2]
+    return coordinates[:, :2]
 
 
 def _as_triangle_indices(triangles: ArrayLike, where: str) -> Index:
@@ -193,8 +197,8 @@ def _as_triangle_indices(triangles: ArrayLike, where: str) -> Index:
 
     The shape is (m, 3).
     """
-    wanted = "they have to be whole numbers, an array of the shape (m, 3)"
-    found = read_indices(triangles, f"{where}, triangles", wanted)
-    if found.ndim == 2 and found.shape[1] != 3 and found.size:
-        raise InputError(f"{where}: there are cells of {found.shape[1]} nodes; take plain triangles")
-    return found
+    requirement = "they have to be whole numbers, an array of the shape (m, 3)"
+    indices = read_indices(triangles, f"{where}, triangles", requirement)
+    if indices.ndim == 2 and indices.shape[1] != 3 and indices.size:
+        raise InputError(f"{where}: there are cells of {indices.shape[1]} nodes; take plain triangles")
+    return indices

@@ -31,27 +31,27 @@ def locate_in_triangles(mesh: Mesh, points: Array) -> tuple[Index, Index, Array]
         boxes.append((np.minimum.reduceat(low, pairs), np.maximum.reduceat(high, pairs)))
     blocks = np.array_split(np.arange(len(points)), 1 + len(points) // MAX_POINTS_LOCATED)
     pairs_of = [_pair_with_boxes(boxes, points[block]) for block in blocks]
-    at = np.concatenate([block[of] for block, (of, _) in zip(blocks, pairs_of, strict=True)])
+    point = np.concatenate([block[number] for block, (number, _) in zip(blocks, pairs_of, strict=True)])
     triangle = order[np.concatenate([box for _, box in pairs_of])]
-    weights, height = _barycentric_with_heights(corners[triangle], points[at])
+    weights, height = _barycentric_with_heights(corners[triangle], points[point])
     inside = (weights >= -reach / height).all(axis=1)
-    return at[inside], triangle[inside], weights[inside]
+    return point[inside], triangle[inside], weights[inside]
 
 
 def _pair_with_boxes(boxes: list[tuple[Array, Array]], points: Array) -> tuple[Index, Index]:
     """The pairs of a point and a box of boxes[0] that contains it, as do all boxes about that one."""
-    at = np.arange(len(points))
+    point = np.arange(len(points))
     box = np.zeros(len(points), dtype=np.intp)
     for low, high in boxes[::-1]:
-        at = at[box < len(low)]
+        point = point[box < len(low)]
         box = box[box < len(low)]
-        within = ((points[at] >= low[box]) & (points[at] <= high[box])).all(axis=1)
-        at = at[within]
+        within = ((points[point] >= low[box]) & (points[point] <= high[box])).all(axis=1)
+        point = point[within]
         box = box[within]
         if low is not boxes[0][0]:
-            at = np.tile(at, 2)
+            point = np.tile(point, 2)
             box = np.concatenate([2 * box, 2 * box + 1])
-    return at, box
+    return point, box
 
 
 def _barycentric_with_heights(corners: Array, points: Array) -> tuple[Array, Array]:

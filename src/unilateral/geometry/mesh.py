@@ -116,8 +116,8 @@ class Mesh:
 
         The shape is (nb,).
         """
-        of = self.triangulation
-        return of.edge_triangles[of.boundary_edges, 0].astype(np.intp)
+        triangulation = self.triangulation
+        return triangulation.edge_triangles[triangulation.boundary_edges, 0].astype(np.intp)
 
     def select_triangles(self, triangles: Index) -> Mesh:
         """Some of the triangles (k,), with the same node numbers; it is no mesh of the polygon."""
@@ -296,7 +296,7 @@ def refine_triangles(mesh: Mesh, marked: Index | None = None) -> Mesh:
     Nodes keep their numbers. The new mesh knows the one from which all refinements began. Raises InputError
     where edges become as short as rounding.
     """
-    of, step = refinement.refine_triangulation(mesh.triangulation, marked)
+    triangulation, step = refinement.refine_triangulation(mesh.triangulation, marked)
     start = mesh.points[step.ends[:, 0]]
     end = mesh.points[step.ends[:, 1]]
     shortest = 0.5 * float(np.hypot(*(end - start).T).min())
@@ -308,13 +308,22 @@ def refine_triangles(mesh: Mesh, marked: Index | None = None) -> Mesh:
             "to the origin"
         )
     points = np.concatenate([mesh.points, 0.5 * (start + end)])
-    boundary = of.ends[of.boundary_edges, 0].astype(np.intp)
+    boundary = triangulation.ends[triangulation.boundary_edges, 0].astype(np.intp)
     before = find_halved_edges(boundary, step.n_old_nodes)
     s = np.insert(mesh.s, before + 1, 0.5 * (mesh.s[before] + mesh.s[before + 1]))
     side = np.insert(mesh.side, before + 1, mesh.side[before])
     s = _snap_arc_lengths(mesh.polygon, side, s[:-1])
     _check_coordinate_rounding(mesh.polygon, float(np.diff(s).max()), "mesh")
-    return Mesh(mesh.polygon, points, of.nodes, boundary, s, mesh.coarse or mesh, (*mesh.steps, step), of)
+    return Mesh(
+        mesh.polygon,
+        points,
+        triangulation.nodes,
+        boundary,
+        s,
+        mesh.coarse or mesh,
+        (*mesh.steps, step),
+        triangulation,
+    )
 
 
 def find_halved_edges(new_boundary: Index, n_old_nodes: int) -> Index:

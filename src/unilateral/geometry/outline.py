@@ -180,9 +180,9 @@ def order_boundary_nodes(points: Array, triangles: Index, where: str) -> Index:
 
 def _explain_boundary_fault(points: Array, triangles: Index, edges: Index) -> str:
     """The reason why boundary edges are not one closed line, as words for a message."""
-    parts = _count_components(len(points), triangles[:, [0, 1, 1, 2]].reshape(-1, 2))
-    if parts > 1:
-        return f"they are {parts} separate parts, of which one may be given"
+    components = _count_components(len(points), triangles[:, [0, 1, 1, 2]].reshape(-1, 2))
+    if components > 1:
+        return f"they are {components} separate parts, of which one may be given"
     twice = np.flatnonzero(np.bincount(edges[:, 0]) > 1)
     if twice.size:
         return f"it meets itself at node {describe_node(points, twice[0])}"

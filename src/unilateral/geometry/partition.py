@@ -129,9 +129,9 @@ class Partition:
 def overlay(first: Array, second: Array) -> tuple[Array, Index, Index]:
     """The arc lengths (k + 1,) of two divisions together, and the part (k,) of each for every interval."""
     points = np.union1d(first, second)
-    of_one = np.searchsorted(first, points[:-1], side="right") - 1
-    of_other = np.searchsorted(second, points[:-1], side="right") - 1
-    return points, of_one, of_other
+    first_index = np.searchsorted(first, points[:-1], side="right") - 1
+    second_index = np.searchsorted(second, points[:-1], side="right") - 1
+    return points, first_index, second_index
 
 
 def make_uniform_partition(polygon: Polygon, H: float) -> Partition:
@@ -162,22 +162,24 @@ def make_shifted_partition(polygon: Polygon, H: float, fraction: float) -> Parti
         raise InputError(f"partition: the shift {fraction:g} is not in [0, 1), a fraction of a cell")
     cells = make_uniform_partition(polygon, H)
     inside = ~np.isin(cells.points[:-1], polygon.starts)
-    moved = cells.points[:-1] + fraction * np.where(inside, cells.lengths, 0.0)
-    return Partition(polygon, np.append(moved, polygon.perimeter))
+    shifted = cells.points[:-1] + fraction * np.where(inside, cells.lengths, 0.0)
+    return Partition(polygon, np.append(shifted, polygon.perimeter))
 
 
 def common_refinement(partitions: Sequence[Partition]) -> Partition:
     """The coarsest partition that refines all given ones; points that differ by round-off count as one."""
     polygon = partitions[0].polygon
-    points = np.unique(np.concatenate([polygon.starts, *(each.points for each in partitions)]))
+    points = np.unique(np.concatenate([polygon.starts, *(partition.points for partition in partitions)]))
     new = np.diff(points, prepend=-np.inf) > VERTEX_TOLERANCE * polygon.perimeter
     return from_points(polygon, points[new])
 
 
 def divide_cells(partition: Partition, count: int = 2) -> Partition:
     """The partition with every cell cut into that many equal ones."""
-    at = np.arange(count * partition.n_cells + 1) / count
-    return Partition(partition.polygon, np.interp(at, np.arange(partition.n_cells + 1), partition.points))
+    positions = np.arange(count * partition.n_cells + 1) / count
+    return Partition(
+        partition.polygon, np.interp(positions, np.arange(partition.n_cells + 1), partition.points)
+    )
 
 
 def balance_cells(partition: Partition) -> Partition:

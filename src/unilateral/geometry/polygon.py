@@ -139,8 +139,8 @@ class Polygon:
     @cached_property
     def area(self) -> float:
         """The area of Omega."""
-        moved = self.vertices - self.vertices[0]
-        return 0.5 * float(np.sum(cross(moved, np.roll(moved, -1, axis=0))))
+        offsets = self.vertices - self.vertices[0]
+        return 0.5 * float(np.sum(cross(offsets, np.roll(offsets, -1, axis=0))))
 
     @cached_property
     def diameter(self) -> float:
@@ -214,9 +214,9 @@ def polygon_names() -> list[str]:
 def find_polygon(name: str) -> Polygon:
     """The polygon of that name in polygons.yaml. Raises InputError, with the known names, for others."""
     if name not in _read_named_vertices():
-        known = ", ".join(polygon_names())
+        names = ", ".join(polygon_names())
         near = suggest_name(name, polygon_names())
-        raise InputError(f"polygon {quote_input(repr(name))} is unknown; the named ones are {known}{near}")
+        raise InputError(f"polygon {quote_input(repr(name))} is unknown; the named ones are {names}{near}")
     return Polygon(np.array(_read_named_vertices()[name]), name)
 
 
@@ -227,10 +227,10 @@ def square() -> Polygon:
 
 @cache
 def _read_named_vertices() -> dict[str, list[list[float]]]:
-    found: dict[str, list[list[float]]] = read_stored_yaml(
+    vertices: dict[str, list[list[float]]] = read_stored_yaml(
         resources.files("unilateral.geometry") / "polygons.yaml"
     )
-    return found
+    return vertices
 
 
 def _check_vertices(vertices: Array, name: str) -> None:
@@ -264,6 +264,6 @@ def _check_vertices(vertices: Array, name: str) -> None:
     crossing = first_crossing(vertices)
     if crossing is not None:
         raise InputError(f"polygon '{name}' is not simple: its sides {crossing[0]} and {crossing[1]} meet")
-    moved = vertices - vertices[0]
-    if np.sum(cross(moved, np.roll(moved, -1, axis=0))) <= 0:
+    offsets = vertices - vertices[0]
+    if np.sum(cross(offsets, np.roll(offsets, -1, axis=0))) <= 0:
         raise InputError(f"polygon '{name}' is listed clockwise; list its vertices anticlockwise")

@@ -109,10 +109,10 @@ class RefinementStep:
         """
         if self.children is None:
             return new
-        more = int(self.children[0].max()) + 1 - self.n_old_triangles
-        found = np.concatenate([old, np.empty((more, *old.shape[1:]), old.dtype)])
-        found[self.children[0]] = new
-        return found
+        n_added = int(self.children[0].max()) + 1 - self.n_old_triangles
+        values = np.concatenate([old, np.empty((n_added, *old.shape[1:]), old.dtype)])
+        values[self.children[0]] = new
+        return values
 
     def inherit(self, values: TriangleValues) -> TriangleValues:
         """Values of all triangles after the step, where the new ones have the values of their parents.
@@ -132,39 +132,41 @@ def refine_triangulation(
     n = triangulation.n_nodes
     k = len(cut)
     uniform = len(cut) == E
-    ends, at = (
+    ends, edge_triangles = (
         (triangulation.ends, triangulation.edge_triangles)
         if uniform
         else (triangulation.ends[cut], triangulation.edge_triangles[cut])
     )
-    middle = np.full(E, -1, dtype=np.int32)
-    middle[cut] = n + np.arange(k, dtype=np.int32)
-    second = np.full(E, -1, dtype=np.int32)
-    second[cut] = E + np.arange(k, dtype=np.int32)
+    midpoint = np.full(E, -1, dtype=np.int32)
+    midpoint[cut] = n + np.arange(k, dtype=np.int32)
+    second_half = np.full(E, -1, dtype=np.int32)
+    second_half[cut] = E + np.arange(k, dtype=np.int32)
     # along the refined boundary the first half of an edge comes before the second
-    halved = np.flatnonzero(middle[triangulation.boundary_edges] >= 0)
+    halved = np.flatnonzero(midpoint[triangulation.boundary_edges] >= 0)
     boundary = np.insert(
-        triangulation.boundary_edges, halved + 1, second[triangulation.boundary_edges[halved]]
+        triangulation.boundary_edges, halved + 1, second_half[triangulation.boundary_edges[halved]]
     )
-    new = _Children(triangulation, middle, second, E + k)
-    made = None if uniform else (new.triangles, new.parent, new.area_halvings)
-    step = RefinementStep(n, ends, at, new.nodes, len(triangulation.nodes), made)
-    found = Triangulation(
+    new = _Children(triangulation, midpoint, second_half, E + k)
+    children = None if uniform else (new.triangles, new.parent, new.area_halvings)
+    step = RefinementStep(n, ends, edge_triangles, new.nodes, len(triangulation.nodes), children)
+    refined = Triangulation(
         n + k,
         new.nodes if uniform else step.replace_values(triangulation.nodes, new.nodes),
         new.edges if uniform else step.replace_values(triangulation.edges, new.edges),
-        np.concatenate([triangulation.ends, np.column_stack([middle[cut], ends[:, 1]]), new.interior_edges]),
+        np.concatenate(
+            [triangulation.ends, np.column_stack([midpoint[cut], ends[:, 1]]), new.interior_edges]
+        ),
         np.concatenate(
             [triangulation.edge_triangles, np.full((k + len(new.interior_edges), 2), -1, dtype=np.int32)]
         ),
         boundary,
         triangulation.all_alike and uniform,
     )
-    found.ends[cut, 1] = middle[cut]
-    found.edge_triangles[cut] = -1
-    reverse = found.ends[new.edges, 0] != new.nodes[:, [1, 2, 0]]
-    found.edge_triangles[new.edges, reverse.view(np.int8)] = new.triangles[:, None]
-    return found, replace(step, refined_triangulation=found) if uniform else step
+    refined.ends[cut, 1] = midpoint[cut]
+    refined.edge_triangles[cut] = -1
+    reverse = refined.ends[new.edges, 0] != new.nodes[:, [1, 2, 0]]
+    refined.edge_triangles[new.edges, reverse.view(np.int8)] = new.triangles[:, None]
+    return refined, replace(step, refined_triangulation=refined) if uniform else step
 
 
 def _edges_to_halve(triangulation: Triangulation, marked: Index) -> Int32:
@@ -219,13 +221,13 @@ class _Children:
     ) -> None:
         """Each edge has the new node `midpoints` (E,) and the second half `second_halves` (E,), or -1 for none."""
         hit = np.zeros(len(triangulation.nodes), dtype=bool)
-        at = triangulation.edge_triangles[midpoints >= 0]
-        hit[at[at >= 0]] = True
+        beside = triangulation.edge_triangles[midpoints >= 0]
+        hit[beside[beside >= 0]] = True
         parents = np.flatnonzero(hit).astype(np.int32)
         halved = midpoints[triangulation.edges[parents]] >= 0
-        kind = (halved[:, 2] + 2 * halved[:, 1]).astype(np.int8)
-        count = np.array([len(each) for each in INTERIOR_EDGES], dtype=np.int32)[kind]
-        after = np.cumsum(count, dtype=np.int32) - count
+        kinds = (halved[:, 2] + 2 * halved[:, 1]).astype(np.int8)
+        count = np.array([len(interior) for interior in INTERIOR_EDGES], dtype=np.int32)[kinds]
+        first_interior = np.cumsum(count, dtype=np.int32) - count
         self.interior_edges = np.empty((int(count.sum()), 2), dtype=np.int32)
         self.triangles = np.empty(len(parents) + len(self.interior_edges), np.int32)
         self.parent = np.empty(len(parents) + len(self.interior_edges), np.int32)
@@ -234,23 +236,23 @@ class _Children:
         self.area_halvings = np.empty(len(self.triangles), np.int16)
         begin = 0
         free = len(triangulation.nodes)
-        for which, (within, children) in enumerate(zip(INTERIOR_EDGES, CHILD_TRIANGLES, strict=True)):
-            here = np.flatnonzero(kind == which)
-            some = parents[here]
-            first = after[here]
-            nodes, halves = _local_numbering(triangulation, some, midpoints, second_halves)
+        for kind, (within, children) in enumerate(zip(INTERIOR_EDGES, CHILD_TRIANGLES, strict=True)):
+            positions = np.flatnonzero(kinds == kind)
+            family = parents[positions]
+            first = first_interior[positions]
+            nodes, halves = _local_numbering(triangulation, family, midpoints, second_halves)
             inside = first[:, None] + np.arange(len(within), dtype=np.int32)
             self.interior_edges[inside] = nodes[:, np.array(within)]
-            known = np.concatenate([halves, n_edges + inside], axis=1)
-            for number, (of_nodes, of_edges) in enumerate(children):
-                rows = slice(begin, begin + len(some))
-                self.triangles[rows] = np.arange(free, free + len(some)) if number else some
-                free += len(some) if number else 0
-                self.nodes[rows] = nodes[:, of_nodes]
-                self.edges[rows] = known[:, of_edges]
-                self.parent[rows] = some
-                self.area_halvings[rows] = CHILD_AREA_HALVINGS[which][number]
-                begin += len(some)
+            local_edges = np.concatenate([halves, n_edges + inside], axis=1)
+            for number, (child_nodes, child_edges) in enumerate(children):
+                rows = slice(begin, begin + len(family))
+                self.triangles[rows] = np.arange(free, free + len(family)) if number else family
+                free += len(family) if number else 0
+                self.nodes[rows] = nodes[:, child_nodes]
+                self.edges[rows] = local_edges[:, child_edges]
+                self.parent[rows] = family
+                self.area_halvings[rows] = CHILD_AREA_HALVINGS[kind][number]
+                begin += len(family)
 
 
 def _local_numbering(
@@ -263,10 +265,10 @@ def _local_numbering(
     nodes = triangulation.nodes[parents]
     edges = triangulation.edges[parents]
     ahead = triangulation.ends[edges, 0] == nodes[:, [1, 2, 0]]
-    other = second_halves[edges]
-    at_next = np.where(ahead, edges, other)
-    at_last = np.where(ahead, other, edges)
-    halves = np.stack([at_next, at_last], axis=2).reshape(-1, 6)
+    second = second_halves[edges]
+    next_half = np.where(ahead, edges, second)
+    last_half = np.where(ahead, second, edges)
+    halves = np.stack([next_half, last_half], axis=2).reshape(-1, 6)
     return np.concatenate([nodes, midpoints[edges]], axis=1), np.concatenate([edges, halves], axis=1)
 
 
@@ -294,8 +296,8 @@ def rotate_corners(points: Array, triangles: Index) -> Index:
 
     The shape is (T, 3).
     """
-    found, alike = rotate_to_pattern(points, triangles)
-    return found if alike else rotate_to_longest_edge(points, triangles)
+    rotated, alike = rotate_to_pattern(points, triangles)
+    return rotated if alike else rotate_to_longest_edge(points, triangles)
 
 
 def rotate_to_longest_edge(points: Array, triangles: Index) -> Index:
@@ -322,11 +324,11 @@ def rotate_to_pattern(points: Array, triangles: Index) -> tuple[Index, bool]:
     model = np.roll(points[pattern], -1, axis=0) - points[pattern]
     sides = np.roll(points[triangles], -1, axis=1) - points[triangles]
     alike = np.zeros(len(triangles), dtype=bool)
-    found = triangles.copy()
+    rotated = triangles.copy()
     for turn in range(3):
-        moved = np.roll(sides, -turn, axis=1)
-        apart = [np.abs(moved - sign * model).max(axis=(1, 2)) for sign in (1, -1)]
-        new: Mask = ~alike & (np.minimum(*apart) <= CONGRUENCE_TOLERANCE * np.abs(sides).max())
-        found[new] = np.roll(triangles, -turn, axis=1)[new]
+        vectors = np.roll(sides, -turn, axis=1)
+        differences = [np.abs(vectors - sign * model).max(axis=(1, 2)) for sign in (1, -1)]
+        new: Mask = ~alike & (np.minimum(*differences) <= CONGRUENCE_TOLERANCE * np.abs(sides).max())
+        rotated[new] = np.roll(triangles, -turn, axis=1)[new]
         alike = alike | new
-    return (found, True) if alike.all() else (triangles, False)
+    return (rotated, True) if alike.all() else (triangles, False)

@@ -125,12 +125,12 @@ def min_heights(points: Array, triangles: Index, edges: Index) -> Array:
 
     The shape is (n,).
     """
-    found = np.full(len(points), np.inf)
-    found[np.delete(np.arange(len(points)), edges)] = 0.0
-    there = triangles[np.isinf(found)[triangles].any(axis=1)]
-    heights = 2 * np.abs(signed_areas(points, there)) / longest_edges(points, there)
-    np.minimum.at(found, there, heights[:, None])
-    return found
+    lowest = np.full(len(points), np.inf)
+    lowest[np.delete(np.arange(len(points)), edges)] = 0.0
+    selected = triangles[np.isinf(lowest)[triangles].any(axis=1)]
+    heights = 2 * np.abs(signed_areas(points, selected)) / longest_edges(points, selected)
+    np.minimum.at(lowest, selected, heights[:, None])
+    return lowest
 
 
 def allowed_distances(
@@ -143,10 +143,10 @@ def allowed_distances(
     The `heights` are the `min_heights`. If coordinates may be `may_be_rounded`, nodes and the side's ends are
     each as far from their true places as `rounding` tells.
     """
-    found = MAX_MOVE_PER_HEIGHT * heights + round_off(polygon)
+    allowed = MAX_MOVE_PER_HEIGHT * heights + round_off(polygon)
     if not may_be_rounded:
-        return found
-    return found + np.minimum(
+        return allowed
+    return allowed + np.minimum(
         2 * coordinate_rounding.max_point_error(points[edges[:, 0]]), MAX_ROUNDED_MOVE * heights
     )
 
@@ -161,23 +161,23 @@ def assign_sides(
     The nodes may lie beside it by their `allowed_distances` (n,).
     """
     ends = np.roll(polygon.vertices, -1, axis=0)
-    off = np.stack(
+    excess = np.stack(
         [
             segment_distances(points[k], polygon.vertices, ends) / allowed_distances[k][:, None]
             for k in edges.T
         ]
     )
-    off[:, (points[edges[:, 1]] - points[edges[:, 0]]) @ polygon.tangents.T <= 0] = np.inf
-    side = off.max(axis=0).argmin(axis=1)
-    least = off[:, np.arange(len(edges)), side]
-    stray = np.flatnonzero(least.max(axis=0) > 1)
+    excess[:, (points[edges[:, 1]] - points[edges[:, 0]]) @ polygon.tangents.T <= 0] = np.inf
+    side = excess.max(axis=0).argmin(axis=1)
+    side_excess = excess[:, np.arange(len(edges)), side]
+    stray = np.flatnonzero(side_excess.max(axis=0) > 1)
     if stray.size:
         a, b = edges[stray].T
         worst = stray[np.hypot(*(points[b] - points[a]).T).argmax()]
         (a, b) = edges[worst]
-        end = int(least[:, worst].argmax())
+        end = int(side_excess[:, worst].argmax())
         beside = edges[worst, end]
-        if least[end, worst] * allowed_distances[beside] < STRAY_PER_HEIGHT * (
+        if side_excess[end, worst] * allowed_distances[beside] < STRAY_PER_HEIGHT * (
             heights[beside] + round_off(polygon) / MAX_MOVE_PER_HEIGHT
         ):
             raise _stray_node_error(polygon, points, beside, side[worst], allowed_distances, where)
@@ -201,16 +201,16 @@ def snap_to_sides(
     """
     from_vertex = points[nodes] - polygon.vertices[side]
     normals = polygon.normals[side]
-    by = -np.sum(from_vertex * normals, axis=1)[:, None] * normals
-    by = np.where((side != np.roll(side, 1))[:, None], -from_vertex, by)
-    away = np.hypot(*by.T)
-    found = points.copy()
+    shift = -np.sum(from_vertex * normals, axis=1)[:, None] * normals
+    shift = np.where((side != np.roll(side, 1))[:, None], -from_vertex, shift)
+    away = np.hypot(*shift.T)
+    snapped = points.copy()
     far = np.flatnonzero(away > allowed_distances[nodes])
     if far.size:
         raise _stray_node_error(polygon, points, nodes[far[0]], side[far[0]], allowed_distances, where)
-    moved = away > round_off(polygon)
-    found[nodes[moved]] += by[moved]
-    return found
+    beyond = away > round_off(polygon)
+    snapped[nodes[beyond]] += shift[beyond]
+    return snapped
 
 
 def _stray_node_error(

@@ -57,13 +57,15 @@ class CantorSet(NamedTuple):
 
     def sort_intervals(self) -> tuple[list[ExactInterval], list[ExactInterval], list[ExactInterval]]:
         """The intervals that odd generations remove, that even ones remove, and that are left."""
-        left: list[ExactInterval] = [(self.inset, 1 - self.inset)]
+        intervals: list[ExactInterval] = [(self.inset, 1 - self.inset)]
         removed: tuple[list[ExactInterval], list[ExactInterval]] = ([], [])
         for generation in range(self.generations):
-            inner = [(a + self.keep * (b - a), b - self.keep * (b - a)) for a, b in left]
+            inner = [(a + self.keep * (b - a), b - self.keep * (b - a)) for a, b in intervals]
             removed[generation % 2].extend(inner)
-            left = [pair for (a, b), (c, d) in zip(left, inner, strict=True) for pair in ((a, c), (d, b))]
-        return *removed, left
+            intervals = [
+                pair for (a, b), (c, d) in zip(intervals, inner, strict=True) for pair in ((a, c), (d, b))
+            ]
+        return *removed, intervals
 
 
 def cantor_gap(cantor_set: CantorSet, gamma: Fraction) -> Expression:
@@ -71,14 +73,14 @@ def cantor_gap(cantor_set: CantorSet, gamma: Fraction) -> Expression:
 
     On what is left it is DUST times that. From the set's ends it grows like s^gamma to the vertices.
     """
-    _, removed, left = cantor_set.sort_intervals()
-    parts = [pos(cantor_set.inset - T, gamma), pos(T - 1 + cantor_set.inset, gamma)]
-    parts += [pos((T - c) * (d - T), gamma) / rational_expression(d - c) ** gamma for c, d in removed]
-    parts += [
+    _, removed, intervals = cantor_set.sort_intervals()
+    gaps = [pos(cantor_set.inset - T, gamma), pos(T - 1 + cantor_set.inset, gamma)]
+    gaps += [pos((T - c) * (d - T), gamma) / rational_expression(d - c) ** gamma for c, d in removed]
+    gaps += [
         UNREMOVED_GAP_FACTOR * pos((T - c) * (d - T), gamma) / rational_expression(d - c) ** gamma
-        for c, d in left
+        for c, d in intervals
     ]
-    return sum_terms(term for part in parts for term in part.terms)
+    return sum_terms(term for gap in gaps for term in gap.terms)
 
 
 def _sum_at_points(index: Index, values: Array, points: Array) -> Array:
@@ -119,8 +121,8 @@ class CantorAtom(SideAtom):
     @cached_property
     def _unit_atom(self) -> CompiledFormulas:
         """v, dv/dr, (dv/dtheta)/r and Delta v of the atom whose contact is [0, 1], in r and theta."""
-        one = make_harmonic_atom(self.polygon, self.side, 0.0, self.alpha, cutoff=ONE)
-        return compile_numpy(one.derivatives, ("r", "theta"))
+        atom = make_harmonic_atom(self.polygon, self.side, 0.0, self.alpha, cutoff=ONE)
+        return compile_numpy(atom.derivatives, ("r", "theta"))
 
     def _evaluate_in_supports(self, along: Array, into: Array) -> SupportPoints:
         """The points (m,), one support after another, and there l and theta (m,) and the unit atom at r/l."""
@@ -174,7 +176,10 @@ class CantorAtom(SideAtom):
         return self._sum_models(PolarAtom.source_model, x, y)
 
     def _sum_models(
-        self, of: Callable[[PolarAtom, TaylorModel, TaylorModel], TaylorModel], x: TaylorModel, y: TaylorModel
+        self,
+        enclose: Callable[[PolarAtom, TaylorModel, TaylorModel], TaylorModel],
+        x: TaylorModel,
+        y: TaylorModel,
     ) -> TaylorModel:
         """The sum over the atoms, each on the boxes that may meet its support."""
         t, d = self.local_models(x, y)
@@ -185,12 +190,12 @@ class CantorAtom(SideAtom):
         lower = np.zeros_like(x.rad)
         upper = np.zeros_like(x.rad)
         for (start, end), atom in zip(self._contact_intervals, self._atoms, strict=True):
-            at = np.flatnonzero((last >= 2 * start - end) & (first <= end) & (low <= end - start))
-            if at.size:
-                more = of(atom, x.select_boxes(at), y.select_boxes(at))
-                c[:, at] += more.c
-                rad[at] += more.rad + EPS * np.abs(c[:, at]).sum(axis=0)
-                lower[at], upper[at] = interval.add_intervals((lower[at], upper[at]), more.range)
+            boxes = np.flatnonzero((last >= 2 * start - end) & (first <= end) & (low <= end - start))
+            if boxes.size:
+                model = enclose(atom, x.select_boxes(boxes), y.select_boxes(boxes))
+                c[:, boxes] += model.c
+                rad[boxes] += model.rad + EPS * np.abs(c[:, boxes]).sum(axis=0)
+                lower[boxes], upper[boxes] = interval.add_intervals((lower[boxes], upper[boxes]), model.range)
         return tighten_model(x.basis, c, rad, (lower, upper))
 
     @cached_property

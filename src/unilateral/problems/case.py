@@ -140,9 +140,9 @@ class ExactSolution:
         u = np.zeros(len(s))
         flux = np.zeros(len(s))
         for i in np.unique(side):
-            here = np.flatnonzero(side == i)
-            along = SidePoints((s / lengths)[here], anchor[here], (offset / lengths)[here])
-            u[here], flux[here] = self.trace_and_normal_flux(int(i), s[here], along)
+            rows = np.flatnonzero(side == i)
+            along = SidePoints((s / lengths)[rows], anchor[rows], (offset / lengths)[rows])
+            u[rows], flux[rows] = self.trace_and_normal_flux(int(i), s[rows], along)
         return u, np.where(np.isin(side, self.clamped_sides), 0.0, flux), self.gap(side, s)
 
     def gap(self, side: Index, s: Array) -> Array:
@@ -150,8 +150,8 @@ class ExactSolution:
         t = s / self.polygon.lengths[side]
         gap = np.zeros(len(s))
         for i in np.unique(side):
-            here = side == i
-            gap[here] = self._gap_functions[i](t[here])[0]
+            rows = side == i
+            gap[rows] = self._gap_functions[i](t[rows])[0]
         return gap
 
     def trace_and_normal_flux(self, side: int, s: Array, along: SidePoints) -> tuple[Array, Array]:
@@ -226,15 +226,15 @@ class ExactSolution:
         for point in points_of_all:
             t = round(point.t, 12)
             if 0 <= t <= 1:
-                known = merged.get((point.side, t), point)
-                at = t if t in (0, 1) else known.t
-                merged[point.side, t] = SingularPoint(point.side, at, lcm(known.grading, point.grading))
+                earlier = merged.get((point.side, t), point)
+                place = t if t in (0, 1) else earlier.t
+                merged[point.side, t] = SingularPoint(point.side, place, lcm(earlier.grading, point.grading))
         return [merged[key] for key in sorted(merged)]
 
 
 def _sum_over_atoms(values: Iterable[tuple[Array, ...]]) -> list[Array]:
     """The sums of the atoms' values."""
-    return [sum(others, start=first) for first, *others in zip(*values, strict=True)]
+    return [sum(later, start=first) for first, *later in zip(*values, strict=True)]
 
 
 def load_solution(case: str | Path, polygon: Polygon, side: int = 0) -> ExactSolution:
@@ -268,9 +268,9 @@ def read_case_declaration(case: str | Path) -> tuple[dict[str, Any], str]:
     if file is None:
         file = catalogue_folder() / f"{name}.yaml"
         if name not in case_names():
-            known = ", ".join(case_names())
+            names = ", ".join(case_names())
             raise InputError(
-                f"case '{quote_input(name)}' is unknown; known are {known}{suggest_name(name, case_names())}"
+                f"case '{quote_input(name)}' is unknown; known are {names}{suggest_name(name, case_names())}"
             )
     schema = resources.files("unilateral.problems") / "case.schema.yaml"
     declaration = declarations.validate(declarations.read_declaration(file, name), schema, name)

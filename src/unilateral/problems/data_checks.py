@@ -44,24 +44,31 @@ def check_data(problem: Problem, name: str) -> None:
     check_radicands(problem, name)
     obstacle = problem.enclosed_obstacle
     root = math.sqrt(as_float(problem.k))
-    of_values = data_limits(problem.polygon, root)
-    of_fluxes = data_limits(problem.polygon, 1 / root)
-    of_f = max(map(abs, problem.range_of_f))
+    value_limits = data_limits(problem.polygon, root)
+    flux_limits = data_limits(problem.polygon, 1 / root)
+    f_size = max(map(abs, problem.range_of_f))
     _check_data_size(
-        of_f, of_fluxes, problem, f"{name}, field f", "in the polygon", lambda: _may_have_no_source(problem)
+        f_size,
+        flux_limits,
+        problem,
+        f"{name}, field f",
+        "in the polygon",
+        lambda: _may_have_no_source(problem),
     )
-    held = [side for side in range(problem.polygon.n_sides) if side not in problem.free_sides]
-    sizes = {side: max(map(abs, obstacle.range(side))) for side in held}
+    obstacle_sides = [side for side in range(problem.polygon.n_sides) if side not in problem.free_sides]
+    sizes = {side: max(map(abs, obstacle.range(side))) for side in obstacle_sides}
     largest = max(sizes.values(), default=0.0)
     for side, size in sizes.items():
         where = _boundary_field(problem, name, side)
         place = f"on side {side}"
         is_0 = partial(_may_vanish_on_side, problem, side, problem.g[side])
-        _check_data_size(size, of_values, problem, where, place, is_0 if size == largest else _allow_any_size)
+        _check_data_size(
+            size, value_limits, problem, where, place, is_0 if size == largest else _allow_any_size
+        )
     for side in problem.flux_sides:
-        of_q = max(map(abs, problem.enclosed_flux.range(side)))
+        q_size = max(map(abs, problem.enclosed_flux.range(side)))
         is_0 = partial(_may_vanish_on_side, problem, side, problem.q[side])
-        _check_data_size(of_q, of_fluxes, problem, f"{name}, field q", f"on side {side}", is_0)
+        _check_data_size(q_size, flux_limits, problem, f"{name}, field q", f"on side {side}", is_0)
     for vertex in constrained_vertices(problem):
         allowed = obstacle.rounded_jumps[vertex] + obstacle.end_remainders[:, vertex].sum()
         end, start = obstacle.ends[:, vertex].tolist()
@@ -134,20 +141,20 @@ def _check_fit_at_vertex(
     clamped = problem.clamped_sides
     if (before in clamped) == (vertex in clamped):
         if abs(value_after - value_before) > allowed:
-            one, other = _distinct_texts(value_before, value_after)
-            jump = f"from {one} on side {before} to {other} on side {vertex}"
+            text_before, text_after = _distinct_texts(value_before, value_after)
+            jump = f"from {text_before} on side {before} to {text_after} on side {vertex}"
             where = _boundary_field(problem, name, vertex)
             raise InputError(f"{where}: it jumps at vertex {vertex}, {jump}; it has to be continuous")
         return
     last = (before, value_before)
     first = (vertex, value_after)
-    (of_u, u), (of_g, g) = (last, first) if before in clamped else (first, last)
+    (u_side, u), (g_side, g) = (last, first) if before in clamped else (first, last)
     if u < g - allowed:
         x, y = problem.polygon.vertices[vertex]
         below, above = _distinct_texts(u, g)
         raise InputError(
-            f"{name}, field u: at vertex {vertex}, ({x:.6g}, {y:.6g}), u is {below} on side {of_u}, which is "
-            f"clamped, but g is {above} on side {of_g}; u >= g has to hold there"
+            f"{name}, field u: at vertex {vertex}, ({x:.6g}, {y:.6g}), u is {below} on side {u_side}, which is "
+            f"clamped, but g is {above} on side {g_side}; u >= g has to hold there"
         )
 
 
@@ -203,8 +210,8 @@ def _check_data_size(
     smallest, largest = allowed
     if size > largest or (size < smallest and not is_0()):
         area = problem.polygon.area
-        of_polygon = f" on a polygon with the area {area:.3g}" if area != 1 else ""
+        area_text = f" on a polygon with the area {area:.3g}" if area != 1 else ""
         raise InputError(
-            f"{where}: it is as large as {size:.3g} {place}, and squares of errors{of_polygon} leave the "
+            f"{where}: it is as large as {size:.3g} {place}, and squares of errors{area_text} leave the "
             f"range of double precision; scale the data to a size between {smallest:.3g} and {largest:.3g}"
         )

@@ -97,10 +97,10 @@ def range_on_side(polygon: Polygon, formula: Expression, side: int) -> tuple[flo
         x, y = side_coordinates(polygon, sides, t)
         return enclose_formula(formula, {"x": x, "y": y})
 
-    others = np.setdiff1d(np.arange(polygon.n_sides), [side]).tolist()
-    pieces = enclose_in_pieces(polygon, model, others)
-    here = pieces.side == side
-    return float(pieces.lower[here].min()), float(pieces.upper[here].max())
+    other_sides = np.setdiff1d(np.arange(polygon.n_sides), [side]).tolist()
+    pieces = enclose_in_pieces(polygon, model, other_sides)
+    rows = pieces.side == side
+    return float(pieces.lower[rows].min()), float(pieces.upper[rows].max())
 
 
 def _range_on_boxes(formula: Expression, boxes: Array) -> IntervalArrays:
@@ -129,8 +129,8 @@ def _locate_boxes(polygon: Polygon, boxes: Array) -> tuple[Mask, Mask]:
     centres = boxes.mean(axis=2)
     half = 0.5 * np.hypot(*(boxes[..., 1] - boxes[..., 0]).T)
     v = polygon.vertices
-    parts = np.array_split(centres, 1 + len(boxes) * polygon.n_sides // MAX_DISTANCES_PER_BLOCK)
-    away = [segment_distances(part, v, np.roll(v, -1, axis=0)).min(axis=1) for part in parts]
+    blocks = np.array_split(centres, 1 + len(boxes) * polygon.n_sides // MAX_DISTANCES_PER_BLOCK)
+    away = [segment_distances(block, v, np.roll(v, -1, axis=0)).min(axis=1) for block in blocks]
     rounding = 64 * EPS * np.abs(boxes).max(axis=(1, 2))
     near = np.concatenate(away) <= half + rounding
     inside = polygon.contains(centres)
@@ -141,9 +141,9 @@ def _quarter_boxes(boxes: Array) -> Array:
     """The four equal parts of each box."""
     for axis in range(2):
         middle = boxes[:, axis].mean(axis=1)
-        left = boxes.copy()
-        right = boxes.copy()
-        left[:, axis, 1] = middle
-        right[:, axis, 0] = middle
-        boxes = np.concatenate([left, right])
+        lower = boxes.copy()
+        upper = boxes.copy()
+        lower[:, axis, 1] = middle
+        upper[:, axis, 0] = middle
+        boxes = np.concatenate([lower, upper])
     return boxes

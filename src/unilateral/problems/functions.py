@@ -39,16 +39,16 @@ def evaluate_function(function: Function, points: Array, where: str) -> Array:
     y = np.array(points[..., 1])  # which a function may overwrite
     try:
         with np.errstate(all="ignore"):
-            given = function(x, y)
+            returned = function(x, y)
     except InputError:
         raise
     except Exception as error:  # whatever a function of one's own may raise
         raise InputError(f"{where}: {_explain_failure(function, points.reshape(-1, 2)[0], error)}") from error
-    numbers = _as_values_at_points(given, points.shape[:-1], where)
+    numbers = _as_values_at_points(returned, points.shape[:-1], where)
     if not np.isfinite(numbers).all():
-        at = np.unravel_index(np.argmin(np.isfinite(numbers)), numbers.shape)
-        x, y = points[at]
-        raise InputError(f"{where}: the function is {numbers[at]} at ({x:.6g}, {y:.6g})")
+        index = np.unravel_index(np.argmin(np.isfinite(numbers)), numbers.shape)
+        x, y = points[index]
+        raise InputError(f"{where}: the function is {numbers[index]} at ({x:.6g}, {y:.6g})")
     return numbers
 
 

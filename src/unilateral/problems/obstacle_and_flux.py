@@ -136,8 +136,8 @@ class Obstacle(Piecewise):
         inner = s[:-1, None] + np.diff(s)[:, None] * np.arange(parts) / parts
         samples = self.sample(np.append(inner.ravel(), s[-1]))
         edge = np.searchsorted(s, samples.middle) - 1
-        wanted = chosen[edge]
-        piece = samples.piece[wanted]
+        selected = chosen[edge]
+        piece = samples.piece[selected]
 
         # At the ends of an edge the pieces count that lie on it
         start = self.find_pieces(s[:-1])
@@ -152,12 +152,12 @@ class Obstacle(Piecewise):
         allowed_jumps[vertices] += self.rounded_jumps + 2 * self.end_remainders.sum(axis=0)
         allowed_jumps[vertices[self.has_hidden_jump]] = -np.inf
         return EdgePolynomials(
-            edge=edge[wanted],
-            s=samples.s[wanted],
-            half_length=samples.half_length[wanted],
+            edge=edge[selected],
+            s=samples.s[selected],
+            half_length=samples.half_length[selected],
             weights=samples.weights,
-            value=samples.value[wanted],
-            slope=samples.slope[wanted],
+            value=samples.value[selected],
+            slope=samples.slope[selected],
             remainder=self.remainder[piece],
             upper=self.upper[piece],
             slope_remainder=self.slope_remainder[piece],
@@ -216,10 +216,10 @@ def _enclose_at_vertices(
         exact = enclose_on_intervals(model, with_g, place, place)
         piece = np.searchsorted(side, with_g, side="right") - 1 if t else np.searchsorted(side, with_g)
         value = c[:, piece].sum(axis=0) if t else POWERS_AT_MINUS_ONE @ c[:, piece]
-        known = np.isfinite(exact.rad)
+        finite = np.isfinite(exact.rad)
         vertex = (with_g + int(t)) % n
-        ends[row, vertex] = np.where(known, exact.c[0], value)
-        doubts[row, vertex] = np.where(known, exact.rad, remainder[piece])
+        ends[row, vertex] = np.where(finite, exact.c[0], value)
+        doubts[row, vertex] = np.where(finite, exact.rad, remainder[piece])
     return ends, doubts
 
 
@@ -236,22 +236,22 @@ def _slope_remainders(
 
     The second row is for places near the ends of a piece, see `Obstacle.end_slope_remainder`.
     """
-    found = np.zeros((2, len(pieces.side)))
-    at = np.flatnonzero(np.isin(pieces.side, clamped))
-    if not at.size or slope_model is None:
-        return found
-    exact = enclose_on_intervals(slope_model, pieces.side[at], pieces.start[at], pieces.end[at])
+    remainders = np.zeros((2, len(pieces.side)))
+    rows = np.flatnonzero(np.isin(pieces.side, clamped))
+    if not rows.size or slope_model is None:
+        return remainders
+    exact = enclose_on_intervals(slope_model, pieces.side[rows], pieces.start[rows], pieces.end[rows])
     k = np.arange(PIECE_DEGREE + 1.0)
-    half = 0.5 * np.diff(points)[at]
-    length = polygon.lengths[pieces.side[at]]
-    rises = np.roll(k[:, None] * pieces.c[:, at], -1, axis=0) / half
-    moved = 2 * ARC_LENGTH_ERROR_ULPS * np.spacing(points[-1]) / half
-    rounding = np.abs(rises).sum(axis=0) * 16 * EPS + k @ np.abs(rises) * moved
+    half = 0.5 * np.diff(points)[rows]
+    length = polygon.lengths[pieces.side[rows]]
+    rises = np.roll(k[:, None] * pieces.c[:, rows], -1, axis=0) / half
+    shift = 2 * ARC_LENGTH_ERROR_ULPS * np.spacing(points[-1]) / half
+    rounding = np.abs(rises).sum(axis=0) * 16 * EPS + k @ np.abs(rises) * shift
     steep = np.abs(exact.c / length - rises).sum(axis=0) + exact.rad / length + rounding
     jumps = np.abs((POWERS_AT_MINUS_ONE @ rises)[1:] - rises.sum(axis=0)[:-1]) + steep[1:] + steep[:-1]
-    jumps[np.diff(pieces.side[at]) != 0] = 0.0
-    found[:, at] = steep, np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps))
-    return found
+    jumps[np.diff(pieces.side[rows]) != 0] = 0.0
+    remainders[:, rows] = steep, np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps))
+    return remainders
 
 
 def _max_with_neighbours(values: Array, side: Index) -> Array:
@@ -261,8 +261,8 @@ def _max_with_neighbours(values: Array, side: Index) -> Array:
     """
     largest = values.copy()
     same = side[1:] == side[:-1]
-    for one, other in ((slice(1, None), slice(None, -1)), (slice(None, -1), slice(1, None))):
-        largest[one] = np.where(same, np.maximum(largest[one], values[other]), largest[one])
+    for targets, neighbours in ((slice(1, None), slice(None, -1)), (slice(None, -1), slice(1, None))):
+        largest[targets] = np.where(same, np.maximum(largest[targets], values[neighbours]), largest[targets])
     return largest
 
 
@@ -298,8 +298,8 @@ def enclose_given_flux(
     side, _, _, c, _, lower, upper = pieces
     ends = np.abs((POWERS_AT_MINUS_ONE @ c)[1:] - c.sum(axis=0)[:-1]) + doubt[1:] + doubt[:-1]
     inner = np.where(side[1:] == side[:-1], ends, 0.0)  # the place of a vertex is exact
-    given = np.isin(side, flux_sides)
+    is_given = np.isin(side, flux_sides)
     jumps = np.concatenate([[0.0], inner, [0.0]])
     return GivenFlux(
-        polygon, points, side, c, doubt, lower, upper, given, jumps, ARC_LENGTH_ERROR_ULPS * unit
+        polygon, points, side, c, doubt, lower, upper, is_given, jumps, ARC_LENGTH_ERROR_ULPS * unit
     )

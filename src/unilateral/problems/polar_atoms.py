@@ -75,13 +75,13 @@ class PolarAtom(SideAtom, FormulaAtom):
         self,
         x: TaylorModel,
         y: TaylorModel,
-        of: Callable[[TaylorModel, TaylorModel, TaylorModel], TaylorModel],
+        combine: Callable[[TaylorModel, TaylorModel, TaylorModel], TaylorModel],
     ) -> TaylorModel:
         along, into = self.local_models(x, y)
         nearest = (np.maximum(0.0, np.maximum(z.range[0], -z.range[1])) for z in (along, into))
         inside = np.hypot(*nearest) < self._support_radius
         return apply_on_subsets(
-            [(lambda along, into: of(*self._factor_models(along, into)), inside)], along, into
+            [(lambda along, into: combine(*self._factor_models(along, into)), inside)], along, into
         )
 
     def _factor_models(

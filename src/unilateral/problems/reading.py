@@ -77,7 +77,7 @@ def read_sides(
                 f"{where}: {len(field_data)} formulas for {n} sides; give one for all, or one per side"
             )
         places = [f"{where}[{side}]" for side in range(n)]
-        data = [read_data(field, *each) for each in zip(field_data, places, strict=True)]
+        data = [read_data(field, *entry) for entry in zip(field_data, places, strict=True)]
         for side in range(n):
             _check_list_entry(field, field_data[side], side, sides, clamped, places[side])
     else:

@@ -39,28 +39,28 @@ def model_side_data(
     same: dict[SideData, list[int]] = {}
     for i in np.unique(side).tolist():
         same.setdefault(data[i], []).append(i)
-    parts = []
+    pieces = []
     for function, sides in same.items():
-        here = np.flatnonzero(np.isin(side, sides))
-        models = {name: model.select_boxes(here) for name, model in variables.items()}
+        rows = np.flatnonzero(np.isin(side, sides))
+        models = {name: model.select_boxes(rows) for name, model in variables.items()}
         if isinstance(function, NodalTrace):
-            parts.append((function.value_model(models["t"]), here))
+            pieces.append((function.value_model(models["t"]), rows))
         else:
-            parts.append((enclose_formula(function, models), here))
-    return join_models(parts)
+            pieces.append((enclose_formula(function, models), rows))
+    return join_models(pieces)
 
 
 def model_side_slopes(data: Sequence[SideData], polygon: Polygon, side: Index, t: TaylorModel) -> TaylorModel:
     """The derivatives by t of the data, formulas in x and y, on intervals of the sides (k,)."""
-    parts = []
+    pieces = []
     for i in np.unique(side).tolist():
         function = data[i]
-        here = np.flatnonzero(side == i)
+        rows = np.flatnonzero(side == i)
         if isinstance(function, NodalTrace):
-            parts.append((function.slope_model(t.select_boxes(here)), here))
+            pieces.append((function.slope_model(t.select_boxes(rows)), rows))
             continue
-        variables = dict(zip("xy", side_coordinates(polygon, side[here], t.select_boxes(here)), strict=True))
+        variables = dict(zip("xy", side_coordinates(polygon, side[rows], t.select_boxes(rows)), strict=True))
         along = zip("xy", polygon.edges[i], strict=True)
         slopes = (enclose_formula(derivative(function, z), variables).scale(e) for z, e in along)
-        parts.append((reduce(add, slopes), here))
-    return join_models(parts)
+        pieces.append((reduce(add, slopes), rows))
+    return join_models(pieces)
