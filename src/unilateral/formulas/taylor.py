@@ -201,10 +201,7 @@ def tighten_model(basis: MonomialBasis, c: Array, rad: Array, values: IntervalAr
 
 
 def add_rounding(basis: MonomialBasis, size: Array) -> Array:
-    """Sizes increased by what rounding of their sums and products, one per monomial, may take away, (k,).
-
-    The shape is (k,).
-    """
+    """Sizes increased by what rounding of their sums and products, one per monomial, may take away, (k,)."""
     return (1 + 4 * len(basis.degrees) * EPS) * size + UNDERFLOW_ALLOWANCE
 
 
@@ -220,10 +217,7 @@ def _midpoint_and_radius(values: IntervalArrays) -> tuple[Array, Array]:
 
 
 def _sizes_by_degree(basis: MonomialBasis, c: Array) -> Array:
-    """Sums of |c_alpha| over the monomials of each degree, (n + 1, k).
-
-    The shape is (n + 1, k).
-    """
+    """Sums of |c_alpha| over the monomials of each degree, (n + 1, k)."""
     sizes = np.abs(c, order="C")  # sums of many rows are rounded by their order in memory
     if len(basis.degrees) == basis.order + 1:  # of one variable there is one monomial of each degree
         return sizes

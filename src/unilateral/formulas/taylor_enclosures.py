@@ -85,10 +85,7 @@ def tanh_model(a: TaylorModel) -> TaylorModel:
 
 
 def _binomial_coefficients(exponent: float, n: int) -> Array:
-    """The coefficients of (1 + z)^exponent, (n + 2, 1).
-
-    The shape is (n + 2, 1).
-    """
+    """The coefficients of (1 + z)^exponent, (n + 2, 1)."""
     coefficients = [1.0]
     for k in range(n + 1):
         coefficients.append(coefficients[-1] * (exponent - k) / (k + 1))

@@ -39,10 +39,7 @@ class AdaptedMesh:
 
     @cached_property
     def cell(self) -> Index:
-        """The cell of each boundary edge, (nb,).
-
-        The shape is (nb,).
-        """
+        """The cell of each boundary edge, (nb,)."""
         length = np.diff(self.positions)
         begin = self.positions[:-1] // (2 * length) * (2 * length)
         order = np.lexsort([-length, begin])

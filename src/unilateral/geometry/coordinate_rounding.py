@@ -81,8 +81,6 @@ def arithmetic_error(points: Array) -> float:
 def rounding_errors_of_points(points: Array) -> Array:
     """How far rounded points may be from the true ones: half a unit in either coordinate, (n,).
 
-    The shape is (n,).
-
     Of places as a person typed them the unit is 0, or that of single precision if they are kept in it.
     """
     units = _single_precision_units(points, 0.0) if has_typed_digits(points) else rounding_units(points)

@@ -34,10 +34,7 @@ class Kink:
     sign: int = 1
 
     def signed_distances(self, points: Array) -> Array:
-        """Signed distances of the points (k, 2) from the curve, (k,).
-
-        The shape is (k,).
-        """
+        """Signed distances of the points (k, 2) from the curve, (k,)."""
         offsets = points - np.array(self.centre)
         if self.radius:
             return np.hypot(offsets[:, 0], offsets[:, 1]) - self.radius

@@ -24,8 +24,6 @@ FACTOR_PER_DISTORTION = 6.0
 def boundary_node_shifts(polygon: Polygon, points: Array, side: Index, s: Array) -> Array:
     """Bounds on the distances of boundary nodes in memory from the exact ones at the arc lengths s, (nb,).
 
-    The shape is (nb,).
-
     Places relative to the side's first vertex are rounded relative to its distance, however far the origin.
     """
     t = (s - polygon.starts[side]) / np.diff(polygon.starts)[side]

@@ -174,10 +174,7 @@ def extract_meshio_triangles(content: Any, where: str, corners_only: bool = Fals
 
 
 def _drop_third_coordinate(points: ArrayLike, where: str) -> Array:
-    """The points (n, 2) without their third coordinates, which have to be 0.
-
-    The shape is (n, 2).
-    """
+    """The points (n, 2) without their third coordinates, which have to be 0."""
     coordinates = read_floats(
         points, f"{where}, points", "they have to be numbers, an array of the shape (n, 2)"
     )
@@ -193,10 +190,7 @@ def _drop_third_coordinate(points: ArrayLike, where: str) -> Array:
 
 
 def _as_triangle_indices(triangles: ArrayLike, where: str) -> Index:
-    """The triangles (m, 3) as whole numbers; InputError if they are none.
-
-    The shape is (m, 3).
-    """
+    """The triangles (m, 3) as whole numbers; InputError if they are none."""
     requirement = "they have to be whole numbers, an array of the shape (m, 3)"
     indices = read_indices(triangles, f"{where}, triangles", requirement)
     if indices.ndim == 2 and indices.shape[1] != 3 and indices.size:

@@ -55,10 +55,7 @@ def _pair_with_boxes(boxes: list[tuple[Array, Array]], points: Array) -> tuple[I
 
 
 def _barycentric_with_heights(corners: Array, points: Array) -> tuple[Array, Array]:
-    """Barycentric coordinates of points in their triangles, and the heights of these, (p, 3) each.
-
-    The shape is (p, 3).
-    """
+    """Barycentric coordinates of points in their triangles, and the heights of these, (p, 3) each."""
     edges = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)
     twice = cross(edges[:, 0], edges[:, 1])[:, None]
     away = cross(edges, points[:, None] - np.roll(corners, -1, axis=1))

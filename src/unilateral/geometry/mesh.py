@@ -61,10 +61,7 @@ class Mesh:
 
     @cached_property
     def side(self) -> Index:
-        """The side of the polygon on which each boundary edge lies, (nb,).
-
-        The shape is (nb,).
-        """
+        """The side of the polygon on which each boundary edge lies, (nb,)."""
         return self.polygon.sides_of(self.s[:-1])
 
     @cached_property
@@ -79,10 +76,7 @@ class Mesh:
 
     @cached_property
     def longest_edges(self) -> Array:
-        """The longest edge of each triangle, (m,).
-
-        The shape is (m,).
-        """
+        """The longest edge of each triangle, (m,)."""
         return longest_edges(self.points, self.triangles)
 
     @property
@@ -104,18 +98,12 @@ class Mesh:
 
     @cached_property
     def opposite_edges(self) -> Int32:
-        """The numbers of the edges opposite to the triangles' nodes, (m, 3).
-
-        The shape is (m, 3).
-        """
+        """The numbers of the edges opposite to the triangles' nodes, (m, 3)."""
         return self.triangulation.edges
 
     @cached_property
     def boundary_triangles(self) -> Index:
-        """The triangle at each boundary edge, (nb,).
-
-        The shape is (nb,).
-        """
+        """The triangle at each boundary edge, (nb,)."""
         triangulation = self.triangulation
         return triangulation.edge_triangles[triangulation.boundary_edges, 0].astype(np.intp)
 
@@ -132,18 +120,12 @@ class Mesh:
 
     @cached_property
     def areas(self) -> Array:
-        """Areas of the triangles, (m,).
-
-        The shape is (m,).
-        """
+        """Areas of the triangles, (m,)."""
         return signed_areas(self.points, self.triangles)
 
     @cached_property
     def node_shifts(self) -> Array:
-        """Bounds on the distances of the nodes from those of the exact mesh, (n,).
-
-        The shape is (n,).
-        """
+        """Bounds on the distances of the nodes from those of the exact mesh, (n,)."""
         shift = np.zeros(self.n_nodes)
         places = self.points[self.boundary]
         shift[self.boundary] = exact_mesh.boundary_node_shifts(self.polygon, places, self.side, self.s[:-1])
@@ -151,10 +133,7 @@ class Mesh:
 
     @cached_property
     def distortion(self) -> Array:
-        """Bounds on |D Phi - I| per triangle, Phi the map from the triangle to that of the exact mesh, (m,).
-
-        The shape is (m,).
-        """
+        """Bounds on |D Phi - I| per triangle, Phi the map from the triangle to that of the exact mesh, (m,)."""
         return exact_mesh.distortion_bounds(self.node_shifts, self.triangles, self.longest_edges, self.areas)
 
     @property
@@ -235,10 +214,7 @@ def build_conforming_mesh(
 
 
 def _snap_arc_lengths(polygon: Polygon, side: Index, s: Array) -> Array:
-    """Arc lengths of the boundary nodes, exact where the division is uniform and at vertices, (nb + 1,).
-
-    The shape is (nb + 1,).
-    """
+    """Arc lengths of the boundary nodes, exact where the division is uniform and at vertices, (nb + 1,)."""
     uniform = polygon.divided(np.bincount(side, minlength=polygon.n_sides))
     near = np.abs(s - uniform[:-1]) <= triangulation_checks.round_off(polygon)
     return np.append(np.where(near | (np.roll(side, 1) != side), uniform[:-1], s), polygon.perimeter)

@@ -104,8 +104,6 @@ def find_outline(points: Array, triangles: Index, where: str) -> Outline:
 def largest_turns(points: Array, errors: Array) -> Array:
     """The largest turn that rounding explains at each node of a closed line, in radians, (n,).
 
-    The shape is (n,).
-
     An edge whose ends move by r and s turns by at most arcsin((r + s) / length), or by any angle.
     """
     lengths = np.hypot(*(np.roll(points, -1, axis=0) - points).T)
@@ -159,8 +157,6 @@ def _check_straightness(points: Array, line: Index, corners: Mask, errors: Array
 
 def order_boundary_nodes(points: Array, triangles: Index, where: str) -> Index:
     """The nodes along the triangles' boundary, anticlockwise, from the one of least number on, (nb,).
-
-    The shape is (nb,).
 
     Raises InputError for a boundary that is not one closed line.
     """

@@ -49,18 +49,12 @@ class Partition:
 
     @cached_property
     def lengths(self) -> Array:
-        """The lengths H_i of the cells, (m,).
-
-        The shape is (m,).
-        """
+        """The lengths H_i of the cells, (m,)."""
         return np.diff(self.points)
 
     @cached_property
     def side(self) -> Index:
-        """The side of the polygon on which each cell lies, (m,).
-
-        The shape is (m,).
-        """
+        """The side of the polygon on which each cell lies, (m,)."""
         return self.polygon.sides_of(self.points[:-1])
 
     @cached_property
@@ -75,17 +69,12 @@ class Partition:
         return first, last
 
     def means(self, values: Array, points: Array) -> Array:
-        """Means between arc lengths s (k + 1,) of the function that has the values (m,) on the cells, (k,).
-
-        The shape is (k,).
-        """
+        """Means between arc lengths s (k + 1,) of the function that has the values (m,) on the cells, (k,)."""
         integral = np.append(0.0, np.cumsum(self.lengths * values))
         return np.diff(np.interp(points, self.points, integral)) / np.diff(points)
 
     def cells_of(self, finer: Array) -> Index:
         """The cell that contains each interval between the points of a finer partition, (k,).
-
-        The shape is (k,).
 
         Raises InputError if a point of this one is not, up to round-off, among them.
         """
@@ -99,10 +88,7 @@ class Partition:
         return np.searchsorted(self.points, 0.5 * (finer[1:] + finer[:-1])) - 1
 
     def has_inside(self, s: Array) -> Mask:
-        """Whether an arc length of s lies inside the cell and not, up to round-off, at an end, (m,).
-
-        The shape is (m,).
-        """
+        """Whether an arc length of s lies inside the cell and not, up to round-off, at an end, (m,)."""
         cell = np.searchsorted(self.points, s, side="right") - 1
         to_end = np.abs(s[:, None] - self.points).min(axis=1)
         has_one = np.zeros(self.n_cells, dtype=bool)

@@ -16,10 +16,7 @@ def cross(a: Array, b: Array) -> Array:
 
 
 def segment_distances(points: Array, starts: Array, ends: Array) -> Array:
-    """Distances of all points from all segments, (k, n).
-
-    The shape is (k, n).
-    """
+    """Distances of all points from all segments, (k, n)."""
     along = ends - starts
     offset = points[:, None] - starts
     t = np.clip(np.sum(offset * along, axis=2) / np.sum(along**2, axis=1), 0, 1)
@@ -27,10 +24,7 @@ def segment_distances(points: Array, starts: Array, ends: Array) -> Array:
 
 
 def signed_areas(points: Array, triangles: Index) -> Array:
-    """Areas of the triangles, negative where the nodes run clockwise, (m,).
-
-    The shape is (m,).
-    """
+    """Areas of the triangles, negative where the nodes run clockwise, (m,)."""
     areas = np.empty(len(triangles))
     for some in row_blocks(len(areas)):
         x, y = points.T[:, triangles[some].T]
@@ -39,10 +33,7 @@ def signed_areas(points: Array, triangles: Index) -> Array:
 
 
 def longest_edges(points: Array, triangles: Index) -> Array:
-    """The longest edge of each triangle, (m,).
-
-    The shape is (m,).
-    """
+    """The longest edge of each triangle, (m,)."""
     longest = np.empty(len(triangles))
     for some in row_blocks(len(longest)):
         x, y = points.T[:, triangles[some].T]
@@ -68,10 +59,7 @@ def first_crossing(vertices: Array) -> tuple[int, int] | None:
 
 
 def _meets_later_sides(starts: Array, ends: Array, i: int) -> Mask:
-    """Whether side i meets each later side elsewhere than in a vertex they share, (n - i - 1,).
-
-    The shape is (n - i - 1,).
-    """
+    """Whether side i meets each later side elsewhere than in a vertex they share, (n - i - 1,)."""
     n = len(starts)
     j = np.arange(i + 1, len(starts))
     a = starts[i]

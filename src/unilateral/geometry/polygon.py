@@ -83,26 +83,17 @@ class Polygon:
 
     @cached_property
     def lengths(self) -> Array:
-        """Lengths of the sides, (n,).
-
-        The shape is (n,).
-        """
+        """Lengths of the sides, (n,)."""
         return make_read_only(np.hypot(*self.edges.T))
 
     @cached_property
     def starts(self) -> Array:
-        """Arc lengths of the vertices, the perimeter last, (n + 1,).
-
-        The shape is (n + 1,).
-        """
+        """Arc lengths of the vertices, the perimeter last, (n + 1,)."""
         return make_read_only(np.concatenate([[0.0], np.cumsum(self.lengths)]))
 
     @cached_property
     def stretch(self) -> Array:
-        """Bounds on the relative errors of the differences of `starts` as lengths of the sides, (n,).
-
-        The shape is (n,).
-        """
+        """Bounds on the relative errors of the differences of `starts` as lengths of the sides, (n,)."""
         return make_read_only(np.spacing(self.perimeter) / self.lengths + 4 * EPS)
 
     @property
@@ -112,26 +103,17 @@ class Polygon:
 
     @cached_property
     def tangents(self) -> Array:
-        """Unit vectors along the sides, (n, 2).
-
-        The shape is (n, 2).
-        """
+        """Unit vectors along the sides, (n, 2)."""
         return make_read_only(self.edges / self.lengths[:, None])
 
     @cached_property
     def normals(self) -> Array:
-        """Outward unit normals of the sides, (n, 2).
-
-        The shape is (n, 2).
-        """
+        """Outward unit normals of the sides, (n, 2)."""
         return make_read_only(np.column_stack([self.tangents[:, 1], -self.tangents[:, 0]]))
 
     @cached_property
     def angles(self) -> Array:
-        """Interior angles at the vertices, in radians, (n,).
-
-        The shape is (n,).
-        """
+        """Interior angles at the vertices, in radians, (n,)."""
         before = np.roll(self.tangents, 1, axis=0)
         turn = np.arctan2(cross(before, self.tangents), np.sum(before * self.tangents, axis=1))
         return make_read_only(np.pi - turn)
@@ -148,10 +130,7 @@ class Polygon:
         return max(float(np.max(np.hypot(*(self.vertices - vertex).T))) for vertex in self.vertices)
 
     def sides_of(self, s: Array) -> Index:
-        """The sides on which arc lengths s of the perimeter lie, at a vertex the later one, (k,).
-
-        The shape is (k,).
-        """
+        """The sides on which arc lengths s of the perimeter lie, at a vertex the later one, (k,)."""
         return np.searchsorted(self.starts, s, side="right") - 1
 
     def contains(self, points: Array) -> Mask:
@@ -168,10 +147,7 @@ class Polygon:
         return np.asarray(crossed.sum(axis=-1) % 2 == 1)
 
     def point(self, side: int, t: float) -> Array:
-        """The point that lies t side lengths along a side, (2,).
-
-        The shape is (2,).
-        """
+        """The point that lies t side lengths along a side, (2,)."""
         return self.at(np.array([side]), np.array([t * self.lengths[side]]))[0]
 
     def arc_length(self, side: int, t: float) -> float:

@@ -76,18 +76,12 @@ class RefinementStep:
 
     @property
     def triangles(self) -> Int32:
-        """The numbers of the new triangles, (c,).
-
-        The shape is (c,).
-        """
+        """The numbers of the new triangles, (c,)."""
         return self.children[0] if self.children else np.arange(len(self.nodes), dtype=np.int32)
 
     @property
     def parent(self) -> Int32:
-        """The triangles from which the new ones come, (c,).
-
-        The shape is (c,).
-        """
+        """The triangles from which the new ones come, (c,)."""
         return (
             self.children[1]
             if self.children
@@ -96,10 +90,7 @@ class RefinementStep:
 
     @property
     def area_halvings(self) -> Int16:
-        """How often the area of each new triangle's parent was halved, (c,).
-
-        The shape is (c,).
-        """
+        """How often the area of each new triangle's parent was halved, (c,)."""
         return self.children[2] if self.children else np.full(len(self.nodes), 2, dtype=np.int16)
 
     def replace_values(self, old: TriangleValues, new: TriangleValues) -> TriangleValues:
@@ -170,10 +161,7 @@ def refine_triangulation(
 
 
 def _edges_to_halve(triangulation: Triangulation, marked: Index) -> Int32:
-    """The edges of the marked triangles, and reference edges as conformity needs, increasing, (k,).
-
-    The shape is (k,).
-    """
+    """The edges of the marked triangles, and reference edges as conformity needs, increasing, (k,)."""
     flag = np.zeros(len(triangulation.ends), dtype=bool)
     flag[triangulation.edges[marked]] = True
     front = np.flatnonzero(flag)
@@ -258,10 +246,7 @@ class _Children:
 def _local_numbering(
     triangulation: Triangulation, parents: Int32, midpoints: Int32, second_halves: Int32
 ) -> tuple[Int32, Int32]:
-    """Corners and midpoints (p, 6) of some triangles, and their edges and halves of edges (p, 9), as CHILD_TRIANGLES numbers them.
-
-    The shape is (p, 6).
-    """
+    """Corners and midpoints (p, 6) of some triangles, and their edges and halves of edges (p, 9), as CHILD_TRIANGLES numbers them."""
     nodes = triangulation.nodes[parents]
     edges = triangulation.edges[parents]
     ahead = triangulation.ends[edges, 0] == nodes[:, [1, 2, 0]]
@@ -292,19 +277,13 @@ def build_triangulation(points: Array, triangles: Index, boundary: Index) -> Tri
 
 
 def rotate_corners(points: Array, triangles: Index) -> Index:
-    """The triangles with a longest edge opposite to the first corner, all alike if possible, (T, 3).
-
-    The shape is (T, 3).
-    """
+    """The triangles with a longest edge opposite to the first corner, all alike if possible, (T, 3)."""
     rotated, alike = rotate_to_pattern(points, triangles)
     return rotated if alike else rotate_to_longest_edge(points, triangles)
 
 
 def rotate_to_longest_edge(points: Array, triangles: Index) -> Index:
-    """The triangles, each rotated until a longest edge is opposite to the first corner, (T, 3).
-
-    The shape is (T, 3).
-    """
+    """The triangles, each rotated until a longest edge is opposite to the first corner, (T, 3)."""
     x, y = points.T[:, triangles.T]
     opposite = np.hypot(x[[2, 0, 1]] - x[[1, 2, 0]], y[[2, 0, 1]] - y[[1, 2, 0]])
     first = np.argmax(opposite > (1 - LONGEST_EDGE_TOLERANCE) * opposite.max(axis=0), axis=0)

@@ -60,10 +60,7 @@ def check_arrays(points: Array, triangles: Index, where: str) -> None:
 
 
 def orient_anticlockwise(points: Array, triangles: Index) -> Index:
-    """The triangles with their nodes anticlockwise: those that run clockwise are reversed, (m, 3).
-
-    The shape is (m, 3).
-    """
+    """The triangles with their nodes anticlockwise: those that run clockwise are reversed, (m, 3)."""
     clockwise = signed_areas(points, triangles) < 0
     return np.where(clockwise[:, None], triangles[:, ::-1], triangles)
 
@@ -97,8 +94,6 @@ def check_areas(points: Array, triangles: Index, where: str) -> None:
 def find_boundary_edges(points: Array, triangles: Index, where: str) -> Index:
     """The edges that belong to one triangle only, directed as in it, (nb, 2).
 
-    The shape is (nb, 2).
-
     Raises InputError if two triangles lie on the same side of an edge, as of any three at least two do.
     """
     n = len(points)
@@ -121,10 +116,7 @@ def find_boundary_edges(points: Array, triangles: Index, where: str) -> Index:
 
 
 def min_heights(points: Array, triangles: Index, edges: Index) -> Array:
-    """The least height of the triangles at each node of the boundary edges, 0 at other nodes, (n,).
-
-    The shape is (n,).
-    """
+    """The least height of the triangles at each node of the boundary edges, 0 at other nodes, (n,)."""
     lowest = np.full(len(points), np.inf)
     lowest[np.delete(np.arange(len(points)), edges)] = 0.0
     selected = triangles[np.isinf(lowest)[triangles].any(axis=1)]
@@ -137,8 +129,6 @@ def allowed_distances(
     polygon: Polygon, points: Array, edges: Index, heights: Array, may_be_rounded: bool
 ) -> Array:
     """How far each node of the boundary edges may lie beside its side, round-off for other nodes, (n,).
-
-    The shape is (n,).
 
     The `heights` are the `min_heights`. If coordinates may be `may_be_rounded`, nodes and the side's ends are
     each as far from their true places as `rounding` tells.
@@ -155,8 +145,6 @@ def assign_sides(
     polygon: Polygon, points: Array, edges: Index, allowed_distances: Array, heights: Array, where: str
 ) -> Index:
     """The side along which each boundary edge runs, (nb,); InputError if one runs along none.
-
-    The shape is (nb,).
 
     The nodes may lie beside it by their `allowed_distances` (n,).
     """
@@ -193,8 +181,6 @@ def snap_to_sides(
     polygon: Polygon, points: Array, nodes: Index, side: Index, allowed_distances: Array, where: str
 ) -> Array:
     """The points, with the boundary nodes moved onto the sides of the edges they begin, (n, 2).
-
-    The shape is (n, 2).
 
     A node goes to the nearest point of its side, and the first node of a side to the vertex. Nodes that are
     there up to round-off stay. Raises InputError for nodes farther away than their `allowed_distances` (n,).

@@ -21,10 +21,7 @@ PAIRS_NEEDED = "it has to be a list of pairs (x, y), anticlockwise, such as [(0,
 
 
 def as_vertices(polygon: object, where: str) -> Array:
-    """The vertices of a polygon, or those that a user gives, (n, 2).
-
-    The shape is (n, 2).
-    """
+    """The vertices of a polygon, or those that a user gives, (n, 2)."""
     if isinstance(polygon, Polygon):
         return polygon.vertices
     vertices = read_floats(polygon, where, PAIRS_NEEDED)

@@ -84,10 +84,7 @@ class FormulaAtom(ABC):
         """The values of all formulas or the first three at points + offset (k, 2), with gradients (k, 2)."""
 
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
-        """Values (k,) and gradients (k, 2) at points + offset.
-
-        The shape is (k,).
-        """
+        """Values (k,) and gradients (k, 2) at points + offset."""
         value, gradient = self._evaluate(self._compiled_formulas[0], points, offset)
         return value, gradient
 
@@ -164,10 +161,7 @@ class SideAtom:
 
     @cached_property
     def frame(self) -> Array:
-        """The side's direction and its inward normal, the rows of a (2, 2) array.
-
-        The shape is (2, 2).
-        """
+        """The side's direction and its inward normal, the rows of a (2, 2) array."""
         return np.stack([self.polygon.tangents[self.side], -self.polygon.normals[self.side]])
 
     def touches(self, side: int) -> bool:
@@ -196,17 +190,11 @@ class SideAtom:
         return along, np.where(np.abs(into) < SIDE_TOLERANCE, np.abs(into), into)
 
     def rotate_to_xy(self, along: Array, into: Array) -> Array:
-        """Vectors in x and y from their components along the side and into Omega, (k, 2).
-
-        The shape is (k, 2).
-        """
+        """Vectors in x and y from their components along the side and into Omega, (k, 2)."""
         return np.column_stack([along * self.frame[0, i] + into * self.frame[1, i] for i in range(2)])
 
     def rotate_polar_to_xy(self, theta: Array, radial: Array, angular: Array) -> Array:
-        """Vectors in x and y from their components away from the centre and across, towards larger theta, (k, 2).
-
-        The shape is (k, 2).
-        """
+        """Vectors in x and y from their components away from the centre and across, towards larger theta, (k, 2)."""
         cos = np.cos(theta)
         sin = np.sin(theta)
         return self.rotate_to_xy(radial * cos - angular * sin, radial * sin + angular * cos)
@@ -264,10 +252,7 @@ class TensorAtom(SideAtom, FormulaAtom):
         return self.length * v, self.rotate_to_xy(v_t, v_d), *f
 
     def trace_and_normal_flux(self, side: int, along: SidePoints) -> tuple[Array, Array]:
-        """Values of u and of its outward normal derivative on the side, (k,) each.
-
-        The shape is (k,).
-        """
+        """Values of u and of its outward normal derivative on the side, (k,) each."""
         v, _, v_d = self._compiled_formulas[0](along.t, np.zeros_like(along.t))
         return self.length * v, -v_d
 

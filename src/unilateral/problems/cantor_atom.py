@@ -84,10 +84,7 @@ def cantor_gap(cantor_set: CantorSet, gamma: Fraction) -> Expression:
 
 
 def _sum_at_points(index: Index, values: Array, points: Array) -> Array:
-    """The values (m,) added up at the points whose numbers are `index` (m,), (k,).
-
-    The shape is (k,).
-    """
+    """The values (m,) added up at the points whose numbers are `index` (m,), (k,)."""
     return np.bincount(index, values, len(points)).astype(float, copy=False)
 
 
@@ -112,10 +109,7 @@ class CantorAtom(SideAtom):
 
     @cached_property
     def _contact_intervals(self) -> Array:
-        """Ends of the contact intervals, (k, 2).
-
-        The shape is (k, 2).
-        """
+        """Ends of the contact intervals, (k, 2)."""
         return np.array(sorted(self.cantor_set.sort_intervals()[0]), dtype=float)
 
     @cached_property
@@ -208,10 +202,7 @@ class CantorAtom(SideAtom):
         ]
 
     def trace_and_normal_flux(self, side: int, along: SidePoints) -> tuple[Array, Array]:
-        """Values of u and of its outward normal derivative on the side, (k,) each.
-
-        The shape is (k,).
-        """
+        """Values of u and of its outward normal derivative on the side, (k,) each."""
         index, length, theta, (v, _, v_theta, _) = self._evaluate_in_supports(along.t, np.zeros_like(along.t))
         scale = length ** float(self.alpha)
         value = _sum_at_points(index, self.length * length * scale * v, along.t)

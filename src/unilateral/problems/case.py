@@ -108,10 +108,7 @@ class ExactSolution:
         return self.value_gradient_and_source(points, offset)[2]
 
     def vanishes_in_circles(self, centre: Array, radius: Array) -> Mask:
-        """Whether u is known to be 0 in each circle, (k,).
-
-        The shape is (k,).
-        """
+        """Whether u is known to be 0 in each circle, (k,)."""
         return np.logical_and.reduce([atom.vanishes_in_circles(centre, radius) for atom in self.atoms])
 
     def source_model(self, x: TaylorModel, y: TaylorModel) -> TaylorModel:

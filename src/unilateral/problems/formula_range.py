@@ -77,10 +77,7 @@ def may_be_0(formula: Expression, points: Array) -> bool:
 
 
 def sample_points(polygon: Polygon) -> Array:
-    """The vertices, and the points of a grid that lie in the polygon, (k, 2).
-
-    The shape is (k, 2).
-    """
+    """The vertices, and the points of a grid that lie in the polygon, (k, 2)."""
     v = polygon.vertices
     along = [
         np.linspace(low, high, GRID_POINTS_PER_AXIS)

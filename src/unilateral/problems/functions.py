@@ -31,10 +31,7 @@ def check_arguments(function: Function, where: str) -> None:
 
 
 def evaluate_function(function: Function, points: Array, where: str) -> Array:
-    """The values of a user's function at points, (n,); InputError where it fails or is no finite number.
-
-    The shape is (n,).
-    """
+    """The values of a user's function at points, (n,); InputError where it fails or is no finite number."""
     x = np.array(points[..., 0])
     y = np.array(points[..., 1])  # which a function may overwrite
     try:

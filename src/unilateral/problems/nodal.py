@@ -68,8 +68,6 @@ def is_nodal_array(data: object) -> TypeGuard[Array]:
 def check_nodal_values(mesh: Mesh | None, array: Array, where: str, nodes: Index | None = None) -> Array:
     """The values that are given at the nodes of a mesh, (n,), finite at the nodes that count.
 
-    The shape is (n,).
-
     Raises InputError, beginning with `where`, for another shape, for what is no finite real number, and as
     `read_nodal_values`.
     """
@@ -104,10 +102,7 @@ def make_trace(mesh: Mesh | None, values: Array, side: int, where: str) -> Nodal
 
 
 def side_nodes(mesh: Mesh, side: int) -> tuple[Index, Array]:
-    """The nodes on a side in their order, and their positions t from 0 to 1 in side lengths, (k,) each.
-
-    The shape is (k,).
-    """
+    """The nodes on a side in their order, and their positions t from 0 to 1 in side lengths, (k,) each."""
     edges = np.flatnonzero(mesh.side == side)
     nodes = np.append(mesh.boundary[edges], mesh.boundary[(edges[-1] + 1) % len(mesh.boundary)])
     polygon = mesh.polygon

@@ -97,10 +97,7 @@ class Obstacle(Piecewise):
     end_remainders: Array
 
     def means(self, s: Array) -> Array:
-        """The polynomials' means between arc lengths s, from 0 to the perimeter, (m,).
-
-        The shape is (m,).
-        """
+        """The polynomials' means between arc lengths s, from 0 to the perimeter, (m,)."""
         samples = self.sample(s, PIECE_DEGREE // 2 + 1)
         cell = np.searchsorted(s, samples.middle) - 1
         integrals = samples.half_length * (samples.value @ samples.weights)
@@ -108,17 +105,12 @@ class Obstacle(Piecewise):
 
     @property
     def rounded_jumps(self) -> Array:
-        """Differences of `ends` at the vertices, beyond their remainders, that are allowed to users who round, (n,).
-
-        The shape is (n,).
-        """
+        """Differences of `ends` at the vertices, beyond their remainders, that are allowed to users who round, (n,)."""
         return np.asarray(VERTEX_JUMP_TOLERANCE * np.abs(self.ends).max(axis=0))
 
     @property
     def has_hidden_jump(self) -> Mask:
         """Whether rounding hides at each vertex if the two `ends` fit together, (n,).
-
-        The shape is (n,).
 
         So it is with steep data, as a place is rounded: u may jump there for all that is known.
         """
@@ -232,8 +224,6 @@ def _slope_remainders(
 ) -> Array:
     """How far the derivative of u may be from the polynomials' on each piece, and near its ends, (2, k).
 
-    The shape is (2, k).
-
     The second row is for places near the ends of a piece, see `Obstacle.end_slope_remainder`.
     """
     remainders = np.zeros((2, len(pieces.side)))
@@ -255,10 +245,7 @@ def _slope_remainders(
 
 
 def _max_with_neighbours(values: Array, side: Index) -> Array:
-    """The largest value on each piece and those beside it on its side, where a rounded point may lie, (k,).
-
-    The shape is (k,).
-    """
+    """The largest value on each piece and those beside it on its side, where a rounded point may lie, (k,)."""
     largest = values.copy()
     same = side[1:] == side[:-1]
     for targets, neighbours in ((slice(1, None), slice(None, -1)), (slice(None, -1), slice(1, None))):

@@ -57,19 +57,13 @@ class IntervalPieces(NamedTuple):
         return IntervalPieces(*(field[..., selection] for field in fields))
 
     def arc_lengths(self, polygon: Polygon) -> Array:
-        """The arc lengths of the ends of the pieces, if they are ordered, (k + 1,).
-
-        The shape is (k + 1,).
-        """
+        """The arc lengths of the ends of the pieces, if they are ordered, (k + 1,)."""
         return np.append(
             polygon.starts[self.side] + self.start * polygon.lengths[self.side], polygon.perimeter
         )
 
     def rounding_errors(self, s: Array) -> Array:
-        """The rounding errors of the polynomials at points that are rounded, (k,).
-
-        The shape is (k,).
-        """
+        """The rounding errors of the polynomials at points that are rounded, (k,)."""
         sizes = np.abs(self.c)
         shift = ARC_LENGTH_ERROR_ULPS * np.spacing(s[-1]) / np.diff(s)
         return np.asarray(16 * EPS * sizes.sum(axis=0) + np.arange(PIECE_DEGREE + 1) @ sizes * shift)

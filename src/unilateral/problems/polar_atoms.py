@@ -106,10 +106,7 @@ class PolarAtom(SideAtom, FormulaAtom):
         return np.inf if self.cutoff is None else as_float(self.cutoff)
 
     def _is_in_support(self, r: Array) -> Mask:
-        """Whether each distance r is inside the support and not 0, (k,).
-
-        The shape is (k,).
-        """
+        """Whether each distance r is inside the support and not 0, (k,)."""
         return (r < self._support_radius) & (r > 0)
 
     def _evaluate(
@@ -143,10 +140,7 @@ class PolarAtom(SideAtom, FormulaAtom):
         return (self.side - 1) % self.polygon.n_sides
 
     def trace_and_normal_flux(self, side: int, along: SidePoints) -> tuple[Array, Array]:
-        """Values of u and of its outward normal derivative on the side, from r and theta exactly, (k,) each.
-
-        The shape is (k,).
-        """
+        """Values of u and of its outward normal derivative on the side, from r and theta exactly, (k,) each."""
         if side == self.side:
             distance = along.distance_from(self.t)
         else:
@@ -194,10 +188,7 @@ class PolarAtom(SideAtom, FormulaAtom):
 
 
 def _fill_with_zeros(inside: Mask, values: Array) -> Array:
-    """The values (m, ...) where `inside` (k,), and 0 elsewhere, (k, ...).
-
-    The shape is (k, ...).
-    """
+    """The values (m, ...) where `inside` (k,), and 0 elsewhere, (k, ...)."""
     if inside.all():
         return values
     everywhere = np.zeros((len(inside), *values.shape[1:]))

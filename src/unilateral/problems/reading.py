@@ -59,8 +59,6 @@ def read_sides(
 ) -> list[SideData | Function]:
     """The data of the field g or q on every side, 0 on sides without one, (n sides,).
 
-    The shape is (n sides,).
-
     One formula, function or array is for all sides that have one. The sides lie between the `ends`. Arrays
     have a value for each node of the `mesh`. Raises InputError, beginning with `where`.
     """
