@@ -26,6 +26,7 @@ def derivative(formula: Expression, variable: str) -> Expression:
 
 
 def _derive_product(c: Fraction, powers: tuple[Power, ...], variable: str) -> Expression:
+    """The derivative of c times powers: the sum over b^k of c k b^(k - 1) b' times the other powers."""
     terms = []
     for i, (base, k) in enumerate(powers):
         if variable in base.variables:
@@ -37,6 +38,7 @@ def _derive_product(c: Fraction, powers: tuple[Power, ...], variable: str) -> Ex
 
 
 def _derive_base(base: Primitive | Expression, variable: str) -> Expression:
+    """The derivative of a sum, by the chain rule of a function, and 1 of the variable."""
     if isinstance(base, Expression):
         return derivative(base, variable)
     return OUTER_DERIVATIVES[base.name](*base.args) * derivative(base.args[0], variable) if base.args else ONE

@@ -81,7 +81,7 @@ class Expression(FormulaNode):
     def __str__(self) -> str:
         """The formula as it may be typed: terms below 0 last, a rational number last of the others.
 
-        >>> str(variable("x").scaled(Fraction(3, 2)) - number(5))
+        >>> str(variable("x").scale(Fraction(3, 2)) - 5)
         '3*x/2 - 5'
         """
         terms = self.terms or (((), Fraction(0)),)
@@ -149,6 +149,7 @@ class Expression(FormulaNode):
         c, powers = self.factors
         if Fraction(k).denominator == 1:
             return multiply_powers(c ** int(k), [(base, e * k) for base, e in powers])
+        # A root of c times powers is the root of c, by its prime factors, times theirs, if no sign is lost
         if not powers and (c < 0 or c == 0 > k):
             raise ArithmeticError("no real number")
         if c > 0 and ([e for _, e in powers] == [1] or all(_is_exact_root(e, e * k) for _, e in powers)):
@@ -223,6 +224,7 @@ def multiply_powers(c: Number, powers: Iterable[Power]) -> Expression:
     collected: dict[Primitive | Expression, Fraction] = {}
     c = Fraction(c)
     waiting = list(powers)
+    # A power of a product is the product of powers; of a number its whole part is multiplied into c
     while waiting:
         base, k = waiting.pop()
         k += collected.pop(base, 0)
@@ -237,6 +239,7 @@ def multiply_powers(c: Number, powers: Iterable[Power]) -> Expression:
                 continue
         if k:
             collected[base] = k
+    # A number times a single sum multiplies each of its terms
     if len(collected) == 1 and c:
         ((base, k),) = collected.items()
         if k == 1 and isinstance(base, Expression) and len(base.terms) > 1:
@@ -262,6 +265,7 @@ def count_subexpressions(formulas: tuple[Expression, ...]) -> dict[Subexpression
 
 
 def _direct_subexpressions(subexpression: Subexpression) -> list[Subexpression]:
+    """The powers in a sum, the base of a power, the arguments of a function."""
     if isinstance(subexpression, Expression):
         return [power for product, _ in subexpression.terms for power in product]
     base, k = subexpression
@@ -297,6 +301,7 @@ def has_log(e: Expression) -> bool:
 
 def hides_kink(e: Expression, k: Fraction) -> bool:
     """Whether e^k is the power of an absolute value, such as (x^2)^(1/2)."""
+    # Even powers of which the root is odd, as in (x^2)^(1/2) = |x|
     exponents = [power * k for _, power in e.factors[1] if power % 2 == 0]
     return (
         bool(e.variables)
@@ -317,6 +322,7 @@ def _root_factors(c: Fraction, k: Fraction) -> list[Power]:
 
 
 def _prime_factors(n: int) -> Iterator[tuple[int, int]]:
+    """Prime factors below MAX_TRIAL_DIVISOR with their multiplicities, and what is left of n with 1."""
     for p in range(2, MAX_TRIAL_DIVISOR):
         if p * p > n:
             break

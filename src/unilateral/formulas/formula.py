@@ -77,7 +77,7 @@ def substitute(formula: Expression, values: Mapping[str, Expression], where: str
 
 
 class FormulaEvaluation(Evaluation[Expression]):
-    """Formulas with other formulas for the `known` variables."""
+    """Formulas with other formulas, the `values`, for some variables."""
 
     def number(self, value: Fraction) -> Expression:
         """The expression of a rational number."""
@@ -195,6 +195,7 @@ def find_kinks(formula: Expression, variable: str) -> list[tuple[float, Fraction
         polynomial = polynomial_coefficients(argument, (variable,))
         if polynomial is None:
             raise ValueError(f"the argument of {power} must be a polynomial")
+        # a_n t^n + .. + a_0, the coefficient of the highest power first
         degree = max((i for (i,) in polynomial), default=0)
         coefficients = [polynomial.get((i,), ZERO) for i in range(degree, -1, -1)]
         if degree > 2 and any(c.rational is None for c in coefficients):
@@ -217,6 +218,7 @@ def polynomial_coefficients(
             for base, k in powers
             if isinstance(base, Primitive) and base.variables and not base.args
         }
+        # A term is a monomial times constants, and no monomial if anything else depends on a variable
         constants = [power for power in powers if not power[0].variables]
         if len(exponents) + len(constants) < len(powers) or any(
             k < 0 or k.denominator > 1 for k in exponents.values()
@@ -239,6 +241,7 @@ def _polynomial_roots(coefficients: Sequence[Expression]) -> list[float]:
         return [as_float_or_inf(-coefficients[1] / coefficients[0])]
     if len(coefficients) > 3:
         return real_roots([c.rational or Fraction(0) for c in coefficients])
+    # a t^2 + b t + c = 0 at t = (-b -+ (b^2 - 4 a c)^(1/2)) / (2 a), the discriminant's sign exactly
     a, b, c = coefficients
     if any(coefficient.rational is None for coefficient in coefficients):
         roots = np.roots([as_float_or_inf(coefficient) for coefficient in coefficients])

@@ -15,10 +15,10 @@ V = TypeVar("V", bound=Any)
 
 
 class Evaluation(ABC, Generic[V]):
-    """Computes the values of formulas from those of the variables and other `values` atoms.
+    """Computes the values of formulas from the `values` of the variables and of other primitives.
 
-    Values may be of any kind that can be added. Those of parts that occur more than once in the `formulas`
-    are kept, to be used again.
+    Values may be of any kind that can be added. Those of subexpressions that occur more than once in the
+    `formulas` are kept, to be used again.
     """
 
     def __init__(self, formulas: tuple[Expression, ...], values: Mapping[Primitive, V]) -> None:
@@ -36,7 +36,7 @@ class Evaluation(ABC, Generic[V]):
 
     @abstractmethod
     def function(self, primitive: Primitive) -> V:
-        """The value of an atom that is not known."""
+        """The value of a primitive that is not among the `values`."""
 
     def product(self, a: V, b: V) -> V:
         """The product of two values."""
@@ -59,6 +59,7 @@ class Evaluation(ABC, Generic[V]):
         return self._use_cache(e, self._evaluate_sum if e.variables else self.constant)
 
     def _evaluate_sum(self, e: Expression) -> V:
+        """The sum of the terms with variables, and of those without as one constant."""
         fixed, varying = e.terms_by_variables
         terms = [self._evaluate_term(times, powers) for times, powers in varying]
         return reduce(add, [*terms, self.evaluate(fixed)] if fixed.terms else terms)
@@ -71,6 +72,7 @@ class Evaluation(ABC, Generic[V]):
         return self._use_cache(power, self._compute_power)
 
     def _compute_power(self, power: Power) -> V:
+        """The value of base^k; of base^1 that of the base, so that all powers of one base share it."""
         base, k = power
         if k != 1:
             return self.power(self._evaluate_power((base, Fraction(1))), k)
@@ -79,6 +81,7 @@ class Evaluation(ABC, Generic[V]):
         return self.values[base] if base in self.values else self.function(base)
 
     def _use_cache(self, subexpression: Any, compute: Any) -> V:
+        """The value by `compute`, which is kept if the subexpression occurs more than once."""
         if subexpression in self.cache:
             return self.cache[subexpression]
         value = compute(subexpression)

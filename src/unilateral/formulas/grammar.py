@@ -108,6 +108,7 @@ def parse_syntax_tree(source: str, where: str) -> ast.expr:
     Raises InputError beyond a limit, and SyntaxError, ValueError, RecursionError or MemoryError, as Python's
     parser does, where there is no tree.
     """
+    # Python's parser is slow or fails on what is very long or nested: limits are looked at before it runs
     nesting = max(accumulate((c == "(") - (c == ")") for c in source), default=0)
     _check_limit(len(source), MAX_LENGTH, f"{where}: the formula has more than {{}} characters")
     _check_limit(nesting, MAX_NESTING, f"{where}: the formula has more than {{}} nested parentheses")
@@ -251,6 +252,7 @@ class FormulaReader(ast.NodeVisitor):
             if k is None or abs(k) > MAX_DEGREE:
                 raise self.refuse(node, f"needs a rational exponent between -{MAX_DEGREE} and {MAX_DEGREE}")
             self.check_kink(node, a.value, k)
+            # k may be below 0: the degree bounds the work of multiplying out numerator and denominator
             degree = a.degree * abs(float(k))
             functions = functions + (k.denominator > 1)
         elif isinstance(node.op, ast.Mult | ast.Div):
@@ -343,7 +345,7 @@ def condition_hint(names: Iterable[str], least_power: int | None) -> str:
 
 
 def positive_part_hint(names: Iterable[str], least_power: int | None) -> str:
-    """The hint how pos acts with the least power that a place allows, after a semicolon; "" for a place without pos."""
+    """How pos acts with the least power that a place allows, after a semicolon; "" for one without pos."""
     variable = next((name for name in names if name != "pi"), None)
     if least_power is None or variable is None:
         return ""
@@ -395,7 +397,7 @@ def syntax_hint(source: str, names: Sequence[str], least_power: int | None) -> s
 
 
 def comma_hint(source: str) -> str:
-    """The hint how to write a number that has a comma, of decimals or of thousands; "" where there is none."""
+    """How to write a number that has a comma, of decimals or of thousands; "" where there is none."""
     if thousands := THOUSANDS_PATTERN.search(source):
         integer = thousands[0].replace(",", "")
         decimals = thousands[0].replace(",", ".")

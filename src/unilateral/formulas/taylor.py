@@ -7,8 +7,8 @@ On box j the variables are affine functions of sigma in [-1, 1]^d. A model says 
 with |alpha| <= n (Makino and Berz, 2003). `rad` includes rounding, and the range is rounded outward. A
 polynomial that is not sharper than the range is replaced by the range's midpoint, and so is one that
 overflows. Therefore a model has only a range at kinks and singularities. EPS is twice a bound on the
-rounding of one operation, and TINY is added wherever numbers may underflow. Coefficients are finite, and
-`rad` is infinite where nothing is known (`tighten_model`).
+rounding of one operation; UNDERFLOW_ALLOWANCE is added wherever numbers may underflow. Coefficients are
+finite, and `rad` is infinite where nothing is known (`tighten_model`).
 """
 
 from __future__ import annotations
@@ -59,6 +59,7 @@ def monomial_basis(d: int, n: int) -> MonomialBasis:
     degree = exponents.sum(axis=1)
     place = {a: i for i, a in enumerate(alphas)}
     first = np.searchsorted(degree, np.arange(n + 2))
+    # sigma^a sigma^b = sigma^(a + b) for all b of degree at most n - |a|, which come first
     times = []
     for a in alphas:
         sums = exponents[: first[n - sum(a) + 1]] + np.array(a)
@@ -86,6 +87,7 @@ class TaylorModel:
 
     @QUIET
     def __add__(self, model: TaylorModel) -> TaylorModel:
+        # Remainders add, and each sum of two coefficients is rounded by EPS times both
         c = self.c + model.c
         rad = self.rad + model.rad + EPS * (np.abs(self.c) + np.abs(model.c)).sum(axis=0)
         return tighten_model(self.basis, c, rad, interval.add_intervals(self.range, model.range))
@@ -97,6 +99,7 @@ class TaylorModel:
     @QUIET
     def scale(self, number: float) -> TaylorModel:
         """The model times a number that is rounded, and may be subnormal or infinite then."""
+        # The number is off by EPS of itself, or by underflow, which counts all that it multiplies
         sizes = np.abs(self.c).sum(axis=0)
         doubt = 4 * EPS * abs(number) + UNDERFLOW_ALLOWANCE
         rad = (1 + EPS) * abs(number) * self.rad + doubt * (sizes + self.rad)
@@ -116,7 +119,7 @@ class TaylorModel:
 def affine_model(
     basis: MonomialBasis, centre: Array, half_widths: Array, ends: IntervalArrays, rounding: float = 0.0
 ) -> TaylorModel:
-    """centre (k,) + sum over i of arms (d, k) sigma_i, with the range `ends`.
+    """The model of `centre` (k,) + sum over i of `half_widths` (d, k) times sigma_i, with the range `ends`.
 
     The remainder covers the rounding of these numbers and the further `rounding`.
     """
@@ -181,16 +184,19 @@ def tighten_model(basis: MonomialBasis, c: Array, rad: Array, values: IntervalAr
     A polynomial that is then not sharper than the range is replaced by the range's midpoint, and so is one
     that is not finite or not known to be near the function, whatever became of its remainder.
     """
+    # |F - c_0| <= sum over alpha != 0 of |c_alpha| + rad, for |sigma_i| <= 1
     rad = add_rounding(basis, rad)
     reach = add_rounding(basis, np.abs(c[1:]).sum(axis=0) + rad)
-    ends = c[0] - reach, c[0] + reach
-    lower, upper = interval.round_outward(*ends)
-    finite = np.isfinite(ends[0]) & np.isfinite(ends[1])
+    low = c[0] - reach
+    high = c[0] + reach
+    lower, upper = interval.round_outward(low, high)
+    finite = np.isfinite(low) & np.isfinite(high)
     if not finite.all():
         lower = np.where(finite, lower, -np.inf)
         upper = np.where(finite, upper, np.inf)
     lower = np.fmax(lower, values[0])
     upper = np.fmin(upper, values[1])
+    # The range's midpoint is off by half its width: as good as a polynomial with that remainder
     flat = ~(finite & (rad <= 0.5 * upper - 0.5 * lower))
     if flat.any():
         c = np.where(flat, 0.0, c)
@@ -233,6 +239,7 @@ def _multiply_models(
     basis: MonomialBasis, a: tuple[Array, Array], b: tuple[Array, Array]
 ) -> tuple[Array, Array]:
     """The coefficients and the remainder of a product."""
+    # (x + r)(y + s) = x y + (x + r) s + r y; of x y the products of degree up to n are kept
     (x, r) = a
     (y, s) = b
     c = np.zeros(x.shape, dtype=np.result_type(x, y))
@@ -240,7 +247,7 @@ def _multiply_models(
         for factors, products in basis.product_slices[i]:
             c[products] += x[i] * y[factors]
     x_sizes = _sizes_by_degree(basis, x)
-    # from_y[i] is the sum over the degrees of y from n - i on, whose products with degree i + 1 are left out
+    # y_tails[i] is the sum over the degrees of y from n - i on, whose products with degree i + 1 are left out
     y_tails = np.add.accumulate(_sizes_by_degree(basis, y)[::-1])
     above = np.add.reduce(x_sizes[1:] * y_tails[:-1])
     x_size = np.add.reduce(x_sizes)
@@ -259,7 +266,8 @@ def compose_model(
     """g(a) from g's Taylor coefficients (n + 1, k) at a's constant term, and bounds (k,) on the next.
 
     `next_bound` bounds |g^(n+1)| / (n+1)! on all values of a and their constant term, up to underflow.
-    `error` is that of the coefficients, by default OF_FUNCTIONS times their size. `values` is the range of
+    `error` is that of the coefficients, by default FUNCTION_COEFFICIENT_ERROR times
+    their size. `values` is the range of
     g(a).
     """
     c, rad = compose_coefficients(a.basis, (a.c, a.rad), coefficients, next_bound, error)
@@ -275,6 +283,7 @@ def compose_coefficients(
     error: Array | float | None = None,
 ) -> tuple[Array, Array]:
     """The coefficients, which may be complex, and the remainder of g(a) as in `compose_model`."""
+    # g(a) = sum over k <= n of g_k (a - a_0)^k by Horner's rule, and the rest: next_bound |a - a_0|^(n + 1)
     inner = a[0].copy()
     inner[0] = 0.0
     size = add_rounding(basis, np.abs(inner).sum(axis=0) + a[1])

@@ -49,6 +49,7 @@ def _expansion_point(a: TaylorModel) -> tuple[Array, IntervalArrays, int]:
 
 
 def _factorials(n: int) -> Array:
+    """0! to (n + 1)!, (n + 2, 1)."""
     return np.array([float(math.factorial(k)) for k in range(n + 2)])[:, None]
 
 
@@ -75,6 +76,7 @@ def _make_entire_function(
 def tanh_model(a: TaylorModel) -> TaylorModel:
     """tanh of a model, by y' = 1 - y^2 and Cauchy's estimate on circles of radius 1."""
     centre, _, n = _expansion_point(a)
+    # (k + 1) y_(k + 1) = [k = 0] - sum over i of y_i y_(k - i)
     y = np.zeros((n + 1, len(centre)))
     y[0] = np.tanh(centre)
     for k in range(n):
@@ -86,6 +88,7 @@ def tanh_model(a: TaylorModel) -> TaylorModel:
 
 def _binomial_coefficients(exponent: float, n: int) -> Array:
     """The coefficients of (1 + z)^exponent, (n + 2, 1)."""
+    # (m over k + 1) = (m over k) (m - k) / (k + 1)
     coefficients = [1.0]
     for k in range(n + 1):
         coefficients.append(coefficients[-1] * (exponent - k) / (k + 1))
@@ -102,11 +105,13 @@ def _power_series(a: TaylorModel, exponent: float, values: IntervalArrays) -> Ta
     centre, (low, high), n = _expansion_point(a)
     *binomials, next_ = _binomial_coefficients(exponent, n)
     either_sign = exponent == int(exponent)
+    # a^m = sum over k of (m over k) a_0^(m - k) (a - a_0)^k
     coefficients = np.array(binomials) * centre ** (exponent - np.arange(n + 1)[:, None])
     nearest = np.where(low > 0, low, -high if either_sign else np.nan)
     farthest = np.maximum(np.abs(low), np.abs(high))
-    ends = [end ** (exponent - n - 1) for end in (nearest, farthest)]
-    last = np.where(nearest > 0, np.abs(next_) * np.maximum(*ends), np.inf)
+    # |(m over n + 1) x^(m - n - 1)| is monotone in |x|: largest at the end nearest to 0 or farthest from it
+    largest = np.maximum(nearest ** (exponent - n - 1), farthest ** (exponent - n - 1))
+    last = np.where(nearest > 0, np.abs(next_) * largest, np.inf)
     # a fractional exponent is rounded, which counts log a times
     logs = 1 + np.abs(np.log(np.abs(centre)))
     error = (FUNCTION_COEFFICIENT_ERROR + 4 * EPS * (n + abs(exponent)) * logs) * np.abs(coefficients)
@@ -114,7 +119,7 @@ def _power_series(a: TaylorModel, exponent: float, values: IntervalArrays) -> Ta
 
 
 def power_model(a: TaylorModel, n: int) -> TaylorModel:
-    """a^n for a whole number n that is not 0."""
+    """a^n for a whole number n that is not 0, by squaring for n > 0."""
     values = interval.integer_power(a.range, n)
     if n < 0:
         return _power_series(a, float(n), values)
@@ -140,6 +145,7 @@ def positive_power_model(a: TaylorModel, k: float) -> TaylorModel:
     is_integer = k > 0 and k == int(k)
 
     def enclose_positive(a: TaylorModel) -> TaylorModel:
+        """a_+^k where a > 0, or k is whole: |a^k - a_+^k| <= (-a)_+^k."""
         values = interval.positive_part_power(a.range, k)
         if not is_integer:
             return _power_series(a, k, values)
@@ -148,6 +154,7 @@ def positive_power_model(a: TaylorModel, k: float) -> TaylorModel:
         return tighten_model(a.basis, whole_power.c, whole_power.rad + beyond, values)
 
     def enclose_mixed(a: TaylorModel) -> TaylorModel:
+        """The range of a_+^k, of which no polynomial is known where a has both signs."""
         return range_model(a.basis, interval.positive_part_power(a.range, k))
 
     has_series = (lower > 0) | (is_integer & (upper > 0))
@@ -166,15 +173,18 @@ def polar_power_model(x: TaylorModel, y: TaylorModel, beta: float, phase: float,
     z = (x.c + 1j * y.c) * turn
     sizes = np.abs(x.c) + np.abs(y.c)
     rad = x.rad + y.rad + 4 * EPS * sizes.sum(axis=0)
+    # z = z_0 + w with |w| <= reach: z^beta = sum over k of (beta over k) z_0^(beta - k) w^k
     modulus = np.abs(z[0])
     reach = np.abs(z[1:]).sum(axis=0) + rad
     binomials = _binomial_coefficients(beta, n)
     exponents = beta - np.arange(n + 1)[:, None]
     coefficients = binomials[:-1] * z[0] ** exponents * np.exp(1j * beta * (0.5 * omega - phase))
     error = 8 * EPS * np.abs(coefficients) * (1 + np.abs(exponents) * (4 + np.abs(np.log(modulus))))
+    # The terms from n + 1 on: |(beta over n + 1)| |z_0|^(beta - n - 1) reach^(n + 1) / (1 - ratio) at most
     ratio = (1 + POWER_ERROR) * max(1.0, (beta - n - 1) / (n + 2)) * reach / modulus
     last = np.where(ratio < 1, np.abs(binomials[-1]) * modulus ** (beta - n - 1) / (1 - ratio), np.inf)
     c, rad = compose_coefficients(x.basis, (z, rad), coefficients, (1 + POWER_ERROR) * last, error)
+    # |z^beta cos(..)| <= |z|^beta, the range where the series does not converge
     reach = add_rounding(x.basis, modulus + reach)
     largest = interval.positive_part_power((reach, reach), beta)[1]
     return tighten_model(x.basis, c.real.copy(), rad, (-largest, largest))

@@ -32,7 +32,7 @@ BULK_SHARE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class AdaptedMesh:
-    """A mesh whose boundary edge k lies between the places at[k] and at[k + 1], `positions` (nb + 1,)."""
+    """A mesh whose boundary edge k lies between the whole numbers positions[k] and positions[k + 1]."""
 
     mesh: Mesh
     positions: Index
@@ -40,8 +40,10 @@ class AdaptedMesh:
     @cached_property
     def cell(self) -> Index:
         """The cell of each boundary edge, (nb,)."""
+        # The parent of an edge [a, a + l] is the dyadic interval of length 2 l that contains it
         length = np.diff(self.positions)
         begin = self.positions[:-1] // (2 * length) * (2 * length)
+        # By their starts, the larger one first: a parent begins a new cell unless an earlier one covers it
         order = np.lexsort([-length, begin])
         reach = np.maximum.accumulate((begin + 2 * length)[order])
         cell = np.empty(len(order), dtype=np.intp)
@@ -57,6 +59,7 @@ class AdaptedMesh:
     @property
     def unbalanced_triangles(self) -> Index:
         """The triangles at boundary edges that are too long beside a shorter edge of the same cell."""
+        # Too long: half a cell (no edge is more) that is over MAX_CELL_EDGE_RATIO times its shortest edge
         length = np.diff(self.positions)
         total, shortest = np.zeros((2, self.cell[-1] + 1), dtype=np.int64)
         np.add.at(total, self.cell, length)
@@ -72,7 +75,7 @@ def start_adapted_mesh(mesh: Mesh) -> AdaptedMesh:
 
 
 def mark_triangles(mesh: Mesh, shares: Array) -> Index:
-    """The fewest triangles with the part BULK of the sum of all shares (m,) (Doerfler, SINUM 33, 1996).
+    """The fewest triangles with BULK_SHARE of the sum of all shares (m,) (Doerfler, SINUM 33, 1996).
 
     Triangles whose edges are as short as rounding are left out. Raises InputError if none remains.
     """
@@ -112,10 +115,6 @@ def refine_and_balance(adapted: AdaptedMesh, marked: Index) -> AdaptedMesh:
 
 def _refine_once(adapted: AdaptedMesh, marked: Index) -> AdaptedMesh:
     mesh = refine_triangles(adapted.mesh, marked)
-    before = find_halved_edges(mesh.boundary, adapted.mesh.n_nodes)
-    return AdaptedMesh(
-        mesh,
-        np.insert(
-            adapted.positions, before + 1, (adapted.positions[before] + adapted.positions[before + 1]) // 2
-        ),
-    )
+    halved = find_halved_edges(mesh.boundary, adapted.mesh.n_nodes)
+    middles = (adapted.positions[halved] + adapted.positions[halved + 1]) // 2
+    return AdaptedMesh(mesh, np.insert(adapted.positions, halved + 1, middles))

@@ -117,8 +117,8 @@ def read_mesh(
     message = (
         "its triangles are of second order; the linear function with its values at their corners is taken"
         if second_order
-        else f"{dropped} left out, such as node {describe_node(points[:, :2], int(unused[0]))}; the other nodes are "
-        "numbered anew"
+        else f"{dropped} left out, such as node {describe_node(points[:, :2], int(unused[0]))}; the other "
+        "nodes are numbered anew"
     )
     warnings.warn(f"{where}: {message}", SolutionWarning, stacklevel=3)
     return as_mesh(points[used], np.searchsorted(used, triangles), polygon, where)

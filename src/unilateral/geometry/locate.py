@@ -22,6 +22,7 @@ def locate_in_triangles(mesh: Mesh, points: Array) -> tuple[Index, Index, Array]
     A point on an edge, up to rounding, has a pair with each triangle there; one outside has none.
     """
     corners = mesh.points[mesh.triangles]
+    # boxes[0] are about the triangles, by the Z order; boxes[i + 1] about two neighbours in boxes[i]
     reach = ROUNDING_PER_COORDINATE * float(np.abs(mesh.points).max())
     order = _z_order(corners.mean(axis=1))
     boxes = [(corners.min(axis=1)[order] - reach, corners.max(axis=1)[order] + reach)]
@@ -33,6 +34,7 @@ def locate_in_triangles(mesh: Mesh, points: Array) -> tuple[Index, Index, Array]
     pairs_of = [_pair_with_boxes(boxes, points[block]) for block in blocks]
     point = np.concatenate([block[number] for block, (number, _) in zip(blocks, pairs_of, strict=True)])
     triangle = order[np.concatenate([box for _, box in pairs_of])]
+    # The distance from an edge is weight * height, and may be -reach by rounding
     weights, height = _barycentric_with_heights(corners[triangle], points[point])
     inside = (weights >= -reach / height).all(axis=1)
     return point[inside], triangle[inside], weights[inside]
@@ -40,6 +42,7 @@ def locate_in_triangles(mesh: Mesh, points: Array) -> tuple[Index, Index, Array]
 
 def _pair_with_boxes(boxes: list[tuple[Array, Array]], points: Array) -> tuple[Index, Index]:
     """The pairs of a point and a box of boxes[0] that contains it, as do all boxes about that one."""
+    # From the box about all down to boxes[0]: both halves of each box that contains the point are tried
     point = np.arange(len(points))
     box = np.zeros(len(points), dtype=np.intp)
     for low, high in boxes[::-1]:
@@ -56,6 +59,7 @@ def _pair_with_boxes(boxes: list[tuple[Array, Array]], points: Array) -> tuple[I
 
 def _barycentric_with_heights(corners: Array, points: Array) -> tuple[Array, Array]:
     """Barycentric coordinates of points in their triangles, and the heights of these, (p, 3) each."""
+    # Weight i is the area spanned by the point and edge i, over the triangle's; height i is 2 |T| / |edge i|
     edges = np.roll(corners, 1, axis=1) - np.roll(corners, -1, axis=1)
     twice = cross(edges[:, 0], edges[:, 1])[:, None]
     away = cross(edges, points[:, None] - np.roll(corners, -1, axis=1))
@@ -63,10 +67,7 @@ def _barycentric_with_heights(corners: Array, points: Array) -> tuple[Array, Arr
 
 
 def _z_order(points: Array) -> Index:
-    """The order of points along a Z curve, by the bits of both coordinates in turn.
-
-    The shape is (m,).
-    """
+    """The order (m,) of points along a Z curve, by the bits of both coordinates in turn."""
     low = points.min(axis=0)
     size = np.ptp(points, axis=0).max() or 1.0
     cells = ((points - low) / size * (2**Z_ORDER_BITS - 1)).astype(np.int64)

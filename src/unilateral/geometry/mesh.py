@@ -21,7 +21,7 @@ from unilateral.system.optional import require
 MAX_ROUNDING_PER_H = 1e-6
 """The rounding of coordinates may be this part of the longest boundary edge; a larger one shows in A_3."""
 MAX_ROUNDING_PER_EDGE = exact_mesh.MAX_DISTORTION
-"""The rounding of coordinates may be this part of any edge: no finer mesh is near enough to the exact one."""
+"""The rounding of coordinates may be this part of any edge; then S7 holds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,12 +133,13 @@ class Mesh:
 
     @cached_property
     def distortion(self) -> Array:
-        """Bounds on |D Phi - I| per triangle, Phi the map from the triangle to that of the exact mesh, (m,)."""
+        """Bounds (m,) on |D Phi - I|, Phi the map from each triangle to that of the exact mesh."""
         return exact_mesh.distortion_bounds(self.node_shifts, self.triangles, self.longest_edges, self.areas)
 
     @property
     def exact_mesh_factor(self) -> float:
-        """The factor by which norms, constants and lengths may be larger on the `exact` mesh than here."""
+        """The factor gamma by which norms, constants and lengths may be larger on the exact mesh."""
+        # gamma = 1 + 6 (epsilon + kappa), Proposition S7
         return 1 + exact_mesh.FACTOR_PER_DISTORTION * float(
             self.distortion.max() + self.polygon.stretch.max()
         )
@@ -154,9 +155,9 @@ def from_arrays(
     """The mesh with the nodes (n, 2) and the triangles (m, 3), whose nodes run either way round.
 
     Nodes a little beside the boundary are moved onto it, see `triangulation_checks.MAX_MOVE_PER_HEIGHT`, and
-    by as much as rounding explains where coordinates of other programs may be `may_be_rounded`. Raises
-    InputError, beginning with `where`, unless this is then a triangulation of the polygon: conforming,
-    without degenerate triangles, repeated or unused nodes, its boundary the polygon's.
+    by as much as rounding explains if coordinates of another program `may_be_rounded`. Raises InputError,
+    beginning with `where`, unless this is then a triangulation of the polygon: conforming, without degenerate
+    triangles, repeated or unused nodes, its boundary the polygon's.
     """
     nodes = read_floats(points, f"{where}, points")
     cells = read_indices(triangles, f"{where}, triangles")
@@ -180,6 +181,7 @@ def build_conforming_mesh(
     If it is, they triangulate the polygon: their boundary goes round each point of it once, and the sum of
     their indices about a point, all of them positive, is 1.
     """
+    # Every vertex of the polygon has a node of the boundary, as near as nodes may be beside it
     edges = triangulation_checks.find_boundary_edges(points, triangles, where)
     heights = triangulation_checks.min_heights(points, triangles, edges)
     reach = triangulation_checks.allowed_distances(polygon, points, edges, heights, may_be_rounded)
@@ -192,10 +194,12 @@ def build_conforming_mesh(
             f"{where}: no node lies at vertex {missing[0]} of polygon '{polygon.name}', "
             f"{tuple(polygon.vertices[missing[0]].tolist())}; every vertex has to be one"
         )
+    # s = (x - a).t after the arc length of the side's start a, t the side's direction
     side = triangulation_checks.assign_sides(polygon, points, edges, reach, heights, where)
     s = polygon.starts[side] + np.sum(
         (points[edges[:, 0]] - polygon.vertices[side]) * polygon.tangents[side], axis=1
     )
+    # In the order along the boundary each edge has to begin where the one before ends
     order = np.lexsort([s, side])
     edges = edges[order]
     side = side[order]
@@ -225,8 +229,8 @@ def _check_coordinate_rounding(polygon: Polygon, h: float, where: str) -> None:
     if np.spacing(largest) > MAX_ROUNDING_PER_H * h:
         raise InputError(
             f"{where}: coordinates as large as {largest:.3g} are rounded by {np.spacing(largest):.3g}, "
-            f"more than {MAX_ROUNDING_PER_H:g} of the longest boundary edge {h:.3g}; move polygon '{polygon.name}' to "
-            "the origin"
+            f"more than {MAX_ROUNDING_PER_H:g} of the longest boundary edge {h:.3g}; move polygon "
+            f"'{polygon.name}' to the origin"
         )
 
 
@@ -252,7 +256,7 @@ def triangulate_from_boundary(polygon: Polygon, s: ArrayLike, growth: float | No
 def triangulate_from_cells(
     partition: Partition, edges_per_cell: int, halvings: int = 0, growth: float | None = None
 ) -> tuple[Mesh, Partition]:
-    """A mesh by gmsh with equal boundary edges in every cell of a partition, and the partition, both then halved."""
+    """A mesh by gmsh with equal boundary edges in every cell of a partition, and that, both then halved."""
     mesh = triangulate_from_boundary(
         partition.polygon, partitions.divide_cells(partition, edges_per_cell).points[:-1], growth
     )
@@ -273,6 +277,7 @@ def refine_triangles(mesh: Mesh, marked: Index | None = None) -> Mesh:
     where edges become as short as rounding.
     """
     triangulation, step = refinement.refine_triangulation(mesh.triangulation, marked)
+    # The new nodes are the midpoints of the halved edges; an edge must not be as short as rounding
     start = mesh.points[step.ends[:, 0]]
     end = mesh.points[step.ends[:, 1]]
     shortest = 0.5 * float(np.hypot(*(end - start).T).min())
@@ -303,6 +308,7 @@ def refine_triangles(mesh: Mesh, marked: Index | None = None) -> Mesh:
 
 
 def find_halved_edges(new_boundary: Index, n_old_nodes: int) -> Index:
-    """The numbers of the boundary edges that were halved, for the nodes along the new boundary, n on new."""
+    """The numbers of the boundary edges that were halved, from the nodes along the new boundary."""
+    # The i-th new node, counted from 0, comes after i others and the start of its edge
     new = np.flatnonzero(new_boundary >= n_old_nodes)
     return new - np.arange(1, len(new) + 1)

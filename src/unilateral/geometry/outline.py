@@ -55,14 +55,17 @@ def find_outline(points: Array, triangles: Index, where: str) -> Outline:
     """
     line = order_boundary_nodes(points, triangles, where)
     places = points[line]
+    # The turn at a node, from the edge before it to the edge after it
     before = places - np.roll(places, 1, axis=0)
     after = np.roll(places, -1, axis=0) - places
     turns = np.arctan2(cross(before, after), np.sum(before * after, axis=1))
+    # What round-off in another program explains, and what it and rounded digits explain
     by_arithmetic = np.full(len(line), coordinate_rounding.arithmetic_error(places))
     by_digits = by_arithmetic + coordinate_rounding.rounding_errors_of_points(places)
     straight = np.abs(turns) <= largest_turns(places, by_arithmetic)
     by_rounding = largest_turns(places, by_digits)
     if coordinate_rounding.has_typed_digits(places):
+        # Typed numbers are exact, but slight turns may come from numbers that were rounded to as few digits
         by_units = largest_turns(
             places, by_arithmetic + 0.5 * np.hypot(*coordinate_rounding.rounding_units(places).T)
         )
@@ -88,8 +91,8 @@ def find_outline(points: Array, triangles: Index, where: str) -> Outline:
         worst = int(np.where(unclear, np.abs(turns), -1.0).argmax())
         raise InputError(
             f"{where}: the boundary turns by {np.degrees(abs(turns[worst])):.2g} degrees at node "
-            f"{describe_node(points, line[worst])}, where coordinates are rounded by up to {by_digits[worst]:.1g}; "
-            f"it is not clear whether there is a corner; {POLYGON_ADVICE}"
+            f"{describe_node(points, line[worst])}, where coordinates are rounded by up to "
+            f"{by_digits[worst]:.1g}; it is not clear whether there is a corner; {POLYGON_ADVICE}"
         )
     if np.count_nonzero(corners) > MAX_VERTICES:
         raise InputError(
@@ -102,7 +105,7 @@ def find_outline(points: Array, triangles: Index, where: str) -> Outline:
 
 
 def largest_turns(points: Array, errors: Array) -> Array:
-    """The largest turn that rounding explains at each node of a closed line, in radians, (n,).
+    """The largest turn, in radians, that rounding explains at each node of a closed line, (n,).
 
     An edge whose ends move by r and s turns by at most arcsin((r + s) / length), or by any angle.
     """
@@ -113,9 +116,7 @@ def largest_turns(points: Array, errors: Array) -> Array:
 
 
 def _find_rounding_patterns(turns: Array, below_min_turn: Mask) -> Mask:
-    """Mask of the nodes whose slight turns alternate, or stand alone, as on a side that was rounded before.
-
-    The shape is (n,).
+    """Mask (n,) of the nodes whose slight turns alternate, or stand alone, as on a side once rounded.
 
     Those are the second of four in a row that alternate in sign, and one of the `below_min_turn` without a
     neighbour that turns the same way, as each node of an arc has.
@@ -136,9 +137,10 @@ def _check_straightness(points: Array, line: Index, corners: Mask, errors: Array
     ends = np.flatnonzero(corners)
     if len(ends) < 3:
         raise InputError(
-            f"{where}: the boundary has {pluralise(len(ends), 'corner')} that rounding does not explain, and a "
-            f"polygon has three; {POLYGON_ADVICE}"
+            f"{where}: the boundary has {pluralise(len(ends), 'corner')} that rounding does not explain, and "
+            f"a polygon has three; {POLYGON_ADVICE}"
         )
+    # The corners a and b between which each node lies, and its distance |(b - a) x (p - a)| / |b - a|
     run = np.searchsorted(ends, np.arange(len(line)), side="right") - 1
     a = ends[run]
     b = ends[(run + 1) % len(ends)]
@@ -150,8 +152,9 @@ def _check_straightness(points: Array, line: Index, corners: Mask, errors: Array
         worst = int(np.where(bent, away, 0.0).argmax())
         raise InputError(
             f"{where}: the boundary bends between node {describe_node(points, line[a[worst]])} and node "
-            f"{describe_node(points, line[b[worst]])}, by {away[worst]:.2g} at node {describe_node(points, line[worst])}, in "
-            f"turns that are each as small as rounding; {POLYGON_ADVICE}"
+            f"{describe_node(points, line[b[worst]])}, by {away[worst]:.2g} at node "
+            f"{describe_node(points, line[worst])}, in turns that are each as small as rounding; "
+            f"{POLYGON_ADVICE}"
         )
 
 
@@ -182,6 +185,7 @@ def _explain_boundary_fault(points: Array, triangles: Index, edges: Index) -> st
     twice = np.flatnonzero(np.bincount(edges[:, 0]) > 1)
     if twice.size:
         return f"it meets itself at node {describe_node(points, twice[0])}"
+    # Nodes inside, which no boundary edge has, are components of their own
     lines = _count_components(len(points), edges) - (len(points) - len(np.unique(edges)))
     return f"it has {lines} such lines, and there may be no holes"
 

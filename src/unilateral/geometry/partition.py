@@ -59,22 +59,20 @@ class Partition:
 
     @cached_property
     def ends(self) -> tuple[Array, Array]:
-        """The points at which the cells start, and those at which they end, (m, 2) each.
-
-        Returns arrays of the shapes (m, 2), (m, 2).
-        """
+        """The points at which the cells start, and those at which they end, (m, 2) each."""
         starts = self.polygon.starts[self.side]
         first = self.polygon.at(self.side, self.points[:-1] - starts)
         last = self.polygon.at(self.side, self.points[1:] - starts)
         return first, last
 
     def means(self, values: Array, points: Array) -> Array:
-        """Means between arc lengths s (k + 1,) of the function that has the values (m,) on the cells, (k,)."""
+        """Means (k,) between arc lengths (k + 1,) of the function that has the values (m,) on the cells."""
+        # The integral from 0 to s is linear on each cell, so that interpolation is exact
         integral = np.append(0.0, np.cumsum(self.lengths * values))
         return np.diff(np.interp(points, self.points, integral)) / np.diff(points)
 
     def cells_of(self, finer: Array) -> Index:
-        """The cell that contains each interval between the points of a finer partition, (k,).
+        """The cell that contains each interval between the points `finer` (k + 1,) of a partition, (k,).
 
         Raises InputError if a point of this one is not, up to round-off, among them.
         """
@@ -173,6 +171,7 @@ def balance_cells(partition: Partition) -> Partition:
     while True:
         s = partition.points
         lengths = partition.lengths
+        # A halved cell may be too long still, or make a neighbour so
         beside = np.minimum(np.roll(lengths, 1), np.roll(lengths, -1))
         long = lengths > (2 + VERTEX_TOLERANCE) * beside
         if not long.any():

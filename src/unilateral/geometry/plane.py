@@ -8,15 +8,13 @@ from unilateral.arrays import Array, Index, Mask, row_blocks
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Signed areas of the parallelograms that the vectors a and b (..., 2) span, positive where b lies to the left of a.
-
-    The shape is (...).
-    """
+    """Signed areas (...) of the parallelograms that vectors (..., 2) span, above 0 where b is left of a."""
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
 def segment_distances(points: Array, starts: Array, ends: Array) -> Array:
     """Distances of all points from all segments, (k, n)."""
+    # The nearest point of the segment a + t e is at t = (p - a).e / |e|^2, cut to [0, 1]
     along = ends - starts
     offset = points[:, None] - starts
     t = np.clip(np.sum(offset * along, axis=2) / np.sum(along**2, axis=1), 0, 1)
@@ -60,6 +58,7 @@ def first_crossing(vertices: Array) -> tuple[int, int] | None:
 
 def _meets_later_sides(starts: Array, ends: Array, i: int) -> Mask:
     """Whether side i meets each later side elsewhere than in a vertex they share, (n - i - 1,)."""
+    # Segments ab and cd cross properly if each has its ends on different sides of the other one's line
     n = len(starts)
     j = np.arange(i + 1, len(starts))
     a = starts[i]
@@ -71,9 +70,11 @@ def _meets_later_sides(starts: Array, ends: Array, i: int) -> Mask:
     cda = cross(d - c, a - c)
     cdb = cross(d - c, b - c)
     proper = (np.sign(abc) != np.sign(abd)) & (np.sign(cda) != np.sign(cdb))
+    # They touch if an end of one lies on the other: on its line and not beyond its ends
     touching = np.zeros(len(j), dtype=bool)
     for p, q, r, area in ((a, b, c, abc), (a, b, d, abd), (c, d, a, cda), (c, d, b, cdb)):
         touching |= (area == 0) & (np.sum((r - p) * (r - q), axis=1) <= 0)
+    # Neighbours share a vertex, and meet elsewhere only if one folds back over the other
     follows = j == i + 1
     shared = np.where(follows[:, None], b, a)
     other_i = np.where(follows[:, None], a, b)

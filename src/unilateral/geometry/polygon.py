@@ -78,7 +78,7 @@ class Polygon:
 
     @cached_property
     def edges(self) -> Array:
-        """(n, 2) vectors along the sides."""
+        """The vectors along the sides, from vertex i to vertex i + 1, (n, 2)."""
         return make_read_only(np.roll(self.vertices, -1, axis=0) - self.vertices)
 
     @cached_property
@@ -94,6 +94,7 @@ class Polygon:
     @cached_property
     def stretch(self) -> Array:
         """Bounds on the relative errors of the differences of `starts` as lengths of the sides, (n,)."""
+        # kappa of Proposition S7: the sums of lengths in `starts` are rounded as the perimeter is
         return make_read_only(np.spacing(self.perimeter) / self.lengths + 4 * EPS)
 
     @property
@@ -121,6 +122,7 @@ class Polygon:
     @cached_property
     def area(self) -> float:
         """The area of Omega."""
+        # Half the sum of x_i x x_(i+1), from vertex 0, so that nothing cancels far from the origin
         offsets = self.vertices - self.vertices[0]
         return 0.5 * float(np.sum(cross(offsets, np.roll(offsets, -1, axis=0))))
 
@@ -134,14 +136,12 @@ class Polygon:
         return np.searchsorted(self.starts, s, side="right") - 1
 
     def contains(self, points: Array) -> Mask:
-        """Whether each point lies inside: a ray to the right crosses an odd number of sides.
-
-        The shape is (...).
-        """
+        """Whether each point (..., 2) is inside: a ray to the right crosses an odd number of sides, (...)."""
         (x0, y0) = self.vertices.T
         (x1, y1) = np.roll(self.vertices, -1, axis=0).T
         x = points[..., :1]
         y = points[..., 1:]
+        # Horizontal sides are crossed by no ray: y0 > y and y1 > y agree, whatever the quotient is
         with np.errstate(all="ignore"):
             crossed = ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
         return np.asarray(crossed.sum(axis=-1) % 2 == 1)
@@ -155,11 +155,11 @@ class Polygon:
         return float(self.starts[side + 1] if t == 1 else self.starts[side] + t * self.lengths[side])
 
     def at(self, side: Index, t: Array) -> Array:
-        """(k, 2) points of the sides (k,) at the arc lengths t (k,) from the sides' own starts."""
+        """The points of the sides (k,) at the arc lengths t (k,) from the sides' own starts, (k, 2)."""
         return self.vertices[side] + t[:, None] * self.tangents[side]
 
     def counts(self, size: float) -> Index:
-        """(n,) the least numbers of equal pieces no longer than `size` the sides can be cut into.
+        """The least numbers of equal pieces, no longer than `size`, into which the sides can be cut, (n,).
 
         A quotient that misses an integer by round-off, such as 1 / (1 / 49), counts as that integer.
         """
@@ -175,7 +175,7 @@ class Polygon:
         return np.maximum(1, np.ceil(self.lengths / size * (1 - 1e-12))).astype(np.intp)
 
     def divided(self, counts: Index) -> Array:
-        """(sum(counts) + 1,) arc lengths of the points that cut side i into counts[i] equal pieces."""
+        """Arc lengths (sum(counts) + 1,) of the points that cut side i into counts[i] equal pieces."""
         side = np.repeat(np.arange(self.n_sides), counts)
         index = np.arange(len(side)) - (np.cumsum(counts) - counts)[side]
         return np.append(self.starts[side] + self.lengths[side] * index / counts[side], self.perimeter)
@@ -222,12 +222,14 @@ def _check_vertices(vertices: Array, name: str) -> None:
             "; it is the first one again: leave the last one out" if repeated[0] == len(vertices) - 1 else ""
         )
         raise InputError(
-            f"polygon '{name}' repeats its vertex {repeated[0]} {tuple(vertices[repeated[0]].tolist())}{closed}"
+            f"polygon '{name}' repeats its vertex {repeated[0]} "
+            f"{tuple(vertices[repeated[0]].tolist())}{closed}"
         )
     if np.abs(vertices).max() > MAX_COORDINATE or np.ptp(vertices, axis=0).max() < MIN_POLYGON_EXTENT:
         raise InputError(
             f"polygon '{name}' is too large or too small: squares of areas leave the range of double "
-            f"precision; make it at least {MIN_POLYGON_EXTENT:g} wide or high, with coordinates of at most {MAX_COORDINATE:g}"
+            f"precision; make it at least {MIN_POLYGON_EXTENT:g} wide or high, with coordinates of at most "
+            f"{MAX_COORDINATE:g}"
         )
     lengths = np.hypot(*(np.roll(vertices, -1, axis=0) - vertices).T)
     short = int(lengths.argmin())

@@ -61,7 +61,7 @@ class RefinementStep:
 
     `edge_triangles` (k, 2) are the triangles at these edges, the second one -1 if there is none. The new
     triangles have the `nodes` (c, 3). There were `n_old_triangles` triangles. After a uniform step the
-    triangulation `refined_triangulation` it is known, and the new triangles are all of its triangles, in
+    `refined_triangulation` is known, and the new triangles are all of its triangles, in
     order. Otherwise `children` has their numbers (c,), those of the triangles that they come from (c,), and
     how often the areas of these were halved (c,).
     """
@@ -94,10 +94,7 @@ class RefinementStep:
         return self.children[2] if self.children else np.full(len(self.nodes), 2, dtype=np.int16)
 
     def replace_values(self, old: TriangleValues, new: TriangleValues) -> TriangleValues:
-        """Values of all triangles after the step: the old ones with those of the new triangles put in.
-
-        The shape is (T, ...).
-        """
+        """Values (T, ...) of all triangles after the step: the old ones, and those of the new triangles."""
         if self.children is None:
             return new
         n_added = int(self.children[0].max()) + 1 - self.n_old_triangles
@@ -106,10 +103,7 @@ class RefinementStep:
         return values
 
     def inherit(self, values: TriangleValues) -> TriangleValues:
-        """Values of all triangles after the step, where the new ones have the values of their parents.
-
-        The shape is (T, ...).
-        """
+        """Values (T, ...) of all triangles after the step, where new ones have those of their parents."""
         return self.replace_values(values, values[self.parent])
 
 
@@ -128,6 +122,7 @@ def refine_triangulation(
         if uniform
         else (triangulation.ends[cut], triangulation.edge_triangles[cut])
     )
+    # Of each edge the new node, and the number of its second half; -1 for none
     midpoint = np.full(E, -1, dtype=np.int32)
     midpoint[cut] = n + np.arange(k, dtype=np.int32)
     second_half = np.full(E, -1, dtype=np.int32)
@@ -153,6 +148,7 @@ def refine_triangulation(
         boundary,
         triangulation.all_alike and uniform,
     )
+    # A halved edge becomes its first half; its triangles are new, and enter on the side on which they run
     refined.ends[cut, 1] = midpoint[cut]
     refined.edge_triangles[cut] = -1
     reverse = refined.ends[new.edges, 0] != new.nodes[:, [1, 2, 0]]
@@ -164,6 +160,7 @@ def _edges_to_halve(triangulation: Triangulation, marked: Index) -> Int32:
     """The edges of the marked triangles, and reference edges as conformity needs, increasing, (k,)."""
     flag = np.zeros(len(triangulation.ends), dtype=bool)
     flag[triangulation.edges[marked]] = True
+    # A triangle with a halved edge needs its reference edge halved, which may hit the next triangle
     front = np.flatnonzero(flag)
     while front.size:
         beside = triangulation.edge_triangles[front].ravel()
@@ -184,10 +181,10 @@ CHILD_TRIANGLES = (
     (((3, 0, 1), (2, 3, 9)), ((4, 3, 2), (4, 5, 10)), ((4, 0, 3), (9, 10, 6))),
     (((0, 5, 4), (9, 6, 7)), ((5, 1, 3), (3, 10, 8)), ((4, 3, 2), (4, 5, 11)), ((3, 4, 5), (9, 10, 11))),
 )
-"""The children of the same four triangles: their nodes, numbered as in WITHIN, and their opposite edges.
+"""The children of the same four triangles: their nodes and their opposite edges.
 
-Edges 0, 1, 2 are whole ones of the parent. Edges 3 to 8 are the halves of edge 0 at b and c, of edge 1 at c
-and a, and of edge 2 at a and b. The others lie inside.
+Nodes are numbered as in INTERIOR_EDGES. Edges 0, 1, 2 are whole ones of the parent. Edges 3 to 8 are the
+halves of edge 0 at b and c, of edge 1 at c and a, and of edge 2 at a and b. The others lie inside.
 """
 CHILD_AREA_HALVINGS = ((1, 1), (2, 2, 1), (1, 2, 2), (2, 2, 2, 2))
 """How often the parent's area was halved for each child, in the same four triangles."""
@@ -207,7 +204,8 @@ class _Children:
     def __init__(
         self, triangulation: Triangulation, midpoints: Int32, second_halves: Int32, n_edges: int
     ) -> None:
-        """Each edge has the new node `midpoints` (E,) and the second half `second_halves` (E,), or -1 for none."""
+        """`midpoints` and `second_halves` (E,) are the new node and the second half of each edge, or -1."""
+        # Kind 0 is green, 1 blue with edge 2 = ab halved, 2 blue with edge 1 = ca, 3 red
         hit = np.zeros(len(triangulation.nodes), dtype=bool)
         beside = triangulation.edge_triangles[midpoints >= 0]
         hit[beside[beside >= 0]] = True
@@ -222,6 +220,7 @@ class _Children:
         self.nodes = np.empty((len(self.triangles), 3), np.int32)
         self.edges = np.empty((len(self.triangles), 3), np.int32)
         self.area_halvings = np.empty(len(self.triangles), np.int16)
+        # The first child takes its parent's number, the others take the next free ones
         begin = 0
         free = len(triangulation.nodes)
         for kind, (within, children) in enumerate(zip(INTERIOR_EDGES, CHILD_TRIANGLES, strict=True)):
@@ -246,7 +245,8 @@ class _Children:
 def _local_numbering(
     triangulation: Triangulation, parents: Int32, midpoints: Int32, second_halves: Int32
 ) -> tuple[Int32, Int32]:
-    """Corners and midpoints (p, 6) of some triangles, and their edges and halves of edges (p, 9), as CHILD_TRIANGLES numbers them."""
+    """Corners and midpoints (p, 6), edges and halves of edges (p, 9), in the order of CHILD_TRIANGLES."""
+    # The half of edge i at the corner after i is the edge's first one if the edge runs with the triangle
     nodes = triangulation.nodes[parents]
     edges = triangulation.edges[parents]
     ahead = triangulation.ends[edges, 0] == nodes[:, [1, 2, 0]]
@@ -262,6 +262,7 @@ def build_triangulation(points: Array, triangles: Index, boundary: Index) -> Tri
     nodes, alike = rotate_to_pattern(points, triangles)
     start = nodes[:, [1, 2, 0]].ravel().astype(np.int64)
     end = nodes[:, [2, 0, 1]].ravel().astype(np.int64)
+    # An edge is told by its two nodes, the lesser one first, as one number
     key = np.minimum(start, end) * len(points) + np.maximum(start, end)
     keys, where, edge = np.unique(key, return_index=True, return_inverse=True)
     ends = np.column_stack([start[where], end[where]]).astype(np.int32)
@@ -299,6 +300,7 @@ def rotate_to_pattern(points: Array, triangles: Index) -> tuple[Index, bool]:
     """
     if len(triangles) > PROBE_TRIANGLES and not rotate_to_pattern(points, triangles[:PROBE_TRIANGLES])[1]:
         return triangles, False
+    # The edge vectors of an alike triangle are those of the first one, or their negatives, up to rotation
     pattern = rotate_to_longest_edge(points, triangles[:1])[0]
     model = np.roll(points[pattern], -1, axis=0) - points[pattern]
     sides = np.roll(points[triangles], -1, axis=1) - points[triangles]

@@ -34,9 +34,9 @@ class TensorGrid(NamedTuple):
 def make_structured_mesh(polygon: Polygon, h: float) -> Mesh:
     """A mesh of rectangles with sides of at most h, made by halving as coarse a mesh as leads to it.
 
-    On polygons that consist of unit squares, up to MANY in a row, these are squares of side 1 / ceil(1 / h).
-    Else every gap between neighbouring coordinates of vertices is cut into equal parts. Raises InputError
-    unless all sides are parallel to the axes.
+    On polygons that consist of unit squares, up to MAX_UNIT_SQUARES in a row, these are squares of side
+    1 / ceil(1 / h). Else every gap between neighbouring coordinates of vertices is cut into equal parts.
+    Raises InputError unless all sides are parallel to the axes.
     """
     return _refine_from_coarsest(polygon, _make_tensor_grid(polygon, h))
 
@@ -94,8 +94,10 @@ def _refine_from_coarsest(polygon: Polygon, grid: TensorGrid) -> Mesh:
 
 
 def _mesh_rectangles(polygon: Polygon, grid: TensorGrid) -> Mesh:
+    """The mesh of the grid's rectangles in the polygon, each cut into two triangles."""
     x = grid.x
     y = grid.y
+    # All rectangles between two neighbouring ticks are in the polygon if the middle is
     middles = np.stack(np.meshgrid(0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1])), axis=-1)
     inside = polygon.contains(middles).repeat(grid.y_divisions, axis=0).repeat(grid.x_divisions, axis=1)
     return build_conforming_mesh(
@@ -105,10 +107,7 @@ def _mesh_rectangles(polygon: Polygon, grid: TensorGrid) -> Mesh:
 
 
 def _divide_ticks(ticks: Array, divisions: Index) -> Array:
-    """The ticks with each spacing cut into so many equal ones.
-
-    The shape is (sum(parts) + 1,).
-    """
+    """The ticks with each spacing cut into so many equal ones, (sum(divisions) + 1,)."""
     gap = np.repeat(np.arange(len(divisions)), divisions)
     inside = np.arange(len(gap)) - (np.cumsum(divisions) - divisions)[gap]
     return np.append(
@@ -143,9 +142,10 @@ def make_tensor_mesh(ticks: Array) -> Mesh:
 
 
 def _split_rectangles(x: Array, y: Array, inside: Mask) -> tuple[Array, Index]:
-    """Points and triangles of the cells kept[j, i] of the grid with the ticks x (m,) and y (n,)."""
+    """Points and triangles of the rectangles inside[j, i] of the grid with the ticks x (m,) and y (n,)."""
     m = len(x)
     j, i = np.nonzero(inside)
+    # Node (i, j) of the grid has the number j m + i; a is the lower left one of a rectangle
     a = j * m + i
     triangles = np.stack([a, a + 1, a + m + 1, a, a + m + 1, a + m], axis=1).reshape(-1, 3)
     used = np.zeros(m * len(y), dtype=bool)

@@ -99,6 +99,7 @@ def find_boundary_edges(points: Array, triangles: Index, where: str) -> Index:
     n = len(points)
     a = triangles.ravel()
     b = np.roll(triangles, -1, axis=1).ravel()
+    # An edge {a, b} is told by min * n + max, and its direction by the last bit: sorted, its triangles meet
     keys = np.sort(2 * (np.minimum(a, b) * n + np.maximum(a, b)) + (a > b))
     edges = keys >> 1
     crowded = np.flatnonzero(keys[1:] == keys[:-1])
@@ -106,8 +107,8 @@ def find_boundary_edges(points: Array, triangles: Index, where: str) -> Index:
         low, high = divmod(int(edges[crowded[0]]), n)
         count = np.count_nonzero(edges == edges[crowded[0]])
         raise InputError(
-            f"{where}: the edge from node {describe_node(points, low)} to node {describe_node(points, high)} belongs to "
-            f"{count} triangles, two of them on the same side; it may have one on either side"
+            f"{where}: the edge from node {describe_node(points, low)} to node {describe_node(points, high)} "
+            f"belongs to {count} triangles, two of them on the same side; it may have one on either side"
         )
     repeated = edges[1:] == edges[:-1]
     once = ~(np.append(repeated, False) | np.append(False, repeated))
@@ -120,6 +121,7 @@ def min_heights(points: Array, triangles: Index, edges: Index) -> Array:
     lowest = np.full(len(points), np.inf)
     lowest[np.delete(np.arange(len(points)), edges)] = 0.0
     selected = triangles[np.isinf(lowest)[triangles].any(axis=1)]
+    # A triangle's least height is twice its area over its longest edge
     heights = 2 * np.abs(signed_areas(points, selected)) / longest_edges(points, selected)
     np.minimum.at(lowest, selected, heights[:, None])
     return lowest
@@ -130,8 +132,8 @@ def allowed_distances(
 ) -> Array:
     """How far each node of the boundary edges may lie beside its side, round-off for other nodes, (n,).
 
-    The `heights` are the `min_heights`. If coordinates may be `may_be_rounded`, nodes and the side's ends are
-    each as far from their true places as `rounding` tells.
+    The `heights` are the `min_heights`. If coordinates `may_be_rounded`, nodes and the side's ends are each
+    as far from their true places as `max_point_error` says.
     """
     allowed = MAX_MOVE_PER_HEIGHT * heights + round_off(polygon)
     if not may_be_rounded:
@@ -149,6 +151,7 @@ def assign_sides(
     The nodes may lie beside it by their `allowed_distances` (n,).
     """
     ends = np.roll(polygon.vertices, -1, axis=0)
+    # Distances of both ends from all sides, in units of what is allowed; a side runs with its edges
     excess = np.stack(
         [
             segment_distances(points[k], polygon.vertices, ends) / allowed_distances[k][:, None]
@@ -170,9 +173,10 @@ def assign_sides(
         ):
             raise _stray_node_error(polygon, points, beside, side[worst], allowed_distances, where)
         raise InputError(
-            f"{where}: the boundary edge from node {describe_node(points, a)} to node {describe_node(points, b)} does not run "
-            f"anticlockwise along one side of polygon '{polygon.name}'; move its nodes there, close a gap "
-            "beside it, or split its triangle at a node that hangs on it"
+            f"{where}: the boundary edge from node {describe_node(points, a)} to node "
+            f"{describe_node(points, b)} does not run anticlockwise along one side of polygon "
+            f"'{polygon.name}'; move its nodes there, close a gap beside it, or split its triangle at a "
+            "node that hangs on it"
         )
     return side
 
@@ -185,6 +189,7 @@ def snap_to_sides(
     A node goes to the nearest point of its side, and the first node of a side to the vertex. Nodes that are
     there up to round-off stay. Raises InputError for nodes farther away than their `allowed_distances` (n,).
     """
+    # -((x - a).n) n takes a node to its side from a with the normal n; a side's first node goes to a
     from_vertex = points[nodes] - polygon.vertices[side]
     normals = polygon.normals[side]
     shift = -np.sum(from_vertex * normals, axis=1)[:, None] * normals
@@ -206,7 +211,7 @@ def _stray_node_error(
     end = polygon.vertices[(side + 1) % polygon.n_sides]
     away = float(segment_distances(points[[node]], start[None], end[None])[0, 0])
     return InputError(
-        f"{where}: the boundary node {describe_node(points, node)} lies {away:.2g} off side {side} of polygon "
-        f"'{polygon.name}', and up to {allowed_distances[node]:.2g} would be corrected; move it onto the side, give "
-        "the polygon that the mesh has, or read the mesh with polygon= this polygon"
+        f"{where}: the boundary node {describe_node(points, node)} lies {away:.2g} off side {side} of "
+        f"polygon '{polygon.name}', and up to {allowed_distances[node]:.2g} would be corrected; move it onto "
+        "the side, give the polygon that the mesh has, or read the mesh with polygon= this polygon"
     )
