@@ -60,6 +60,7 @@ def _make_entire_function(
 
     @QUIET
     def function(a: TaylorModel) -> TaylorModel:
+        """The function of a model, by its Taylor polynomial at the model's constant term."""
         centre, values, n = _expansion_point(a)
         factorials = _factorials(n)
         derivatives = cycle(centre)

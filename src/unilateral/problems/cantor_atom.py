@@ -60,6 +60,7 @@ class CantorSet(NamedTuple):
         intervals: list[ExactInterval] = [(self.inset, 1 - self.inset)]
         removed: tuple[list[ExactInterval], list[ExactInterval]] = ([], [])
         for generation in range(self.generations):
+            # [a, b] loses the middle [c, d] and keeps [a, c] and [d, b], `keep` of its length each
             inner = [(a + self.keep * (b - a), b - self.keep * (b - a)) for a, b in intervals]
             removed[generation % 2].extend(inner)
             intervals = [
@@ -71,7 +72,8 @@ class CantorSet(NamedTuple):
 def cantor_gap(cantor_set: CantorSet, gamma: Fraction) -> Expression:
     """u - g as a formula in t: ((t - c)(d - t)/(d - c))^gamma on what even generations remove.
 
-    On what is left it is DUST times that. From the set's ends it grows like s^gamma to the vertices.
+    On what is left it is UNREMOVED_GAP_FACTOR times that. From the set's ends it grows like s^gamma to the
+    vertices.
     """
     _, removed, intervals = cantor_set.sort_intervals()
     gaps = [pos(cantor_set.inset - T, gamma), pos(T - 1 + cantor_set.inset, gamma)]
@@ -120,10 +122,12 @@ class CantorAtom(SideAtom):
 
     def _evaluate_in_supports(self, along: Array, into: Array) -> SupportPoints:
         """The points (m,), one support after another, and there l and theta (m,) and the unit atom at r/l."""
+        # A support is the half disc of radius l about a start; `near` are the points below the largest l
         starts = self._contact_intervals[:, 0]
         lengths = np.diff(self._contact_intervals)[:, 0]
         near = np.flatnonzero(into < lengths.max())
         near = near[np.argsort(along[near], kind="stable")]
+        # Those with start - l <= along < start + l, support by support; a point may lie in several
         ends = np.searchsorted(along[near], [starts - lengths, starts + lengths])
         points = np.concatenate([near[first:last] for first, last in ends.T])
         interval = np.repeat(np.arange(len(starts)), np.diff(ends, axis=0)[0])
@@ -146,6 +150,7 @@ class CantorAtom(SideAtom):
         """Values, gradients and values of -Delta u + u at points + offset."""
         along, into = self.local_coordinates_inside(points, offset)
         index, length, theta, (v, v_r, v_theta, laplacian) = self._evaluate_in_supports(along, into)
+        # An atom on an interval of length l (in units of L) is L l l^alpha v(r / l): lambda is like s^alpha
         scale = length ** float(self.alpha)
         size = self.length * length
         slopes = self.rotate_polar_to_xy(theta, scale * v_r, scale * v_theta).T
@@ -184,6 +189,7 @@ class CantorAtom(SideAtom):
         lower = np.zeros_like(x.rad)
         upper = np.zeros_like(x.rad)
         for (start, end), atom in zip(self._contact_intervals, self._atoms, strict=True):
+            # the boxes that may meet [start - l, start + l] x [0, l], l = end - start
             boxes = np.flatnonzero((last >= 2 * start - end) & (first <= end) & (low <= end - start))
             if boxes.size:
                 model = enclose(atom, x.select_boxes(boxes), y.select_boxes(boxes))
@@ -203,6 +209,7 @@ class CantorAtom(SideAtom):
 
     def trace_and_normal_flux(self, side: int, along: SidePoints) -> tuple[Array, Array]:
         """Values of u and of its outward normal derivative on the side, (k,) each."""
+        # du/dn = -(dv/dtheta)/r for theta = 0 and +(dv/dtheta)/r for theta = pi
         index, length, theta, (v, _, v_theta, _) = self._evaluate_in_supports(along.t, np.zeros_like(along.t))
         scale = length ** float(self.alpha)
         value = _sum_at_points(index, self.length * length * scale * v, along.t)

@@ -101,6 +101,7 @@ class ExactSolution:
         value, gradient, f = _sum_over_atoms(
             atom.value_gradient_and_source(points, offset) for atom in self.atoms
         )
+        # The atoms have -Delta u + u
         return value, gradient, f if self.c else f - value
 
     def source(self, points: Array, offset: Array | float = 0.0) -> Array:
@@ -132,6 +133,7 @@ class ExactSolution:
         On clamped sides lambda is 0: they have no multiplier. `near` has, for every place, a point t of its
         side, in side lengths, and the arc length from there.
         """
+        # Near a singular point the anchor is that point, so that the distance from it is not rounded
         lengths = self.polygon.lengths[side]
         anchor, offset = near or (s / lengths, np.zeros(len(s)))
         u = np.zeros(len(s))
@@ -219,6 +221,7 @@ class ExactSolution:
         points_of_all += [point for kink in self.kinks() for point in kink.crossings(self.polygon)]
         for side, points in enumerate(self.gap_kinks):
             points_of_all += [SingularPoint(side, t, exponent.denominator) for t, exponent in points]
+        # Points that agree up to rounding are one, graded by the least common multiple
         merged: dict[tuple[int, float], SingularPoint] = {}
         for point in points_of_all:
             t = round(point.t, 12)

@@ -123,11 +123,13 @@ def _reference_size(case: ExactSolution, samples: list[_SideSample]) -> float:
 def _check_contact(case: ExactSolution, sample: _SideSample, size: float) -> None:
     """Raises InputError with the first point that fails."""
     side, t, _, flux, gap = sample
+    # What counts as 0: lambda has the size of u over the diameter at least
     scale_gap = max(size, np.max(np.abs(gap)))
     flux_floor = scale_gap / case.polygon.diameter
     scale_flux = max(flux_floor, np.max(np.abs(flux)))
     typical = max(flux_floor, np.median(np.abs(flux[flux != 0]))) if np.any(flux) else flux_floor
     empty = (flux <= CASE_ZERO_TOLERANCE * typical) & (gap <= CASE_ZERO_TOLERANCE * scale_gap)
+    # Two neighbours of the uniform grid, not of the points that come close to a singular one
     interval = np.flatnonzero(empty[1:] & empty[:-1] & (np.diff(t) > 0.1 / SAMPLES_PER_SIDE))
     for bad, fault in (
         (~np.isfinite(flux) | ~np.isfinite(gap), "lambda or the gap is not finite"),
@@ -158,6 +160,7 @@ def _check_clamped_values(case: ExactSolution, sample: _SideSample, size: float)
 
 def _find_contact_intervals(case: ExactSolution, side: int) -> list[tuple[float, float]]:
     """The maximal intervals of a side on which the gap is 0, between singular points."""
+    # Between singular points the gap is 0 everywhere or, up to single points, nowhere
     ends = np.unique([0.0, 1.0, *(p.t for p in case.singular_points() if p.side == side)])
     middles = 0.5 * (ends[1:] + ends[:-1])
     _, _, gap = case.trace_flux_and_gap(np.full(len(middles), side), middles * case.polygon.lengths[side])
@@ -176,6 +179,7 @@ def _check_continuity(case: ExactSolution, samples: list[_SideSample]) -> None:
     sides = np.arange(n)
     u_start, _, start = case.trace_flux_and_gap(sides, np.zeros(n))
     u_end, _, end = case.trace_flux_and_gap(sides, lengths)
+    # g = u - gap on the side that starts at a vertex, less that on the side that ends there
     jump = (u_start - start) - np.roll(u_end - end, 1)
     clamped = np.isin(sides, case.clamped_sides)
     jump[clamped != np.roll(clamped, 1)] = 0.0  # there u >= g is enough

@@ -43,6 +43,7 @@ def check_data(problem: Problem, name: str) -> None:
     """
     check_radicands(problem, name)
     obstacle = problem.enclosed_obstacle
+    # Energies are k |g|^2 and |f|^2 / k, |q|^2 / k: their squares have to be normal numbers
     root = math.sqrt(as_float(problem.k))
     value_limits = data_limits(problem.polygon, root)
     flux_limits = data_limits(problem.polygon, 1 / root)
@@ -61,14 +62,14 @@ def check_data(problem: Problem, name: str) -> None:
     for side, size in sizes.items():
         where = _boundary_field(problem, name, side)
         place = f"on side {side}"
+        # only the largest g is to be above the least size
         is_0 = partial(_may_vanish_on_side, problem, side, problem.g[side])
-        _check_data_size(
-            size, value_limits, problem, where, place, is_0 if size == largest else _allow_any_size
-        )
+        _check_data_size(size, value_limits, problem, where, place, is_0 if size == largest else lambda: True)
     for side in problem.flux_sides:
         q_size = max(map(abs, problem.enclosed_flux.range(side)))
         is_0 = partial(_may_vanish_on_side, problem, side, problem.q[side])
         _check_data_size(q_size, flux_limits, problem, f"{name}, field q", f"on side {side}", is_0)
+    # Both values are known up to their remainders, and users round
     for vertex in constrained_vertices(problem):
         allowed = obstacle.rounded_jumps[vertex] + obstacle.end_remainders[:, vertex].sum()
         end, start = obstacle.ends[:, vertex].tolist()
@@ -105,7 +106,7 @@ def _data_roots(data: object) -> list[Expression]:
 
 
 def _explain_root(root: Expression, place: str, read: Callable[..., object] | None) -> str:
-    """The condition that a root needs, and the positive part that can be written in its place, as words for a message."""
+    """The condition that a root needs, and the positive part to write in its place, for a message."""
     ((base, k),) = root.factors[1]
     radicand = multiply_powers(1, [(base, Fraction(1))])
     needs = f"{quote_input(root)} needs {quote_input(radicand)} > 0 {place}"
@@ -153,8 +154,8 @@ def _check_fit_at_vertex(
         x, y = problem.polygon.vertices[vertex]
         below, above = _distinct_texts(u, g)
         raise InputError(
-            f"{name}, field u: at vertex {vertex}, ({x:.6g}, {y:.6g}), u is {below} on side {u_side}, which is "
-            f"clamped, but g is {above} on side {g_side}; u >= g has to hold there"
+            f"{name}, field u: at vertex {vertex}, ({x:.6g}, {y:.6g}), u is {below} on side {u_side}, which "
+            f"is clamped, but g is {above} on side {g_side}; u >= g has to hold there"
         )
 
 
@@ -162,11 +163,6 @@ def _distinct_texts(a: float, b: float) -> tuple[str, str]:
     """Two different numbers with as many digits, at least 6, as tell them apart."""
     texts = ((f"{a:.{digits}g}", f"{b:.{digits}g}") for digits in range(6, 18))
     return next(pair for pair in texts if pair[0] != pair[1])
-
-
-def _allow_any_size() -> bool:
-    """For a side whose g is not the largest: it may be of any size."""
-    return True
 
 
 def _may_have_no_source(problem: Problem) -> bool:
@@ -202,8 +198,8 @@ def _check_data_size(
 ) -> None:
     """Raises InputError if the size of |f|, |g| or |q| is above what is allowed, or below it and not 0.
 
-    A root of what interval arithmetic makes of 0 is not much smaller than SMALLEST: whether it is 0 its size
-    does not say.
+    A root of what interval arithmetic makes of 0 is not much smaller than MIN_DATA_SIZE: whether it is 0 its
+    size does not say.
     """
     if not np.isfinite(size):
         raise InputError(f"{where}: it is not finite {place}, or no bound can be found")

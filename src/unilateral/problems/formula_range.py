@@ -42,6 +42,8 @@ def range_in_polygon(polygon: Polygon, formula: Expression) -> tuple[float, floa
     value = compile_numpy([formula], "xy")
     bounds = (np.inf, -np.inf)
     met = (np.inf, -np.inf)
+    # The true range contains `met`, the values at centres of boxes inside. Boxes whose bounds are close to it
+    # are done, and count in `bounds`; the others are quartered
     for _ in range(MAX_BOX_QUARTERINGS):
         meets, inside = _locate_boxes(polygon, boxes)
         with np.errstate(all="ignore"):
@@ -57,6 +59,7 @@ def range_in_polygon(polygon: Polygon, formula: Expression) -> tuple[float, floa
             else 0.0
         )
         wide = ~((lower >= met[0] - slack) & (upper <= met[1] + slack))
+        # Where nothing finite is met, or boxes become too many, all bounds count as they are
         if not np.isfinite(slack) or 4 * np.count_nonzero(wide) > MAX_BOXES:
             wide[:] = False
         bounds = (
@@ -91,6 +94,7 @@ def range_on_side(polygon: Polygon, formula: Expression, side: int) -> tuple[flo
     """A lower and an upper bound on the formula in x, y on a side, infinite where none is found."""
 
     def model(sides: Index, t: TaylorModel) -> TaylorModel:
+        """The formula on intervals of the sides (k,), t the arc length in side lengths."""
         x, y = side_coordinates(polygon, sides, t)
         return enclose_formula(formula, {"x": x, "y": y})
 
@@ -101,10 +105,7 @@ def range_on_side(polygon: Polygon, formula: Expression, side: int) -> tuple[flo
 
 
 def _range_on_boxes(formula: Expression, boxes: Array) -> IntervalArrays:
-    """Lower and upper bounds on the formula on the boxes, (k,) each.
-
-    Returns arrays of the shapes (k,), (k,).
-    """
+    """Lower and upper bounds on the formula on the boxes, (k,) each."""
     lower = np.empty(len(boxes))
     upper = np.empty(len(boxes))
     for block in row_blocks(len(boxes), BOXES_PER_BLOCK):
@@ -115,6 +116,7 @@ def _range_on_boxes(formula: Expression, boxes: Array) -> IntervalArrays:
 
 
 def _coordinate_model(boxes: Array, axis: int) -> TaylorModel:
+    """x (axis 0) or y on the boxes: the centre plus half the width times its sigma."""
     lower, upper = boxes[:, axis].T
     arms = np.zeros((2, len(boxes)))
     arms[axis] = 0.5 * (upper - lower)
@@ -123,6 +125,7 @@ def _coordinate_model(boxes: Array, axis: int) -> TaylorModel:
 
 def _locate_boxes(polygon: Polygon, boxes: Array) -> tuple[Mask, Mask]:
     """Which of the boxes (k, 2, 2) may meet the polygon, and which have their centre in it."""
+    # A box may meet the boundary if its centre is no farther from a side than half its diagonal
     centres = boxes.mean(axis=2)
     half = 0.5 * np.hypot(*(boxes[..., 1] - boxes[..., 0]).T)
     v = polygon.vertices

@@ -27,6 +27,7 @@ class NodalTrace:
 
     def value_model(self, t: TaylorModel) -> TaylorModel:
         """The function on intervals of the side, each of which lies on one edge but for rounding."""
+        # v(t) = v_i + (t - t_i) (v_(i + 1) - v_i) / (t_(i + 1) - t_i), and the rounding of these numbers
         edge = self._find_edges(t)
         start = self.values[edge]
         end = self.values[edge + 1]
@@ -45,6 +46,7 @@ class NodalTrace:
 
     def _find_edges(self, t: TaylorModel) -> Index:
         """The edge on which each interval lies."""
+        # The middle is inside, while ends may be rounded beyond a node
         middle = 0.5 * (t.range[0] + t.range[1])
         return np.clip(np.searchsorted(self.t, middle, side="right") - 1, 0, len(self.t) - 2)
 

@@ -36,7 +36,7 @@ which no shorter piece takes away.
 VERTEX_JUMP_TOLERANCE = 1e-12
 """What is given on two sides may differ at their vertex by this part of the larger of the two numbers there.
 
-That is for users who round: `data_checks` refuses what differs by more, beyond the doubt of both, and
+That is for users who round: `data_checks` refuses what differs by more, beyond the remainders of both, and
 `bounds.constraint` takes away what differs by less.
 """
 MAX_VERTEX_REMAINDER = 2.0**-26
@@ -60,8 +60,8 @@ class EdgePolynomials(NamedTuple):
 
     At the start, the end and the midpoint of all edges the polynomials have the values `ends` (nb, 3), from
     inside the edge. At an edge's start they may differ by `allowed_jumps` (nb,) where data fit together: on
-    either of two that meet the polynomial is within its doubt of g. None is allowed, not even 0, where it is
-    `hidden`.
+    either of two that meet the polynomial is within its remainder of g. None is allowed, not even 0, where
+    the obstacle `has_hidden_jump`.
     """
 
     edge: Index
@@ -99,13 +99,14 @@ class Obstacle(Piecewise):
     def means(self, s: Array) -> Array:
         """The polynomials' means between arc lengths s, from 0 to the perimeter, (m,)."""
         samples = self.sample(s, PIECE_DEGREE // 2 + 1)
+        # Gauss points make integrals of degree PIECE_DEGREE exact on each interval
         cell = np.searchsorted(s, samples.middle) - 1
         integrals = samples.half_length * (samples.value @ samples.weights)
         return np.asarray(np.bincount(cell, integrals, len(s) - 1) / np.diff(s))
 
     @property
     def rounded_jumps(self) -> Array:
-        """Differences of `ends` at the vertices, beyond their remainders, that are allowed to users who round, (n,)."""
+        """Differences (n,) of the `ends`, beyond their remainders, that are allowed to users who round."""
         return np.asarray(VERTEX_JUMP_TOLERANCE * np.abs(self.ends).max(axis=0))
 
     @property
@@ -114,6 +115,7 @@ class Obstacle(Piecewise):
 
         So it is with steep data, as a place is rounded: u may jump there for all that is known.
         """
+        # The digits that count are those of the largest number on the two sides
         sizes = np.full(self.polygon.n_sides, ZERO_DATA_SIZE)
         np.maximum.at(sizes, self.side, np.abs(self.c).sum(axis=0))
         doubt = self.end_remainders.sum(axis=0)
@@ -177,17 +179,30 @@ def enclose_obstacle(
     in side lengths.
     """
     pieces = enclose_in_pieces(polygon, model, free, u_lower_bound, breakpoints)
+    # p(1) of a piece is taken linearly to p(-1) of the next: + gap (1 + sigma) / 2, at most |gap|
     side, _, _, c, rad, lower, upper = pieces
     gap = np.append((POWERS_AT_MINUS_ONE @ c)[1:] - c.sum(axis=0)[:-1], 0.0)
     gap[np.append(side[1:] != side[:-1], True)] = 0.0
     c[:2] += 0.5 * gap
     points = pieces.arc_lengths(polygon)
     rounding = pieces.rounding_errors(points)
-    doubt = _max_with_neighbours(rad + np.abs(gap) + rounding, side)
-    bounds = lower - rounding, _max_with_neighbours(upper, side) + rounding
-    steep, kinks = _slope_remainders(polygon, pieces, points, clamped, slope_model)
-    ends, end_doubts = _enclose_at_vertices(polygon, model, free, side, c, doubt)
-    return Obstacle(polygon, points, side, c, doubt, *bounds, steep, kinks, ends, end_doubts)
+    # A rounded place may lie on the neighbour of its piece
+    remainder = _max_with_neighbours(rad + np.abs(gap) + rounding, side)
+    slope_remainder, end_slope_remainder = _slope_remainders(polygon, pieces, points, clamped, slope_model)
+    ends, end_remainders = _enclose_at_vertices(polygon, model, free, side, c, remainder)
+    return Obstacle(
+        polygon=polygon,
+        points=points,
+        side=side,
+        c=c,
+        remainder=remainder,
+        lower=lower - rounding,
+        upper=_max_with_neighbours(upper, side) + rounding,
+        slope_remainder=slope_remainder,
+        end_slope_remainder=end_slope_remainder,
+        ends=ends,
+        end_remainders=end_remainders,
+    )
 
 
 def _enclose_at_vertices(
@@ -195,14 +210,14 @@ def _enclose_at_vertices(
 ) -> tuple[Array, Array]:
     """Values of g at the vertices, from both sides, and how far g may be from them, (2, n) each.
 
-    Returns arrays of the shapes (2, n), (2, n).
-
     g is enclosed at the vertex itself, however little is known of it on the pieces beside the vertex. If no
     enclosure is known at the vertex, as next to a singularity, that of the piece there is taken.
     """
     n = polygon.n_sides
-    ends, doubts = np.zeros((2, 2, n))
+    ends = np.zeros((2, n))
+    remainders = np.zeros((2, n))
     with_g = np.setdiff1d(np.arange(n), free)
+    # Row 0 has the end t = 1 of the side before the vertex, row 1 the start t = 0 of the side after it
     for row, t in ((0, 1.0), (1, 0.0)) if with_g.size else ():
         place = np.full(len(with_g), t)
         exact = enclose_on_intervals(model, with_g, place, place)
@@ -211,8 +226,8 @@ def _enclose_at_vertices(
         finite = np.isfinite(exact.rad)
         vertex = (with_g + int(t)) % n
         ends[row, vertex] = np.where(finite, exact.c[0], value)
-        doubts[row, vertex] = np.where(finite, exact.rad, remainder[piece])
-    return ends, doubts
+        remainders[row, vertex] = np.where(finite, exact.rad, remainder[piece])
+    return ends, remainders
 
 
 def _slope_remainders(
@@ -234,10 +249,13 @@ def _slope_remainders(
     k = np.arange(PIECE_DEGREE + 1.0)
     half = 0.5 * np.diff(points)[rows]
     length = polygon.lengths[pieces.side[rows]]
+    # p' by the arc length: coefficients k c_k at the power k - 1, over half of the piece's length
     rises = np.roll(k[:, None] * pieces.c[:, rows], -1, axis=0) / half
     shift = 2 * ARC_LENGTH_ERROR_ULPS * np.spacing(points[-1]) / half
     rounding = np.abs(rises).sum(axis=0) * 16 * EPS + k @ np.abs(rises) * shift
+    # |u' - p'| <= sum of |differences of coefficients| + the remainder of u' + rounding, of places, too
     steep = np.abs(exact.c / length - rises).sum(axis=0) + exact.rad / length + rounding
+    # Near an end u' may be that of the next piece: the jump of p' there, and what both are off
     jumps = np.abs((POWERS_AT_MINUS_ONE @ rises)[1:] - rises.sum(axis=0)[:-1]) + steep[1:] + steep[:-1]
     jumps[np.diff(pieces.side[rows]) != 0] = 0.0
     remainders[:, rows] = steep, np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps))
@@ -245,7 +263,7 @@ def _slope_remainders(
 
 
 def _max_with_neighbours(values: Array, side: Index) -> Array:
-    """The largest value on each piece and those beside it on its side, where a rounded point may lie, (k,)."""
+    """The largest value (k,) on each piece and those beside it on its side, where a rounded point may lie."""
     largest = values.copy()
     same = side[1:] == side[:-1]
     for targets, neighbours in ((slice(1, None), slice(None, -1)), (slice(None, -1), slice(1, None))):
@@ -281,12 +299,22 @@ def enclose_given_flux(
     first = [*(SingularPoint(i, FIRST_CUT, 1) for i in flux_sides), *breakpoints]
     pieces = enclose_in_pieces(polygon, model, without, breakpoints=first, min_length=shortest)
     points = pieces.arc_lengths(polygon)
-    doubt = pieces.rad + pieces.rounding_errors(points)
+    remainder = pieces.rad + pieces.rounding_errors(points)
     side, _, _, c, _, lower, upper = pieces
-    ends = np.abs((POWERS_AT_MINUS_ONE @ c)[1:] - c.sum(axis=0)[:-1]) + doubt[1:] + doubt[:-1]
+    # Where two pieces meet q may have either value: |p_(i + 1)(-1) - p_i(1)|, and the remainders of both
+    ends = np.abs((POWERS_AT_MINUS_ONE @ c)[1:] - c.sum(axis=0)[:-1]) + remainder[1:] + remainder[:-1]
     inner = np.where(side[1:] == side[:-1], ends, 0.0)  # the place of a vertex is exact
     is_given = np.isin(side, flux_sides)
     jumps = np.concatenate([[0.0], inner, [0.0]])
     return GivenFlux(
-        polygon, points, side, c, doubt, lower, upper, is_given, jumps, ARC_LENGTH_ERROR_ULPS * unit
+        polygon=polygon,
+        points=points,
+        side=side,
+        c=c,
+        remainder=remainder,
+        lower=lower,
+        upper=upper,
+        is_given=is_given,
+        jumps=jumps,
+        reach=ARC_LENGTH_ERROR_ULPS * unit,
     )

@@ -64,6 +64,7 @@ class IntervalPieces(NamedTuple):
 
     def rounding_errors(self, s: Array) -> Array:
         """The rounding errors of the polynomials at points that are rounded, (k,)."""
+        # |p(sigma + d) - p(sigma)| <= d sum over k of k |c_k|, d the rounding of a place in half lengths
         sizes = np.abs(self.c)
         shift = ARC_LENGTH_ERROR_ULPS * np.spacing(s[-1]) / np.diff(s)
         return np.asarray(16 * EPS * sizes.sum(axis=0) + np.arange(PIECE_DEGREE + 1) @ sizes * shift)
@@ -108,6 +109,7 @@ class Piecewise:
         sigma = np.clip((s - self.points[piece]) / half - 1, -1.0, 1.0)
         value = np.zeros_like(sigma)
         slope = np.zeros_like(sigma)
+        # Horner's rule for p and p' at sigma in [-1, 1]
         for k in range(PIECE_DEGREE, -1, -1):
             slope = slope * sigma + value
             value = value * sigma + self.c[k][piece]
@@ -142,7 +144,7 @@ def enclose_in_pieces(
     breakpoints: Iterable[SingularPoint] = (),
     min_length: Array | float = MIN_PIECE_PER_SIDE,
 ) -> IntervalPieces:
-    """The function on all sides but some: a polynomial and a remainder on each of so many pieces as that takes.
+    """The function on all sides but some: a polynomial and a remainder on each of as many pieces as needed.
 
     Fewer pieces are needed if they begin and end at the points where it is known not to be smooth:
     `breakpoints`. No piece that is as short as `min_length`, one number or one per side (n,), is cut.
@@ -159,6 +161,7 @@ def enclose_in_pieces(
         )
         if wide.any():
             wide[wide] = ~_is_cut_in_vain(model, now.select(wide))
+        # Beyond MAX_SIDE_PIECES pieces stay as they are, with larger remainders
         if 2 * np.count_nonzero(wide) > budget:
             wide[:] = False
         done.append(now.select(~wide))
@@ -173,7 +176,7 @@ def enclose_in_pieces(
 def _first_intervals(
     polygon: Polygon, excluded_sides: Sequence[int], breakpoints: Iterable[SingularPoint]
 ) -> tuple[Index, Array, Array]:
-    """All sides but those `excluded_sides`, cut at the points `breakpoints`: the sides (k,), starts and ends (k,)."""
+    """All sides but the excluded ones, cut at the breakpoints: the sides, the starts and the ends, (k,)."""
     inner = {(point.side, point.t) for point in breakpoints if 0 < point.t < 1}
     sides = np.setdiff1d(np.arange(polygon.n_sides), excluded_sides).tolist()
     ends = sorted(
@@ -211,9 +214,9 @@ def _join_pieces(pieces: Sequence[IntervalPieces]) -> IntervalPieces:
 
 
 def _is_too_wide(pieces: IntervalPieces, relevant_above: float) -> Mask:
-    """Where a function is not known up to SHARP times its spread on its side above `relevant_above`.
+    """Where the remainder is over PIECE_TOLERANCE_PER_SPREAD of the side's spread above `relevant_above`.
 
-    On a piece where it is below `relevant_above`, its depth below `relevant_above` counts, if that is more.
+    On a piece where the function is below that, its depth below it counts, if that is more.
     Each side has its own scale, because the numbers of another side may be of another size.
     """
     n = int(pieces.side.max(initial=-1)) + 1
@@ -224,6 +227,7 @@ def _is_too_wide(pieces: IntervalPieces, relevant_above: float) -> Mask:
     highest = np.full(n, -np.inf)
     np.minimum.at(lowest, pieces.side[bounded], at_centre[bounded])
     np.maximum.at(highest, pieces.side[bounded], at_centre[bounded])
+    # The spread of the constant terms above `relevant_above`, or how far below it the function may be
     floor = np.maximum(relevant_above, lowest)[pieces.side]
     scale = np.maximum(highest[pieces.side] - floor, floor - pieces.lower)
     return np.asarray(

@@ -187,6 +187,7 @@ class Problem:
 
         It is -inf where q may be below 0.
         """
+        # u >= min(inf f / c, inf of u on clamped sides), proved in `idle_sides`
         zero = {i for i in self.clamped_sides if is_zero(self.g[i])}
         clamped = (0.0 if i in zero else self.enclosed_obstacle.range(i)[0] for i in self.clamped_sides)
         return min(self._bound_from_source, *clamped, math.inf)
@@ -200,6 +201,7 @@ class Problem:
             return math.copysign(math.inf, self.range_of_f[0] if self.range_of_f[0] else 1.0)
         if self.c == ONE:
             return self.range_of_f[0]
+        # f / c is rounded by half a unit, and so is c
         quotient = self.range_of_f[0] / as_float(self.c)
         return quotient - 4 * EPS * abs(quotient)
 
@@ -252,6 +254,7 @@ def zero_curve(a: Expression) -> list[Kink]:
     if coefficients is None:
         raise ValueError(CURVE_NEEDED)
     coefficients = _scale_coefficients(coefficients)
+    # a (x^2 + y^2) + b.(x, y) + c, or without the square a line
     slope = [coefficients.pop((1, 0), ZERO), coefficients.pop((0, 1), ZERO)]
     c = coefficients.pop((0, 0), ZERO)
     square = coefficients.pop((2, 0), ZERO)
@@ -262,6 +265,7 @@ def zero_curve(a: Expression) -> list[Kink]:
         return _zero_line(slope, c)
     if abs(as_float(square)) < MIN_COEFFICIENT_RATIO:
         raise ValueError("is 0 on a circle that is too large; write it as a line")
+    # It is a (|x - m|^2 - r^2) with m = -b / (2 a) and r^2 = |m|^2 - c / a
     centre = [component / square.scale(-2) for component in slope]
     radius = as_float(centre[0] ** 2 + centre[1] ** 2 - c / square)
     place = (as_float(centre[0]), as_float(centre[1]))
@@ -269,12 +273,14 @@ def zero_curve(a: Expression) -> list[Kink]:
 
 
 def _zero_line(slope: list[Expression], c: Expression) -> list[Kink]:
+    """The line b.(x, y) + c = 0, none if it is too far away; ValueError if the formula is 0."""
     along = [as_float(component) for component in slope]
     size = math.hypot(*along)
     if c == ZERO and size == 0:
         raise ValueError("is 0 everywhere; leave it out")
     if size <= MIN_COEFFICIENT_RATIO * abs(as_float(c)):
         return []
+    # Through the point -c b / |b|^2 across b, so that the distance is positive where the formula is
     square = slope[0] ** 2 + slope[1] ** 2
     x = as_float(-c * slope[0] / square)
     y = as_float(-c * slope[1] / square)

@@ -138,6 +138,7 @@ def check_lipschitz(formula: Expression, ends: SideEnds, side: int, where: str) 
     """g or u on a side between two `ends`, a formula in x, y that is Lipschitz there, or InputError."""
     if not find_functions(formula, "pos"):
         return formula
+    # The formula along the side, in which every kink has a place: s_+^k is Lipschitz for k >= 1
     (x0, y0), (x1, y1) = ends
     t = variable("t")
     on_side = {"x": x0 + t * (x1 - x0), "y": y0 + t * (y1 - y0)}

@@ -22,6 +22,7 @@ SideData = Expression | NodalTrace
 
 def side_coordinates(polygon: Polygon, side: Index, t: TaylorModel) -> tuple[TaylorModel, TaylorModel]:
     """x and y on intervals of the sides (k,), t the arc length in side lengths."""
+    # x = a + t e on the side from a along e
     start_x, start_y = polygon.vertices[side].T
     along_x, along_y = polygon.edges[side].T
     x = number_model(t, start_x) + number_model(t, along_x) * t
@@ -61,6 +62,7 @@ def model_side_slopes(data: Sequence[SideData], polygon: Polygon, side: Index, t
             continue
         variables = dict(zip("xy", side_coordinates(polygon, side[rows], t.select_boxes(rows)), strict=True))
         along = zip("xy", polygon.edges[i], strict=True)
+        # d/dt of F(a + t e) is e_x F_x + e_y F_y
         slopes = (enclose_formula(derivative(function, z), variables).scale(e) for z, e in along)
         pieces.append((reduce(add, slopes), rows))
     return join_models(pieces)
