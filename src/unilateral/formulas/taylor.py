@@ -101,8 +101,8 @@ class TaylorModel:
         """The model times a number that is rounded, and may be subnormal or infinite then."""
         # The number is off by EPS of itself, or by underflow, which counts all that it multiplies
         sizes = np.abs(self.c).sum(axis=0)
-        doubt = 4 * EPS * abs(number) + UNDERFLOW_ALLOWANCE
-        rad = (1 + EPS) * abs(number) * self.rad + doubt * (sizes + self.rad)
+        number_error = 4 * EPS * abs(number) + UNDERFLOW_ALLOWANCE
+        rad = (1 + EPS) * abs(number) * self.rad + number_error * (sizes + self.rad)
         values = interval.multiply_intervals(
             self.range, interval.round_outward(np.array([number]), np.array([number]))
         )

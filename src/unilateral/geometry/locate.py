@@ -31,9 +31,9 @@ def locate_in_triangles(mesh: Mesh, points: Array) -> tuple[Index, Index, Array]
         pairs = np.arange(0, len(low), 2)
         boxes.append((np.minimum.reduceat(low, pairs), np.maximum.reduceat(high, pairs)))
     blocks = np.array_split(np.arange(len(points)), 1 + len(points) // MAX_POINTS_LOCATED)
-    pairs_of = [_pair_with_boxes(boxes, points[block]) for block in blocks]
-    point = np.concatenate([block[number] for block, (number, _) in zip(blocks, pairs_of, strict=True)])
-    triangle = order[np.concatenate([box for _, box in pairs_of])]
+    box_pairs = [_pair_with_boxes(boxes, points[block]) for block in blocks]
+    point = np.concatenate([block[number] for block, (number, _) in zip(blocks, box_pairs, strict=True)])
+    triangle = order[np.concatenate([box for _, box in box_pairs])]
     # The distance from an edge is weight * height, and may be -reach by rounding
     weights, height = _barycentric_with_heights(corners[triangle], points[point])
     inside = (weights >= -reach / height).all(axis=1)

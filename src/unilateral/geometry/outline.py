@@ -60,27 +60,27 @@ def find_outline(points: Array, triangles: Index, where: str) -> Outline:
     after = np.roll(places, -1, axis=0) - places
     turns = np.arctan2(cross(before, after), np.sum(before * after, axis=1))
     # What round-off in another program explains, and what it and rounded digits explain
-    by_arithmetic = np.full(len(line), coordinate_rounding.arithmetic_error(places))
-    by_digits = by_arithmetic + coordinate_rounding.rounding_errors_of_points(places)
-    straight = np.abs(turns) <= largest_turns(places, by_arithmetic)
-    by_rounding = largest_turns(places, by_digits)
+    arithmetic_errors = np.full(len(line), coordinate_rounding.arithmetic_error(places))
+    point_errors = arithmetic_errors + coordinate_rounding.rounding_errors_of_points(places)
+    straight = np.abs(turns) <= largest_turns(places, arithmetic_errors)
+    rounding_turns = largest_turns(places, point_errors)
     if coordinate_rounding.has_typed_digits(places):
         # Typed numbers are exact, but slight turns may come from numbers that were rounded to as few digits
-        by_units = largest_turns(
-            places, by_arithmetic + 0.5 * np.hypot(*coordinate_rounding.rounding_units(places).T)
+        unit_turns = largest_turns(
+            places, arithmetic_errors + 0.5 * np.hypot(*coordinate_rounding.rounding_units(places).T)
         )
-        rounded = ~straight & (np.abs(turns) <= by_rounding)
+        rounded = ~straight & (np.abs(turns) <= rounding_turns)
         unclear = (
             ~straight
             & ~rounded
-            & (np.abs(turns) <= np.minimum(SLIGHT_TURN_RADIANS, CORNER_PER_ROUNDING * by_units))
+            & (np.abs(turns) <= np.minimum(SLIGHT_TURN_RADIANS, CORNER_PER_ROUNDING * unit_turns))
         )
         corners = ~straight & ~rounded & ~unclear
     else:
-        corners = ~straight & (np.abs(turns) > CORNER_PER_ROUNDING * by_rounding)
-        # The true turn is at most |turn| + by_rounding.
-        hidden = np.abs(turns) + by_rounding >= MIN_CORNER_RADIANS
-        rounded = ~straight & (np.abs(turns) <= by_rounding) & ~hidden
+        corners = ~straight & (np.abs(turns) > CORNER_PER_ROUNDING * rounding_turns)
+        # The true turn is at most |turn| + rounding_turns
+        hidden = np.abs(turns) + rounding_turns >= MIN_CORNER_RADIANS
+        rounded = ~straight & (np.abs(turns) <= rounding_turns) & ~hidden
         unclear = ~straight & ~corners & ~rounded
         # Only where numbers are seen to be rounded may nodes in line hide a corner.
         unclear |= straight & hidden & np.any(rounded | unclear)
@@ -92,14 +92,14 @@ def find_outline(points: Array, triangles: Index, where: str) -> Outline:
         raise InputError(
             f"{where}: the boundary turns by {np.degrees(abs(turns[worst])):.2g} degrees at node "
             f"{describe_node(points, line[worst])}, where coordinates are rounded by up to "
-            f"{by_digits[worst]:.1g}; it is not clear whether there is a corner; {POLYGON_ADVICE}"
+            f"{point_errors[worst]:.1g}; it is not clear whether there is a corner; {POLYGON_ADVICE}"
         )
     if np.count_nonzero(corners) > MAX_VERTICES:
         raise InputError(
             f"{where}: the boundary turns at {np.count_nonzero(corners)} nodes, and a polygon has at most "
             f"{MAX_VERTICES} vertices; take a coarser mesh, and halvings=1 or more"
         )
-    _check_straightness(points, line, corners, by_digits, where)
+    _check_straightness(points, line, corners, point_errors, where)
     turn = float(np.abs(turns[rounded]).max(initial=0.0))
     return Outline(Polygon(places[corners], Path(where).stem), line[rounded], turn)
 

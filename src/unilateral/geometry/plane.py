@@ -15,35 +15,35 @@ def cross(a: Array, b: Array) -> Array:
 def segment_distances(points: Array, starts: Array, ends: Array) -> Array:
     """Distances of all points from all segments, (k, n)."""
     # The nearest point of the segment a + t e is at t = (p - a).e / |e|^2, cut to [0, 1]
-    along = ends - starts
-    offset = points[:, None] - starts
-    t = np.clip(np.sum(offset * along, axis=2) / np.sum(along**2, axis=1), 0, 1)
-    return np.hypot(*np.moveaxis(offset - t[..., None] * along, 2, 0))
+    directions = ends - starts
+    offsets = points[:, None] - starts
+    t = np.clip(np.sum(offsets * directions, axis=2) / np.sum(directions**2, axis=1), 0, 1)
+    return np.hypot(*np.moveaxis(offsets - t[..., None] * directions, 2, 0))
 
 
 def signed_areas(points: Array, triangles: Index) -> Array:
     """Areas of the triangles, negative where the nodes run clockwise, (m,)."""
     areas = np.empty(len(triangles))
-    for some in row_blocks(len(areas)):
-        x, y = points.T[:, triangles[some].T]
-        areas[some] = 0.5 * ((x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0]))
+    for block in row_blocks(len(areas)):
+        x, y = points.T[:, triangles[block].T]
+        areas[block] = 0.5 * ((x[1] - x[0]) * (y[2] - y[0]) - (y[1] - y[0]) * (x[2] - x[0]))
     return areas
 
 
 def longest_edges(points: Array, triangles: Index) -> Array:
     """The longest edge of each triangle, (m,)."""
     longest = np.empty(len(triangles))
-    for some in row_blocks(len(longest)):
-        x, y = points.T[:, triangles[some].T]
-        longest[some] = np.hypot(x[[1, 2, 0]] - x, y[[1, 2, 0]] - y).max(axis=0)
+    for block in row_blocks(len(longest)):
+        x, y = points.T[:, triangles[block].T]
+        longest[block] = np.hypot(x[[1, 2, 0]] - x, y[[1, 2, 0]] - y).max(axis=0)
     return longest
 
 
 def centroid_circles(vertices: Array) -> tuple[Array, Array]:
     """The centroids (k, 2) of triangles with `vertices` (k, 3, 2), and how far (k,) a vertex is at most."""
     centre = vertices.mean(axis=1)
-    away = vertices - centre[:, None]
-    return centre, np.hypot(away[..., 0], away[..., 1]).max(axis=1)
+    offsets = vertices - centre[:, None]
+    return centre, np.hypot(offsets[..., 0], offsets[..., 1]).max(axis=1)
 
 
 def first_crossing(vertices: Array) -> tuple[int, int] | None:

@@ -217,13 +217,13 @@ class ExactSolution:
 
     @cached_property
     def _singular_points(self) -> list[SingularPoint]:
-        points_of_all = [point for atom in self.atoms for point in atom.singular_points()]
-        points_of_all += [point for kink in self.kinks() for point in kink.crossings(self.polygon)]
+        all_points = [point for atom in self.atoms for point in atom.singular_points()]
+        all_points += [point for kink in self.kinks() for point in kink.crossings(self.polygon)]
         for side, points in enumerate(self.gap_kinks):
-            points_of_all += [SingularPoint(side, t, exponent.denominator) for t, exponent in points]
+            all_points += [SingularPoint(side, t, exponent.denominator) for t, exponent in points]
         # Points that agree up to rounding are one, graded by the least common multiple
         merged: dict[tuple[int, float], SingularPoint] = {}
-        for point in points_of_all:
+        for point in all_points:
             t = round(point.t, 12)
             if 0 <= t <= 1:
                 earlier = merged.get((point.side, t), point)

@@ -32,17 +32,17 @@ class NodalTrace:
         start = self.values[edge]
         end = self.values[edge + 1]
         slope = (end - start) / (self.t[edge + 1] - self.t[edge])
-        doubt = SLOPE_ROUNDING * (np.abs(start) + np.abs(end))
+        rounding = SLOPE_ROUNDING * (np.abs(start) + np.abs(end))
         linear = number_model(t, start) + number_model(t, slope) * (t + number_model(t, -self.t[edge]))
-        return linear + range_model(t.basis, (-doubt, doubt))
+        return linear + range_model(t.basis, (-rounding, rounding))
 
     def slope_model(self, t: TaylorModel) -> TaylorModel:
         """The derivative by t on intervals as those of `value_model`."""
         edge = self._find_edges(t)
         rise = np.diff(self.values)[edge]
         run = np.diff(self.t)[edge]
-        doubt = SLOPE_ROUNDING * (np.abs(self.values[edge]) + np.abs(self.values[edge + 1])) / run
-        return number_model(t, rise / run) + range_model(t.basis, (-doubt, doubt))
+        rounding = SLOPE_ROUNDING * (np.abs(self.values[edge]) + np.abs(self.values[edge + 1])) / run
+        return number_model(t, rise / run) + range_model(t.basis, (-rounding, rounding))
 
     def _find_edges(self, t: TaylorModel) -> Index:
         """The edge on which each interval lies."""

@@ -118,9 +118,9 @@ class Obstacle(Piecewise):
         # The digits that count are those of the largest number on the two sides
         sizes = np.full(self.polygon.n_sides, ZERO_DATA_SIZE)
         np.maximum.at(sizes, self.side, np.abs(self.c).sum(axis=0))
-        doubt = self.end_remainders.sum(axis=0)
-        apart = np.abs(np.diff(self.ends, axis=0)[0]) > self.rounded_jumps + doubt
-        return ~apart & ~(doubt <= MAX_VERTEX_REMAINDER * np.maximum(sizes, np.roll(sizes, 1)))
+        remainder = self.end_remainders.sum(axis=0)
+        differs = np.abs(np.diff(self.ends, axis=0)[0]) > self.rounded_jumps + remainder
+        return ~differs & ~(remainder <= MAX_VERTEX_REMAINDER * np.maximum(sizes, np.roll(sizes, 1)))
 
     def sample_on_edges(self, s: Array, side: Index, chosen: Mask, parts: int) -> EdgePolynomials:
         """The polynomials on the edges between arc lengths s (nb + 1,) of the perimeter, on the sides (nb,).
@@ -216,15 +216,19 @@ def _enclose_at_vertices(
     n = polygon.n_sides
     ends = np.zeros((2, n))
     remainders = np.zeros((2, n))
-    with_g = np.setdiff1d(np.arange(n), free)
+    constrained_sides = np.setdiff1d(np.arange(n), free)
     # Row 0 has the end t = 1 of the side before the vertex, row 1 the start t = 0 of the side after it
-    for row, t in ((0, 1.0), (1, 0.0)) if with_g.size else ():
-        place = np.full(len(with_g), t)
-        exact = enclose_on_intervals(model, with_g, place, place)
-        piece = np.searchsorted(side, with_g, side="right") - 1 if t else np.searchsorted(side, with_g)
+    for row, t in ((0, 1.0), (1, 0.0)) if constrained_sides.size else ():
+        place = np.full(len(constrained_sides), t)
+        exact = enclose_on_intervals(model, constrained_sides, place, place)
+        piece = (
+            np.searchsorted(side, constrained_sides, side="right") - 1
+            if t
+            else np.searchsorted(side, constrained_sides)
+        )
         value = c[:, piece].sum(axis=0) if t else POWERS_AT_MINUS_ONE @ c[:, piece]
         finite = np.isfinite(exact.rad)
-        vertex = (with_g + int(t)) % n
+        vertex = (constrained_sides + int(t)) % n
         ends[row, vertex] = np.where(finite, exact.c[0], value)
         remainders[row, vertex] = np.where(finite, exact.rad, remainder[piece])
     return ends, remainders
@@ -293,11 +297,11 @@ def enclose_given_flux(
     polygon: Polygon, model: SideModel, flux_sides: Sequence[int], breakpoints: Iterable[SingularPoint] = ()
 ) -> GivenFlux:
     """q, given on the sides `flux_sides`, and 0 elsewhere; `breakpoints` as in `enclose_obstacle`."""
-    without = np.setdiff1d(np.arange(polygon.n_sides), flux_sides).tolist()
+    other_sides = np.setdiff1d(np.arange(polygon.n_sides), flux_sides).tolist()
     unit = float(np.spacing(polygon.perimeter))
     shortest = np.maximum(MIN_PIECE_PER_SIDE, MIN_FLUX_CUT_ULPS * unit / polygon.lengths)
     first = [*(SingularPoint(i, FIRST_CUT, 1) for i in flux_sides), *breakpoints]
-    pieces = enclose_in_pieces(polygon, model, without, breakpoints=first, min_length=shortest)
+    pieces = enclose_in_pieces(polygon, model, other_sides, breakpoints=first, min_length=shortest)
     points = pieces.arc_lengths(polygon)
     remainder = pieces.rad + pieces.rounding_errors(points)
     side, _, _, c, _, lower, upper = pieces

@@ -154,17 +154,17 @@ def enclose_in_pieces(
     budget = MAX_SIDE_PIECES
     limit = np.broadcast_to(min_length, polygon.n_sides)
     while len(side):
-        now = enclose_on_intervals(model, side, start, end)
+        current = enclose_on_intervals(model, side, start, end)
         budget = budget - len(side)
-        wide = _is_too_wide(_join_pieces([now, *done]), relevant_above)[: len(side)] & (
+        wide = _is_too_wide(_join_pieces([current, *done]), relevant_above)[: len(side)] & (
             end - start > limit[side]
         )
         if wide.any():
-            wide[wide] = ~_is_cut_in_vain(model, now.select(wide))
+            wide[wide] = ~_is_cut_in_vain(model, current.select(wide))
         # Beyond MAX_SIDE_PIECES pieces stay as they are, with larger remainders
         if 2 * np.count_nonzero(wide) > budget:
             wide[:] = False
-        done.append(now.select(~wide))
+        done.append(current.select(~wide))
         middle = 0.5 * (start + end)
         side = np.concatenate([side[wide], side[wide]])
         start = np.concatenate([start[wide], middle[wide]])

@@ -121,8 +121,8 @@ class PolarAtom(SideAtom, FormulaAtom):
         theta = np.arctan2(into[inside], along[inside])
         theta = np.where(theta < 0, theta + 2 * np.pi, theta)
         v, v_r, v_theta, *f = formulas(r[inside], theta)
-        there = (self.length * v, self.rotate_polar_to_xy(theta, v_r, v_theta), *f)
-        return tuple(_fill_with_zeros(inside, values) for values in there)
+        inside_values = (self.length * v, self.rotate_polar_to_xy(theta, v_r, v_theta), *f)
+        return tuple(_fill_with_zeros(inside, values) for values in inside_values)
 
     def vanishes_in_circles(self, centre: Array, radius: Array) -> Mask:
         """Whether u is known to be 0 in each circle, (k,)."""
