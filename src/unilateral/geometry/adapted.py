@@ -1,10 +1,10 @@
 """The cells of T_H, the multiplier's partition of the boundary, on meshes refined where it is needed.
 
-Places on the boundary are whole numbers: every edge of the first mesh is UNIT long, and edges 0 and 1, 2 and
-3, .. of it lie in one cell. So an edge of any later mesh is a dyadic interval. It asks for its parent, which
-is twice as long; of nested parents the largest is a cell of T_H. Every edge that meets a cell is then at most
-half of it, which keeps the pair of spaces stable. Where an edge is shorter than a quarter of its cell, the
-cell's longest edges are halved, too; else edges in geometric progression would be one cell.
+Places on the boundary are whole numbers: every edge of the first mesh is FIRST_EDGE_LENGTH long, and its
+edges 0 and 1, 2 and 3, .. lie in one cell. So an edge of any later mesh is a dyadic interval. It asks for its
+parent, which is twice as long; of nested parents the largest is a cell of T_H. Every edge that meets a cell
+is then at most half of it, which keeps the pair of spaces stable. Where an edge is shorter than a quarter of
+its cell, the cell's longest edges are halved, too; else edges in geometric progression would be one cell.
 """
 
 from __future__ import annotations

@@ -248,6 +248,7 @@ def _join_at_vertex(problem: Problem, g: Sequence[SideData | Function], vertex: 
             size = abs(at_vertex)
         values.append(at_vertex)
         sizes.append(size)
+    # By half of the digits of the value at the vertex, or the rounding of terms that cancel there
     allowed = FUNCTION_ACCURACY * max(map(abs, values)) + FUNCTION_ROUNDING * max(sizes)
     if abs(values[1] - values[0]) > allowed:
         return

@@ -105,6 +105,7 @@ class CantorAtom(SideAtom):
     @property
     def regularity(self) -> Regularity:
         """The regularity of u and lambda, from alpha and the dimension of the set."""
+        # lambda in H^s: u is in H^2 for an s >= 1/2; lambda ~ s^alpha is bounded for alpha >= 0
         bounded = self.alpha >= 0
         order = self.flux_order
         return Regularity(order > 1 / 2, bounded, order > 0, bounded, finite=False)

@@ -159,6 +159,7 @@ class ExactSolution:
         u = np.zeros(len(s))
         flux = np.zeros(len(s))
         for atom in self.atoms:
+            # By grad u . n where the side is no special one; else from the atom's own coordinates, exactly
             if isinstance(atom, SmoothAtom) or not atom.touches(side):
                 value, gradient = atom.value_and_gradient(points)
                 normal = gradient @ self.polygon.normals[side]

@@ -30,7 +30,7 @@ MAX_DATA_SIZE = 1e140
 """The limits of |f|, |g| and |q|, so that squares of data are normal numbers.
 
 They hold for the product of g with k^{1/2}, too, and for those of f and q with k^{-1/2}. For the squares of
-errors see `flux_residuals.underflow`; where a sum of squares overflows, a bound is infinite.
+errors see `residual_norm.underflow_allowance`; where a sum of squares overflows, a bound is infinite.
 """
 AREA_ROOT_POWER = 2
 """Data are multiplied by this power of the root of the area, if that is above 1."""

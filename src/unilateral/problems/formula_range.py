@@ -59,7 +59,7 @@ def range_in_polygon(polygon: Polygon, formula: Expression) -> tuple[float, floa
             else 0.0
         )
         wide = ~((lower >= met[0] - slack) & (upper <= met[1] + slack))
-        # Where nothing finite is met, or boxes become too many, all bounds count as they are
+        # Where infinite values are met, or boxes become too many, all bounds count as they are
         if not np.isfinite(slack) or 4 * np.count_nonzero(wide) > MAX_BOXES:
             wide[:] = False
         bounds = (

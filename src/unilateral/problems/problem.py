@@ -253,7 +253,9 @@ def zero_curve(a: Expression) -> list[Kink]:
     coefficients = polynomial_coefficients(a, "xy")
     if coefficients is None:
         raise ValueError(CURVE_NEEDED)
-    coefficients = _scale_coefficients(coefficients)
+    # Times a power of 2, so that they, and what is made of them, are finite numbers
+    largest = max(map(log2_magnitude, coefficients.values()), default=0)
+    coefficients = {k: c.scale(Fraction(2) ** -largest) for k, c in coefficients.items()}
     # a (x^2 + y^2) + b.(x, y) + c, or without the square a line
     slope = [coefficients.pop((1, 0), ZERO), coefficients.pop((0, 1), ZERO)]
     c = coefficients.pop((0, 0), ZERO)
@@ -285,9 +287,3 @@ def _zero_line(slope: list[Expression], c: Expression) -> list[Kink]:
     x = as_float(-c * slope[0] / square)
     y = as_float(-c * slope[1] / square)
     return [Kink((x, y), 0.0, (-along[1] / size, along[0] / size))]
-
-
-def _scale_coefficients(coefficients: dict[tuple[int, ...], Expression]) -> dict[tuple[int, ...], Expression]:
-    """The coefficients times a power of 2, so that they, and what is made of them, are finite numbers."""
-    largest = max(map(log2_magnitude, coefficients.values()), default=0)
-    return {exponents: c.scale(Fraction(2) ** -largest) for exponents, c in coefficients.items()}
