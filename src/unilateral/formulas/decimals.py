@@ -1,6 +1,6 @@
 """Numbers as text, rounded in one direction, so that a printed bound is still a bound.
 
->>> up(4 / 3, ".4e"), down(4 / 3, ".4e"), f"{4 / 3:.4e}"
+>>> format_up(4 / 3, ".4e"), format_down(4 / 3, ".4e"), f"{4 / 3:.4e}"
 ('1.3334e+00', '1.3333e+00', '1.3333e+00')
 """
 
@@ -35,7 +35,7 @@ def format_down(x: float | Decimal, spec: str) -> str:
 def format_percent(share: float) -> str:
     """A part of a whole in percent, rounded up.
 
-    >>> percent(0.0451)
+    >>> format_percent(0.0451)
     '4.6 %'
     """
     with localcontext(prec=EXACT_SUM_DIGITS):
@@ -50,11 +50,12 @@ def format_interval(lower: float, upper: float, value: float = math.nan, spec: s
     the least distance of two digits from the value. A lower end of 0 alone is not printed: every norm,
     constant and contact force has it.
 
-    >>> interval(6.0135, 6.2266, 6.1144), interval(6.0135, 6.2266, 6.1144, ".2f")
+    >>> format_interval(6.0135, 6.2266, 6.1144), format_interval(6.0135, 6.2266, 6.1144, ".2f")
     ('6.11 ± 0.12', '6.11, between 6.01 and 6.23')
-    >>> interval(-math.inf, 2 / 3), interval(1, math.inf, 1.5), interval(-math.inf, 2.0, 1.5)
+    >>> inf = math.inf
+    >>> format_interval(-inf, 2 / 3), format_interval(1, inf, 1.5), format_interval(-inf, 2.0, 1.5)
     ('at most 0.6667', '1.5, at least 1', '1.5, at most 2')
-    >>> interval(0, math.inf, 1.5), interval(-math.inf, math.inf, 1.5), interval(math.nan, math.nan)
+    >>> format_interval(0, inf, 1.5), format_interval(-inf, inf, 1.5), format_interval(math.nan, math.nan)
     ('1.5, no upper bound', '1.5, no bound', 'unknown')
     """
     has_lower = math.isfinite(lower)
@@ -99,36 +100,38 @@ def interval_record(value: float, lower: float, upper: float) -> dict[str, float
 def _format_plus_minus(value: float, lower: float, upper: float) -> str:
     """A number and the least distance, of two digits, that leaves both bounds between them.
 
-    >>> _plus_minus(6e9, 6e9, 6.1e9)
+    >>> _format_plus_minus(6e9, 6e9, 6.1e9)
     '(6.00 ± 0.10)e+09'
     """
     with localcontext(prec=EXACT_SUM_DIGITS):
-        of = Decimal(value)
+        exact = Decimal(value)
         low = Decimal(lower)
         high = Decimal(upper)
-        apart = max(high - of, of - low)
-        if not (of or apart):
+        apart = max(high - exact, exact - low)
+        if not (exact or apart):
             return "0 ± 0"
-        largest = max(abs(of), apart)
+        largest = max(abs(exact), apart)
         power = largest.adjusted() if largest and not -4 <= largest.adjusted() < MAX_PLAIN_DIGITS else 0
-        digit = Decimal(1).scaleb((apart.adjusted() if apart else of.adjusted() - MAX_PLAIN_DIGITS) - 1)
-        shown = of.quantize(digit)
-        wide = max(high - shown, shown - low).quantize(digit, ROUND_CEILING)
-        text = " ± ".join(format(each.scaleb(-power), "f") for each in (shown, wide))
+        digit = Decimal(1).scaleb((apart.adjusted() if apart else exact.adjusted() - MAX_PLAIN_DIGITS) - 1)
+        # The distance is taken from the rounded value, so that the rounding of both is in it
+        rounded = exact.quantize(digit)
+        wide = max(high - rounded, rounded - low).quantize(digit, ROUND_CEILING)
+        text = " ± ".join(format(number.scaleb(-power), "f") for number in (rounded, wide))
     return f"({text})e{power:+03d}" if power else text
 
 
 def _format_rounding(x: float | Decimal, spec: str, rounding: str) -> str:
-    parts = FORMAT_SPEC.fullmatch(spec)
-    if parts is None:
+    """x in the format, rounded by the mode of `decimal`; Python's own format would round to nearest."""
+    match = FORMAT_SPEC.fullmatch(spec)
+    if match is None:
         raise ValueError(f"'{spec}' is not a format such as .4e, .2f or .3g")
     if x == 0 or not math.isfinite(x):
         return format(x, spec)
     with localcontext(rounding=rounding):
-        if parts[2] == "f":
+        if match[2] == "f":
             return format(Decimal(x), spec)
-        general = parts[2] == "g"
-        digits = max(int(parts[1]), 1) if general else int(parts[1]) + 1
+        general = match[2] == "g"
+        digits = max(int(match[1]), 1) if general else int(match[1]) + 1
         mantissa, _, power = format(Decimal(x), f".{digits - 1}e").partition("e")
     exponent = int(power)
     if general and -4 <= exponent < digits:

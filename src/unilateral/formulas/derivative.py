@@ -26,17 +26,19 @@ def derivative(formula: Expression, variable: str) -> Expression:
 
 
 def _derive_product(c: Fraction, powers: tuple[Power, ...], variable: str) -> Expression:
+    """The derivative of c times powers: the sum over b^k of c k b^(k - 1) b' times the other powers."""
     terms = []
     for i, (base, k) in enumerate(powers):
         if variable in base.variables:
             # one product of all factors: equal ones become a power, whose enclosure is closer
             inner, inner_powers = _derive_base(base, variable).factors
-            others = powers[:i] + powers[i + 1 :]
-            terms.append(multiply_powers(c * k * inner, [(base, k - 1), *others, *inner_powers]))
+            other_powers = powers[:i] + powers[i + 1 :]
+            terms.append(multiply_powers(c * k * inner, [(base, k - 1), *other_powers, *inner_powers]))
     return sum(terms, ZERO)
 
 
 def _derive_base(base: Primitive | Expression, variable: str) -> Expression:
+    """The derivative of a sum, by the chain rule of a function, and 1 of the variable."""
     if isinstance(base, Expression):
         return derivative(base, variable)
     return OUTER_DERIVATIVES[base.name](*base.args) * derivative(base.args[0], variable) if base.args else ONE

@@ -71,6 +71,7 @@ def _high_precision_value(e: Expression) -> Any:
 
 @cache
 def _interval_context(bits: int) -> Any:
+    """mpmath's intervals whose ends have so many bits."""
     from mpmath.ctx_iv import MPIntervalContext  # which most formulas can do without
 
     context = MPIntervalContext()
@@ -103,12 +104,14 @@ class _IntervalEvaluation(Evaluation[Any]):
             return self._log(a)
         if primitive.name in ("sin", "cos", "exp"):
             return getattr(iv, primitive.name)(a)
+        # By e^a and e^-a; tanh as 1 - 2 e^-a / (e^a + e^-a), in which nothing cancels for large a
         up = iv.exp(a)
         down = iv.exp(-a)
         total = up + down
         return {"sinh": (up - down) / 2, "cosh": total / 2, "tanh": 1 - 2 * down / total}[primitive.name]
 
     def _log(self, a: Any) -> Any:
+        """An interval that contains log of all positive numbers in a, everything if a reaches 0."""
         if a.b <= 0:
             raise ArithmeticError("no real number")
         return self.context.log(a) if a.a > 0 else self.context.mpf(["-inf", "inf"])
@@ -129,6 +132,7 @@ def apply_function(name: str, *args: Expression) -> Expression:
         return ZERO
     turns = (a / PI).rational
     if name in ("sin", "cos") and turns is not None:
+        # sin(n pi / 12), and cos(a) = sin(a + pi / 2); below 0 for n in (12, 24)
         n = 12 * turns + (6 if name == "cos" else 0)
         if min(n % 12, -n % 12) in SINE_SQUARES:
             root = rational_expression(SINE_SQUARES[min(n % 12, -n % 12)]) ** Fraction(1, 2)

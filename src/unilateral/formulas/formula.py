@@ -47,12 +47,14 @@ def parse_formula(
     try:
         with warnings.catch_warnings(action="ignore"):  # of Python's parser
             tree = grammar.parse_syntax_tree(source, where)
-        part: grammar.ParsedFormula = grammar.FormulaReader(source, variables, where, least_power).visit(tree)
+        parsed: grammar.ParsedFormula = grammar.FormulaReader(source, variables, where, least_power).visit(
+            tree
+        )
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         kind = f"in {', '.join(variables)}" if variables else "of numbers, such as 3, 0.05 or 1/3"
-        mended = grammar.syntax_hint(source, variables, least_power)
-        raise InputError(f"{where}: '{quote_input(source)}' is not a formula {kind}{mended}") from None
-    return part.value
+        hint = grammar.syntax_hint(source, variables, least_power)
+        raise InputError(f"{where}: '{quote_input(source)}' is not a formula {kind}{hint}") from None
+    return parsed.value
 
 
 def substitute(formula: Expression, values: Mapping[str, Expression], where: str) -> Expression:
@@ -75,7 +77,7 @@ def substitute(formula: Expression, values: Mapping[str, Expression], where: str
 
 
 class FormulaEvaluation(Evaluation[Expression]):
-    """Formulas with other formulas for the `known` variables."""
+    """Formulas with other formulas, the `values`, for some variables."""
 
     def number(self, value: Fraction) -> Expression:
         """The expression of a rational number."""
@@ -107,9 +109,9 @@ class _Expansion(FormulaEvaluation):
         """The product of two sums, term by term."""
         return sum_terms(
             term
-            for of, c in a.terms
-            for also, d in b.terms
-            for term in multiply_powers(c * d, [*of, *also]).terms
+            for a_powers, c in a.terms
+            for b_powers, d in b.terms
+            for term in multiply_powers(c * d, [*a_powers, *b_powers]).terms
         )
 
     def power(self, base: Expression, k: Fraction) -> Expression:
@@ -144,10 +146,12 @@ class CompiledFormulas:
 
     def __call__(self, *arrays: Array) -> list[Array]:
         values = (np.asarray(a, dtype=float) for a in arrays)
-        known = {Primitive(name): a for name, a in zip(self.variables, values, strict=True)}
-        shape = np.broadcast_shapes(*(a.shape for a in known.values()))
-        read = _ArrayEvaluation(self.formulas, known)
-        return [np.broadcast_to(np.asarray(read.evaluate(e), dtype=float), shape) for e in self.formulas]
+        arguments = {Primitive(name): a for name, a in zip(self.variables, values, strict=True)}
+        shape = np.broadcast_shapes(*(a.shape for a in arguments.values()))
+        evaluation = _ArrayEvaluation(self.formulas, arguments)
+        return [
+            np.broadcast_to(np.asarray(evaluation.evaluate(e), dtype=float), shape) for e in self.formulas
+        ]
 
 
 def compile_numpy(formulas: Sequence[Expression], variables: Sequence[str]) -> CompiledFormulas:
@@ -191,11 +195,12 @@ def find_kinks(formula: Expression, variable: str) -> list[tuple[float, Fraction
         polynomial = polynomial_coefficients(argument, (variable,))
         if polynomial is None:
             raise ValueError(f"the argument of {power} must be a polynomial")
+        # a_n t^n + .. + a_0, the coefficient of the highest power first
         degree = max((i for (i,) in polynomial), default=0)
-        of = [polynomial.get((i,), ZERO) for i in range(degree, -1, -1)]
-        if degree > 2 and any(c.rational is None for c in of):
+        coefficients = [polynomial.get((i,), ZERO) for i in range(degree, -1, -1)]
+        if degree > 2 and any(c.rational is None for c in coefficients):
             raise ValueError(f"the argument of {power} must have rational coefficients")
-        zeros |= {(root, exponent.rational or Fraction(0)) for root in _polynomial_roots(of)}
+        zeros |= {(root, exponent.rational or Fraction(0)) for root in _polynomial_roots(coefficients)}
     return sorted(zeros)
 
 
@@ -207,17 +212,20 @@ def polynomial_coefficients(
     Raises ValueError where one cannot be distinguished from 0.
     """
     sums: dict[tuple[int, ...], Expression] = {}
-    for of, c in _Expansion((formula,), {}).evaluate(formula).terms:
+    for powers, c in _Expansion((formula,), {}).evaluate(formula).terms:
         exponents = {
-            base.name: k for base, k in of if isinstance(base, Primitive) and base.variables and not base.args
+            base.name: k
+            for base, k in powers
+            if isinstance(base, Primitive) and base.variables and not base.args
         }
-        rest = [power for power in of if not power[0].variables]
-        if len(exponents) + len(rest) < len(of) or any(
+        # A term is a monomial times constants, and no monomial if anything else depends on a variable
+        constants = [power for power in powers if not power[0].variables]
+        if len(exponents) + len(constants) < len(powers) or any(
             k < 0 or k.denominator > 1 for k in exponents.values()
         ):
             return None
         key = tuple(int(exponents.get(name, 0)) for name in variables)
-        sums[key] = sums.get(key, ZERO) + multiply_powers(c, rest)
+        sums[key] = sums.get(key, ZERO) + multiply_powers(c, constants)
     return {key: c for key, c in sums.items() if sign(c)}
 
 
@@ -233,11 +241,12 @@ def _polynomial_roots(coefficients: Sequence[Expression]) -> list[float]:
         return [as_float_or_inf(-coefficients[1] / coefficients[0])]
     if len(coefficients) > 3:
         return real_roots([c.rational or Fraction(0) for c in coefficients])
+    # a t^2 + b t + c = 0 at t = (-b -+ (b^2 - 4 a c)^(1/2)) / (2 a), the discriminant's sign exactly
     a, b, c = coefficients
-    if any(each.rational is None for each in coefficients):
-        roots = np.roots([as_float_or_inf(each) for each in coefficients])
+    if any(coefficient.rational is None for coefficient in coefficients):
+        roots = np.roots([as_float_or_inf(coefficient) for coefficient in coefficients])
         return [float(root) for root in roots[roots.imag == 0].real]
-    square = b**2 - (a * c).scale(4)
-    if sign(square) < 0:
+    discriminant = b**2 - (a * c).scale(4)
+    if sign(discriminant) < 0:
         return []
-    return [as_float_or_inf(((square ** Fraction(1, 2)).scale(i) - b) / a.scale(2)) for i in (-1, 1)]
+    return [as_float_or_inf(((discriminant ** Fraction(1, 2)).scale(i) - b) / a.scale(2)) for i in (-1, 1)]

@@ -15,10 +15,10 @@ V = TypeVar("V", bound=Any)
 
 
 class Evaluation(ABC, Generic[V]):
-    """Computes the values of formulas from those of the variables and other `values` atoms.
+    """Computes the values of formulas from the `values` of the variables and of other primitives.
 
-    Values may be of any kind that can be added. Those of parts that occur more than once in the `formulas`
-    are kept, to be used again.
+    Values may be of any kind that can be added. Those of subexpressions that occur more than once in the
+    `formulas` are kept, to be used again.
     """
 
     def __init__(self, formulas: tuple[Expression, ...], values: Mapping[Primitive, V]) -> None:
@@ -36,7 +36,7 @@ class Evaluation(ABC, Generic[V]):
 
     @abstractmethod
     def function(self, primitive: Primitive) -> V:
-        """The value of an atom that is not known."""
+        """The value of a primitive that is not among the `values`."""
 
     def product(self, a: V, b: V) -> V:
         """The product of two values."""
@@ -49,8 +49,8 @@ class Evaluation(ABC, Generic[V]):
     def constant(self, e: Expression) -> V:
         """The value of an expression without variables."""
         terms = (
-            reduce(self.product, (self._evaluate_power(power) for power in of), self.number(c))
-            for of, c in e.terms
+            reduce(self.product, (self._evaluate_power(power) for power in powers), self.number(c))
+            for powers, c in e.terms
         )
         return reduce(add, terms, self.number(Fraction(0)))
 
@@ -59,18 +59,20 @@ class Evaluation(ABC, Generic[V]):
         return self._use_cache(e, self._evaluate_sum if e.variables else self.constant)
 
     def _evaluate_sum(self, e: Expression) -> V:
+        """The sum of the terms with variables, and of those without as one constant."""
         fixed, varying = e.terms_by_variables
-        parts = [self._evaluate_term(times, of) for times, of in varying]
-        return reduce(add, [*parts, self.evaluate(fixed)] if fixed.terms else parts)
+        terms = [self._evaluate_term(times, powers) for times, powers in varying]
+        return reduce(add, [*terms, self.evaluate(fixed)] if fixed.terms else terms)
 
-    def _evaluate_term(self, times: Expression, of: Sequence[Power]) -> V:
-        value = reduce(self.product, (self._evaluate_power(power) for power in of))
+    def _evaluate_term(self, times: Expression, powers: Sequence[Power]) -> V:
+        value = reduce(self.product, (self._evaluate_power(power) for power in powers))
         return value if times.rational == 1 else self.times(value, times)
 
     def _evaluate_power(self, power: Power) -> V:
         return self._use_cache(power, self._compute_power)
 
     def _compute_power(self, power: Power) -> V:
+        """The value of base^k; of base^1 that of the base, so that all powers of one base share it."""
         base, k = power
         if k != 1:
             return self.power(self._evaluate_power((base, Fraction(1))), k)
@@ -78,10 +80,11 @@ class Evaluation(ABC, Generic[V]):
             return self.evaluate(base)
         return self.values[base] if base in self.values else self.function(base)
 
-    def _use_cache(self, part: Any, read: Any) -> V:
-        if part in self.cache:
-            return self.cache[part]
-        value = read(part)
-        if self.counts.get(part, 0) > 1:
-            self.cache[part] = value
+    def _use_cache(self, subexpression: Any, compute: Any) -> V:
+        """The value by `compute`, which is kept if the subexpression occurs more than once."""
+        if subexpression in self.cache:
+            return self.cache[subexpression]
+        value = compute(subexpression)
+        if self.counts.get(subexpression, 0) > 1:
+            self.cache[subexpression] = value
         return value

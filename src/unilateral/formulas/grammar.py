@@ -108,6 +108,7 @@ def parse_syntax_tree(source: str, where: str) -> ast.expr:
     Raises InputError beyond a limit, and SyntaxError, ValueError, RecursionError or MemoryError, as Python's
     parser does, where there is no tree.
     """
+    # Python's parser is slow or fails on what is very long or nested: limits are looked at before it runs
     nesting = max(accumulate((c == "(") - (c == ")") for c in source), default=0)
     _check_limit(len(source), MAX_LENGTH, f"{where}: the formula has more than {{}} characters")
     _check_limit(nesting, MAX_NESTING, f"{where}: the formula has more than {{}} nested parentheses")
@@ -217,8 +218,8 @@ class FormulaReader(ast.NodeVisitor):
             raise self.refuse(node, f"is a function; write its argument after it, as in {node.id}{argument}")
         if node.id not in self.names:
             instead = name_hint(node.id, self.names)
-            known = f"; known are {', '.join(self.names)}, {OFFERED_FUNCTIONS}"
-            raise self.refuse(node, f"is unknown{instead or known}")
+            choices = f"; known are {', '.join(self.names)}, {OFFERED_FUNCTIONS}"
+            raise self.refuse(node, f"is unknown{instead or choices}")
         return self.names[node.id]
 
     def visit_UnaryOp(self, node: ast.UnaryOp) -> ParsedFormula:
@@ -233,31 +234,32 @@ class FormulaReader(ast.NodeVisitor):
         chain = [node]
         while isinstance(chain[-1].left, ast.BinOp):
             chain.append(chain[-1].left)
-        part: ParsedFormula = self.visit(chain[-1].left)
-        for each in reversed(chain):
-            part = self.combine(each, part, self.visit(each.right))
-        return part
+        result: ParsedFormula = self.visit(chain[-1].left)
+        for operation in reversed(chain):
+            result = self.combine(operation, result, self.visit(operation.right))
+        return result
 
-    def combine(self, node: ast.BinOp, left: ParsedFormula, right: ParsedFormula) -> ParsedFormula:
+    def combine(self, node: ast.BinOp, a: ParsedFormula, b: ParsedFormula) -> ParsedFormula:
         """The part of a formula that an operator makes of two."""
         if type(node.op) not in OPERATORS:
             text = self.text(node)
             power = substitution_hint(text.replace("^", "**"), text) if "^" in text else ""
             raise self.refuse(node, f"uses an operator other than + - * / **{power}")
-        degree = max(left.degree, right.degree)
-        functions = max(left.function_depth, right.function_depth)
+        degree = max(a.degree, b.degree)
+        functions = max(a.function_depth, b.function_depth)
         if isinstance(node.op, ast.Pow):
-            k = right.value.rational
+            k = b.value.rational
             if k is None or abs(k) > MAX_DEGREE:
                 raise self.refuse(node, f"needs a rational exponent between -{MAX_DEGREE} and {MAX_DEGREE}")
-            self.check_kink(node, left.value, k)
-            degree = left.degree * abs(float(k))
+            self.check_kink(node, a.value, k)
+            # k may be below 0: the degree bounds the work of multiplying out numerator and denominator
+            degree = a.degree * abs(float(k))
             functions = functions + (k.denominator > 1)
         elif isinstance(node.op, ast.Mult | ast.Div):
-            degree = left.degree + right.degree
+            degree = a.degree + b.degree
         self.check_limits(node, degree, functions)
         operator = OPERATORS[type(node.op)]
-        return self.check_value(node, lambda: operator(left.value, right.value), degree, functions)
+        return self.check_value(node, lambda: operator(a.value, b.value), degree, functions)
 
     def visit_Call(self, node: ast.Call) -> ParsedFormula:
         """The value of a function of the grammar."""
@@ -266,10 +268,10 @@ class FormulaReader(ast.NodeVisitor):
         function = node.func.id
         arity = FUNCTION_ARITIES[node.func.id]
         if len(node.args) != arity:
-            mended = comma_hint(self.text(node)) if len(node.args) > arity else ""
-            raise self.refuse(node, f"takes {arity} argument{'s' if arity > 1 else ''}{mended}")
+            hint = comma_hint(self.text(node)) if len(node.args) > arity else ""
+            raise self.refuse(node, f"takes {arity} argument{'s' if arity > 1 else ''}{hint}")
         arguments = [self.visit(argument) for argument in node.args]
-        values = [part.value for part in arguments]
+        values = [argument.value for argument in arguments]
         degree = arguments[0].degree
         if function == "pos":
             degree *= self.check_power(node, *arguments)
@@ -334,7 +336,7 @@ def is_finite_and_real(value: Expression) -> bool:
 
 def _coefficients_and_exponents(e: Expression) -> Iterable[Fraction]:
     """The coefficients and exponents of its terms."""
-    return [*(c for _, c in e.terms), *(k for of, _ in e.terms for _, k in of)]
+    return [*(c for _, c in e.terms), *(k for powers, _ in e.terms for _, k in powers)]
 
 
 def condition_hint(names: Iterable[str], least_power: int | None) -> str:
@@ -343,7 +345,7 @@ def condition_hint(names: Iterable[str], least_power: int | None) -> str:
 
 
 def positive_part_hint(names: Iterable[str], least_power: int | None) -> str:
-    """The hint how pos acts with the least power that a place allows, after a semicolon; "" for a place without pos."""
+    """How pos acts with the least power that a place allows, after a semicolon; "" for one without pos."""
     variable = next((name for name in names if name != "pi"), None)
     if least_power is None or variable is None:
         return ""
@@ -379,8 +381,8 @@ def syntax_hint(source: str, names: Sequence[str], least_power: int | None) -> s
         return condition_hint(names, least_power)
     if letter := next((letter for letter in source if letter in LETTER_SUBSTITUTES), ""):
         return substitution_hint(LETTER_SUBSTITUTES[letter], letter)
-    if part := PERCENT_PATTERN.search(source):
-        return substitution_hint(f"{part[1]}/100", part[0])
+    if percent := PERCENT_PATTERN.search(source):
+        return substitution_hint(f"{percent[1]}/100", percent[0])
     if UNFINISHED_EXPONENT.search(source):
         return "; write the exponent of a power of ten, such as 1e-3, and exp(1) for the number e"
     if product := MISSING_PRODUCT_SIGN.search(source):
@@ -395,11 +397,11 @@ def syntax_hint(source: str, names: Sequence[str], least_power: int | None) -> s
 
 
 def comma_hint(source: str) -> str:
-    """The hint how to write a number that has a comma, of decimals or of thousands; "" where there is none."""
+    """How to write a number that has a comma, of decimals or of thousands; "" where there is none."""
     if thousands := THOUSANDS_PATTERN.search(source):
-        whole = thousands[0].replace(",", "")
+        integer = thousands[0].replace(",", "")
         decimals = thousands[0].replace(",", ".")
         clear = thousands[1] or thousands[0].count(",") > 1
-        return substitution_hint(whole if clear else f"{whole} or {decimals}", thousands[0])
+        return substitution_hint(integer if clear else f"{integer} or {decimals}", thousands[0])
     pair = COMMA_PATTERN.search(source)
     return substitution_hint(f"{pair[1]}.{pair[2]}", pair[0]) if pair else ""

@@ -2,7 +2,7 @@
 
 An interval is a pair (lower, upper) of arrays (k,), which are infinite where a bound is not known, and never
 NaN. NumPy's sums and products are correctly rounded and its functions are off by at most four units in the
-last place, also where these are subnormal; every result is widened by ULPS of them.
+last place, also where these are subnormal; every result is widened by ROUNDING_ULPS of them.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from unilateral.arrays import Array, Mask
 IntervalArrays = tuple[Array, Array]
 ROUNDING_ULPS = 8
 MIN_OVERFLOW = 1e308
+"""A number that overflows is at least as large as this."""
 POWER_ERROR_PER_FACTOR = 2.0**-50
 """Each factor of a power adds this to the relative rounding error of the power."""
 EXPONENT_ERROR = 2.0**-51
@@ -31,7 +32,7 @@ QUIET = np.errstate(all="ignore")
 
 @QUIET
 def round_outward(lower: Array, upper: Array) -> IntervalArrays:
-    """The interval widened by the rounding; a number that overflows is at least LARGE in size."""
+    """The interval widened by the rounding; what overflows is at least MIN_OVERFLOW in size."""
     lower = np.minimum(lower, MIN_OVERFLOW)
     upper = np.maximum(upper, -MIN_OVERFLOW)
     lower = lower - ROUNDING_ULPS * np.spacing(np.abs(lower))
@@ -56,10 +57,12 @@ def multiply_intervals(a: IntervalArrays, b: IntervalArrays) -> IntervalArrays:
 def integer_power(base: IntervalArrays, n: int) -> IntervalArrays:
     """base^n for a whole number n, infinite where n < 0 and the base may be 0."""
     lower, upper = base
+    # x^|n| is monotone for odd n, and even powers have their minimum 0 at 0
     inside = (lower <= 0) & (upper >= 0)
-    ends = lower ** abs(n), upper ** abs(n)
-    low = np.minimum(*ends)
-    high = np.maximum(*ends)
+    at_lower = lower ** abs(n)
+    at_upper = upper ** abs(n)
+    low = np.minimum(at_lower, at_upper)
+    high = np.maximum(at_lower, at_upper)
     if n % 2 == 0:
         low = np.where(inside, 0.0, low)
     low, high = round_outward(low, high)
@@ -68,6 +71,7 @@ def integer_power(base: IntervalArrays, n: int) -> IntervalArrays:
     positive = (lower > 0) | (n % 2 == 0)  # powers that underflow keep their sign
     low = np.where(positive, np.maximum(low, 0.0), low)
     high = np.where(positive, high, np.minimum(high, -0.0))
+    # 1/x falls where x keeps its sign; nothing is known where the power may be 0
     low, high = round_outward(1 / high, 1 / low)
     return np.where(inside, -np.inf, low), np.where(inside, np.inf, high)
 
@@ -75,6 +79,7 @@ def integer_power(base: IntervalArrays, n: int) -> IntervalArrays:
 @QUIET
 def positive_part_power(base: IntervalArrays, k: float) -> IntervalArrays:
     """base_+^k; 0 where the base is 0, whatever the sign of k."""
+    # base_+^k grows for k > 0, so that the ends are those of the base; for k < 0 it is the inverse, or 0
     if k < 0:
         low, high = integer_power(positive_part_power(base, -k), -1)
         return np.where(base[0] > 0, np.maximum(low, 0.0), 0.0), np.where(base[1] > 0, high, 0.0)
@@ -117,26 +122,30 @@ def cos(a: IntervalArrays) -> IntervalArrays:
 @QUIET
 def _enclose_wave(function: np.ufunc, a: IntervalArrays, crest: float) -> IntervalArrays:
     """sin or cos, whose maxima are at `crest` + 2 pi times whole numbers."""
+    # Between extrema the function is monotone: its range is that of the ends, unless an extremum lies inside
     lower, upper = a
-    ends = function(lower), function(upper)
-    low, high = round_outward(np.minimum(*ends), np.maximum(*ends))
+    at_lower = function(lower)
+    at_upper = function(upper)
+    low, high = round_outward(np.minimum(at_lower, at_upper), np.maximum(at_lower, at_upper))
     near = EXTREMUM_TOLERANCE * (1 + np.abs(lower) + np.abs(upper))
 
-    def holds(phase: float) -> Mask:
+    def contains(phase: float) -> Mask:
+        """Whether the interval has a point phase + 2 pi m; true where its ends are not numbers."""
         first = np.ceil((lower - near - phase) / (2 * np.pi))
         return ~(first * 2 * np.pi + phase > upper + near)
 
     low = np.maximum(low, -1.0)
     high = np.minimum(high, 1.0)
-    return np.where(holds(crest + np.pi), -1.0, low), np.where(holds(crest), 1.0, high)
+    return np.where(contains(crest + np.pi), -1.0, low), np.where(contains(crest), 1.0, high)
 
 
 @QUIET
 def cosh(a: IntervalArrays) -> IntervalArrays:
     """The interval of cosh."""
     inside = (a[0] <= 0) & (a[1] >= 0)
-    low = np.minimum(*np.cosh(a))
-    high = np.maximum(*np.cosh(a))
+    at_lower, at_upper = np.cosh(a)
+    low = np.minimum(at_lower, at_upper)
+    high = np.maximum(at_lower, at_upper)
     return round_outward(np.where(inside, 1.0, low), high)
 
 

@@ -35,6 +35,7 @@ def real_roots(coefficients: Sequence[Fraction]) -> list[float]:
         # Sturm: the number of roots in an interval is that of the sign changes that are lost
         if _sign_changes(chain, n, k) == _sign_changes(chain, n + 1, k):
             continue
+        # n of more than ROOT_BITS bits: both ends agree in so many; the upper one may be the root
         if abs(n) >> ROOT_BITS:
             roots.append(_float_or_inf(scale * Fraction(n + 1, 1 << k)))
         else:
@@ -53,6 +54,7 @@ def _sturm_chain(polynomial: Polynomial) -> list[list[int]]:
     So multiple roots become simple, and the theorem holds at every place. Positive factors, which change no
     sign, make the coefficients whole.
     """
+    # p_0 = p, p_1 = p', p_(i + 1) = -(p_(i - 1) mod p_i), up to positive factors
     degree = len(polynomial) - 1
     chain = [polynomial, [c * (degree - i) for i, c in enumerate(polynomial[:-1])]]
     while chain[-1]:
@@ -66,16 +68,16 @@ def _sturm_chain(polynomial: Polynomial) -> list[list[int]]:
 def _divide_polynomials(dividend: Polynomial, divisor: Polynomial) -> tuple[Polynomial, Polynomial]:
     """The quotient and the remainder."""
     quotient = []
-    rest = [*dividend]
-    while len(rest) >= len(divisor):
-        factor = rest[0] / divisor[0]
+    remainder = [*dividend]
+    while len(remainder) >= len(divisor):
+        factor = remainder[0] / divisor[0]
         quotient.append(factor)
         for i, c in enumerate(divisor):
-            rest[i] -= factor * c
-        rest = rest[1:]
-    while rest and rest[0] == 0:
-        rest = rest[1:]
-    return quotient, rest
+            remainder[i] -= factor * c
+        remainder = remainder[1:]
+    while remainder and remainder[0] == 0:
+        remainder = remainder[1:]
+    return quotient, remainder
 
 
 def _sign_changes(chain: list[list[int]], n: int, k: int) -> int:
@@ -90,6 +92,7 @@ def _sign_changes(chain: list[list[int]], n: int, k: int) -> int:
 
 
 def _float_or_inf(x: Fraction) -> float:
+    """The number rounded, infinite with its sign if it is too large."""
     try:
         return float(x)
     except OverflowError:

@@ -7,8 +7,8 @@ On box j the variables are affine functions of sigma in [-1, 1]^d. A model says 
 with |alpha| <= n (Makino and Berz, 2003). `rad` includes rounding, and the range is rounded outward. A
 polynomial that is not sharper than the range is replaced by the range's midpoint, and so is one that
 overflows. Therefore a model has only a range at kinks and singularities. EPS is twice a bound on the
-rounding of one operation, and TINY is added wherever numbers may underflow. Coefficients are finite, and
-`rad` is infinite where nothing is known (`tighten_model`).
+rounding of one operation; UNDERFLOW_ALLOWANCE is added wherever numbers may underflow. Coefficients are
+finite, and `rad` is infinite where nothing is known (`tighten_model`).
 """
 
 from __future__ import annotations
@@ -59,6 +59,7 @@ def monomial_basis(d: int, n: int) -> MonomialBasis:
     degree = exponents.sum(axis=1)
     place = {a: i for i, a in enumerate(alphas)}
     first = np.searchsorted(degree, np.arange(n + 2))
+    # sigma^a sigma^b = sigma^(a + b) for all b of degree at most n - |a|, which come first
     times = []
     for a in alphas:
         sums = exponents[: first[n - sum(a) + 1]] + np.array(a)
@@ -70,8 +71,8 @@ def _runs_of_neighbours(places: Index) -> tuple[tuple[slice, slice], ...]:
     """Slices of the indices 0, 1, ... and of their places (k,), cut where a place is not the next one."""
     cuts = [0, *(np.flatnonzero(np.diff(places) != 1) + 1).tolist(), len(places)]
     return tuple(
-        (slice(i, j), slice(at, at + j - i))
-        for (i, j), at in zip(pairwise(cuts), places[cuts[:-1]].tolist(), strict=True)
+        (slice(i, j), slice(place, place + j - i))
+        for (i, j), place in zip(pairwise(cuts), places[cuts[:-1]].tolist(), strict=True)
     )
 
 
@@ -85,21 +86,23 @@ class TaylorModel:
     range: IntervalArrays
 
     @QUIET
-    def __add__(self, other: TaylorModel) -> TaylorModel:
-        c = self.c + other.c
-        rad = self.rad + other.rad + EPS * (np.abs(self.c) + np.abs(other.c)).sum(axis=0)
-        return tighten_model(self.basis, c, rad, interval.add_intervals(self.range, other.range))
+    def __add__(self, model: TaylorModel) -> TaylorModel:
+        # Remainders add, and each sum of two coefficients is rounded by EPS times both
+        c = self.c + model.c
+        rad = self.rad + model.rad + EPS * (np.abs(self.c) + np.abs(model.c)).sum(axis=0)
+        return tighten_model(self.basis, c, rad, interval.add_intervals(self.range, model.range))
 
-    def __mul__(self, other: TaylorModel) -> TaylorModel:
-        c, rad = _multiply_models(self.basis, (self.c, self.rad), (other.c, other.rad))
-        return tighten_model(self.basis, c, rad, interval.multiply_intervals(self.range, other.range))
+    def __mul__(self, model: TaylorModel) -> TaylorModel:
+        c, rad = _multiply_models(self.basis, (self.c, self.rad), (model.c, model.rad))
+        return tighten_model(self.basis, c, rad, interval.multiply_intervals(self.range, model.range))
 
     @QUIET
     def scale(self, number: float) -> TaylorModel:
         """The model times a number that is rounded, and may be subnormal or infinite then."""
+        # The number is off by EPS of itself, or by underflow, which counts all that it multiplies
         sizes = np.abs(self.c).sum(axis=0)
-        doubt = 4 * EPS * abs(number) + UNDERFLOW_ALLOWANCE
-        rad = (1 + EPS) * abs(number) * self.rad + doubt * (sizes + self.rad)
+        number_error = 4 * EPS * abs(number) + UNDERFLOW_ALLOWANCE
+        rad = (1 + EPS) * abs(number) * self.rad + number_error * (sizes + self.rad)
         values = interval.multiply_intervals(
             self.range, interval.round_outward(np.array([number]), np.array([number]))
         )
@@ -116,7 +119,7 @@ class TaylorModel:
 def affine_model(
     basis: MonomialBasis, centre: Array, half_widths: Array, ends: IntervalArrays, rounding: float = 0.0
 ) -> TaylorModel:
-    """centre (k,) + sum over i of arms (d, k) sigma_i, with the range `ends`.
+    """The model of `centre` (k,) + sum over i of `half_widths` (d, k) times sigma_i, with the range `ends`.
 
     The remainder covers the rounding of these numbers and the further `rounding`.
     """
@@ -133,10 +136,10 @@ def affine_model(
 
 def range_model(basis: MonomialBasis, values: IntervalArrays) -> TaylorModel:
     """The model of a function of which only two bounds (k,) are known."""
-    known = np.fmax(values[0], -np.inf), np.fmin(values[1], np.inf)
-    c = np.zeros((len(basis.degrees), len(known[0])))
-    c[0], rad = _midpoint_and_radius(known)
-    return TaylorModel(basis, c, rad, known)
+    bounds = np.fmax(values[0], -np.inf), np.fmin(values[1], np.inf)
+    c = np.zeros((len(basis.degrees), len(bounds[0])))
+    c[0], rad = _midpoint_and_radius(bounds)
+    return TaylorModel(basis, c, rad, bounds)
 
 
 def number_model(model: TaylorModel, value: Array | float) -> TaylorModel:
@@ -161,17 +164,17 @@ def apply_on_subsets(
 ) -> TaylorModel:
     """Functions of models, each on its part of the boxes, and 0 on the rest."""
     done = []
-    rest = np.ones(len(arguments[0].rad), dtype=bool)
-    for of, where in pieces:
-        rest &= ~where
+    outside = np.ones(len(arguments[0].rad), dtype=bool)
+    for function, where in pieces:
+        outside &= ~where
         if where.all():
-            return of(*arguments)
+            return function(*arguments)
         if where.any():
             done.append(
-                (of(*(argument.select_boxes(where) for argument in arguments)), np.flatnonzero(where))
+                (function(*(argument.select_boxes(where) for argument in arguments)), np.flatnonzero(where))
             )
-    zero = number_model(arguments[0].select_boxes(rest), 0.0)
-    return join_models([*done, (zero, np.flatnonzero(rest))])
+    zero = number_model(arguments[0].select_boxes(outside), 0.0)
+    return join_models([*done, (zero, np.flatnonzero(outside))])
 
 
 @QUIET
@@ -181,16 +184,19 @@ def tighten_model(basis: MonomialBasis, c: Array, rad: Array, values: IntervalAr
     A polynomial that is then not sharper than the range is replaced by the range's midpoint, and so is one
     that is not finite or not known to be near the function, whatever became of its remainder.
     """
+    # |F - c_0| <= sum over alpha != 0 of |c_alpha| + rad, for |sigma_i| <= 1
     rad = add_rounding(basis, rad)
     reach = add_rounding(basis, np.abs(c[1:]).sum(axis=0) + rad)
-    ends = c[0] - reach, c[0] + reach
-    lower, upper = interval.round_outward(*ends)
-    finite = np.isfinite(ends[0]) & np.isfinite(ends[1])
+    low = c[0] - reach
+    high = c[0] + reach
+    lower, upper = interval.round_outward(low, high)
+    finite = np.isfinite(low) & np.isfinite(high)
     if not finite.all():
         lower = np.where(finite, lower, -np.inf)
         upper = np.where(finite, upper, np.inf)
     lower = np.fmax(lower, values[0])
     upper = np.fmin(upper, values[1])
+    # The range's midpoint is off by half its width: as good as a polynomial with that remainder
     flat = ~(finite & (rad <= 0.5 * upper - 0.5 * lower))
     if flat.any():
         c = np.where(flat, 0.0, c)
@@ -201,10 +207,7 @@ def tighten_model(basis: MonomialBasis, c: Array, rad: Array, values: IntervalAr
 
 
 def add_rounding(basis: MonomialBasis, size: Array) -> Array:
-    """Sizes increased by what rounding of their sums and products, one per monomial, may take away, (k,).
-
-    The shape is (k,).
-    """
+    """Sizes increased by what rounding of their sums and products, one per monomial, may take away, (k,)."""
     return (1 + 4 * len(basis.degrees) * EPS) * size + UNDERFLOW_ALLOWANCE
 
 
@@ -214,16 +217,13 @@ def _midpoint_and_radius(values: IntervalArrays) -> tuple[Array, Array]:
     lower, upper = values
     middle = 0.5 * upper + 0.5 * lower
     half = 0.5 * upper - 0.5 * lower
-    known = np.isfinite(middle)
+    finite = np.isfinite(middle)
     reach = (1 + 4 * EPS) * (half + EPS * np.abs(middle)) + UNDERFLOW_ALLOWANCE
-    return np.where(known, middle, 0.0), np.where(known, reach, np.inf)
+    return np.where(finite, middle, 0.0), np.where(finite, reach, np.inf)
 
 
 def _sizes_by_degree(basis: MonomialBasis, c: Array) -> Array:
-    """Sums of |c_alpha| over the monomials of each degree, (n + 1, k).
-
-    The shape is (n + 1, k).
-    """
+    """Sums of |c_alpha| over the monomials of each degree, (n + 1, k)."""
     sizes = np.abs(c, order="C")  # sums of many rows are rounded by their order in memory
     if len(basis.degrees) == basis.order + 1:  # of one variable there is one monomial of each degree
         return sizes
@@ -239,20 +239,21 @@ def _multiply_models(
     basis: MonomialBasis, a: tuple[Array, Array], b: tuple[Array, Array]
 ) -> tuple[Array, Array]:
     """The coefficients and the remainder of a product."""
+    # (x + r)(y + s) = x y + (x + r) s + r y; of x y the products of degree up to n are kept
     (x, r) = a
     (y, s) = b
     c = np.zeros(x.shape, dtype=np.result_type(x, y))
     for i in np.flatnonzero(x.any(axis=1)):
-        for others, into in basis.product_slices[i]:
-            c[into] += x[i] * y[others]
-    of_x = _sizes_by_degree(basis, x)
-    # from_y[i] is the sum over the degrees of y from n - i on, whose products with degree i + 1 are left out
-    from_y = np.add.accumulate(_sizes_by_degree(basis, y)[::-1])
-    above = np.add.reduce(of_x[1:] * from_y[:-1])
-    all_x = np.add.reduce(of_x)
-    all_y = from_y[-1]
-    rounding = (len(basis.degrees) + 2) * EPS * (all_x * all_y)  # EPS times one of them may underflow
-    return c, add_rounding(basis, above + (all_x + r) * s + all_y * r + rounding)
+        for factors, products in basis.product_slices[i]:
+            c[products] += x[i] * y[factors]
+    x_sizes = _sizes_by_degree(basis, x)
+    # y_tails[i] is the sum over the degrees of y from n - i on, whose products with degree i + 1 are left out
+    y_tails = np.add.accumulate(_sizes_by_degree(basis, y)[::-1])
+    above = np.add.reduce(x_sizes[1:] * y_tails[:-1])
+    x_size = np.add.reduce(x_sizes)
+    y_size = y_tails[-1]
+    rounding = (len(basis.degrees) + 2) * EPS * (x_size * y_size)  # EPS times one of them may underflow
+    return c, add_rounding(basis, above + (x_size + r) * s + y_size * r + rounding)
 
 
 def compose_model(
@@ -265,7 +266,8 @@ def compose_model(
     """g(a) from g's Taylor coefficients (n + 1, k) at a's constant term, and bounds (k,) on the next.
 
     `next_bound` bounds |g^(n+1)| / (n+1)! on all values of a and their constant term, up to underflow.
-    `error` is that of the coefficients, by default OF_FUNCTIONS times their size. `values` is the range of
+    `error` is that of the coefficients, by default FUNCTION_COEFFICIENT_ERROR times
+    their size. `values` is the range of
     g(a).
     """
     c, rad = compose_coefficients(a.basis, (a.c, a.rad), coefficients, next_bound, error)
@@ -281,6 +283,7 @@ def compose_coefficients(
     error: Array | float | None = None,
 ) -> tuple[Array, Array]:
     """The coefficients, which may be complex, and the remainder of g(a) as in `compose_model`."""
+    # g(a) = sum over k <= n of g_k (a - a_0)^k by Horner's rule, and the rest: next_bound |a - a_0|^(n + 1)
     inner = a[0].copy()
     inner[0] = 0.0
     size = add_rounding(basis, np.abs(inner).sum(axis=0) + a[1])

@@ -44,11 +44,12 @@ POWER_ERROR = 1e-10
 
 def _expansion_point(a: TaylorModel) -> tuple[Array, IntervalArrays, int]:
     """The constant term of a model, an interval that contains it and all values, and the degree n."""
-    at = a.c[0]
-    return at, (np.fmin(a.range[0], at), np.fmax(a.range[1], at)), a.basis.order
+    centre = a.c[0]
+    return centre, (np.fmin(a.range[0], centre), np.fmax(a.range[1], centre)), a.basis.order
 
 
 def _factorials(n: int) -> Array:
+    """0! to (n + 1)!, (n + 2, 1)."""
     return np.array([float(math.factorial(k)) for k in range(n + 2)])[:, None]
 
 
@@ -59,32 +60,36 @@ def _make_entire_function(
 
     @QUIET
     def function(a: TaylorModel) -> TaylorModel:
-        at, values, n = _expansion_point(a)
-        fact = _factorials(n)
-        derivatives = cycle(at)
-        coefficients = np.stack([derivatives[k % len(derivatives)] for k in range(n + 1)]) / fact[:-1]
+        """The function of a model, by its Taylor polynomial at the model's constant term."""
+        centre, values, n = _expansion_point(a)
+        factorials = _factorials(n)
+        derivatives = cycle(centre)
+        coefficients = np.stack([derivatives[k % len(derivatives)] for k in range(n + 1)]) / factorials[:-1]
         if bound is None:  # sin and cos are accurate to a unit of 1, not relatively
-            return compose_model(a, coefficients, 1 / fact[-1], interval_function(a.range), error=4 * EPS)
-        return compose_model(a, coefficients, bound(values)[1] / fact[-1], interval_function(a.range))
+            return compose_model(
+                a, coefficients, 1 / factorials[-1], interval_function(a.range), error=4 * EPS
+            )
+        return compose_model(a, coefficients, bound(values)[1] / factorials[-1], interval_function(a.range))
 
     return function
 
 
 def tanh_model(a: TaylorModel) -> TaylorModel:
     """tanh of a model, by y' = 1 - y^2 and Cauchy's estimate on circles of radius 1."""
-    at, _, n = _expansion_point(a)
-    y = np.zeros((n + 1, len(at)))
-    y[0] = np.tanh(at)
+    centre, _, n = _expansion_point(a)
+    # (k + 1) y_(k + 1) = [k = 0] - sum over i of y_i y_(k - i)
+    y = np.zeros((n + 1, len(centre)))
+    y[0] = np.tanh(centre)
     for k in range(n):
         y[k + 1] = ((k == 0) - np.sum(y[: k + 1] * y[k::-1], axis=0)) / (k + 1)
-    return compose_model(a, y, MAX_TANH_ON_CIRCLE + 0 * at, interval.tanh(a.range), TANH_COEFFICIENT_ERROR)
+    return compose_model(
+        a, y, MAX_TANH_ON_CIRCLE + 0 * centre, interval.tanh(a.range), TANH_COEFFICIENT_ERROR
+    )
 
 
 def _binomial_coefficients(exponent: float, n: int) -> Array:
-    """The coefficients of (1 + z)^exponent, (n + 2, 1).
-
-    The shape is (n + 2, 1).
-    """
+    """The coefficients of (1 + z)^exponent, (n + 2, 1)."""
+    # (m over k + 1) = (m over k) (m - k) / (k + 1)
     coefficients = [1.0]
     for k in range(n + 1):
         coefficients.append(coefficients[-1] * (exponent - k) / (k + 1))
@@ -98,22 +103,24 @@ def _power_series(a: TaylorModel, exponent: float, values: IntervalArrays) -> Ta
     Elsewhere it is the range of a^exponent. The exponent is negative or fractional, so that no coefficient
     is 0.
     """
-    at, (low, high), n = _expansion_point(a)
+    centre, (low, high), n = _expansion_point(a)
     *binomials, next_ = _binomial_coefficients(exponent, n)
     either_sign = exponent == int(exponent)
-    coefficients = np.array(binomials) * at ** (exponent - np.arange(n + 1)[:, None])
+    # a^m = sum over k of (m over k) a_0^(m - k) (a - a_0)^k
+    coefficients = np.array(binomials) * centre ** (exponent - np.arange(n + 1)[:, None])
     nearest = np.where(low > 0, low, -high if either_sign else np.nan)
     farthest = np.maximum(np.abs(low), np.abs(high))
-    ends = [end ** (exponent - n - 1) for end in (nearest, farthest)]
-    last = np.where(nearest > 0, np.abs(next_) * np.maximum(*ends), np.inf)
+    # |(m over n + 1) x^(m - n - 1)| is monotone in |x|: largest at the end nearest to 0 or farthest from it
+    largest = np.maximum(nearest ** (exponent - n - 1), farthest ** (exponent - n - 1))
+    last = np.where(nearest > 0, np.abs(next_) * largest, np.inf)
     # a fractional exponent is rounded, which counts log a times
-    logs = 1 + np.abs(np.log(np.abs(at)))
+    logs = 1 + np.abs(np.log(np.abs(centre)))
     error = (FUNCTION_COEFFICIENT_ERROR + 4 * EPS * (n + abs(exponent)) * logs) * np.abs(coefficients)
     return compose_model(a, coefficients, (1 + POWER_ERROR) * last, values, error)
 
 
 def power_model(a: TaylorModel, n: int) -> TaylorModel:
-    """a^n for a whole number n that is not 0."""
+    """a^n for a whole number n that is not 0, by squaring for n > 0."""
     values = interval.integer_power(a.range, n)
     if n < 0:
         return _power_series(a, float(n), values)
@@ -136,21 +143,23 @@ def positive_power_model(a: TaylorModel, k: float) -> TaylorModel:
     For any other k only its range is known there.
     """
     lower, upper = a.range
-    whole = k > 0 and k == int(k)
+    is_integer = k > 0 and k == int(k)
 
-    def of_positive(a: TaylorModel) -> TaylorModel:
+    def enclose_positive(a: TaylorModel) -> TaylorModel:
+        """a_+^k where a > 0, or k is whole: |a^k - a_+^k| <= (-a)_+^k."""
         values = interval.positive_part_power(a.range, k)
-        if not whole:
+        if not is_integer:
             return _power_series(a, k, values)
         whole_power = power_model(a, int(k))
         beyond = interval.positive_part_power((-a.range[1], -a.range[0]), k)[1]
         return tighten_model(a.basis, whole_power.c, whole_power.rad + beyond, values)
 
-    def of_both(a: TaylorModel) -> TaylorModel:
+    def enclose_mixed(a: TaylorModel) -> TaylorModel:
+        """The range of a_+^k, of which no polynomial is known where a has both signs."""
         return range_model(a.basis, interval.positive_part_power(a.range, k))
 
-    known = (lower > 0) | (whole & (upper > 0))
-    return apply_on_subsets([(of_positive, known), (of_both, (upper > 0) & ~known)], a)
+    has_series = (lower > 0) | (is_integer & (upper > 0))
+    return apply_on_subsets([(enclose_positive, has_series), (enclose_mixed, (upper > 0) & ~has_series)], a)
 
 
 @QUIET
@@ -165,18 +174,21 @@ def polar_power_model(x: TaylorModel, y: TaylorModel, beta: float, phase: float,
     z = (x.c + 1j * y.c) * turn
     sizes = np.abs(x.c) + np.abs(y.c)
     rad = x.rad + y.rad + 4 * EPS * sizes.sum(axis=0)
-    at = np.abs(z[0])
+    # z = z_0 + w with |w| <= reach: z^beta = sum over k of (beta over k) z_0^(beta - k) w^k
+    modulus = np.abs(z[0])
     reach = np.abs(z[1:]).sum(axis=0) + rad
     binomials = _binomial_coefficients(beta, n)
     exponents = beta - np.arange(n + 1)[:, None]
     coefficients = binomials[:-1] * z[0] ** exponents * np.exp(1j * beta * (0.5 * omega - phase))
-    error = 8 * EPS * np.abs(coefficients) * (1 + np.abs(exponents) * (4 + np.abs(np.log(at))))
-    ratio = (1 + POWER_ERROR) * max(1.0, (beta - n - 1) / (n + 2)) * reach / at
-    last = np.where(ratio < 1, np.abs(binomials[-1]) * at ** (beta - n - 1) / (1 - ratio), np.inf)
+    error = 8 * EPS * np.abs(coefficients) * (1 + np.abs(exponents) * (4 + np.abs(np.log(modulus))))
+    # The terms from n + 1 on: |(beta over n + 1)| |z_0|^(beta - n - 1) reach^(n + 1) / (1 - ratio) at most
+    ratio = (1 + POWER_ERROR) * max(1.0, (beta - n - 1) / (n + 2)) * reach / modulus
+    last = np.where(ratio < 1, np.abs(binomials[-1]) * modulus ** (beta - n - 1) / (1 - ratio), np.inf)
     c, rad = compose_coefficients(x.basis, (z, rad), coefficients, (1 + POWER_ERROR) * last, error)
-    reach = add_rounding(x.basis, at + reach)
-    most = interval.positive_part_power((reach, reach), beta)[1]
-    return tighten_model(x.basis, c.real.copy(), rad, (-most, most))
+    # |z^beta cos(..)| <= |z|^beta, the range where the series does not converge
+    reach = add_rounding(x.basis, modulus + reach)
+    largest = interval.positive_part_power((reach, reach), beta)[1]
+    return tighten_model(x.basis, c.real.copy(), rad, (-largest, largest))
 
 
 MODEL_FUNCTIONS: dict[str, ModelFunction] = {
@@ -201,11 +213,13 @@ def enclose_formula(
     `step_values` gives the value (k,) that a jump pos(a, 0) has on each box, NaN where it has both.
     """
     like = next(iter(variables.values()))
-    known = {Primitive(name): model for name, model in variables.items()}
+    values = {Primitive(name): model for name, model in variables.items()}
     for step, value in (step_values or {}).items():
-        both = np.isnan(value)
-        known[step] = range_model(like.basis, (np.where(both, 0.0, value), np.where(both, 1.0, value)))
-    return _ModelEvaluation((formula,), known).evaluate(formula)
+        undecided = np.isnan(value)
+        values[step] = range_model(
+            like.basis, (np.where(undecided, 0.0, value), np.where(undecided, 1.0, value))
+        )
+    return _ModelEvaluation((formula,), values).evaluate(formula)
 
 
 class _ModelEvaluation(Evaluation[TaylorModel]):

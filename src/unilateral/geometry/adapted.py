@@ -1,10 +1,10 @@
 """The cells of T_H, the multiplier's partition of the boundary, on meshes refined where it is needed.
 
-Places on the boundary are whole numbers: every edge of the first mesh is UNIT long, and edges 0 and 1, 2 and
-3, .. of it lie in one cell. So an edge of any later mesh is a dyadic interval. It asks for its parent, which
-is twice as long; of nested parents the largest is a cell of T_H. Every edge that meets a cell is then at most
-half of it, which keeps the pair of spaces stable. Where an edge is shorter than a quarter of its cell, the
-cell's longest edges are halved, too; else edges in geometric progression would be one cell.
+Places on the boundary are whole numbers: every edge of the first mesh is FIRST_EDGE_LENGTH long, and its
+edges 0 and 1, 2 and 3, .. lie in one cell. So an edge of any later mesh is a dyadic interval. It asks for its
+parent, which is twice as long; of nested parents the largest is a cell of T_H. Every edge that meets a cell
+is then at most half of it, which keeps the pair of spaces stable. Where an edge is shorter than a quarter of
+its cell, the cell's longest edges are halved, too; else edges in geometric progression would be one cell.
 """
 
 from __future__ import annotations
@@ -32,19 +32,18 @@ BULK_SHARE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class AdaptedMesh:
-    """A mesh whose boundary edge k lies between the places at[k] and at[k + 1], `positions` (nb + 1,)."""
+    """A mesh whose boundary edge k lies between the whole numbers positions[k] and positions[k + 1]."""
 
     mesh: Mesh
     positions: Index
 
     @cached_property
     def cell(self) -> Index:
-        """The cell of each boundary edge, (nb,).
-
-        The shape is (nb,).
-        """
+        """The cell of each boundary edge, (nb,)."""
+        # The parent of an edge [a, a + l] is the dyadic interval of length 2 l that contains it
         length = np.diff(self.positions)
         begin = self.positions[:-1] // (2 * length) * (2 * length)
+        # By their starts, the larger one first: a parent begins a new cell unless an earlier one covers it
         order = np.lexsort([-length, begin])
         reach = np.maximum.accumulate((begin + 2 * length)[order])
         cell = np.empty(len(order), dtype=np.intp)
@@ -60,6 +59,7 @@ class AdaptedMesh:
     @property
     def unbalanced_triangles(self) -> Index:
         """The triangles at boundary edges that are too long beside a shorter edge of the same cell."""
+        # Too long: half a cell (no edge is more) that is over MAX_CELL_EDGE_RATIO times its shortest edge
         length = np.diff(self.positions)
         total, shortest = np.zeros((2, self.cell[-1] + 1), dtype=np.int64)
         np.add.at(total, self.cell, length)
@@ -75,30 +75,30 @@ def start_adapted_mesh(mesh: Mesh) -> AdaptedMesh:
 
 
 def mark_triangles(mesh: Mesh, shares: Array) -> Index:
-    """The fewest triangles with the part BULK of the sum of all shares (m,) (Doerfler, SINUM 33, 1996).
+    """The fewest triangles with BULK_SHARE of the sum of all shares (m,) (Doerfler, SINUM 33, 1996).
 
     Triangles whose edges are as short as rounding are left out. Raises InputError if none remains.
     """
     shortest = float(np.spacing(mesh.polygon.largest)) / MAX_ROUNDING_PER_H
     order = np.argsort(-shares, kind="stable")
-    largest = order[: np.searchsorted(np.cumsum(shares[order]), BULK_SHARE * shares.sum()) + 1]
-    largest = largest[mesh.longest_edges[largest] > shortest]
-    if largest.size == 0:
+    marked = order[: np.searchsorted(np.cumsum(shares[order]), BULK_SHARE * shares.sum()) + 1]
+    marked = marked[mesh.longest_edges[marked] > shortest]
+    if marked.size == 0:
         raise InputError(
             f"the triangles of '{mesh.polygon.name}' from which most of the bound comes have edges of "
             f"{shortest:.2g}, as short as rounding allows; take a larger accuracy"
         )
-    return largest
+    return marked
 
 
 def halve_triangle_edges(adapted: AdaptedMesh, halvings: Index) -> AdaptedMesh:
     """The mesh with the edges of each triangle halved `halvings` (m,) times, and others as that needs."""
-    wanted = halvings
-    while (chosen := np.flatnonzero(wanted > 0)).size:
+    remaining = halvings
+    while (chosen := np.flatnonzero(remaining > 0)).size:
         before = len(adapted.mesh.steps)
         adapted = _refine_once(adapted, chosen)
         (step,) = adapted.mesh.steps[before:]
-        wanted = step.replace_values(wanted, wanted[step.parent] - 1)
+        remaining = step.replace_values(remaining, remaining[step.parent] - 1)
     return refine_and_balance(adapted, adapted.unbalanced_triangles)
 
 
@@ -115,10 +115,6 @@ def refine_and_balance(adapted: AdaptedMesh, marked: Index) -> AdaptedMesh:
 
 def _refine_once(adapted: AdaptedMesh, marked: Index) -> AdaptedMesh:
     mesh = refine_triangles(adapted.mesh, marked)
-    before = find_halved_edges(mesh.boundary, adapted.mesh.n_nodes)
-    return AdaptedMesh(
-        mesh,
-        np.insert(
-            adapted.positions, before + 1, (adapted.positions[before] + adapted.positions[before + 1]) // 2
-        ),
-    )
+    halved = find_halved_edges(mesh.boundary, adapted.mesh.n_nodes)
+    middles = (adapted.positions[halved] + adapted.positions[halved + 1]) // 2
+    return AdaptedMesh(mesh, np.insert(adapted.positions, halved + 1, middles))

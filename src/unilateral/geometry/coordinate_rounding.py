@@ -57,16 +57,17 @@ def rounding_units(values: ArrayLike) -> Array:
     ndarray of float, of the same shape
         A number differs from the one that was rounded by at most half its unit.
 
-    >>> units([0.1234, 0.5, 1.25]).tolist(), units([1 / 3, 0.5]).tolist()
+    >>> rounding_units([0.1234, 0.5, 1.25]).tolist(), rounding_units([1 / 3, 0.5]).tolist()
     ([0.0001, 0.0001, 0.001], [0.0, 0.0])
     """
+    # Decimals explain the numbers up to half a unit, and so may single precision
     numbers = np.abs(np.asarray(values, dtype=float))
     decimal = np.maximum(_significant_units(numbers), _decimal_unit(numbers))
     return np.maximum(decimal, _single_precision_units(numbers, 0.5 * decimal))
 
 
 def has_typed_digits(values: ArrayLike) -> bool:
-    """Whether numbers have so few digits, at most AS_TYPED, that nobody rounded them."""
+    """Whether numbers have so few digits, at most MAX_TYPED_DIGITS, that nobody rounded them."""
     numbers = np.abs(np.asarray(values, dtype=float))
     return bool(np.all((numbers == 0) | (numbers < 10**MAX_TYPED_DIGITS * rounding_units(numbers))))
 
@@ -81,12 +82,10 @@ def arithmetic_error(points: Array) -> float:
 def rounding_errors_of_points(points: Array) -> Array:
     """How far rounded points may be from the true ones: half a unit in either coordinate, (n,).
 
-    The shape is (n,).
-
     Of places as a person typed them the unit is 0, or that of single precision if they are kept in it.
     """
-    of_places = _single_precision_units(points, 0.0) if has_typed_digits(points) else rounding_units(points)
-    return 0.5 * np.hypot(*of_places.T)
+    units = _single_precision_units(points, 0.0) if has_typed_digits(points) else rounding_units(points)
+    return 0.5 * np.hypot(*units.T)
 
 
 def max_point_error(points: Array) -> float:
@@ -99,6 +98,7 @@ def _significant_units(numbers: Array) -> Array:
     digits = significant_digits(numbers)
     if not 0 < digits < UNROUNDED_DIGITS:
         return np.zeros(numbers.shape)
+    # x = a.bc.. 10^p with d significant digits: its last digit counts 10^(p - d + 1)
     with np.errstate(divide="ignore"):
         leading = np.where(numbers > 0, np.floor(np.log10(numbers)), -np.inf)
     return 10.0 ** (leading - digits + 1)
@@ -118,6 +118,7 @@ def _decimal_unit(numbers: Array) -> float:
     largest = float(numbers.max(initial=0.0))
     if largest == 0:
         return 0.0
+    # The first number of decimals with which the largest value has MAX_TYPED_DIGITS digits
     decimals = MAX_TYPED_DIGITS - 1 - int(np.floor(np.log10(largest)))
     # As long as a double tells a decimal from its neighbours clearly.
     while float(np.spacing(largest)) * 10.0**decimals < 0.1 * DECIMAL_TOLERANCE:

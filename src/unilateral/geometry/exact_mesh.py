@@ -16,33 +16,31 @@ from unilateral.formulas.taylor import EPS
 from unilateral.geometry.polygon import Polygon
 
 MAX_DISTORTION = 1e-3
-"""Proposition S7 of the supplement holds if `distortion_bounds` and `stretch` are at most this."""
+"""epsilon, kappa <= 10^-3 in Proposition S7, of `distortion_bounds` and `stretch`."""
 FACTOR_PER_DISTORTION = 6.0
-"""gamma of Proposition S7 is 1 + GROWTH (distortion + stretch)."""
+"""gamma of Proposition S7 is 1 + FACTOR_PER_DISTORTION (distortion + stretch)."""
 
 
 def boundary_node_shifts(polygon: Polygon, points: Array, side: Index, s: Array) -> Array:
     """Bounds on the distances of boundary nodes in memory from the exact ones at the arc lengths s, (nb,).
 
-    The shape is (nb,).
-
     Places relative to the side's first vertex are rounded relative to its distance, however far the origin.
     """
+    # x* = a + t e on the side from a along e: |x - x*| as computed, and the rounding of t e
     t = (s - polygon.starts[side]) / np.diff(polygon.starts)[side]
     along = t[:, None] * polygon.edges[side]
-    off = points - polygon.vertices[side] - along
-    return np.hypot(*off.T) + 4 * EPS * np.hypot(*along.T)
+    error = points - polygon.vertices[side] - along
+    return np.hypot(*error.T) + 4 * EPS * np.hypot(*along.T)
 
 
 def distortion_bounds(node_shifts: Array, triangles: Index, longest_edges: Array, areas: Array) -> Array:
-    """Bounds on |D Phi - I| per triangle, Phi the affine map from the triangle in memory to the exact one.
-
-    The shape is (m,).
+    """Bounds (m,) on |D Phi - I|, Phi the affine map from each triangle in memory to the exact one.
 
     That is at most the sum over the nodes of their `node_shifts` (n,) times the gradient of the hat, which is
     an edge over twice the area. The second term is the rounding of areas and edges, computed from
     coordinates.
     """
+    # epsilon_T = sum_j delta_j |grad phi_j|, |grad phi_j| <= longest edge / (2 |T|) (Proposition S7)
     return (0.5 * node_shifts[triangles].sum(axis=1) + 4 * EPS * longest_edges) * longest_edges / areas
 
 
@@ -55,12 +53,12 @@ def check_distortion(polygon: Polygon, points: Array, triangles: Index, distorti
         raise InputError(
             f"polygon '{polygon.name}': no bound is guaranteed on so fine a mesh, because rounding "
             f"of coordinates may change the shape of triangle {worst} at ({x:.6g}, {y:.6g}) by "
-            f"{distortion[worst]:.1g}, more than {MAX_DISTORTION:g}; move the polygon to the origin, or take larger or "
-            "less flat triangles"
+            f"{distortion[worst]:.1g}, more than {MAX_DISTORTION:g}; move the polygon to the origin, or take "
+            "larger or less flat triangles"
         )
     if not polygon.stretch[short] <= MAX_DISTORTION:
         raise InputError(
             f"polygon '{polygon.name}': no bound is guaranteed, because rounding changes side {short} by "
-            f"{polygon.stretch[short]:.1g} of its length, more than {MAX_DISTORTION:g}; leave out so short a side, or "
-            "move the polygon to the origin"
+            f"{polygon.stretch[short]:.1g} of its length, more than {MAX_DISTORTION:g}; leave out so short a "
+            "side, or move the polygon to the origin"
         )

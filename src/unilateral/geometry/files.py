@@ -113,14 +113,14 @@ def read_mesh(
     if len(used) == len(points):
         return as_mesh(points, triangles, polygon, where)
     unused = np.setdiff1d(np.arange(len(points)), used)
-    what = pluralise(len(unused), "node of no triangle is", "nodes of no triangle are")
-    told = (
+    dropped = pluralise(len(unused), "node of no triangle is", "nodes of no triangle are")
+    message = (
         "its triangles are of second order; the linear function with its values at their corners is taken"
         if second_order
-        else f"{what} left out, such as node {describe_node(points[:, :2], int(unused[0]))}; the other nodes are "
-        "numbered anew"
+        else f"{dropped} left out, such as node {describe_node(points[:, :2], int(unused[0]))}; the other "
+        "nodes are numbered anew"
     )
-    warnings.warn(f"{where}: {told}", SolutionWarning, stacklevel=3)
+    warnings.warn(f"{where}: {message}", SolutionWarning, stacklevel=3)
     return as_mesh(points[used], np.searchsorted(used, triangles), polygon, where)
 
 
@@ -185,8 +185,8 @@ def _explain_stop(error: BaseException, printed: str) -> str:
 
     if isinstance(error, meshio.ReadError) and str(error):
         return _one_line(error)
-    what = type(error).__name__ + (f": {_one_line(error)}" if str(error) else "")
-    return f"its end is missing or it is not what its ending says (meshio stopped with {what})"
+    cause = type(error).__name__ + (f": {_one_line(error)}" if str(error) else "")
+    return f"its end is missing or it is not what its ending says (meshio stopped with {cause})"
 
 
 def read_partition(path: str | os.PathLike[str], polygon: Polygon) -> Partition:

@@ -32,7 +32,7 @@ def as_mesh(
 
     By default the polygon is the one that the triangles' boundary forms, as `find_outline` finds it. Raises
     InputError as `from_arrays`. Warns by a SolutionWarning where nodes were moved onto its sides, and where
-    corners turn by less than SLIGHT.
+    corners turn by less than SLIGHT_TURN_RADIANS.
     """
     if isinstance(points_or_mesh, Mesh) and triangles is None and polygon is None:
         return points_or_mesh
@@ -51,15 +51,16 @@ def as_mesh(
 def _warn_of_moved_nodes(outline: Outline, points: Array, mesh: Mesh, where: str) -> None:
     """Warns where turns of the boundary were taken for rounding, and nodes moved for that."""
     away = np.hypot(*(mesh.points - points).T)
-    moved = int(np.count_nonzero(away))
+    n_moved = int(np.count_nonzero(away))
     farthest = int(away.argmax())
-    if moved and len(outline.rounded_nodes):
+    if n_moved and len(outline.rounded_nodes):
         turns = pluralise(len(outline.rounded_nodes), "node")
-        nodes = pluralise(moved, "node was", "nodes were")
+        nodes = pluralise(n_moved, "node was", "nodes were")
         warnings.warn(
             f"{where}: the polygon has {mesh.polygon.n_sides} sides; the turns of its boundary at {turns}, "
-            f"of up to {np.degrees(outline.max_rounding_turn):.2g} degrees, are taken for rounding of coordinates, and "
-            f"{nodes} moved onto the sides, node {describe_node(points, farthest)} by {away[farthest]:.2g}",
+            f"of up to {np.degrees(outline.max_rounding_turn):.2g} degrees, are taken for rounding of "
+            f"coordinates, and {nodes} moved onto the sides, node {describe_node(points, farthest)} by "
+            f"{away[farthest]:.2g}",
             SolutionWarning,
             stacklevel=4,
         )
@@ -76,8 +77,8 @@ def _warn_of_slight_corners(polygon: Polygon, where: str) -> None:
         turns = pluralise(slight.size, "vertex turns", "vertices turn")
         warnings.warn(
             f"{where}: the polygon has {polygon.n_sides} sides, and {turns} by less than "
-            f"{np.degrees(SLIGHT_TURN_RADIANS):.0f} degree, the first at ({x:.9g}, {y:.9g}); if the boundary is straight "
-            f"there, {POLYGON_ADVICE}",
+            f"{np.degrees(SLIGHT_TURN_RADIANS):.0f} degree, the first at ({x:.9g}, {y:.9g}); if the boundary "
+            f"is straight there, {POLYGON_ADVICE}",
             SolutionWarning,
             stacklevel=4,
         )
@@ -91,14 +92,16 @@ def refine_within_memory(mesh: Mesh, halvings: int) -> Mesh:
         or not 0 <= halvings <= MAX_MESH_HALVINGS
     ):
         raise InputError(
-            f"halvings is {quote_input(repr(halvings))}; it has to be a whole number from 0 to {MAX_MESH_HALVINGS}"
+            f"halvings is {quote_input(repr(halvings))}; it has to be a whole number from 0 to "
+            f"{MAX_MESH_HALVINGS}"
         )
+    # Each halving of all edges makes about four times as many nodes
     needed = 4.0**halvings * mesh.n_nodes * BYTES_PER_NODE / 2**20
     free = available_mb()
     if needed > free:
         raise InputError(
-            f"halvings = {halvings} makes a mesh of about {4.0**halvings * mesh.n_nodes:.2g} nodes, which takes "
-            f"{needed:.0f} MB, and {free:.0f} MB are free; take fewer"
+            f"halvings = {halvings} makes a mesh of about {4.0**halvings * mesh.n_nodes:.2g} nodes, which "
+            f"takes {needed:.0f} MB, and {free:.0f} MB are free; take fewer"
         )
     return refine_uniformly(mesh, int(halvings))
 
@@ -130,14 +133,16 @@ def _extract_arrays(points_or_mesh: Any, triangles: ArrayLike | None, where: str
             ... if mask is None else ~np.asarray(mask, bool)
         ]
     raise InputError(
-        f"{where}: {quote_input(' '.join(repr(points_or_mesh).split()))} is no mesh; give a file, points and triangles, or "
-        "a mesh of meshio, scikit-fem or matplotlib"
+        f"{where}: {quote_input(' '.join(repr(points_or_mesh).split()))} is no mesh; give a file, points and "
+        "triangles, or a mesh of meshio, scikit-fem or matplotlib"
     )
 
 
 def _are_meshio_blocks(cells: Any) -> bool:
     """Whether they are the cells of a mesh of meshio, of the version that is asked for."""
-    return isinstance(cells, list) and all(hasattr(each, "type") and hasattr(each, "data") for each in cells)
+    return isinstance(cells, list) and all(
+        hasattr(block, "type") and hasattr(block, "data") for block in cells
+    )
 
 
 def extract_meshio_triangles(content: Any, where: str, corners_only: bool = False) -> tuple[Array, Array]:
@@ -145,15 +150,16 @@ def extract_meshio_triangles(content: Any, where: str, corners_only: bool = Fals
 
     Triangles of second order are refused, or their `corners_only` taken.
     """
-    known = {"triangle", "line", "vertex"} | ({"triangle6", "line3"} if corners_only else set())
-    foreign = sorted({block.type for block in content.cells} - known)
-    curved = [kind for kind in foreign if kind.startswith("triangle")]
+    allowed_kinds = {"triangle", "line", "vertex"} | ({"triangle6", "line3"} if corners_only else set())
+    other_kinds = sorted({block.type for block in content.cells} - allowed_kinds)
+    curved = [kind for kind in other_kinds if kind.startswith("triangle")]
     if curved:
         raise InputError(
-            f"{where}: there are cells of type {curved[0]}, {SECOND_ORDER_FAULT}, in gmsh by Mesh.ElementOrder = 1"
+            f"{where}: there are cells of type {curved[0]}, {SECOND_ORDER_FAULT}, in gmsh by "
+            "Mesh.ElementOrder = 1"
         )
-    if foreign:
-        raise InputError(f"{where}: there are cells of type {foreign[0]}; take plain triangles")
+    if other_kinds:
+        raise InputError(f"{where}: there are cells of type {other_kinds[0]}; take plain triangles")
     points = read_floats(content.points, f"{where}, points")
     blocks = [
         read_indices(block.data[:, :3] if corners_only else block.data, f"{where}, triangles")
@@ -172,29 +178,25 @@ def extract_meshio_triangles(content: Any, where: str, corners_only: bool = Fals
 
 
 def _drop_third_coordinate(points: ArrayLike, where: str) -> Array:
-    """The points (n, 2) without their third coordinates, which have to be 0.
-
-    The shape is (n, 2).
-    """
-    found = read_floats(points, f"{where}, points", "they have to be numbers, an array of the shape (n, 2)")
-    if found.ndim != 2 or found.shape[1] != 3:
-        return found
-    lifted = np.flatnonzero(found[:, 2])
+    """The points (n, 2) without their third coordinates, which have to be 0."""
+    coordinates = read_floats(
+        points, f"{where}, points", "they have to be numbers, an array of the shape (n, 2)"
+    )
+    if coordinates.ndim != 2 or coordinates.shape[1] != 3:
+        return coordinates
+    lifted = np.flatnonzero(coordinates[:, 2])
     if lifted.size:
         raise InputError(
-            f"{where}: node {lifted[0]} has the third coordinate {found[lifted[0], 2]:.6g}; the mesh has to "
-            "lie in the plane z = 0"
+            f"{where}: node {lifted[0]} has the third coordinate {coordinates[lifted[0], 2]:.6g}; the mesh "
+            "has to lie in the plane z = 0"
         )
-    return found[:, :2]
+    return coordinates[:, :2]
 
 
 def _as_triangle_indices(triangles: ArrayLike, where: str) -> Index:
-    """The triangles (m, 3) as whole numbers; InputError if they are none.
-
-    The shape is (m, 3).
-    """
-    wanted = "they have to be whole numbers, an array of the shape (m, 3)"
-    found = read_indices(triangles, f"{where}, triangles", wanted)
-    if found.ndim == 2 and found.shape[1] != 3 and found.size:
-        raise InputError(f"{where}: there are cells of {found.shape[1]} nodes; take plain triangles")
-    return found
+    """The triangles (m, 3) as whole numbers; InputError if they are none."""
+    requirement = "they have to be whole numbers, an array of the shape (m, 3)"
+    indices = read_indices(triangles, f"{where}, triangles", requirement)
+    if indices.ndim == 2 and indices.shape[1] != 3 and indices.size:
+        raise InputError(f"{where}: there are cells of {indices.shape[1]} nodes; take plain triangles")
+    return indices

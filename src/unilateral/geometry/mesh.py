@@ -21,7 +21,7 @@ from unilateral.system.optional import require
 MAX_ROUNDING_PER_H = 1e-6
 """The rounding of coordinates may be this part of the longest boundary edge; a larger one shows in A_3."""
 MAX_ROUNDING_PER_EDGE = exact_mesh.MAX_DISTORTION
-"""The rounding of coordinates may be this part of any edge: no finer mesh is near enough to the exact one."""
+"""The rounding of coordinates may be this part of any edge; then S7 holds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,10 +61,7 @@ class Mesh:
 
     @cached_property
     def side(self) -> Index:
-        """The side of the polygon on which each boundary edge lies, (nb,).
-
-        The shape is (nb,).
-        """
+        """The side of the polygon on which each boundary edge lies, (nb,)."""
         return self.polygon.sides_of(self.s[:-1])
 
     @cached_property
@@ -79,10 +76,7 @@ class Mesh:
 
     @cached_property
     def longest_edges(self) -> Array:
-        """The longest edge of each triangle, (m,).
-
-        The shape is (m,).
-        """
+        """The longest edge of each triangle, (m,)."""
         return longest_edges(self.points, self.triangles)
 
     @property
@@ -104,20 +98,14 @@ class Mesh:
 
     @cached_property
     def opposite_edges(self) -> Int32:
-        """The numbers of the edges opposite to the triangles' nodes, (m, 3).
-
-        The shape is (m, 3).
-        """
+        """The numbers of the edges opposite to the triangles' nodes, (m, 3)."""
         return self.triangulation.edges
 
     @cached_property
     def boundary_triangles(self) -> Index:
-        """The triangle at each boundary edge, (nb,).
-
-        The shape is (nb,).
-        """
-        of = self.triangulation
-        return of.edge_triangles[of.boundary_edges, 0].astype(np.intp)
+        """The triangle at each boundary edge, (nb,)."""
+        triangulation = self.triangulation
+        return triangulation.edge_triangles[triangulation.boundary_edges, 0].astype(np.intp)
 
     def select_triangles(self, triangles: Index) -> Mesh:
         """Some of the triangles (k,), with the same node numbers; it is no mesh of the polygon."""
@@ -132,18 +120,12 @@ class Mesh:
 
     @cached_property
     def areas(self) -> Array:
-        """Areas of the triangles, (m,).
-
-        The shape is (m,).
-        """
+        """Areas of the triangles, (m,)."""
         return signed_areas(self.points, self.triangles)
 
     @cached_property
     def node_shifts(self) -> Array:
-        """Bounds on the distances of the nodes from those of the exact mesh, (n,).
-
-        The shape is (n,).
-        """
+        """Bounds on the distances of the nodes from those of the exact mesh, (n,)."""
         shift = np.zeros(self.n_nodes)
         places = self.points[self.boundary]
         shift[self.boundary] = exact_mesh.boundary_node_shifts(self.polygon, places, self.side, self.s[:-1])
@@ -151,15 +133,13 @@ class Mesh:
 
     @cached_property
     def distortion(self) -> Array:
-        """Bounds on |D Phi - I| per triangle, Phi the map from the triangle to that of the exact mesh, (m,).
-
-        The shape is (m,).
-        """
+        """Bounds (m,) on |D Phi - I|, Phi the map from each triangle to that of the exact mesh."""
         return exact_mesh.distortion_bounds(self.node_shifts, self.triangles, self.longest_edges, self.areas)
 
     @property
     def exact_mesh_factor(self) -> float:
-        """The factor by which norms, constants and lengths may be larger on the `exact` mesh than here."""
+        """The factor gamma by which norms, constants and lengths may be larger on the exact mesh."""
+        # gamma = 1 + 6 (epsilon + kappa), Proposition S7
         return 1 + exact_mesh.FACTOR_PER_DISTORTION * float(
             self.distortion.max() + self.polygon.stretch.max()
         )
@@ -175,9 +155,9 @@ def from_arrays(
     """The mesh with the nodes (n, 2) and the triangles (m, 3), whose nodes run either way round.
 
     Nodes a little beside the boundary are moved onto it, see `triangulation_checks.MAX_MOVE_PER_HEIGHT`, and
-    by as much as rounding explains where coordinates of other programs may be `may_be_rounded`. Raises
-    InputError, beginning with `where`, unless this is then a triangulation of the polygon: conforming,
-    without degenerate triangles, repeated or unused nodes, its boundary the polygon's.
+    by as much as rounding explains if coordinates of another program `may_be_rounded`. Raises InputError,
+    beginning with `where`, unless this is then a triangulation of the polygon: conforming, without degenerate
+    triangles, repeated or unused nodes, its boundary the polygon's.
     """
     nodes = read_floats(points, f"{where}, points")
     cells = read_indices(triangles, f"{where}, triangles")
@@ -201,6 +181,7 @@ def build_conforming_mesh(
     If it is, they triangulate the polygon: their boundary goes round each point of it once, and the sum of
     their indices about a point, all of them positive, is 1.
     """
+    # Every vertex of the polygon has a node of the boundary, as near as nodes may be beside it
     edges = triangulation_checks.find_boundary_edges(points, triangles, where)
     heights = triangulation_checks.min_heights(points, triangles, edges)
     reach = triangulation_checks.allowed_distances(polygon, points, edges, heights, may_be_rounded)
@@ -213,10 +194,12 @@ def build_conforming_mesh(
             f"{where}: no node lies at vertex {missing[0]} of polygon '{polygon.name}', "
             f"{tuple(polygon.vertices[missing[0]].tolist())}; every vertex has to be one"
         )
+    # s = (x - a).t after the arc length of the side's start a, t the side's direction
     side = triangulation_checks.assign_sides(polygon, points, edges, reach, heights, where)
     s = polygon.starts[side] + np.sum(
         (points[edges[:, 0]] - polygon.vertices[side]) * polygon.tangents[side], axis=1
     )
+    # In the order along the boundary each edge has to begin where the one before ends
     order = np.lexsort([s, side])
     edges = edges[order]
     side = side[order]
@@ -235,10 +218,7 @@ def build_conforming_mesh(
 
 
 def _snap_arc_lengths(polygon: Polygon, side: Index, s: Array) -> Array:
-    """Arc lengths of the boundary nodes, exact where the division is uniform and at vertices, (nb + 1,).
-
-    The shape is (nb + 1,).
-    """
+    """Arc lengths of the boundary nodes, exact where the division is uniform and at vertices, (nb + 1,)."""
     uniform = polygon.divided(np.bincount(side, minlength=polygon.n_sides))
     near = np.abs(s - uniform[:-1]) <= triangulation_checks.round_off(polygon)
     return np.append(np.where(near | (np.roll(side, 1) != side), uniform[:-1], s), polygon.perimeter)
@@ -249,8 +229,8 @@ def _check_coordinate_rounding(polygon: Polygon, h: float, where: str) -> None:
     if np.spacing(largest) > MAX_ROUNDING_PER_H * h:
         raise InputError(
             f"{where}: coordinates as large as {largest:.3g} are rounded by {np.spacing(largest):.3g}, "
-            f"more than {MAX_ROUNDING_PER_H:g} of the longest boundary edge {h:.3g}; move polygon '{polygon.name}' to "
-            "the origin"
+            f"more than {MAX_ROUNDING_PER_H:g} of the longest boundary edge {h:.3g}; move polygon "
+            f"'{polygon.name}' to the origin"
         )
 
 
@@ -276,7 +256,7 @@ def triangulate_from_boundary(polygon: Polygon, s: ArrayLike, growth: float | No
 def triangulate_from_cells(
     partition: Partition, edges_per_cell: int, halvings: int = 0, growth: float | None = None
 ) -> tuple[Mesh, Partition]:
-    """A mesh by gmsh with equal boundary edges in every cell of a partition, and the partition, both then halved."""
+    """A mesh by gmsh with equal boundary edges in every cell of a partition, and that, both then halved."""
     mesh = triangulate_from_boundary(
         partition.polygon, partitions.divide_cells(partition, edges_per_cell).points[:-1], growth
     )
@@ -296,7 +276,8 @@ def refine_triangles(mesh: Mesh, marked: Index | None = None) -> Mesh:
     Nodes keep their numbers. The new mesh knows the one from which all refinements began. Raises InputError
     where edges become as short as rounding.
     """
-    of, step = refinement.refine_triangulation(mesh.triangulation, marked)
+    triangulation, step = refinement.refine_triangulation(mesh.triangulation, marked)
+    # The new nodes are the midpoints of the halved edges; an edge must not be as short as rounding
     start = mesh.points[step.ends[:, 0]]
     end = mesh.points[step.ends[:, 1]]
     shortest = 0.5 * float(np.hypot(*(end - start).T).min())
@@ -308,16 +289,26 @@ def refine_triangles(mesh: Mesh, marked: Index | None = None) -> Mesh:
             "to the origin"
         )
     points = np.concatenate([mesh.points, 0.5 * (start + end)])
-    boundary = of.ends[of.boundary_edges, 0].astype(np.intp)
+    boundary = triangulation.ends[triangulation.boundary_edges, 0].astype(np.intp)
     before = find_halved_edges(boundary, step.n_old_nodes)
     s = np.insert(mesh.s, before + 1, 0.5 * (mesh.s[before] + mesh.s[before + 1]))
     side = np.insert(mesh.side, before + 1, mesh.side[before])
     s = _snap_arc_lengths(mesh.polygon, side, s[:-1])
     _check_coordinate_rounding(mesh.polygon, float(np.diff(s).max()), "mesh")
-    return Mesh(mesh.polygon, points, of.nodes, boundary, s, mesh.coarse or mesh, (*mesh.steps, step), of)
+    return Mesh(
+        mesh.polygon,
+        points,
+        triangulation.nodes,
+        boundary,
+        s,
+        mesh.coarse or mesh,
+        (*mesh.steps, step),
+        triangulation,
+    )
 
 
 def find_halved_edges(new_boundary: Index, n_old_nodes: int) -> Index:
-    """The numbers of the boundary edges that were halved, for the nodes along the new boundary, n on new."""
+    """The numbers of the boundary edges that were halved, from the nodes along the new boundary."""
+    # The i-th new node, counted from 0, comes after i others and the start of its edge
     new = np.flatnonzero(new_boundary >= n_old_nodes)
     return new - np.arange(1, len(new) + 1)

@@ -55,29 +55,32 @@ def find_outline(points: Array, triangles: Index, where: str) -> Outline:
     """
     line = order_boundary_nodes(points, triangles, where)
     places = points[line]
+    # The turn at a node, from the edge before it to the edge after it
     before = places - np.roll(places, 1, axis=0)
     after = np.roll(places, -1, axis=0) - places
     turns = np.arctan2(cross(before, after), np.sum(before * after, axis=1))
-    by_arithmetic = np.full(len(line), coordinate_rounding.arithmetic_error(places))
-    by_digits = by_arithmetic + coordinate_rounding.rounding_errors_of_points(places)
-    straight = np.abs(turns) <= largest_turns(places, by_arithmetic)
-    by_rounding = largest_turns(places, by_digits)
+    # What round-off in another program explains, and what it and rounded digits explain
+    arithmetic_errors = np.full(len(line), coordinate_rounding.arithmetic_error(places))
+    point_errors = arithmetic_errors + coordinate_rounding.rounding_errors_of_points(places)
+    straight = np.abs(turns) <= largest_turns(places, arithmetic_errors)
+    rounding_turns = largest_turns(places, point_errors)
     if coordinate_rounding.has_typed_digits(places):
-        by_units = largest_turns(
-            places, by_arithmetic + 0.5 * np.hypot(*coordinate_rounding.rounding_units(places).T)
+        # Typed numbers are exact, but slight turns may come from numbers that were rounded to as few digits
+        unit_turns = largest_turns(
+            places, arithmetic_errors + 0.5 * np.hypot(*coordinate_rounding.rounding_units(places).T)
         )
-        rounded = ~straight & (np.abs(turns) <= by_rounding)
+        rounded = ~straight & (np.abs(turns) <= rounding_turns)
         unclear = (
             ~straight
             & ~rounded
-            & (np.abs(turns) <= np.minimum(SLIGHT_TURN_RADIANS, CORNER_PER_ROUNDING * by_units))
+            & (np.abs(turns) <= np.minimum(SLIGHT_TURN_RADIANS, CORNER_PER_ROUNDING * unit_turns))
         )
         corners = ~straight & ~rounded & ~unclear
     else:
-        corners = ~straight & (np.abs(turns) > CORNER_PER_ROUNDING * by_rounding)
-        # The true turn is at most |turn| + by_rounding.
-        hidden = np.abs(turns) + by_rounding >= MIN_CORNER_RADIANS
-        rounded = ~straight & (np.abs(turns) <= by_rounding) & ~hidden
+        corners = ~straight & (np.abs(turns) > CORNER_PER_ROUNDING * rounding_turns)
+        # The true turn is at most |turn| + rounding_turns
+        hidden = np.abs(turns) + rounding_turns >= MIN_CORNER_RADIANS
+        rounded = ~straight & (np.abs(turns) <= rounding_turns) & ~hidden
         unclear = ~straight & ~corners & ~rounded
         # Only where numbers are seen to be rounded may nodes in line hide a corner.
         unclear |= straight & hidden & np.any(rounded | unclear)
@@ -88,23 +91,21 @@ def find_outline(points: Array, triangles: Index, where: str) -> Outline:
         worst = int(np.where(unclear, np.abs(turns), -1.0).argmax())
         raise InputError(
             f"{where}: the boundary turns by {np.degrees(abs(turns[worst])):.2g} degrees at node "
-            f"{describe_node(points, line[worst])}, where coordinates are rounded by up to {by_digits[worst]:.1g}; "
-            f"it is not clear whether there is a corner; {POLYGON_ADVICE}"
+            f"{describe_node(points, line[worst])}, where coordinates are rounded by up to "
+            f"{point_errors[worst]:.1g}; it is not clear whether there is a corner; {POLYGON_ADVICE}"
         )
     if np.count_nonzero(corners) > MAX_VERTICES:
         raise InputError(
             f"{where}: the boundary turns at {np.count_nonzero(corners)} nodes, and a polygon has at most "
             f"{MAX_VERTICES} vertices; take a coarser mesh, and halvings=1 or more"
         )
-    _check_straightness(points, line, corners, by_digits, where)
+    _check_straightness(points, line, corners, point_errors, where)
     turn = float(np.abs(turns[rounded]).max(initial=0.0))
     return Outline(Polygon(places[corners], Path(where).stem), line[rounded], turn)
 
 
 def largest_turns(points: Array, errors: Array) -> Array:
-    """The largest turn that rounding explains at each node of a closed line, in radians, (n,).
-
-    The shape is (n,).
+    """The largest turn, in radians, that rounding explains at each node of a closed line, (n,).
 
     An edge whose ends move by r and s turns by at most arcsin((r + s) / length), or by any angle.
     """
@@ -115,9 +116,7 @@ def largest_turns(points: Array, errors: Array) -> Array:
 
 
 def _find_rounding_patterns(turns: Array, below_min_turn: Mask) -> Mask:
-    """Mask of the nodes whose slight turns alternate, or stand alone, as on a side that was rounded before.
-
-    The shape is (n,).
+    """Mask (n,) of the nodes whose slight turns alternate, or stand alone, as on a side once rounded.
 
     Those are the second of four in a row that alternate in sign, and one of the `below_min_turn` without a
     neighbour that turns the same way, as each node of an arc has.
@@ -138,9 +137,10 @@ def _check_straightness(points: Array, line: Index, corners: Mask, errors: Array
     ends = np.flatnonzero(corners)
     if len(ends) < 3:
         raise InputError(
-            f"{where}: the boundary has {pluralise(len(ends), 'corner')} that rounding does not explain, and a "
-            f"polygon has three; {POLYGON_ADVICE}"
+            f"{where}: the boundary has {pluralise(len(ends), 'corner')} that rounding does not explain, and "
+            f"a polygon has three; {POLYGON_ADVICE}"
         )
+    # The corners a and b between which each node lies, and its distance |(b - a) x (p - a)| / |b - a|
     run = np.searchsorted(ends, np.arange(len(line)), side="right") - 1
     a = ends[run]
     b = ends[(run + 1) % len(ends)]
@@ -152,15 +152,14 @@ def _check_straightness(points: Array, line: Index, corners: Mask, errors: Array
         worst = int(np.where(bent, away, 0.0).argmax())
         raise InputError(
             f"{where}: the boundary bends between node {describe_node(points, line[a[worst]])} and node "
-            f"{describe_node(points, line[b[worst]])}, by {away[worst]:.2g} at node {describe_node(points, line[worst])}, in "
-            f"turns that are each as small as rounding; {POLYGON_ADVICE}"
+            f"{describe_node(points, line[b[worst]])}, by {away[worst]:.2g} at node "
+            f"{describe_node(points, line[worst])}, in turns that are each as small as rounding; "
+            f"{POLYGON_ADVICE}"
         )
 
 
 def order_boundary_nodes(points: Array, triangles: Index, where: str) -> Index:
     """The nodes along the triangles' boundary, anticlockwise, from the one of least number on, (nb,).
-
-    The shape is (nb,).
 
     Raises InputError for a boundary that is not one closed line.
     """
@@ -180,12 +179,13 @@ def order_boundary_nodes(points: Array, triangles: Index, where: str) -> Index:
 
 def _explain_boundary_fault(points: Array, triangles: Index, edges: Index) -> str:
     """The reason why boundary edges are not one closed line, as words for a message."""
-    parts = _count_components(len(points), triangles[:, [0, 1, 1, 2]].reshape(-1, 2))
-    if parts > 1:
-        return f"they are {parts} separate parts, of which one may be given"
+    components = _count_components(len(points), triangles[:, [0, 1, 1, 2]].reshape(-1, 2))
+    if components > 1:
+        return f"they are {components} separate parts, of which one may be given"
     twice = np.flatnonzero(np.bincount(edges[:, 0]) > 1)
     if twice.size:
         return f"it meets itself at node {describe_node(points, twice[0])}"
+    # Nodes inside, which no boundary edge has, are components of their own
     lines = _count_components(len(points), edges) - (len(points) - len(np.unique(edges)))
     return f"it has {lines} such lines, and there may be no holes"
 

@@ -49,43 +49,30 @@ class Partition:
 
     @cached_property
     def lengths(self) -> Array:
-        """The lengths H_i of the cells, (m,).
-
-        The shape is (m,).
-        """
+        """The lengths H_i of the cells, (m,)."""
         return np.diff(self.points)
 
     @cached_property
     def side(self) -> Index:
-        """The side of the polygon on which each cell lies, (m,).
-
-        The shape is (m,).
-        """
+        """The side of the polygon on which each cell lies, (m,)."""
         return self.polygon.sides_of(self.points[:-1])
 
     @cached_property
     def ends(self) -> tuple[Array, Array]:
-        """The points at which the cells start, and those at which they end, (m, 2) each.
-
-        Returns arrays of the shapes (m, 2), (m, 2).
-        """
+        """The points at which the cells start, and those at which they end, (m, 2) each."""
         starts = self.polygon.starts[self.side]
         first = self.polygon.at(self.side, self.points[:-1] - starts)
         last = self.polygon.at(self.side, self.points[1:] - starts)
         return first, last
 
     def means(self, values: Array, points: Array) -> Array:
-        """Means between arc lengths s (k + 1,) of the function that has the values (m,) on the cells, (k,).
-
-        The shape is (k,).
-        """
+        """Means (k,) between arc lengths (k + 1,) of the function that has the values (m,) on the cells."""
+        # The integral from 0 to s is linear on each cell, so that interpolation is exact
         integral = np.append(0.0, np.cumsum(self.lengths * values))
         return np.diff(np.interp(points, self.points, integral)) / np.diff(points)
 
     def cells_of(self, finer: Array) -> Index:
-        """The cell that contains each interval between the points of a finer partition, (k,).
-
-        The shape is (k,).
+        """The cell that contains each interval between the points `finer` (k + 1,) of a partition, (k,).
 
         Raises InputError if a point of this one is not, up to round-off, among them.
         """
@@ -99,10 +86,7 @@ class Partition:
         return np.searchsorted(self.points, 0.5 * (finer[1:] + finer[:-1])) - 1
 
     def has_inside(self, s: Array) -> Mask:
-        """Whether an arc length of s lies inside the cell and not, up to round-off, at an end, (m,).
-
-        The shape is (m,).
-        """
+        """Whether an arc length of s lies inside the cell and not, up to round-off, at an end, (m,)."""
         cell = np.searchsorted(self.points, s, side="right") - 1
         to_end = np.abs(s[:, None] - self.points).min(axis=1)
         has_one = np.zeros(self.n_cells, dtype=bool)
@@ -129,9 +113,9 @@ class Partition:
 def overlay(first: Array, second: Array) -> tuple[Array, Index, Index]:
     """The arc lengths (k + 1,) of two divisions together, and the part (k,) of each for every interval."""
     points = np.union1d(first, second)
-    of_one = np.searchsorted(first, points[:-1], side="right") - 1
-    of_other = np.searchsorted(second, points[:-1], side="right") - 1
-    return points, of_one, of_other
+    first_index = np.searchsorted(first, points[:-1], side="right") - 1
+    second_index = np.searchsorted(second, points[:-1], side="right") - 1
+    return points, first_index, second_index
 
 
 def make_uniform_partition(polygon: Polygon, H: float) -> Partition:
@@ -162,22 +146,24 @@ def make_shifted_partition(polygon: Polygon, H: float, fraction: float) -> Parti
         raise InputError(f"partition: the shift {fraction:g} is not in [0, 1), a fraction of a cell")
     cells = make_uniform_partition(polygon, H)
     inside = ~np.isin(cells.points[:-1], polygon.starts)
-    moved = cells.points[:-1] + fraction * np.where(inside, cells.lengths, 0.0)
-    return Partition(polygon, np.append(moved, polygon.perimeter))
+    shifted = cells.points[:-1] + fraction * np.where(inside, cells.lengths, 0.0)
+    return Partition(polygon, np.append(shifted, polygon.perimeter))
 
 
 def common_refinement(partitions: Sequence[Partition]) -> Partition:
     """The coarsest partition that refines all given ones; points that differ by round-off count as one."""
     polygon = partitions[0].polygon
-    points = np.unique(np.concatenate([polygon.starts, *(each.points for each in partitions)]))
+    points = np.unique(np.concatenate([polygon.starts, *(partition.points for partition in partitions)]))
     new = np.diff(points, prepend=-np.inf) > VERTEX_TOLERANCE * polygon.perimeter
     return from_points(polygon, points[new])
 
 
 def divide_cells(partition: Partition, count: int = 2) -> Partition:
     """The partition with every cell cut into that many equal ones."""
-    at = np.arange(count * partition.n_cells + 1) / count
-    return Partition(partition.polygon, np.interp(at, np.arange(partition.n_cells + 1), partition.points))
+    positions = np.arange(count * partition.n_cells + 1) / count
+    return Partition(
+        partition.polygon, np.interp(positions, np.arange(partition.n_cells + 1), partition.points)
+    )
 
 
 def balance_cells(partition: Partition) -> Partition:
@@ -185,6 +171,7 @@ def balance_cells(partition: Partition) -> Partition:
     while True:
         s = partition.points
         lengths = partition.lengths
+        # A halved cell may be too long still, or make a neighbour so
         beside = np.minimum(np.roll(lengths, 1), np.roll(lengths, -1))
         long = lengths > (2 + VERTEX_TOLERANCE) * beside
         if not long.any():

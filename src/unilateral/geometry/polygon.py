@@ -78,31 +78,23 @@ class Polygon:
 
     @cached_property
     def edges(self) -> Array:
-        """(n, 2) vectors along the sides."""
+        """The vectors along the sides, from vertex i to vertex i + 1, (n, 2)."""
         return make_read_only(np.roll(self.vertices, -1, axis=0) - self.vertices)
 
     @cached_property
     def lengths(self) -> Array:
-        """Lengths of the sides, (n,).
-
-        The shape is (n,).
-        """
+        """Lengths of the sides, (n,)."""
         return make_read_only(np.hypot(*self.edges.T))
 
     @cached_property
     def starts(self) -> Array:
-        """Arc lengths of the vertices, the perimeter last, (n + 1,).
-
-        The shape is (n + 1,).
-        """
+        """Arc lengths of the vertices, the perimeter last, (n + 1,)."""
         return make_read_only(np.concatenate([[0.0], np.cumsum(self.lengths)]))
 
     @cached_property
     def stretch(self) -> Array:
-        """Bounds on the relative errors of the differences of `starts` as lengths of the sides, (n,).
-
-        The shape is (n,).
-        """
+        """Bounds on the relative errors of the differences of `starts` as lengths of the sides, (n,)."""
+        # kappa of Proposition S7: the sums of lengths in `starts` are rounded as the perimeter is
         return make_read_only(np.spacing(self.perimeter) / self.lengths + 4 * EPS)
 
     @property
@@ -112,26 +104,17 @@ class Polygon:
 
     @cached_property
     def tangents(self) -> Array:
-        """Unit vectors along the sides, (n, 2).
-
-        The shape is (n, 2).
-        """
+        """Unit vectors along the sides, (n, 2)."""
         return make_read_only(self.edges / self.lengths[:, None])
 
     @cached_property
     def normals(self) -> Array:
-        """Outward unit normals of the sides, (n, 2).
-
-        The shape is (n, 2).
-        """
+        """Outward unit normals of the sides, (n, 2)."""
         return make_read_only(np.column_stack([self.tangents[:, 1], -self.tangents[:, 0]]))
 
     @cached_property
     def angles(self) -> Array:
-        """Interior angles at the vertices, in radians, (n,).
-
-        The shape is (n,).
-        """
+        """Interior angles at the vertices, in radians, (n,)."""
         before = np.roll(self.tangents, 1, axis=0)
         turn = np.arctan2(cross(before, self.tangents), np.sum(before * self.tangents, axis=1))
         return make_read_only(np.pi - turn)
@@ -139,8 +122,9 @@ class Polygon:
     @cached_property
     def area(self) -> float:
         """The area of Omega."""
-        moved = self.vertices - self.vertices[0]
-        return 0.5 * float(np.sum(cross(moved, np.roll(moved, -1, axis=0))))
+        # Half the sum of x_i x x_(i+1), from vertex 0, so that nothing cancels far from the origin
+        offsets = self.vertices - self.vertices[0]
+        return 0.5 * float(np.sum(cross(offsets, np.roll(offsets, -1, axis=0))))
 
     @cached_property
     def diameter(self) -> float:
@@ -148,30 +132,22 @@ class Polygon:
         return max(float(np.max(np.hypot(*(self.vertices - vertex).T))) for vertex in self.vertices)
 
     def sides_of(self, s: Array) -> Index:
-        """The sides on which arc lengths s of the perimeter lie, at a vertex the later one, (k,).
-
-        The shape is (k,).
-        """
+        """The sides on which arc lengths s of the perimeter lie, at a vertex the later one, (k,)."""
         return np.searchsorted(self.starts, s, side="right") - 1
 
     def contains(self, points: Array) -> Mask:
-        """Whether each point lies inside: a ray to the right crosses an odd number of sides.
-
-        The shape is (...).
-        """
+        """Whether each point (..., 2) is inside: a ray to the right crosses an odd number of sides, (...)."""
         (x0, y0) = self.vertices.T
         (x1, y1) = np.roll(self.vertices, -1, axis=0).T
         x = points[..., :1]
         y = points[..., 1:]
+        # Horizontal sides are crossed by no ray: y0 > y and y1 > y agree, whatever the quotient is
         with np.errstate(all="ignore"):
             crossed = ((y0 > y) != (y1 > y)) & (x < x0 + (y - y0) * (x1 - x0) / (y1 - y0))
         return np.asarray(crossed.sum(axis=-1) % 2 == 1)
 
     def point(self, side: int, t: float) -> Array:
-        """The point that lies t side lengths along a side, (2,).
-
-        The shape is (2,).
-        """
+        """The point that lies t side lengths along a side, (2,)."""
         return self.at(np.array([side]), np.array([t * self.lengths[side]]))[0]
 
     def arc_length(self, side: int, t: float) -> float:
@@ -179,11 +155,11 @@ class Polygon:
         return float(self.starts[side + 1] if t == 1 else self.starts[side] + t * self.lengths[side])
 
     def at(self, side: Index, t: Array) -> Array:
-        """(k, 2) points of the sides (k,) at the arc lengths t (k,) from the sides' own starts."""
+        """The points of the sides (k,) at the arc lengths t (k,) from the sides' own starts, (k, 2)."""
         return self.vertices[side] + t[:, None] * self.tangents[side]
 
     def counts(self, size: float) -> Index:
-        """(n,) the least numbers of equal pieces no longer than `size` the sides can be cut into.
+        """The least numbers of equal pieces, no longer than `size`, into which the sides can be cut, (n,).
 
         A quotient that misses an integer by round-off, such as 1 / (1 / 49), counts as that integer.
         """
@@ -199,7 +175,7 @@ class Polygon:
         return np.maximum(1, np.ceil(self.lengths / size * (1 - 1e-12))).astype(np.intp)
 
     def divided(self, counts: Index) -> Array:
-        """(sum(counts) + 1,) arc lengths of the points that cut side i into counts[i] equal pieces."""
+        """Arc lengths (sum(counts) + 1,) of the points that cut side i into counts[i] equal pieces."""
         side = np.repeat(np.arange(self.n_sides), counts)
         index = np.arange(len(side)) - (np.cumsum(counts) - counts)[side]
         return np.append(self.starts[side] + self.lengths[side] * index / counts[side], self.perimeter)
@@ -214,9 +190,9 @@ def polygon_names() -> list[str]:
 def find_polygon(name: str) -> Polygon:
     """The polygon of that name in polygons.yaml. Raises InputError, with the known names, for others."""
     if name not in _read_named_vertices():
-        known = ", ".join(polygon_names())
+        names = ", ".join(polygon_names())
         near = suggest_name(name, polygon_names())
-        raise InputError(f"polygon {quote_input(repr(name))} is unknown; the named ones are {known}{near}")
+        raise InputError(f"polygon {quote_input(repr(name))} is unknown; the named ones are {names}{near}")
     return Polygon(np.array(_read_named_vertices()[name]), name)
 
 
@@ -227,10 +203,10 @@ def square() -> Polygon:
 
 @cache
 def _read_named_vertices() -> dict[str, list[list[float]]]:
-    found: dict[str, list[list[float]]] = read_stored_yaml(
+    vertices: dict[str, list[list[float]]] = read_stored_yaml(
         resources.files("unilateral.geometry") / "polygons.yaml"
     )
-    return found
+    return vertices
 
 
 def _check_vertices(vertices: Array, name: str) -> None:
@@ -246,12 +222,14 @@ def _check_vertices(vertices: Array, name: str) -> None:
             "; it is the first one again: leave the last one out" if repeated[0] == len(vertices) - 1 else ""
         )
         raise InputError(
-            f"polygon '{name}' repeats its vertex {repeated[0]} {tuple(vertices[repeated[0]].tolist())}{closed}"
+            f"polygon '{name}' repeats its vertex {repeated[0]} "
+            f"{tuple(vertices[repeated[0]].tolist())}{closed}"
         )
     if np.abs(vertices).max() > MAX_COORDINATE or np.ptp(vertices, axis=0).max() < MIN_POLYGON_EXTENT:
         raise InputError(
             f"polygon '{name}' is too large or too small: squares of areas leave the range of double "
-            f"precision; make it at least {MIN_POLYGON_EXTENT:g} wide or high, with coordinates of at most {MAX_COORDINATE:g}"
+            f"precision; make it at least {MIN_POLYGON_EXTENT:g} wide or high, with coordinates of at most "
+            f"{MAX_COORDINATE:g}"
         )
     lengths = np.hypot(*(np.roll(vertices, -1, axis=0) - vertices).T)
     short = int(lengths.argmin())
@@ -264,6 +242,6 @@ def _check_vertices(vertices: Array, name: str) -> None:
     crossing = first_crossing(vertices)
     if crossing is not None:
         raise InputError(f"polygon '{name}' is not simple: its sides {crossing[0]} and {crossing[1]} meet")
-    moved = vertices - vertices[0]
-    if np.sum(cross(moved, np.roll(moved, -1, axis=0))) <= 0:
+    offsets = vertices - vertices[0]
+    if np.sum(cross(offsets, np.roll(offsets, -1, axis=0))) <= 0:
         raise InputError(f"polygon '{name}' is listed clockwise; list its vertices anticlockwise")

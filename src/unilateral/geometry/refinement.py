@@ -61,7 +61,7 @@ class RefinementStep:
 
     `edge_triangles` (k, 2) are the triangles at these edges, the second one -1 if there is none. The new
     triangles have the `nodes` (c, 3). There were `n_old_triangles` triangles. After a uniform step the
-    triangulation `refined_triangulation` it is known, and the new triangles are all of its triangles, in
+    `refined_triangulation` is known, and the new triangles are all of its triangles, in
     order. Otherwise `children` has their numbers (c,), those of the triangles that they come from (c,), and
     how often the areas of these were halved (c,).
     """
@@ -76,18 +76,12 @@ class RefinementStep:
 
     @property
     def triangles(self) -> Int32:
-        """The numbers of the new triangles, (c,).
-
-        The shape is (c,).
-        """
+        """The numbers of the new triangles, (c,)."""
         return self.children[0] if self.children else np.arange(len(self.nodes), dtype=np.int32)
 
     @property
     def parent(self) -> Int32:
-        """The triangles from which the new ones come, (c,).
-
-        The shape is (c,).
-        """
+        """The triangles from which the new ones come, (c,)."""
         return (
             self.children[1]
             if self.children
@@ -96,29 +90,20 @@ class RefinementStep:
 
     @property
     def area_halvings(self) -> Int16:
-        """How often the area of each new triangle's parent was halved, (c,).
-
-        The shape is (c,).
-        """
+        """How often the area of each new triangle's parent was halved, (c,)."""
         return self.children[2] if self.children else np.full(len(self.nodes), 2, dtype=np.int16)
 
     def replace_values(self, old: TriangleValues, new: TriangleValues) -> TriangleValues:
-        """Values of all triangles after the step: the old ones with those of the new triangles put in.
-
-        The shape is (T, ...).
-        """
+        """Values (T, ...) of all triangles after the step: the old ones, and those of the new triangles."""
         if self.children is None:
             return new
-        more = int(self.children[0].max()) + 1 - self.n_old_triangles
-        found = np.concatenate([old, np.empty((more, *old.shape[1:]), old.dtype)])
-        found[self.children[0]] = new
-        return found
+        n_added = int(self.children[0].max()) + 1 - self.n_old_triangles
+        values = np.concatenate([old, np.empty((n_added, *old.shape[1:]), old.dtype)])
+        values[self.children[0]] = new
+        return values
 
     def inherit(self, values: TriangleValues) -> TriangleValues:
-        """Values of all triangles after the step, where the new ones have the values of their parents.
-
-        The shape is (T, ...).
-        """
+        """Values (T, ...) of all triangles after the step, where new ones have those of their parents."""
         return self.replace_values(values, values[self.parent])
 
 
@@ -132,48 +117,50 @@ def refine_triangulation(
     n = triangulation.n_nodes
     k = len(cut)
     uniform = len(cut) == E
-    ends, at = (
+    ends, edge_triangles = (
         (triangulation.ends, triangulation.edge_triangles)
         if uniform
         else (triangulation.ends[cut], triangulation.edge_triangles[cut])
     )
-    middle = np.full(E, -1, dtype=np.int32)
-    middle[cut] = n + np.arange(k, dtype=np.int32)
-    second = np.full(E, -1, dtype=np.int32)
-    second[cut] = E + np.arange(k, dtype=np.int32)
+    # Of each edge the new node, and the number of its second half; -1 for none
+    midpoint = np.full(E, -1, dtype=np.int32)
+    midpoint[cut] = n + np.arange(k, dtype=np.int32)
+    second_half = np.full(E, -1, dtype=np.int32)
+    second_half[cut] = E + np.arange(k, dtype=np.int32)
     # along the refined boundary the first half of an edge comes before the second
-    halved = np.flatnonzero(middle[triangulation.boundary_edges] >= 0)
+    halved = np.flatnonzero(midpoint[triangulation.boundary_edges] >= 0)
     boundary = np.insert(
-        triangulation.boundary_edges, halved + 1, second[triangulation.boundary_edges[halved]]
+        triangulation.boundary_edges, halved + 1, second_half[triangulation.boundary_edges[halved]]
     )
-    new = _Children(triangulation, middle, second, E + k)
-    made = None if uniform else (new.triangles, new.parent, new.area_halvings)
-    step = RefinementStep(n, ends, at, new.nodes, len(triangulation.nodes), made)
-    found = Triangulation(
+    new = _Children(triangulation, midpoint, second_half, E + k)
+    children = None if uniform else (new.triangles, new.parent, new.area_halvings)
+    step = RefinementStep(n, ends, edge_triangles, new.nodes, len(triangulation.nodes), children)
+    refined = Triangulation(
         n + k,
         new.nodes if uniform else step.replace_values(triangulation.nodes, new.nodes),
         new.edges if uniform else step.replace_values(triangulation.edges, new.edges),
-        np.concatenate([triangulation.ends, np.column_stack([middle[cut], ends[:, 1]]), new.interior_edges]),
+        np.concatenate(
+            [triangulation.ends, np.column_stack([midpoint[cut], ends[:, 1]]), new.interior_edges]
+        ),
         np.concatenate(
             [triangulation.edge_triangles, np.full((k + len(new.interior_edges), 2), -1, dtype=np.int32)]
         ),
         boundary,
         triangulation.all_alike and uniform,
     )
-    found.ends[cut, 1] = middle[cut]
-    found.edge_triangles[cut] = -1
-    reverse = found.ends[new.edges, 0] != new.nodes[:, [1, 2, 0]]
-    found.edge_triangles[new.edges, reverse.view(np.int8)] = new.triangles[:, None]
-    return found, replace(step, refined_triangulation=found) if uniform else step
+    # A halved edge becomes its first half; its triangles are new, and enter on the side on which they run
+    refined.ends[cut, 1] = midpoint[cut]
+    refined.edge_triangles[cut] = -1
+    reverse = refined.ends[new.edges, 0] != new.nodes[:, [1, 2, 0]]
+    refined.edge_triangles[new.edges, reverse.view(np.int8)] = new.triangles[:, None]
+    return refined, replace(step, refined_triangulation=refined) if uniform else step
 
 
 def _edges_to_halve(triangulation: Triangulation, marked: Index) -> Int32:
-    """The edges of the marked triangles, and reference edges as conformity needs, increasing, (k,).
-
-    The shape is (k,).
-    """
+    """The edges of the marked triangles, and reference edges as conformity needs, increasing, (k,)."""
     flag = np.zeros(len(triangulation.ends), dtype=bool)
     flag[triangulation.edges[marked]] = True
+    # A triangle with a halved edge needs its reference edge halved, which may hit the next triangle
     front = np.flatnonzero(flag)
     while front.size:
         beside = triangulation.edge_triangles[front].ravel()
@@ -194,10 +181,10 @@ CHILD_TRIANGLES = (
     (((3, 0, 1), (2, 3, 9)), ((4, 3, 2), (4, 5, 10)), ((4, 0, 3), (9, 10, 6))),
     (((0, 5, 4), (9, 6, 7)), ((5, 1, 3), (3, 10, 8)), ((4, 3, 2), (4, 5, 11)), ((3, 4, 5), (9, 10, 11))),
 )
-"""The children of the same four triangles: their nodes, numbered as in WITHIN, and their opposite edges.
+"""The children of the same four triangles: their nodes and their opposite edges.
 
-Edges 0, 1, 2 are whole ones of the parent. Edges 3 to 8 are the halves of edge 0 at b and c, of edge 1 at c
-and a, and of edge 2 at a and b. The others lie inside.
+Nodes are numbered as in INTERIOR_EDGES. Edges 0, 1, 2 are whole ones of the parent. Edges 3 to 8 are the
+halves of edge 0 at b and c, of edge 1 at c and a, and of edge 2 at a and b. The others lie inside.
 """
 CHILD_AREA_HALVINGS = ((1, 1), (2, 2, 1), (1, 2, 2), (2, 2, 2, 2))
 """How often the parent's area was halved for each child, in the same four triangles."""
@@ -217,56 +204,56 @@ class _Children:
     def __init__(
         self, triangulation: Triangulation, midpoints: Int32, second_halves: Int32, n_edges: int
     ) -> None:
-        """Each edge has the new node `midpoints` (E,) and the second half `second_halves` (E,), or -1 for none."""
+        """`midpoints` and `second_halves` (E,) are the new node and the second half of each edge, or -1."""
+        # Kind 0 is green, 1 blue with edge 2 = ab halved, 2 blue with edge 1 = ca, 3 red
         hit = np.zeros(len(triangulation.nodes), dtype=bool)
-        at = triangulation.edge_triangles[midpoints >= 0]
-        hit[at[at >= 0]] = True
+        beside = triangulation.edge_triangles[midpoints >= 0]
+        hit[beside[beside >= 0]] = True
         parents = np.flatnonzero(hit).astype(np.int32)
         halved = midpoints[triangulation.edges[parents]] >= 0
-        kind = (halved[:, 2] + 2 * halved[:, 1]).astype(np.int8)
-        count = np.array([len(each) for each in INTERIOR_EDGES], dtype=np.int32)[kind]
-        after = np.cumsum(count, dtype=np.int32) - count
+        kinds = (halved[:, 2] + 2 * halved[:, 1]).astype(np.int8)
+        count = np.array([len(interior) for interior in INTERIOR_EDGES], dtype=np.int32)[kinds]
+        first_interior = np.cumsum(count, dtype=np.int32) - count
         self.interior_edges = np.empty((int(count.sum()), 2), dtype=np.int32)
         self.triangles = np.empty(len(parents) + len(self.interior_edges), np.int32)
         self.parent = np.empty(len(parents) + len(self.interior_edges), np.int32)
         self.nodes = np.empty((len(self.triangles), 3), np.int32)
         self.edges = np.empty((len(self.triangles), 3), np.int32)
         self.area_halvings = np.empty(len(self.triangles), np.int16)
+        # The first child takes its parent's number, the others take the next free ones
         begin = 0
         free = len(triangulation.nodes)
-        for which, (within, children) in enumerate(zip(INTERIOR_EDGES, CHILD_TRIANGLES, strict=True)):
-            here = np.flatnonzero(kind == which)
-            some = parents[here]
-            first = after[here]
-            nodes, halves = _local_numbering(triangulation, some, midpoints, second_halves)
+        for kind, (within, children) in enumerate(zip(INTERIOR_EDGES, CHILD_TRIANGLES, strict=True)):
+            positions = np.flatnonzero(kinds == kind)
+            family = parents[positions]
+            first = first_interior[positions]
+            nodes, halves = _local_numbering(triangulation, family, midpoints, second_halves)
             inside = first[:, None] + np.arange(len(within), dtype=np.int32)
             self.interior_edges[inside] = nodes[:, np.array(within)]
-            known = np.concatenate([halves, n_edges + inside], axis=1)
-            for number, (of_nodes, of_edges) in enumerate(children):
-                rows = slice(begin, begin + len(some))
-                self.triangles[rows] = np.arange(free, free + len(some)) if number else some
-                free += len(some) if number else 0
-                self.nodes[rows] = nodes[:, of_nodes]
-                self.edges[rows] = known[:, of_edges]
-                self.parent[rows] = some
-                self.area_halvings[rows] = CHILD_AREA_HALVINGS[which][number]
-                begin += len(some)
+            local_edges = np.concatenate([halves, n_edges + inside], axis=1)
+            for number, (child_nodes, child_edges) in enumerate(children):
+                rows = slice(begin, begin + len(family))
+                self.triangles[rows] = np.arange(free, free + len(family)) if number else family
+                free += len(family) if number else 0
+                self.nodes[rows] = nodes[:, child_nodes]
+                self.edges[rows] = local_edges[:, child_edges]
+                self.parent[rows] = family
+                self.area_halvings[rows] = CHILD_AREA_HALVINGS[kind][number]
+                begin += len(family)
 
 
 def _local_numbering(
     triangulation: Triangulation, parents: Int32, midpoints: Int32, second_halves: Int32
 ) -> tuple[Int32, Int32]:
-    """Corners and midpoints (p, 6) of some triangles, and their edges and halves of edges (p, 9), as CHILD_TRIANGLES numbers them.
-
-    The shape is (p, 6).
-    """
+    """Corners and midpoints (p, 6), edges and halves of edges (p, 9), in the order of CHILD_TRIANGLES."""
+    # The half of edge i at the corner after i is the edge's first one if the edge runs with the triangle
     nodes = triangulation.nodes[parents]
     edges = triangulation.edges[parents]
     ahead = triangulation.ends[edges, 0] == nodes[:, [1, 2, 0]]
-    other = second_halves[edges]
-    at_next = np.where(ahead, edges, other)
-    at_last = np.where(ahead, other, edges)
-    halves = np.stack([at_next, at_last], axis=2).reshape(-1, 6)
+    second = second_halves[edges]
+    next_half = np.where(ahead, edges, second)
+    last_half = np.where(ahead, second, edges)
+    halves = np.stack([next_half, last_half], axis=2).reshape(-1, 6)
     return np.concatenate([nodes, midpoints[edges]], axis=1), np.concatenate([edges, halves], axis=1)
 
 
@@ -275,6 +262,7 @@ def build_triangulation(points: Array, triangles: Index, boundary: Index) -> Tri
     nodes, alike = rotate_to_pattern(points, triangles)
     start = nodes[:, [1, 2, 0]].ravel().astype(np.int64)
     end = nodes[:, [2, 0, 1]].ravel().astype(np.int64)
+    # An edge is told by its two nodes, the lesser one first, as one number
     key = np.minimum(start, end) * len(points) + np.maximum(start, end)
     keys, where, edge = np.unique(key, return_index=True, return_inverse=True)
     ends = np.column_stack([start[where], end[where]]).astype(np.int32)
@@ -290,19 +278,13 @@ def build_triangulation(points: Array, triangles: Index, boundary: Index) -> Tri
 
 
 def rotate_corners(points: Array, triangles: Index) -> Index:
-    """The triangles with a longest edge opposite to the first corner, all alike if possible, (T, 3).
-
-    The shape is (T, 3).
-    """
-    found, alike = rotate_to_pattern(points, triangles)
-    return found if alike else rotate_to_longest_edge(points, triangles)
+    """The triangles with a longest edge opposite to the first corner, all alike if possible, (T, 3)."""
+    rotated, alike = rotate_to_pattern(points, triangles)
+    return rotated if alike else rotate_to_longest_edge(points, triangles)
 
 
 def rotate_to_longest_edge(points: Array, triangles: Index) -> Index:
-    """The triangles, each rotated until a longest edge is opposite to the first corner, (T, 3).
-
-    The shape is (T, 3).
-    """
+    """The triangles, each rotated until a longest edge is opposite to the first corner, (T, 3)."""
     x, y = points.T[:, triangles.T]
     opposite = np.hypot(x[[2, 0, 1]] - x[[1, 2, 0]], y[[2, 0, 1]] - y[[1, 2, 0]])
     first = np.argmax(opposite > (1 - LONGEST_EDGE_TOLERANCE) * opposite.max(axis=0), axis=0)
@@ -318,15 +300,16 @@ def rotate_to_pattern(points: Array, triangles: Index) -> tuple[Index, bool]:
     """
     if len(triangles) > PROBE_TRIANGLES and not rotate_to_pattern(points, triangles[:PROBE_TRIANGLES])[1]:
         return triangles, False
+    # The edge vectors of an alike triangle are those of the first one, or their negatives, up to rotation
     pattern = rotate_to_longest_edge(points, triangles[:1])[0]
     model = np.roll(points[pattern], -1, axis=0) - points[pattern]
     sides = np.roll(points[triangles], -1, axis=1) - points[triangles]
     alike = np.zeros(len(triangles), dtype=bool)
-    found = triangles.copy()
+    rotated = triangles.copy()
     for turn in range(3):
-        moved = np.roll(sides, -turn, axis=1)
-        apart = [np.abs(moved - sign * model).max(axis=(1, 2)) for sign in (1, -1)]
-        new: Mask = ~alike & (np.minimum(*apart) <= CONGRUENCE_TOLERANCE * np.abs(sides).max())
-        found[new] = np.roll(triangles, -turn, axis=1)[new]
+        vectors = np.roll(sides, -turn, axis=1)
+        differences = [np.abs(vectors - sign * model).max(axis=(1, 2)) for sign in (1, -1)]
+        new: Mask = ~alike & (np.minimum(*differences) <= CONGRUENCE_TOLERANCE * np.abs(sides).max())
+        rotated[new] = np.roll(triangles, -turn, axis=1)[new]
         alike = alike | new
-    return (found, True) if alike.all() else (triangles, False)
+    return (rotated, True) if alike.all() else (triangles, False)

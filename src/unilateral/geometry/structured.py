@@ -34,9 +34,9 @@ class TensorGrid(NamedTuple):
 def make_structured_mesh(polygon: Polygon, h: float) -> Mesh:
     """A mesh of rectangles with sides of at most h, made by halving as coarse a mesh as leads to it.
 
-    On polygons that consist of unit squares, up to MANY in a row, these are squares of side 1 / ceil(1 / h).
-    Else every gap between neighbouring coordinates of vertices is cut into equal parts. Raises InputError
-    unless all sides are parallel to the axes.
+    On polygons that consist of unit squares, up to MAX_UNIT_SQUARES in a row, these are squares of side
+    1 / ceil(1 / h). Else every gap between neighbouring coordinates of vertices is cut into equal parts.
+    Raises InputError unless all sides are parallel to the axes.
     """
     return _refine_from_coarsest(polygon, _make_tensor_grid(polygon, h))
 
@@ -60,10 +60,10 @@ def _make_tensor_grid(polygon: Polygon, size: float) -> TensorGrid:
     counts = polygon.counts(size)  # which refuses sizes that are too small
     if _consists_of_squares(polygon):
         counts = square().counts(size)
-        return TensorGrid(*ticks, *(np.full(len(each) - 1, counts[0]) for each in ticks))
+        return TensorGrid(*ticks, *(np.full(len(coordinates) - 1, counts[0]) for coordinates in ticks))
     # a quotient that rounding puts above a whole number by this part of it counts as that number
     return TensorGrid(
-        *ticks, *(np.ceil(np.diff(each) / size * (1 - 1e-12)).astype(np.intp) for each in ticks)
+        *ticks, *(np.ceil(np.diff(coordinates) / size * (1 - 1e-12)).astype(np.intp) for coordinates in ticks)
     )
 
 
@@ -78,37 +78,36 @@ def _grid_lines(polygon: Polygon) -> tuple[Array, Array] | None:
     y = np.unique(polygon.vertices[:, 1])
     if _consists_of_squares(polygon):
         return np.arange(x[0], x[-1] + 1), np.arange(y[0], y[-1] + 1)
-    least = min(np.diff(x).min(), np.diff(y).min())
-    return (x, y) if least > MIN_SPACING_PER_DIAMETER * polygon.diameter else None
+    min_spacing = min(np.diff(x).min(), np.diff(y).min())
+    return (x, y) if min_spacing > MIN_SPACING_PER_DIAMETER * polygon.diameter else None
 
 
 def _refine_from_coarsest(polygon: Polygon, grid: TensorGrid) -> Mesh:
     """The mesh of the grid, refined from that of a coarser one."""
     halvings = 0
-    while (parts := np.append(grid.x_divisions, grid.y_divisions)).max() > COARSEST_DIVISIONS and not np.any(
-        parts % 2
-    ):
+    while (
+        divisions := np.append(grid.x_divisions, grid.y_divisions)
+    ).max() > COARSEST_DIVISIONS and not np.any(divisions % 2):
         grid = grid._replace(x_divisions=grid.x_divisions // 2, y_divisions=grid.y_divisions // 2)
         halvings = halvings + 1
     return refine_uniformly(_mesh_rectangles(polygon, grid), halvings)
 
 
 def _mesh_rectangles(polygon: Polygon, grid: TensorGrid) -> Mesh:
+    """The mesh of the grid's rectangles in the polygon, each cut into two triangles."""
     x = grid.x
     y = grid.y
+    # All rectangles between two neighbouring ticks are in the polygon if the middle is
     middles = np.stack(np.meshgrid(0.5 * (x[1:] + x[:-1]), 0.5 * (y[1:] + y[:-1])), axis=-1)
-    kept = polygon.contains(middles).repeat(grid.y_divisions, axis=0).repeat(grid.x_divisions, axis=1)
+    inside = polygon.contains(middles).repeat(grid.y_divisions, axis=0).repeat(grid.x_divisions, axis=1)
     return build_conforming_mesh(
         polygon,
-        *_split_rectangles(_divide_ticks(x, grid.x_divisions), _divide_ticks(y, grid.y_divisions), kept),
+        *_split_rectangles(_divide_ticks(x, grid.x_divisions), _divide_ticks(y, grid.y_divisions), inside),
     )
 
 
 def _divide_ticks(ticks: Array, divisions: Index) -> Array:
-    """The ticks with each spacing cut into so many equal ones.
-
-    The shape is (sum(parts) + 1,).
-    """
+    """The ticks with each spacing cut into so many equal ones, (sum(divisions) + 1,)."""
     gap = np.repeat(np.arange(len(divisions)), divisions)
     inside = np.arange(len(gap)) - (np.cumsum(divisions) - divisions)[gap]
     return np.append(
@@ -128,12 +127,12 @@ def default_mesh_kind(polygon: Polygon) -> str:
 
 def _consists_of_squares(polygon: Polygon) -> bool:
     """Whether sides run between whole numbers, of which there are few."""
-    whole = np.array_equal(polygon.vertices, np.round(polygon.vertices))
-    small = (
+    has_integers = np.array_equal(polygon.vertices, np.round(polygon.vertices))
+    is_small = (
         polygon.largest <= MAX_SQUARE_COORDINATE
         and np.ptp(polygon.vertices, axis=0).max() <= MAX_UNIT_SQUARES
     )
-    return bool(whole and small and np.all(np.any(polygon.edges == 0, axis=1)))
+    return bool(has_integers and is_small and np.all(np.any(polygon.edges == 0, axis=1)))
 
 
 def make_tensor_mesh(ticks: Array) -> Mesh:
@@ -143,9 +142,10 @@ def make_tensor_mesh(ticks: Array) -> Mesh:
 
 
 def _split_rectangles(x: Array, y: Array, inside: Mask) -> tuple[Array, Index]:
-    """Points and triangles of the cells kept[j, i] of the grid with the ticks x (m,) and y (n,)."""
+    """Points and triangles of the rectangles inside[j, i] of the grid with the ticks x (m,) and y (n,)."""
     m = len(x)
     j, i = np.nonzero(inside)
+    # Node (i, j) of the grid has the number j m + i; a is the lower left one of a rectangle
     a = j * m + i
     triangles = np.stack([a, a + 1, a + m + 1, a, a + m + 1, a + m], axis=1).reshape(-1, 3)
     used = np.zeros(m * len(y), dtype=bool)

@@ -49,6 +49,7 @@ def triangulate(boundary_edges: Partition, growth: float | None = None) -> tuple
         cells = gmsh.model.mesh.getElementsByType(2)[1]
     finally:
         gmsh.finalize()
+    # gmsh's nodes by their tags, from a unit domain about 0, and those of the boundary as they were given
     used, triangles = np.unique(cells, return_inverse=True)
     order = np.argsort(tags)
     places = coordinates.reshape(-1, 3)[order[np.searchsorted(tags, used, sorter=order)], :2]
@@ -73,6 +74,7 @@ def _set_sizes(nodes: list[int], lengths: Array, growth: float) -> None:
     for option in ("Mesh.MeshSizeExtendFromBoundary", "Mesh.MeshSizeFromPoints"):
         gmsh.option.setNumber(option, 0)
     field = gmsh.model.mesh.field
+    # Of the nodes whose edges have about the size 2^p: size = that of the longest + growth * distance
     near = np.minimum(lengths, np.roll(lengths, 1))
     power = np.round(np.log2(near)).astype(int)
     formulas = []

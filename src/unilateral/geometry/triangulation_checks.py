@@ -60,10 +60,7 @@ def check_arrays(points: Array, triangles: Index, where: str) -> None:
 
 
 def orient_anticlockwise(points: Array, triangles: Index) -> Index:
-    """The triangles with their nodes anticlockwise: those that run clockwise are reversed, (m, 3).
-
-    The shape is (m, 3).
-    """
+    """The triangles with their nodes anticlockwise: those that run clockwise are reversed, (m, 3)."""
     clockwise = signed_areas(points, triangles) < 0
     return np.where(clockwise[:, None], triangles[:, ::-1], triangles)
 
@@ -97,13 +94,12 @@ def check_areas(points: Array, triangles: Index, where: str) -> None:
 def find_boundary_edges(points: Array, triangles: Index, where: str) -> Index:
     """The edges that belong to one triangle only, directed as in it, (nb, 2).
 
-    The shape is (nb, 2).
-
     Raises InputError if two triangles lie on the same side of an edge, as of any three at least two do.
     """
     n = len(points)
     a = triangles.ravel()
     b = np.roll(triangles, -1, axis=1).ravel()
+    # An edge {a, b} is told by min * n + max, and its direction by the last bit: sorted, its triangles meet
     keys = np.sort(2 * (np.minimum(a, b) * n + np.maximum(a, b)) + (a > b))
     edges = keys >> 1
     crowded = np.flatnonzero(keys[1:] == keys[:-1])
@@ -111,8 +107,8 @@ def find_boundary_edges(points: Array, triangles: Index, where: str) -> Index:
         low, high = divmod(int(edges[crowded[0]]), n)
         count = np.count_nonzero(edges == edges[crowded[0]])
         raise InputError(
-            f"{where}: the edge from node {describe_node(points, low)} to node {describe_node(points, high)} belongs to "
-            f"{count} triangles, two of them on the same side; it may have one on either side"
+            f"{where}: the edge from node {describe_node(points, low)} to node {describe_node(points, high)} "
+            f"belongs to {count} triangles, two of them on the same side; it may have one on either side"
         )
     repeated = edges[1:] == edges[:-1]
     once = ~(np.append(repeated, False) | np.append(False, repeated))
@@ -121,16 +117,14 @@ def find_boundary_edges(points: Array, triangles: Index, where: str) -> Index:
 
 
 def min_heights(points: Array, triangles: Index, edges: Index) -> Array:
-    """The least height of the triangles at each node of the boundary edges, 0 at other nodes, (n,).
-
-    The shape is (n,).
-    """
-    found = np.full(len(points), np.inf)
-    found[np.delete(np.arange(len(points)), edges)] = 0.0
-    there = triangles[np.isinf(found)[triangles].any(axis=1)]
-    heights = 2 * np.abs(signed_areas(points, there)) / longest_edges(points, there)
-    np.minimum.at(found, there, heights[:, None])
-    return found
+    """The least height of the triangles at each node of the boundary edges, 0 at other nodes, (n,)."""
+    lowest = np.full(len(points), np.inf)
+    lowest[np.delete(np.arange(len(points)), edges)] = 0.0
+    selected = triangles[np.isinf(lowest)[triangles].any(axis=1)]
+    # A triangle's least height is twice its area over its longest edge
+    heights = 2 * np.abs(signed_areas(points, selected)) / longest_edges(points, selected)
+    np.minimum.at(lowest, selected, heights[:, None])
+    return lowest
 
 
 def allowed_distances(
@@ -138,15 +132,13 @@ def allowed_distances(
 ) -> Array:
     """How far each node of the boundary edges may lie beside its side, round-off for other nodes, (n,).
 
-    The shape is (n,).
-
-    The `heights` are the `min_heights`. If coordinates may be `may_be_rounded`, nodes and the side's ends are
-    each as far from their true places as `rounding` tells.
+    The `heights` are the `min_heights`. If coordinates `may_be_rounded`, nodes and the side's ends are each
+    as far from their true places as `max_point_error` says.
     """
-    found = MAX_MOVE_PER_HEIGHT * heights + round_off(polygon)
+    allowed = MAX_MOVE_PER_HEIGHT * heights + round_off(polygon)
     if not may_be_rounded:
-        return found
-    return found + np.minimum(
+        return allowed
+    return allowed + np.minimum(
         2 * coordinate_rounding.max_point_error(points[edges[:, 0]]), MAX_ROUNDED_MOVE * heights
     )
 
@@ -156,35 +148,35 @@ def assign_sides(
 ) -> Index:
     """The side along which each boundary edge runs, (nb,); InputError if one runs along none.
 
-    The shape is (nb,).
-
     The nodes may lie beside it by their `allowed_distances` (n,).
     """
     ends = np.roll(polygon.vertices, -1, axis=0)
-    off = np.stack(
+    # Distances of both ends from all sides, in units of what is allowed; a side runs with its edges
+    excess = np.stack(
         [
             segment_distances(points[k], polygon.vertices, ends) / allowed_distances[k][:, None]
             for k in edges.T
         ]
     )
-    off[:, (points[edges[:, 1]] - points[edges[:, 0]]) @ polygon.tangents.T <= 0] = np.inf
-    side = off.max(axis=0).argmin(axis=1)
-    least = off[:, np.arange(len(edges)), side]
-    stray = np.flatnonzero(least.max(axis=0) > 1)
+    excess[:, (points[edges[:, 1]] - points[edges[:, 0]]) @ polygon.tangents.T <= 0] = np.inf
+    side = excess.max(axis=0).argmin(axis=1)
+    side_excess = excess[:, np.arange(len(edges)), side]
+    stray = np.flatnonzero(side_excess.max(axis=0) > 1)
     if stray.size:
         a, b = edges[stray].T
         worst = stray[np.hypot(*(points[b] - points[a]).T).argmax()]
         (a, b) = edges[worst]
-        end = int(least[:, worst].argmax())
+        end = int(side_excess[:, worst].argmax())
         beside = edges[worst, end]
-        if least[end, worst] * allowed_distances[beside] < STRAY_PER_HEIGHT * (
+        if side_excess[end, worst] * allowed_distances[beside] < STRAY_PER_HEIGHT * (
             heights[beside] + round_off(polygon) / MAX_MOVE_PER_HEIGHT
         ):
             raise _stray_node_error(polygon, points, beside, side[worst], allowed_distances, where)
         raise InputError(
-            f"{where}: the boundary edge from node {describe_node(points, a)} to node {describe_node(points, b)} does not run "
-            f"anticlockwise along one side of polygon '{polygon.name}'; move its nodes there, close a gap "
-            "beside it, or split its triangle at a node that hangs on it"
+            f"{where}: the boundary edge from node {describe_node(points, a)} to node "
+            f"{describe_node(points, b)} does not run anticlockwise along one side of polygon "
+            f"'{polygon.name}'; move its nodes there, close a gap beside it, or split its triangle at a "
+            "node that hangs on it"
         )
     return side
 
@@ -194,23 +186,22 @@ def snap_to_sides(
 ) -> Array:
     """The points, with the boundary nodes moved onto the sides of the edges they begin, (n, 2).
 
-    The shape is (n, 2).
-
     A node goes to the nearest point of its side, and the first node of a side to the vertex. Nodes that are
     there up to round-off stay. Raises InputError for nodes farther away than their `allowed_distances` (n,).
     """
+    # -((x - a).n) n takes a node to its side from a with the normal n; a side's first node goes to a
     from_vertex = points[nodes] - polygon.vertices[side]
     normals = polygon.normals[side]
-    by = -np.sum(from_vertex * normals, axis=1)[:, None] * normals
-    by = np.where((side != np.roll(side, 1))[:, None], -from_vertex, by)
-    away = np.hypot(*by.T)
-    found = points.copy()
+    shift = -np.sum(from_vertex * normals, axis=1)[:, None] * normals
+    shift = np.where((side != np.roll(side, 1))[:, None], -from_vertex, shift)
+    away = np.hypot(*shift.T)
+    snapped = points.copy()
     far = np.flatnonzero(away > allowed_distances[nodes])
     if far.size:
         raise _stray_node_error(polygon, points, nodes[far[0]], side[far[0]], allowed_distances, where)
-    moved = away > round_off(polygon)
-    found[nodes[moved]] += by[moved]
-    return found
+    beyond = away > round_off(polygon)
+    snapped[nodes[beyond]] += shift[beyond]
+    return snapped
 
 
 def _stray_node_error(
@@ -220,7 +211,7 @@ def _stray_node_error(
     end = polygon.vertices[(side + 1) % polygon.n_sides]
     away = float(segment_distances(points[[node]], start[None], end[None])[0, 0])
     return InputError(
-        f"{where}: the boundary node {describe_node(points, node)} lies {away:.2g} off side {side} of polygon "
-        f"'{polygon.name}', and up to {allowed_distances[node]:.2g} would be corrected; move it onto the side, give "
-        "the polygon that the mesh has, or read the mesh with polygon= this polygon"
+        f"{where}: the boundary node {describe_node(points, node)} lies {away:.2g} off side {side} of "
+        f"polygon '{polygon.name}', and up to {allowed_distances[node]:.2g} would be corrected; move it onto "
+        "the side, give the polygon that the mesh has, or read the mesh with polygon= this polygon"
     )

@@ -21,23 +21,22 @@ PAIRS_NEEDED = "it has to be a list of pairs (x, y), anticlockwise, such as [(0,
 
 
 def as_vertices(polygon: object, where: str) -> Array:
-    """The vertices of a polygon, or those that a user gives, (n, 2).
-
-    The shape is (n, 2).
-    """
+    """The vertices of a polygon, or those that a user gives, (n, 2)."""
     if isinstance(polygon, Polygon):
         return polygon.vertices
-    found = read_floats(polygon, where, PAIRS_NEEDED)
-    if found.ndim != 2 or found.shape[1] != 2:
-        turned = "; transpose it" if found.ndim == 2 and len(found) == 2 else ""
-        what = f"has the shape {found.shape}" if found.ndim else f"is {quote_input(repr(polygon))}"
-        raise InputError(f"{where}: it {what}; {PAIRS_NEEDED}{turned}")
-    if len(found) < 3:
-        raise InputError(f"{where}: it has {len(found)} vertices; a polygon has at least three")
-    wrong = np.flatnonzero(~np.isfinite(found).all(axis=1))
+    vertices = read_floats(polygon, where, PAIRS_NEEDED)
+    if vertices.ndim != 2 or vertices.shape[1] != 2:
+        turned = "; transpose it" if vertices.ndim == 2 and len(vertices) == 2 else ""
+        fault = f"has the shape {vertices.shape}" if vertices.ndim else f"is {quote_input(repr(polygon))}"
+        raise InputError(f"{where}: it {fault}; {PAIRS_NEEDED}{turned}")
+    if len(vertices) < 3:
+        raise InputError(f"{where}: it has {len(vertices)} vertices; a polygon has at least three")
+    wrong = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
     if wrong.size:
-        raise InputError(f"{where}[{wrong[0]}]: it is {tuple(found[wrong[0]].tolist())}; it has to be finite")
-    return found
+        raise InputError(
+            f"{where}[{wrong[0]}]: it is {tuple(vertices[wrong[0]].tolist())}; it has to be finite"
+        )
+    return vertices
 
 
 def as_file_number(value: Any, where: str) -> Any:
@@ -63,32 +62,32 @@ def as_side_numbers(values: object, n: int, where: str) -> list[int]:
     try:
         if not isinstance(values, Iterable | None) or isinstance(values, str):
             raise TypeError
-        found = [as_side_number(each, n, where) for each in ([] if values is None else values)]
+        sides = [as_side_number(side, n, where) for side in ([] if values is None else values)]
     except TypeError:
         raise InputError(
             f"{where}: it is {quote_input(repr(values))}; it has to be a list of sides, such as [0, 2]"
         ) from None
-    twice = [each for each, times in Counter(found).items() if times > 1]
+    twice = [side for side, times in Counter(sides).items() if times > 1]
     if twice:
         raise InputError(f"{where}: side {twice[0]} is given twice; give it once")
-    return found
+    return sides
 
 
 def as_side_number(value: Any, n: int, where: str) -> int:
     """The number of one of n sides."""
-    found = -1
+    side = -1
     kind = "; a side is a whole number"
     with suppress(TypeError):
-        found, kind = (found, kind) if isinstance(value, bool) else (operator.index(value), "")
-    if not 0 <= found < n:
+        side, kind = (side, kind) if isinstance(value, bool) else (operator.index(value), "")
+    if not 0 <= side < n:
         raise InputError(
             f"{where}: the polygon has the sides 0 to {n - 1}, not {quote_input(repr(value))}{kind}"
         )
-    return found
+    return side
 
 
 def check_flags(**flags: object) -> None:
     """Raises InputError, with its name, for a flag that is neither True nor False."""
-    for name, given in flags.items():
-        if not isinstance(given, bool | np.bool_):
-            raise InputError(f"{name} is {quote_input(repr(given))}; it has to be True or False")
+    for name, value in flags.items():
+        if not isinstance(value, bool | np.bool_):
+            raise InputError(f"{name} is {quote_input(repr(value))}; it has to be True or False")

@@ -84,10 +84,7 @@ class FormulaAtom(ABC):
         """The values of all formulas or the first three at points + offset (k, 2), with gradients (k, 2)."""
 
     def value_and_gradient(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
-        """Values (k,) and gradients (k, 2) at points + offset.
-
-        The shape is (k,).
-        """
+        """Values (k,) and gradients (k, 2) at points + offset."""
         value, gradient = self._evaluate(self._compiled_formulas[0], points, offset)
         return value, gradient
 
@@ -129,10 +126,7 @@ class SmoothAtom(FormulaAtom):
         return value, np.column_stack([dx, dy]), *f
 
     def vanishes_in_circles(self, centre: Array, radius: Array) -> Mask:
-        """Whether u is known to be 0 in each circle: never.
-
-        The shape is (k,).
-        """
+        """Whether u is known to be 0 in each circle (k,): never."""
         return np.zeros(len(radius), dtype=bool)
 
     def kinks(self) -> list[Kink]:
@@ -164,10 +158,7 @@ class SideAtom:
 
     @cached_property
     def frame(self) -> Array:
-        """The side's direction and its inward normal, the rows of a (2, 2) array.
-
-        The shape is (2, 2).
-        """
+        """The side's direction and its inward normal, the rows of a (2, 2) array."""
         return np.stack([self.polygon.tangents[self.side], -self.polygon.normals[self.side]])
 
     def touches(self, side: int) -> bool:
@@ -176,6 +167,7 @@ class SideAtom:
 
     def local_coordinates(self, points: Array, offset: Array | float = 0.0) -> tuple[Array, Array]:
         """Coordinates (k,), (k,) along the side from the centre and into Omega of points + offset."""
+        # In this order: near the centre the offset is exact and the first difference small, or 0
         x, y = ((points - self.centre) + offset).T
         along, into = self.frame / self.length
         return x * along[0] + y * along[1], x * into[0] + y * into[1]
@@ -196,17 +188,11 @@ class SideAtom:
         return along, np.where(np.abs(into) < SIDE_TOLERANCE, np.abs(into), into)
 
     def rotate_to_xy(self, along: Array, into: Array) -> Array:
-        """Vectors in x and y from their components along the side and into Omega, (k, 2).
-
-        The shape is (k, 2).
-        """
+        """Vectors in x and y from their components along the side and into Omega, (k, 2)."""
         return np.column_stack([along * self.frame[0, i] + into * self.frame[1, i] for i in range(2)])
 
     def rotate_polar_to_xy(self, theta: Array, radial: Array, angular: Array) -> Array:
-        """Vectors in x and y from their components away from the centre and across, towards larger theta, (k, 2).
-
-        The shape is (k, 2).
-        """
+        """Vectors (k, 2) in x and y from their components towards larger r and towards larger theta."""
         cos = np.cos(theta)
         sin = np.sin(theta)
         return self.rotate_to_xy(radial * cos - angular * sin, radial * sin + angular * cos)
@@ -222,6 +208,7 @@ class TensorAtom(SideAtom, FormulaAtom):
 
     @property
     def _chi(self) -> Expression:
+        """The cutoff chi(d) = (1 - (d / cutoff)^2)_+^4, in C^3."""
         return pos(1 - (D / self.cutoff) ** 2, 4)
 
     @cached_property
@@ -252,6 +239,7 @@ class TensorAtom(SideAtom, FormulaAtom):
         """The model of -Delta u + u on the boxes of x and y."""
         t, d = self.local_models(x, y)
         profile = enclose_formula(self.profile, {"t": t}).range
+        # The source is 0 beyond the cutoff, and where the profile is known to be 0
         support = (d.range[0] < as_float(self.cutoff)) & ((profile[0] < 0) | (profile[1] > 0))
         return apply_on_subsets(
             [(lambda t, d: enclose_formula(self._source, {"t": t, "d": d}), support)], t, d
@@ -264,10 +252,8 @@ class TensorAtom(SideAtom, FormulaAtom):
         return self.length * v, self.rotate_to_xy(v_t, v_d), *f
 
     def trace_and_normal_flux(self, side: int, along: SidePoints) -> tuple[Array, Array]:
-        """Values of u and of its outward normal derivative on the side, (k,) each.
-
-        The shape is (k,).
-        """
+        """Values of u and of its outward normal derivative on the side, (k,) each."""
+        # u = L v and du/dn = -dv/dd at d = 0, for d grows into Omega
         v, _, v_d = self._compiled_formulas[0](along.t, np.zeros_like(along.t))
         return self.length * v, -v_d
 
@@ -280,7 +266,7 @@ class TensorAtom(SideAtom, FormulaAtom):
         return find_kinks(self.profile, "t")
 
     def kinks(self) -> list[Kink]:
-        """The curves across which u is only finitely smooth: the cutoff's end and normals at kinks of the profile."""
+        """The line at which the cutoff ends, and normals at kinks of the profile: u is not smooth there."""
         along = self.frame[0]
         into = self.frame[1]
         middle = self.centre + 0.5 * self.length * along

@@ -159,21 +159,24 @@ def replace_data(
     A case becomes a problem whose solution is not known. Raises InputError as `build_problem`.
     """
     name = problem.name
-    sides = (exact_side_ends(exact_vertices(problem.polygon)), problem.free_sides, problem.clamped_sides)
+    ends = exact_side_ends(exact_vertices(problem.polygon))
+    free = problem.free_sides
+    clamped = problem.clamped_sides
     changed: dict[str, Any] = {"exact": None, "title": ""} if problem.exact else {}
     if f is not None:
         changed["f"] = read_source(f, mesh, f"{name}, field f")
     if g is not None:
-        obstacles = read_sides("g", g, *sides, mesh, f"{name}, field g")
-        for side in problem.clamped_sides:
+        obstacles = read_sides("g", g, ends, free, clamped, mesh, f"{name}, field g")
+        for side in clamped:
             obstacles[side] = problem.g[side]
         changed["g"] = tuple(obstacles)
     if q is not None:
-        changed["q"] = tuple(read_sides("q", q, *sides, mesh, f"{name}, field q"))
+        changed["q"] = tuple(read_sides("q", q, ends, free, clamped, mesh, f"{name}, field q"))
     new = replace(problem, **changed)
     if linear_fields(new):
         new = replace(new, mesh=mesh)
     if q is None and not new.has_functions:
+        # q is the same, and so is what was computed of it
         vars(new)["enclosed_flux"] = problem.enclosed_flux
     return _check_on_mesh(new, mesh, name)
 
@@ -245,6 +248,7 @@ def _join_at_vertex(problem: Problem, g: Sequence[SideData | Function], vertex: 
             size = abs(at_vertex)
         values.append(at_vertex)
         sizes.append(size)
+    # By half of the digits of the value at the vertex, or the rounding of terms that cancel there
     allowed = FUNCTION_ACCURACY * max(map(abs, values)) + FUNCTION_ROUNDING * max(sizes)
     if abs(values[1] - values[0]) > allowed:
         return

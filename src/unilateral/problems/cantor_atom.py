@@ -57,35 +57,36 @@ class CantorSet(NamedTuple):
 
     def sort_intervals(self) -> tuple[list[ExactInterval], list[ExactInterval], list[ExactInterval]]:
         """The intervals that odd generations remove, that even ones remove, and that are left."""
-        left: list[ExactInterval] = [(self.inset, 1 - self.inset)]
+        intervals: list[ExactInterval] = [(self.inset, 1 - self.inset)]
         removed: tuple[list[ExactInterval], list[ExactInterval]] = ([], [])
         for generation in range(self.generations):
-            inner = [(a + self.keep * (b - a), b - self.keep * (b - a)) for a, b in left]
+            # [a, b] loses the middle [c, d] and keeps [a, c] and [d, b], `keep` of its length each
+            inner = [(a + self.keep * (b - a), b - self.keep * (b - a)) for a, b in intervals]
             removed[generation % 2].extend(inner)
-            left = [pair for (a, b), (c, d) in zip(left, inner, strict=True) for pair in ((a, c), (d, b))]
-        return *removed, left
+            intervals = [
+                pair for (a, b), (c, d) in zip(intervals, inner, strict=True) for pair in ((a, c), (d, b))
+            ]
+        return *removed, intervals
 
 
 def cantor_gap(cantor_set: CantorSet, gamma: Fraction) -> Expression:
     """u - g as a formula in t: ((t - c)(d - t)/(d - c))^gamma on what even generations remove.
 
-    On what is left it is DUST times that. From the set's ends it grows like s^gamma to the vertices.
+    On what is left it is UNREMOVED_GAP_FACTOR times that. From the set's ends it grows like s^gamma to the
+    vertices.
     """
-    _, removed, left = cantor_set.sort_intervals()
-    parts = [pos(cantor_set.inset - T, gamma), pos(T - 1 + cantor_set.inset, gamma)]
-    parts += [pos((T - c) * (d - T), gamma) / rational_expression(d - c) ** gamma for c, d in removed]
-    parts += [
+    _, removed, intervals = cantor_set.sort_intervals()
+    gaps = [pos(cantor_set.inset - T, gamma), pos(T - 1 + cantor_set.inset, gamma)]
+    gaps += [pos((T - c) * (d - T), gamma) / rational_expression(d - c) ** gamma for c, d in removed]
+    gaps += [
         UNREMOVED_GAP_FACTOR * pos((T - c) * (d - T), gamma) / rational_expression(d - c) ** gamma
-        for c, d in left
+        for c, d in intervals
     ]
-    return sum_terms(term for part in parts for term in part.terms)
+    return sum_terms(term for gap in gaps for term in gap.terms)
 
 
 def _sum_at_points(index: Index, values: Array, points: Array) -> Array:
-    """The values (m,) added up at the points whose numbers are `index` (m,), (k,).
-
-    The shape is (k,).
-    """
+    """The values (m,) added up at the points whose numbers are `index` (m,), (k,)."""
     return np.bincount(index, values, len(points)).astype(float, copy=False)
 
 
@@ -104,30 +105,30 @@ class CantorAtom(SideAtom):
     @property
     def regularity(self) -> Regularity:
         """The regularity of u and lambda, from alpha and the dimension of the set."""
+        # lambda in H^s: u is in H^2 for an s >= 1/2; lambda ~ s^alpha is bounded for alpha >= 0
         bounded = self.alpha >= 0
         order = self.flux_order
         return Regularity(order > 1 / 2, bounded, order > 0, bounded, finite=False)
 
     @cached_property
     def _contact_intervals(self) -> Array:
-        """Ends of the contact intervals, (k, 2).
-
-        The shape is (k, 2).
-        """
+        """Ends of the contact intervals, (k, 2)."""
         return np.array(sorted(self.cantor_set.sort_intervals()[0]), dtype=float)
 
     @cached_property
     def _unit_atom(self) -> CompiledFormulas:
         """v, dv/dr, (dv/dtheta)/r and Delta v of the atom whose contact is [0, 1], in r and theta."""
-        one = make_harmonic_atom(self.polygon, self.side, 0.0, self.alpha, cutoff=ONE)
-        return compile_numpy(one.derivatives, ("r", "theta"))
+        atom = make_harmonic_atom(self.polygon, self.side, 0.0, self.alpha, cutoff=ONE)
+        return compile_numpy(atom.derivatives, ("r", "theta"))
 
     def _evaluate_in_supports(self, along: Array, into: Array) -> SupportPoints:
         """The points (m,), one support after another, and there l and theta (m,) and the unit atom at r/l."""
+        # A support is the half disc of radius l about a start; `near` are the points below the largest l
         starts = self._contact_intervals[:, 0]
         lengths = np.diff(self._contact_intervals)[:, 0]
         near = np.flatnonzero(into < lengths.max())
         near = near[np.argsort(along[near], kind="stable")]
+        # Those with start - l <= along < start + l, support by support; a point may lie in several
         ends = np.searchsorted(along[near], [starts - lengths, starts + lengths])
         points = np.concatenate([near[first:last] for first, last in ends.T])
         interval = np.repeat(np.arange(len(starts)), np.diff(ends, axis=0)[0])
@@ -150,6 +151,7 @@ class CantorAtom(SideAtom):
         """Values, gradients and values of -Delta u + u at points + offset."""
         along, into = self.local_coordinates_inside(points, offset)
         index, length, theta, (v, v_r, v_theta, laplacian) = self._evaluate_in_supports(along, into)
+        # An atom on an interval of length l (in units of L) is L l l^alpha v(r / l): lambda is like s^alpha
         scale = length ** float(self.alpha)
         size = self.length * length
         slopes = self.rotate_polar_to_xy(theta, scale * v_r, scale * v_theta).T
@@ -174,7 +176,10 @@ class CantorAtom(SideAtom):
         return self._sum_models(PolarAtom.source_model, x, y)
 
     def _sum_models(
-        self, of: Callable[[PolarAtom, TaylorModel, TaylorModel], TaylorModel], x: TaylorModel, y: TaylorModel
+        self,
+        enclose: Callable[[PolarAtom, TaylorModel, TaylorModel], TaylorModel],
+        x: TaylorModel,
+        y: TaylorModel,
     ) -> TaylorModel:
         """The sum over the atoms, each on the boxes that may meet its support."""
         t, d = self.local_models(x, y)
@@ -185,12 +190,13 @@ class CantorAtom(SideAtom):
         lower = np.zeros_like(x.rad)
         upper = np.zeros_like(x.rad)
         for (start, end), atom in zip(self._contact_intervals, self._atoms, strict=True):
-            at = np.flatnonzero((last >= 2 * start - end) & (first <= end) & (low <= end - start))
-            if at.size:
-                more = of(atom, x.select_boxes(at), y.select_boxes(at))
-                c[:, at] += more.c
-                rad[at] += more.rad + EPS * np.abs(c[:, at]).sum(axis=0)
-                lower[at], upper[at] = interval.add_intervals((lower[at], upper[at]), more.range)
+            # the boxes that may meet [start - l, start + l] x [0, l], l = end - start
+            boxes = np.flatnonzero((last >= 2 * start - end) & (first <= end) & (low <= end - start))
+            if boxes.size:
+                model = enclose(atom, x.select_boxes(boxes), y.select_boxes(boxes))
+                c[:, boxes] += model.c
+                rad[boxes] += model.rad + EPS * np.abs(c[:, boxes]).sum(axis=0)
+                lower[boxes], upper[boxes] = interval.add_intervals((lower[boxes], upper[boxes]), model.range)
         return tighten_model(x.basis, c, rad, (lower, upper))
 
     @cached_property
@@ -203,10 +209,8 @@ class CantorAtom(SideAtom):
         ]
 
     def trace_and_normal_flux(self, side: int, along: SidePoints) -> tuple[Array, Array]:
-        """Values of u and of its outward normal derivative on the side, (k,) each.
-
-        The shape is (k,).
-        """
+        """Values of u and of its outward normal derivative on the side, (k,) each."""
+        # du/dn = -(dv/dtheta)/r for theta = 0 and +(dv/dtheta)/r for theta = pi
         index, length, theta, (v, _, v_theta, _) = self._evaluate_in_supports(along.t, np.zeros_like(along.t))
         scale = length ** float(self.alpha)
         value = _sum_at_points(index, self.length * length * scale * v, along.t)

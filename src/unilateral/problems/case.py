@@ -101,6 +101,7 @@ class ExactSolution:
         value, gradient, f = _sum_over_atoms(
             atom.value_gradient_and_source(points, offset) for atom in self.atoms
         )
+        # The atoms have -Delta u + u
         return value, gradient, f if self.c else f - value
 
     def source(self, points: Array, offset: Array | float = 0.0) -> Array:
@@ -108,10 +109,7 @@ class ExactSolution:
         return self.value_gradient_and_source(points, offset)[2]
 
     def vanishes_in_circles(self, centre: Array, radius: Array) -> Mask:
-        """Whether u is known to be 0 in each circle, (k,).
-
-        The shape is (k,).
-        """
+        """Whether u is known to be 0 in each circle, (k,)."""
         return np.logical_and.reduce([atom.vanishes_in_circles(centre, radius) for atom in self.atoms])
 
     def source_model(self, x: TaylorModel, y: TaylorModel) -> TaylorModel:
@@ -135,14 +133,15 @@ class ExactSolution:
         On clamped sides lambda is 0: they have no multiplier. `near` has, for every place, a point t of its
         side, in side lengths, and the arc length from there.
         """
+        # Near a singular point the anchor is that point, so that the distance from it is not rounded
         lengths = self.polygon.lengths[side]
         anchor, offset = near or (s / lengths, np.zeros(len(s)))
         u = np.zeros(len(s))
         flux = np.zeros(len(s))
         for i in np.unique(side):
-            here = np.flatnonzero(side == i)
-            along = SidePoints((s / lengths)[here], anchor[here], (offset / lengths)[here])
-            u[here], flux[here] = self.trace_and_normal_flux(int(i), s[here], along)
+            rows = np.flatnonzero(side == i)
+            along = SidePoints((s / lengths)[rows], anchor[rows], (offset / lengths)[rows])
+            u[rows], flux[rows] = self.trace_and_normal_flux(int(i), s[rows], along)
         return u, np.where(np.isin(side, self.clamped_sides), 0.0, flux), self.gap(side, s)
 
     def gap(self, side: Index, s: Array) -> Array:
@@ -150,8 +149,8 @@ class ExactSolution:
         t = s / self.polygon.lengths[side]
         gap = np.zeros(len(s))
         for i in np.unique(side):
-            here = side == i
-            gap[here] = self._gap_functions[i](t[here])[0]
+            rows = side == i
+            gap[rows] = self._gap_functions[i](t[rows])[0]
         return gap
 
     def trace_and_normal_flux(self, side: int, s: Array, along: SidePoints) -> tuple[Array, Array]:
@@ -160,6 +159,7 @@ class ExactSolution:
         u = np.zeros(len(s))
         flux = np.zeros(len(s))
         for atom in self.atoms:
+            # By grad u . n where the side is no special one; else from the atom's own coordinates, exactly
             if isinstance(atom, SmoothAtom) or not atom.touches(side):
                 value, gradient = atom.value_and_gradient(points)
                 normal = gradient @ self.polygon.normals[side]
@@ -218,23 +218,24 @@ class ExactSolution:
 
     @cached_property
     def _singular_points(self) -> list[SingularPoint]:
-        points_of_all = [point for atom in self.atoms for point in atom.singular_points()]
-        points_of_all += [point for kink in self.kinks() for point in kink.crossings(self.polygon)]
+        all_points = [point for atom in self.atoms for point in atom.singular_points()]
+        all_points += [point for kink in self.kinks() for point in kink.crossings(self.polygon)]
         for side, points in enumerate(self.gap_kinks):
-            points_of_all += [SingularPoint(side, t, exponent.denominator) for t, exponent in points]
+            all_points += [SingularPoint(side, t, exponent.denominator) for t, exponent in points]
+        # Points that agree up to rounding are one, graded by the least common multiple
         merged: dict[tuple[int, float], SingularPoint] = {}
-        for point in points_of_all:
+        for point in all_points:
             t = round(point.t, 12)
             if 0 <= t <= 1:
-                known = merged.get((point.side, t), point)
-                at = t if t in (0, 1) else known.t
-                merged[point.side, t] = SingularPoint(point.side, at, lcm(known.grading, point.grading))
+                earlier = merged.get((point.side, t), point)
+                place = t if t in (0, 1) else earlier.t
+                merged[point.side, t] = SingularPoint(point.side, place, lcm(earlier.grading, point.grading))
         return [merged[key] for key in sorted(merged)]
 
 
 def _sum_over_atoms(values: Iterable[tuple[Array, ...]]) -> list[Array]:
     """The sums of the atoms' values."""
-    return [sum(others, start=first) for first, *others in zip(*values, strict=True)]
+    return [sum(later, start=first) for first, *later in zip(*values, strict=True)]
 
 
 def load_solution(case: str | Path, polygon: Polygon, side: int = 0) -> ExactSolution:
@@ -268,9 +269,9 @@ def read_case_declaration(case: str | Path) -> tuple[dict[str, Any], str]:
     if file is None:
         file = catalogue_folder() / f"{name}.yaml"
         if name not in case_names():
-            known = ", ".join(case_names())
+            names = ", ".join(case_names())
             raise InputError(
-                f"case '{quote_input(name)}' is unknown; known are {known}{suggest_name(name, case_names())}"
+                f"case '{quote_input(name)}' is unknown; known are {names}{suggest_name(name, case_names())}"
             )
     schema = resources.files("unilateral.problems") / "case.schema.yaml"
     declaration = declarations.validate(declarations.read_declaration(file, name), schema, name)

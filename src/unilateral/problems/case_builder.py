@@ -69,16 +69,16 @@ class CaseBuilder:
 
     def parse_side_formula(self, text: object, where: str, least_power: int = KINK_POWER) -> Expression:
         """A formula in t whose kinks can be found."""
-        of_t = self.parse_formula(text, "t", where, least_power)
-        if has_log(of_t):
+        parsed = self.parse_formula(text, "t", where, least_power)
+        if has_log(parsed):
             raise InputError(f"{where}: {NO_LOG}")
-        if find_fractional_powers(of_t):
+        if find_fractional_powers(parsed):
             raise InputError(f"{where}: {NO_ROOT}")
         try:
-            find_kinks(of_t, "t")
+            find_kinks(parsed, "t")
         except ValueError as error:
             raise InputError(f"{where}: {error}") from None
-        return of_t
+        return parsed
 
     def side_number(self, offset: int) -> int:
         """The side of the polygon at that offset from the base side."""
@@ -109,11 +109,11 @@ class CaseBuilder:
         if entry["atom"] == "corner":
             power = self._read_exponent(entry, "alpha", where) if "alpha" in entry else None
             return make_corner_atom(self.polygon, side, entry["kind"], power, cutoff, times)
-        at = formula.parse_number(entry["at"], f"{where}, at")
-        if not 0 < as_float(at) < 1:
-            raise InputError(f"{where}, at: {at} must lie between 0 and 1")
+        position = formula.parse_number(entry["at"], f"{where}, at")
+        if not 0 < as_float(position) < 1:
+            raise InputError(f"{where}, at: {position} must lie between 0 and 1")
         alpha = self._read_exponent(entry, "alpha", where)
-        return make_harmonic_atom(self.polygon, side, as_float(at), alpha, cutoff, times)
+        return make_harmonic_atom(self.polygon, side, as_float(position), alpha, cutoff, times)
 
     def _read_cutoff(self, entry: Mapping[str, Any], where: str) -> Expression:
         cutoff = formula.parse_number(entry["cutoff"], f"{where}, cutoff")
@@ -145,12 +145,12 @@ class CaseBuilder:
 
     def read_clamped_values(self, entries: Sequence[Mapping[str, Any]]) -> dict[int, Expression]:
         """u on the clamped sides, formulas in x and y by side."""
-        found = {}
+        values = {}
         for i, entry in enumerate(entries):
-            found[self.side_number(entry["side"])] = self.parse_formula(
+            values[self.side_number(entry["side"])] = self.parse_formula(
                 entry["u"], "xy", f"{self.where}, clamped[{i}]"
             )
-        return found
+        return values
 
     def build_gaps(self, entry: Mapping[str, Any]) -> tuple[Expression, ...]:
         """The gap u - g on every side, a formula in t."""

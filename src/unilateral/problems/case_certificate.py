@@ -77,20 +77,20 @@ def certify_case(case: ExactSolution) -> CaseCertificate:
     if not (case.c or case.clamped_values):
         raise InputError(f"case '{case.name}', field c: it is 0, and no side is clamped")
     _check_continuity(case, samples)
-    known = [atom.regularity for atom in case.atoms]
+    regularities = [atom.regularity for atom in case.atoms]
     lipschitz_gap = all(k >= 1 for side in case.gap_kinks for _, k in side)
     hypotheses = {
-        "j": all(each.in_H2 for each in known),
-        "jj": all(each.lipschitz for each in known) and lipschitz_gap,
-        "jjj": all(each.finite for each in known),
+        "j": all(regularity.in_H2 for regularity in regularities),
+        "jj": all(regularity.lipschitz for regularity in regularities) and lipschitz_gap,
+        "jjj": all(regularity.finite for regularity in regularities),
     }
     _check_hypotheses(case, hypotheses)
-    of_contact = remaining_sides(case.polygon, case.clamped_values)
-    bounded = all(each.flux_bounded for each in known)
+    contact_sides = remaining_sides(case.polygon, case.clamped_values)
+    bounded = all(regularity.flux_bounded for regularity in regularities)
     return CaseCertificate(
         hypotheses,
         case.gap_order > 3 / 2,
-        tuple((side, a, b) for side in of_contact for a, b in _find_contact_intervals(case, side)),
+        tuple((side, a, b) for side in contact_sides for a, b in _find_contact_intervals(case, side)),
         max_multiplier=max(0.0, *(float(sample.lambda_.max()) for sample in samples))
         if bounded
         else math.inf,
@@ -123,13 +123,15 @@ def _reference_size(case: ExactSolution, samples: list[_SideSample]) -> float:
 def _check_contact(case: ExactSolution, sample: _SideSample, size: float) -> None:
     """Raises InputError with the first point that fails."""
     side, t, _, flux, gap = sample
+    # What counts as 0: lambda has the size of u over the diameter at least
     scale_gap = max(size, np.max(np.abs(gap)))
-    least = scale_gap / case.polygon.diameter
-    scale_flux = max(least, np.max(np.abs(flux)))
-    typical = max(least, np.median(np.abs(flux[flux != 0]))) if np.any(flux) else least
+    flux_floor = scale_gap / case.polygon.diameter
+    scale_flux = max(flux_floor, np.max(np.abs(flux)))
+    typical = max(flux_floor, np.median(np.abs(flux[flux != 0]))) if np.any(flux) else flux_floor
     empty = (flux <= CASE_ZERO_TOLERANCE * typical) & (gap <= CASE_ZERO_TOLERANCE * scale_gap)
+    # Two neighbours of the uniform grid, not of the points that come close to a singular one
     interval = np.flatnonzero(empty[1:] & empty[:-1] & (np.diff(t) > 0.1 / SAMPLES_PER_SIDE))
-    for bad, what in (
+    for bad, fault in (
         (~np.isfinite(flux) | ~np.isfinite(gap), "lambda or the gap is not finite"),
         (flux < -CASE_ROUND_OFF * scale_flux, "lambda = du/dn < 0"),
         (gap < -CASE_ROUND_OFF * scale_gap, "u - g < 0"),
@@ -139,7 +141,7 @@ def _check_contact(case: ExactSolution, sample: _SideSample, size: float) -> Non
         if np.any(bad):
             k = int(np.flatnonzero(bad)[0])
             values = f"lambda = {flux[k]:.6g}, u - g = {gap[k]:.6g}"
-            raise InputError(f"{_describe_case_point(case, side, t[k])}: {what} ({values})")
+            raise InputError(f"{_describe_case_point(case, side, t[k])}: {fault} ({values})")
 
 
 def _check_clamped_values(case: ExactSolution, sample: _SideSample, size: float) -> None:
@@ -147,10 +149,10 @@ def _check_clamped_values(case: ExactSolution, sample: _SideSample, size: float)
     x, y = case.polygon.at(
         np.full(len(sample.t), sample.side), sample.t * case.polygon.lengths[sample.side]
     ).T
-    given = compile_numpy([case.clamped_values[sample.side]], "xy")(x, y)[0]
-    k = int(np.argmax(np.abs(sample.u - given)))
-    if abs(sample.u[k] - given[k]) > CASE_ROUND_OFF * size:
-        values = f"u = {sample.u[k]:.6g}, declared is {given[k]:.6g}"
+    declared = compile_numpy([case.clamped_values[sample.side]], "xy")(x, y)[0]
+    k = int(np.argmax(np.abs(sample.u - declared)))
+    if abs(sample.u[k] - declared[k]) > CASE_ROUND_OFF * size:
+        values = f"u = {sample.u[k]:.6g}, declared is {declared[k]:.6g}"
         raise InputError(
             f"{_describe_case_point(case, sample.side, sample.t[k])}: u is not as declared ({values})"
         )
@@ -158,6 +160,7 @@ def _check_clamped_values(case: ExactSolution, sample: _SideSample, size: float)
 
 def _find_contact_intervals(case: ExactSolution, side: int) -> list[tuple[float, float]]:
     """The maximal intervals of a side on which the gap is 0, between singular points."""
+    # Between singular points the gap is 0 everywhere or, up to single points, nowhere
     ends = np.unique([0.0, 1.0, *(p.t for p in case.singular_points() if p.side == side)])
     middles = 0.5 * (ends[1:] + ends[:-1])
     _, _, gap = case.trace_flux_and_gap(np.full(len(middles), side), middles * case.polygon.lengths[side])
@@ -176,12 +179,13 @@ def _check_continuity(case: ExactSolution, samples: list[_SideSample]) -> None:
     sides = np.arange(n)
     u_start, _, start = case.trace_flux_and_gap(sides, np.zeros(n))
     u_end, _, end = case.trace_flux_and_gap(sides, lengths)
+    # g = u - gap on the side that starts at a vertex, less that on the side that ends there
     jump = (u_start - start) - np.roll(u_end - end, 1)
     clamped = np.isin(sides, case.clamped_sides)
     jump[clamped != np.roll(clamped, 1)] = 0.0  # there u >= g is enough
-    there = np.maximum(np.abs([u_start, start]), np.abs(np.roll([u_end, end], 1, axis=1))).max(axis=0)
-    on_sides = [np.nan_to_num([np.abs(s.u).max(), np.abs(s.gap).max()]).max() for s in samples]
-    allowed = CASE_ROUND_OFF * there + CASE_U_ROUNDING * np.maximum(on_sides, np.roll(on_sides, 1))
+    vertex_size = np.maximum(np.abs([u_start, start]), np.abs(np.roll([u_end, end], 1, axis=1))).max(axis=0)
+    side_sizes = [np.nan_to_num([np.abs(s.u).max(), np.abs(s.gap).max()]).max() for s in samples]
+    allowed = CASE_ROUND_OFF * vertex_size + CASE_U_ROUNDING * np.maximum(side_sizes, np.roll(side_sizes, 1))
     worst = int(np.argmax(np.abs(jump) - allowed))
     if abs(jump[worst]) > allowed[worst]:
         raise InputError(

@@ -30,7 +30,7 @@ MAX_DATA_SIZE = 1e140
 """The limits of |f|, |g| and |q|, so that squares of data are normal numbers.
 
 They hold for the product of g with k^{1/2}, too, and for those of f and q with k^{-1/2}. For the squares of
-errors see `flux_residuals.underflow`; where a sum of squares overflows, a bound is infinite.
+errors see `residual_norm.underflow_allowance`; where a sum of squares overflows, a bound is infinite.
 """
 AREA_ROOT_POWER = 2
 """Data are multiplied by this power of the root of the area, if that is above 1."""
@@ -43,25 +43,33 @@ def check_data(problem: Problem, name: str) -> None:
     """
     check_radicands(problem, name)
     obstacle = problem.enclosed_obstacle
+    # Energies are k |g|^2 and |f|^2 / k, |q|^2 / k: their squares have to be normal numbers
     root = math.sqrt(as_float(problem.k))
-    of_values = data_limits(problem.polygon, root)
-    of_fluxes = data_limits(problem.polygon, 1 / root)
-    of_f = max(map(abs, problem.range_of_f))
+    value_limits = data_limits(problem.polygon, root)
+    flux_limits = data_limits(problem.polygon, 1 / root)
+    f_size = max(map(abs, problem.range_of_f))
     _check_data_size(
-        of_f, of_fluxes, problem, f"{name}, field f", "in the polygon", lambda: _may_have_no_source(problem)
+        f_size,
+        flux_limits,
+        problem,
+        f"{name}, field f",
+        "in the polygon",
+        lambda: _may_have_no_source(problem),
     )
-    held = [side for side in range(problem.polygon.n_sides) if side not in problem.free_sides]
-    sizes = {side: max(map(abs, obstacle.range(side))) for side in held}
+    obstacle_sides = [side for side in range(problem.polygon.n_sides) if side not in problem.free_sides]
+    sizes = {side: max(map(abs, obstacle.range(side))) for side in obstacle_sides}
     largest = max(sizes.values(), default=0.0)
     for side, size in sizes.items():
         where = _boundary_field(problem, name, side)
         place = f"on side {side}"
+        # only the largest g is to be above the least size
         is_0 = partial(_may_vanish_on_side, problem, side, problem.g[side])
-        _check_data_size(size, of_values, problem, where, place, is_0 if size == largest else _allow_any_size)
+        _check_data_size(size, value_limits, problem, where, place, is_0 if size == largest else lambda: True)
     for side in problem.flux_sides:
-        of_q = max(map(abs, problem.enclosed_flux.range(side)))
+        q_size = max(map(abs, problem.enclosed_flux.range(side)))
         is_0 = partial(_may_vanish_on_side, problem, side, problem.q[side])
-        _check_data_size(of_q, of_fluxes, problem, f"{name}, field q", f"on side {side}", is_0)
+        _check_data_size(q_size, flux_limits, problem, f"{name}, field q", f"on side {side}", is_0)
+    # Both values are known up to their remainders, and users round
     for vertex in constrained_vertices(problem):
         allowed = obstacle.rounded_jumps[vertex] + obstacle.end_remainders[:, vertex].sum()
         end, start = obstacle.ends[:, vertex].tolist()
@@ -98,7 +106,7 @@ def _data_roots(data: object) -> list[Expression]:
 
 
 def _explain_root(root: Expression, place: str, read: Callable[..., object] | None) -> str:
-    """The condition that a root needs, and the positive part that can be written in its place, as words for a message."""
+    """The condition that a root needs, and the positive part to write in its place, for a message."""
     ((base, k),) = root.factors[1]
     radicand = multiply_powers(1, [(base, Fraction(1))])
     needs = f"{quote_input(root)} needs {quote_input(radicand)} > 0 {place}"
@@ -134,20 +142,20 @@ def _check_fit_at_vertex(
     clamped = problem.clamped_sides
     if (before in clamped) == (vertex in clamped):
         if abs(value_after - value_before) > allowed:
-            one, other = _distinct_texts(value_before, value_after)
-            jump = f"from {one} on side {before} to {other} on side {vertex}"
+            text_before, text_after = _distinct_texts(value_before, value_after)
+            jump = f"from {text_before} on side {before} to {text_after} on side {vertex}"
             where = _boundary_field(problem, name, vertex)
             raise InputError(f"{where}: it jumps at vertex {vertex}, {jump}; it has to be continuous")
         return
     last = (before, value_before)
     first = (vertex, value_after)
-    (of_u, u), (of_g, g) = (last, first) if before in clamped else (first, last)
+    (u_side, u), (g_side, g) = (last, first) if before in clamped else (first, last)
     if u < g - allowed:
         x, y = problem.polygon.vertices[vertex]
         below, above = _distinct_texts(u, g)
         raise InputError(
-            f"{name}, field u: at vertex {vertex}, ({x:.6g}, {y:.6g}), u is {below} on side {of_u}, which is "
-            f"clamped, but g is {above} on side {of_g}; u >= g has to hold there"
+            f"{name}, field u: at vertex {vertex}, ({x:.6g}, {y:.6g}), u is {below} on side {u_side}, which "
+            f"is clamped, but g is {above} on side {g_side}; u >= g has to hold there"
         )
 
 
@@ -155,11 +163,6 @@ def _distinct_texts(a: float, b: float) -> tuple[str, str]:
     """Two different numbers with as many digits, at least 6, as tell them apart."""
     texts = ((f"{a:.{digits}g}", f"{b:.{digits}g}") for digits in range(6, 18))
     return next(pair for pair in texts if pair[0] != pair[1])
-
-
-def _allow_any_size() -> bool:
-    """For a side whose g is not the largest: it may be of any size."""
-    return True
 
 
 def _may_have_no_source(problem: Problem) -> bool:
@@ -195,16 +198,16 @@ def _check_data_size(
 ) -> None:
     """Raises InputError if the size of |f|, |g| or |q| is above what is allowed, or below it and not 0.
 
-    A root of what interval arithmetic makes of 0 is not much smaller than SMALLEST: whether it is 0 its size
-    does not say.
+    A root of what interval arithmetic makes of 0 is not much smaller than MIN_DATA_SIZE: whether it is 0 its
+    size does not say.
     """
     if not np.isfinite(size):
         raise InputError(f"{where}: it is not finite {place}, or no bound can be found")
     smallest, largest = allowed
     if size > largest or (size < smallest and not is_0()):
         area = problem.polygon.area
-        of_polygon = f" on a polygon with the area {area:.3g}" if area != 1 else ""
+        area_text = f" on a polygon with the area {area:.3g}" if area != 1 else ""
         raise InputError(
-            f"{where}: it is as large as {size:.3g} {place}, and squares of errors{of_polygon} leave the "
+            f"{where}: it is as large as {size:.3g} {place}, and squares of errors{area_text} leave the "
             f"range of double precision; scale the data to a size between {smallest:.3g} and {largest:.3g}"
         )

@@ -26,19 +26,23 @@ def problem_fields(problem: Problem) -> dict[str, str]:
         return {"polygon": repr(problem.polygon), "free sides": join_sides(problem.free_sides)}
     clamped = problem.clamped_sides
     n = problem.polygon.n_sides
-    held = [side for side in range(n) if side not in problem.free_sides and side not in clamped]
-    found = {"polygon": f"{problem.polygon.n_sides} sides, area {problem.polygon.area:.4g}"}
-    found["f"] = _data_text(problem.f)
-    found |= {"g": _side_data_text(problem.g, held)} if held else {}
+    contact_sides = [side for side in range(n) if side not in problem.free_sides and side not in clamped]
+    fields = {"polygon": f"{problem.polygon.n_sides} sides, area {problem.polygon.area:.4g}"}
+    fields["f"] = _data_text(problem.f)
+    fields |= {"g": _side_data_text(problem.g, contact_sides)} if contact_sides else {}
     if clamped:
-        found["clamped sides"] = join_sides(clamped)
-        found["u there"] = _side_data_text(problem.g, clamped)
-    found |= {name: str(each) for name, each in (("k", problem.k), ("c", problem.c)) if each != ONE}
+        fields["clamped sides"] = join_sides(clamped)
+        fields["u there"] = _side_data_text(problem.g, clamped)
+    fields |= {
+        name: str(coefficient)
+        for name, coefficient in (("k", problem.k), ("c", problem.c))
+        if coefficient != ONE
+    }
     if problem.free_sides:
-        found["free sides"] = join_sides(problem.free_sides)
+        fields["free sides"] = join_sides(problem.free_sides)
         q = _side_data_text(problem.q, problem.free_sides) if problem.q else "0"
-        found |= {"q": q} if q != "0" else {}
-    return found
+        fields |= {"q": q} if q != "0" else {}
+    return fields
 
 
 def problem_heading(problem: Problem) -> str:

@@ -42,6 +42,8 @@ def range_in_polygon(polygon: Polygon, formula: Expression) -> tuple[float, floa
     value = compile_numpy([formula], "xy")
     bounds = (np.inf, -np.inf)
     met = (np.inf, -np.inf)
+    # The true range contains `met`, the values at centres of boxes inside. Boxes whose bounds are close to it
+    # are done, and count in `bounds`; the others are quartered
     for _ in range(MAX_BOX_QUARTERINGS):
         meets, inside = _locate_boxes(polygon, boxes)
         with np.errstate(all="ignore"):
@@ -57,6 +59,7 @@ def range_in_polygon(polygon: Polygon, formula: Expression) -> tuple[float, floa
             else 0.0
         )
         wide = ~((lower >= met[0] - slack) & (upper <= met[1] + slack))
+        # Where infinite values are met, or boxes become too many, all bounds count as they are
         if not np.isfinite(slack) or 4 * np.count_nonzero(wide) > MAX_BOXES:
             wide[:] = False
         bounds = (
@@ -77,10 +80,7 @@ def may_be_0(formula: Expression, points: Array) -> bool:
 
 
 def sample_points(polygon: Polygon) -> Array:
-    """The vertices, and the points of a grid that lie in the polygon, (k, 2).
-
-    The shape is (k, 2).
-    """
+    """The vertices, and the points of a grid that lie in the polygon, (k, 2)."""
     v = polygon.vertices
     along = [
         np.linspace(low, high, GRID_POINTS_PER_AXIS)
@@ -94,20 +94,18 @@ def range_on_side(polygon: Polygon, formula: Expression, side: int) -> tuple[flo
     """A lower and an upper bound on the formula in x, y on a side, infinite where none is found."""
 
     def model(sides: Index, t: TaylorModel) -> TaylorModel:
+        """The formula on intervals of the sides (k,), t the arc length in side lengths."""
         x, y = side_coordinates(polygon, sides, t)
         return enclose_formula(formula, {"x": x, "y": y})
 
-    others = np.setdiff1d(np.arange(polygon.n_sides), [side]).tolist()
-    pieces = enclose_in_pieces(polygon, model, others)
-    here = pieces.side == side
-    return float(pieces.lower[here].min()), float(pieces.upper[here].max())
+    other_sides = np.setdiff1d(np.arange(polygon.n_sides), [side]).tolist()
+    pieces = enclose_in_pieces(polygon, model, other_sides)
+    rows = pieces.side == side
+    return float(pieces.lower[rows].min()), float(pieces.upper[rows].max())
 
 
 def _range_on_boxes(formula: Expression, boxes: Array) -> IntervalArrays:
-    """Lower and upper bounds on the formula on the boxes, (k,) each.
-
-    Returns arrays of the shapes (k,), (k,).
-    """
+    """Lower and upper bounds on the formula on the boxes, (k,) each."""
     lower = np.empty(len(boxes))
     upper = np.empty(len(boxes))
     for block in row_blocks(len(boxes), BOXES_PER_BLOCK):
@@ -118,6 +116,7 @@ def _range_on_boxes(formula: Expression, boxes: Array) -> IntervalArrays:
 
 
 def _coordinate_model(boxes: Array, axis: int) -> TaylorModel:
+    """x (axis 0) or y on the boxes: the centre plus half the width times its sigma."""
     lower, upper = boxes[:, axis].T
     arms = np.zeros((2, len(boxes)))
     arms[axis] = 0.5 * (upper - lower)
@@ -126,11 +125,12 @@ def _coordinate_model(boxes: Array, axis: int) -> TaylorModel:
 
 def _locate_boxes(polygon: Polygon, boxes: Array) -> tuple[Mask, Mask]:
     """Which of the boxes (k, 2, 2) may meet the polygon, and which have their centre in it."""
+    # A box may meet the boundary if its centre is no farther from a side than half its diagonal
     centres = boxes.mean(axis=2)
     half = 0.5 * np.hypot(*(boxes[..., 1] - boxes[..., 0]).T)
     v = polygon.vertices
-    parts = np.array_split(centres, 1 + len(boxes) * polygon.n_sides // MAX_DISTANCES_PER_BLOCK)
-    away = [segment_distances(part, v, np.roll(v, -1, axis=0)).min(axis=1) for part in parts]
+    blocks = np.array_split(centres, 1 + len(boxes) * polygon.n_sides // MAX_DISTANCES_PER_BLOCK)
+    away = [segment_distances(block, v, np.roll(v, -1, axis=0)).min(axis=1) for block in blocks]
     rounding = 64 * EPS * np.abs(boxes).max(axis=(1, 2))
     near = np.concatenate(away) <= half + rounding
     inside = polygon.contains(centres)
@@ -141,9 +141,9 @@ def _quarter_boxes(boxes: Array) -> Array:
     """The four equal parts of each box."""
     for axis in range(2):
         middle = boxes[:, axis].mean(axis=1)
-        left = boxes.copy()
-        right = boxes.copy()
-        left[:, axis, 1] = middle
-        right[:, axis, 0] = middle
-        boxes = np.concatenate([left, right])
+        lower = boxes.copy()
+        upper = boxes.copy()
+        lower[:, axis, 1] = middle
+        upper[:, axis, 0] = middle
+        boxes = np.concatenate([lower, upper])
     return boxes

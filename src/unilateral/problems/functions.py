@@ -31,24 +31,21 @@ def check_arguments(function: Function, where: str) -> None:
 
 
 def evaluate_function(function: Function, points: Array, where: str) -> Array:
-    """The values of a user's function at points, (n,); InputError where it fails or is no finite number.
-
-    The shape is (n,).
-    """
+    """The values of a user's function at points, (n,); InputError where it fails or is no finite number."""
     x = np.array(points[..., 0])
     y = np.array(points[..., 1])  # which a function may overwrite
     try:
         with np.errstate(all="ignore"):
-            given = function(x, y)
+            returned = function(x, y)
     except InputError:
         raise
     except Exception as error:  # whatever a function of one's own may raise
         raise InputError(f"{where}: {_explain_failure(function, points.reshape(-1, 2)[0], error)}") from error
-    numbers = _as_values_at_points(given, points.shape[:-1], where)
+    numbers = _as_values_at_points(returned, points.shape[:-1], where)
     if not np.isfinite(numbers).all():
-        at = np.unravel_index(np.argmin(np.isfinite(numbers)), numbers.shape)
-        x, y = points[at]
-        raise InputError(f"{where}: the function is {numbers[at]} at ({x:.6g}, {y:.6g})")
+        index = np.unravel_index(np.argmin(np.isfinite(numbers)), numbers.shape)
+        x, y = points[index]
+        raise InputError(f"{where}: the function is {numbers[index]} at ({x:.6g}, {y:.6g})")
     return numbers
 
 

@@ -29,16 +29,18 @@ def case(
     >>> ul.case("natural").polygon.name
     'square'
     """
-    given = str(check_path(name, "natural"))
+    case_name = str(check_path(name, "natural"))
     if polygon is None:
-        polygons = cases.read_case_declaration(given)[0]["polygons"]
+        polygons = cases.read_case_declaration(case_name)[0]["polygons"]
         polygon = "square" if polygons == "any" else polygons[0]
-    on = polygon if isinstance(polygon, Polygon) else str(check_path(polygon, "square"))
-    domain = problem_file.load_polygon(on) if isinstance(on, str) else on
-    found = cases.load_solution(given, domain, arguments.as_side_number(side, domain.n_sides, "side"))
-    certify_case(found)
+    polygon_or_name = polygon if isinstance(polygon, Polygon) else str(check_path(polygon, "square"))
+    domain = (
+        problem_file.load_polygon(polygon_or_name) if isinstance(polygon_or_name, str) else polygon_or_name
+    )
+    solution = cases.load_solution(case_name, domain, arguments.as_side_number(side, domain.n_sides, "side"))
+    certify_case(solution)
     free = arguments.as_side_numbers(free_sides, domain.n_sides, "free sides")
-    return set_free_sides(found.problem, free) if free else found.problem
+    return set_free_sides(solution.problem, free) if free else solution.problem
 
 
 def load(path: str | os.PathLike[str]) -> Problem:

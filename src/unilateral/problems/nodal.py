@@ -27,24 +27,26 @@ class NodalTrace:
 
     def value_model(self, t: TaylorModel) -> TaylorModel:
         """The function on intervals of the side, each of which lies on one edge but for rounding."""
+        # v(t) = v_i + (t - t_i) (v_(i + 1) - v_i) / (t_(i + 1) - t_i), and the rounding of these numbers
         edge = self._find_edges(t)
         start = self.values[edge]
         end = self.values[edge + 1]
         slope = (end - start) / (self.t[edge + 1] - self.t[edge])
-        doubt = SLOPE_ROUNDING * (np.abs(start) + np.abs(end))
+        rounding = SLOPE_ROUNDING * (np.abs(start) + np.abs(end))
         linear = number_model(t, start) + number_model(t, slope) * (t + number_model(t, -self.t[edge]))
-        return linear + range_model(t.basis, (-doubt, doubt))
+        return linear + range_model(t.basis, (-rounding, rounding))
 
     def slope_model(self, t: TaylorModel) -> TaylorModel:
         """The derivative by t on intervals as those of `value_model`."""
         edge = self._find_edges(t)
         rise = np.diff(self.values)[edge]
         run = np.diff(self.t)[edge]
-        doubt = SLOPE_ROUNDING * (np.abs(self.values[edge]) + np.abs(self.values[edge + 1])) / run
-        return number_model(t, rise / run) + range_model(t.basis, (-doubt, doubt))
+        rounding = SLOPE_ROUNDING * (np.abs(self.values[edge]) + np.abs(self.values[edge + 1])) / run
+        return number_model(t, rise / run) + range_model(t.basis, (-rounding, rounding))
 
     def _find_edges(self, t: TaylorModel) -> Index:
         """The edge on which each interval lies."""
+        # The middle is inside, while ends may be rounded beyond a node
         middle = 0.5 * (t.range[0] + t.range[1])
         return np.clip(np.searchsorted(self.t, middle, side="right") - 1, 0, len(self.t) - 2)
 
@@ -67,8 +69,6 @@ def is_nodal_array(data: object) -> TypeGuard[Array]:
 
 def check_nodal_values(mesh: Mesh | None, array: Array, where: str, nodes: Index | None = None) -> Array:
     """The values that are given at the nodes of a mesh, (n,), finite at the nodes that count.
-
-    The shape is (n,).
 
     Raises InputError, beginning with `where`, for another shape, for what is no finite real number, and as
     `read_nodal_values`.
@@ -104,10 +104,7 @@ def make_trace(mesh: Mesh | None, values: Array, side: int, where: str) -> Nodal
 
 
 def side_nodes(mesh: Mesh, side: int) -> tuple[Index, Array]:
-    """The nodes on a side in their order, and their positions t from 0 to 1 in side lengths, (k,) each.
-
-    The shape is (k,).
-    """
+    """The nodes on a side in their order, and their positions t from 0 to 1 in side lengths, (k,) each."""
     edges = np.flatnonzero(mesh.side == side)
     nodes = np.append(mesh.boundary[edges], mesh.boundary[(edges[-1] + 1) % len(mesh.boundary)])
     polygon = mesh.polygon

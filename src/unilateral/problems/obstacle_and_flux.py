@@ -36,7 +36,7 @@ which no shorter piece takes away.
 VERTEX_JUMP_TOLERANCE = 1e-12
 """What is given on two sides may differ at their vertex by this part of the larger of the two numbers there.
 
-That is for users who round: `data_checks` refuses what differs by more, beyond the doubt of both, and
+That is for users who round: `data_checks` refuses what differs by more, beyond the remainders of both, and
 `bounds.constraint` takes away what differs by less.
 """
 MAX_VERTEX_REMAINDER = 2.0**-26
@@ -60,8 +60,8 @@ class EdgePolynomials(NamedTuple):
 
     At the start, the end and the midpoint of all edges the polynomials have the values `ends` (nb, 3), from
     inside the edge. At an edge's start they may differ by `allowed_jumps` (nb,) where data fit together: on
-    either of two that meet the polynomial is within its doubt of g. None is allowed, not even 0, where it is
-    `hidden`.
+    either of two that meet the polynomial is within its remainder of g. None is allowed, not even 0, where
+    the obstacle `has_hidden_jump`.
     """
 
     edge: Index
@@ -97,36 +97,30 @@ class Obstacle(Piecewise):
     end_remainders: Array
 
     def means(self, s: Array) -> Array:
-        """The polynomials' means between arc lengths s, from 0 to the perimeter, (m,).
-
-        The shape is (m,).
-        """
+        """The polynomials' means between arc lengths s, from 0 to the perimeter, (m,)."""
         samples = self.sample(s, PIECE_DEGREE // 2 + 1)
+        # Gauss points make integrals of degree PIECE_DEGREE exact on each interval
         cell = np.searchsorted(s, samples.middle) - 1
         integrals = samples.half_length * (samples.value @ samples.weights)
         return np.asarray(np.bincount(cell, integrals, len(s) - 1) / np.diff(s))
 
     @property
     def rounded_jumps(self) -> Array:
-        """Differences of `ends` at the vertices, beyond their remainders, that are allowed to users who round, (n,).
-
-        The shape is (n,).
-        """
+        """Differences (n,) of the `ends`, beyond their remainders, that are allowed to users who round."""
         return np.asarray(VERTEX_JUMP_TOLERANCE * np.abs(self.ends).max(axis=0))
 
     @property
     def has_hidden_jump(self) -> Mask:
         """Whether rounding hides at each vertex if the two `ends` fit together, (n,).
 
-        The shape is (n,).
-
         So it is with steep data, as a place is rounded: u may jump there for all that is known.
         """
+        # The digits that count are those of the largest number on the two sides
         sizes = np.full(self.polygon.n_sides, ZERO_DATA_SIZE)
         np.maximum.at(sizes, self.side, np.abs(self.c).sum(axis=0))
-        doubt = self.end_remainders.sum(axis=0)
-        apart = np.abs(np.diff(self.ends, axis=0)[0]) > self.rounded_jumps + doubt
-        return ~apart & ~(doubt <= MAX_VERTEX_REMAINDER * np.maximum(sizes, np.roll(sizes, 1)))
+        remainder = self.end_remainders.sum(axis=0)
+        differs = np.abs(np.diff(self.ends, axis=0)[0]) > self.rounded_jumps + remainder
+        return ~differs & ~(remainder <= MAX_VERTEX_REMAINDER * np.maximum(sizes, np.roll(sizes, 1)))
 
     def sample_on_edges(self, s: Array, side: Index, chosen: Mask, parts: int) -> EdgePolynomials:
         """The polynomials on the edges between arc lengths s (nb + 1,) of the perimeter, on the sides (nb,).
@@ -136,8 +130,8 @@ class Obstacle(Piecewise):
         inner = s[:-1, None] + np.diff(s)[:, None] * np.arange(parts) / parts
         samples = self.sample(np.append(inner.ravel(), s[-1]))
         edge = np.searchsorted(s, samples.middle) - 1
-        wanted = chosen[edge]
-        piece = samples.piece[wanted]
+        selected = chosen[edge]
+        piece = samples.piece[selected]
 
         # At the ends of an edge the pieces count that lie on it
         start = self.find_pieces(s[:-1])
@@ -152,12 +146,12 @@ class Obstacle(Piecewise):
         allowed_jumps[vertices] += self.rounded_jumps + 2 * self.end_remainders.sum(axis=0)
         allowed_jumps[vertices[self.has_hidden_jump]] = -np.inf
         return EdgePolynomials(
-            edge=edge[wanted],
-            s=samples.s[wanted],
-            half_length=samples.half_length[wanted],
+            edge=edge[selected],
+            s=samples.s[selected],
+            half_length=samples.half_length[selected],
             weights=samples.weights,
-            value=samples.value[wanted],
-            slope=samples.slope[wanted],
+            value=samples.value[selected],
+            slope=samples.slope[selected],
             remainder=self.remainder[piece],
             upper=self.upper[piece],
             slope_remainder=self.slope_remainder[piece],
@@ -185,17 +179,30 @@ def enclose_obstacle(
     in side lengths.
     """
     pieces = enclose_in_pieces(polygon, model, free, u_lower_bound, breakpoints)
+    # p(1) of a piece is taken linearly to p(-1) of the next: + gap (1 + sigma) / 2, at most |gap|
     side, _, _, c, rad, lower, upper = pieces
     gap = np.append((POWERS_AT_MINUS_ONE @ c)[1:] - c.sum(axis=0)[:-1], 0.0)
     gap[np.append(side[1:] != side[:-1], True)] = 0.0
     c[:2] += 0.5 * gap
     points = pieces.arc_lengths(polygon)
     rounding = pieces.rounding_errors(points)
-    doubt = _max_with_neighbours(rad + np.abs(gap) + rounding, side)
-    bounds = lower - rounding, _max_with_neighbours(upper, side) + rounding
-    steep, kinks = _slope_remainders(polygon, pieces, points, clamped, slope_model)
-    ends, end_doubts = _enclose_at_vertices(polygon, model, free, side, c, doubt)
-    return Obstacle(polygon, points, side, c, doubt, *bounds, steep, kinks, ends, end_doubts)
+    # A rounded place may lie on the neighbour of its piece
+    remainder = _max_with_neighbours(rad + np.abs(gap) + rounding, side)
+    slope_remainder, end_slope_remainder = _slope_remainders(polygon, pieces, points, clamped, slope_model)
+    ends, end_remainders = _enclose_at_vertices(polygon, model, free, side, c, remainder)
+    return Obstacle(
+        polygon=polygon,
+        points=points,
+        side=side,
+        c=c,
+        remainder=remainder,
+        lower=lower - rounding,
+        upper=_max_with_neighbours(upper, side) + rounding,
+        slope_remainder=slope_remainder,
+        end_slope_remainder=end_slope_remainder,
+        ends=ends,
+        end_remainders=end_remainders,
+    )
 
 
 def _enclose_at_vertices(
@@ -203,24 +210,28 @@ def _enclose_at_vertices(
 ) -> tuple[Array, Array]:
     """Values of g at the vertices, from both sides, and how far g may be from them, (2, n) each.
 
-    Returns arrays of the shapes (2, n), (2, n).
-
     g is enclosed at the vertex itself, however little is known of it on the pieces beside the vertex. If no
     enclosure is known at the vertex, as next to a singularity, that of the piece there is taken.
     """
     n = polygon.n_sides
-    ends, doubts = np.zeros((2, 2, n))
-    with_g = np.setdiff1d(np.arange(n), free)
-    for row, t in ((0, 1.0), (1, 0.0)) if with_g.size else ():
-        place = np.full(len(with_g), t)
-        exact = enclose_on_intervals(model, with_g, place, place)
-        piece = np.searchsorted(side, with_g, side="right") - 1 if t else np.searchsorted(side, with_g)
+    ends = np.zeros((2, n))
+    remainders = np.zeros((2, n))
+    constrained_sides = np.setdiff1d(np.arange(n), free)
+    # Row 0 has the end t = 1 of the side before the vertex, row 1 the start t = 0 of the side after it
+    for row, t in ((0, 1.0), (1, 0.0)) if constrained_sides.size else ():
+        place = np.full(len(constrained_sides), t)
+        exact = enclose_on_intervals(model, constrained_sides, place, place)
+        piece = (
+            np.searchsorted(side, constrained_sides, side="right") - 1
+            if t
+            else np.searchsorted(side, constrained_sides)
+        )
         value = c[:, piece].sum(axis=0) if t else POWERS_AT_MINUS_ONE @ c[:, piece]
-        known = np.isfinite(exact.rad)
-        vertex = (with_g + int(t)) % n
-        ends[row, vertex] = np.where(known, exact.c[0], value)
-        doubts[row, vertex] = np.where(known, exact.rad, remainder[piece])
-    return ends, doubts
+        finite = np.isfinite(exact.rad)
+        vertex = (constrained_sides + int(t)) % n
+        ends[row, vertex] = np.where(finite, exact.c[0], value)
+        remainders[row, vertex] = np.where(finite, exact.rad, remainder[piece])
+    return ends, remainders
 
 
 def _slope_remainders(
@@ -232,37 +243,35 @@ def _slope_remainders(
 ) -> Array:
     """How far the derivative of u may be from the polynomials' on each piece, and near its ends, (2, k).
 
-    The shape is (2, k).
-
     The second row is for places near the ends of a piece, see `Obstacle.end_slope_remainder`.
     """
-    found = np.zeros((2, len(pieces.side)))
-    at = np.flatnonzero(np.isin(pieces.side, clamped))
-    if not at.size or slope_model is None:
-        return found
-    exact = enclose_on_intervals(slope_model, pieces.side[at], pieces.start[at], pieces.end[at])
+    remainders = np.zeros((2, len(pieces.side)))
+    rows = np.flatnonzero(np.isin(pieces.side, clamped))
+    if not rows.size or slope_model is None:
+        return remainders
+    exact = enclose_on_intervals(slope_model, pieces.side[rows], pieces.start[rows], pieces.end[rows])
     k = np.arange(PIECE_DEGREE + 1.0)
-    half = 0.5 * np.diff(points)[at]
-    length = polygon.lengths[pieces.side[at]]
-    rises = np.roll(k[:, None] * pieces.c[:, at], -1, axis=0) / half
-    moved = 2 * ARC_LENGTH_ERROR_ULPS * np.spacing(points[-1]) / half
-    rounding = np.abs(rises).sum(axis=0) * 16 * EPS + k @ np.abs(rises) * moved
+    half = 0.5 * np.diff(points)[rows]
+    length = polygon.lengths[pieces.side[rows]]
+    # p' by the arc length: coefficients k c_k at the power k - 1, over half of the piece's length
+    rises = np.roll(k[:, None] * pieces.c[:, rows], -1, axis=0) / half
+    shift = 2 * ARC_LENGTH_ERROR_ULPS * np.spacing(points[-1]) / half
+    rounding = np.abs(rises).sum(axis=0) * 16 * EPS + k @ np.abs(rises) * shift
+    # |u' - p'| <= sum of |differences of coefficients| + the remainder of u' + rounding, of places, too
     steep = np.abs(exact.c / length - rises).sum(axis=0) + exact.rad / length + rounding
+    # Near an end u' may be that of the next piece: the jump of p' there, and what both are off
     jumps = np.abs((POWERS_AT_MINUS_ONE @ rises)[1:] - rises.sum(axis=0)[:-1]) + steep[1:] + steep[:-1]
-    jumps[np.diff(pieces.side[at]) != 0] = 0.0
-    found[:, at] = steep, np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps))
-    return found
+    jumps[np.diff(pieces.side[rows]) != 0] = 0.0
+    remainders[:, rows] = steep, np.maximum(np.append(jumps, 0.0), np.append(0.0, jumps))
+    return remainders
 
 
 def _max_with_neighbours(values: Array, side: Index) -> Array:
-    """The largest value on each piece and those beside it on its side, where a rounded point may lie, (k,).
-
-    The shape is (k,).
-    """
+    """The largest value (k,) on each piece and those beside it on its side, where a rounded point may lie."""
     largest = values.copy()
     same = side[1:] == side[:-1]
-    for one, other in ((slice(1, None), slice(None, -1)), (slice(None, -1), slice(1, None))):
-        largest[one] = np.where(same, np.maximum(largest[one], values[other]), largest[one])
+    for targets, neighbours in ((slice(1, None), slice(None, -1)), (slice(None, -1), slice(1, None))):
+        largest[targets] = np.where(same, np.maximum(largest[targets], values[neighbours]), largest[targets])
     return largest
 
 
@@ -288,18 +297,28 @@ def enclose_given_flux(
     polygon: Polygon, model: SideModel, flux_sides: Sequence[int], breakpoints: Iterable[SingularPoint] = ()
 ) -> GivenFlux:
     """q, given on the sides `flux_sides`, and 0 elsewhere; `breakpoints` as in `enclose_obstacle`."""
-    without = np.setdiff1d(np.arange(polygon.n_sides), flux_sides).tolist()
+    other_sides = np.setdiff1d(np.arange(polygon.n_sides), flux_sides).tolist()
     unit = float(np.spacing(polygon.perimeter))
     shortest = np.maximum(MIN_PIECE_PER_SIDE, MIN_FLUX_CUT_ULPS * unit / polygon.lengths)
     first = [*(SingularPoint(i, FIRST_CUT, 1) for i in flux_sides), *breakpoints]
-    pieces = enclose_in_pieces(polygon, model, without, breakpoints=first, min_length=shortest)
+    pieces = enclose_in_pieces(polygon, model, other_sides, breakpoints=first, min_length=shortest)
     points = pieces.arc_lengths(polygon)
-    doubt = pieces.rad + pieces.rounding_errors(points)
+    remainder = pieces.rad + pieces.rounding_errors(points)
     side, _, _, c, _, lower, upper = pieces
-    ends = np.abs((POWERS_AT_MINUS_ONE @ c)[1:] - c.sum(axis=0)[:-1]) + doubt[1:] + doubt[:-1]
+    # Where two pieces meet q may have either value: |p_(i + 1)(-1) - p_i(1)|, and the remainders of both
+    ends = np.abs((POWERS_AT_MINUS_ONE @ c)[1:] - c.sum(axis=0)[:-1]) + remainder[1:] + remainder[:-1]
     inner = np.where(side[1:] == side[:-1], ends, 0.0)  # the place of a vertex is exact
-    given = np.isin(side, flux_sides)
+    is_given = np.isin(side, flux_sides)
     jumps = np.concatenate([[0.0], inner, [0.0]])
     return GivenFlux(
-        polygon, points, side, c, doubt, lower, upper, given, jumps, ARC_LENGTH_ERROR_ULPS * unit
+        polygon=polygon,
+        points=points,
+        side=side,
+        c=c,
+        remainder=remainder,
+        lower=lower,
+        upper=upper,
+        is_given=is_given,
+        jumps=jumps,
+        reach=ARC_LENGTH_ERROR_ULPS * unit,
     )

@@ -54,25 +54,20 @@ class IntervalPieces(NamedTuple):
     def select(self, selection: Mask | Index) -> IntervalPieces:
         """Some of the pieces, by a mask or an index."""
         fields: tuple[Any, ...] = self
-        return IntervalPieces(*(each[..., selection] for each in fields))
+        return IntervalPieces(*(field[..., selection] for field in fields))
 
     def arc_lengths(self, polygon: Polygon) -> Array:
-        """The arc lengths of the ends of the pieces, if they are ordered, (k + 1,).
-
-        The shape is (k + 1,).
-        """
+        """The arc lengths of the ends of the pieces, if they are ordered, (k + 1,)."""
         return np.append(
             polygon.starts[self.side] + self.start * polygon.lengths[self.side], polygon.perimeter
         )
 
     def rounding_errors(self, s: Array) -> Array:
-        """The rounding errors of the polynomials at points that are rounded, (k,).
-
-        The shape is (k,).
-        """
+        """The rounding errors of the polynomials at points that are rounded, (k,)."""
+        # |p(sigma + d) - p(sigma)| <= d sum over k of k |c_k|, d the rounding of a place in half lengths
         sizes = np.abs(self.c)
-        moved = ARC_LENGTH_ERROR_ULPS * np.spacing(s[-1]) / np.diff(s)
-        return np.asarray(16 * EPS * sizes.sum(axis=0) + np.arange(PIECE_DEGREE + 1) @ sizes * moved)
+        shift = ARC_LENGTH_ERROR_ULPS * np.spacing(s[-1]) / np.diff(s)
+        return np.asarray(16 * EPS * sizes.sum(axis=0) + np.arange(PIECE_DEGREE + 1) @ sizes * shift)
 
 
 class PieceSamples(NamedTuple):
@@ -114,6 +109,7 @@ class Piecewise:
         sigma = np.clip((s - self.points[piece]) / half - 1, -1.0, 1.0)
         value = np.zeros_like(sigma)
         slope = np.zeros_like(sigma)
+        # Horner's rule for p and p' at sigma in [-1, 1]
         for k in range(PIECE_DEGREE, -1, -1):
             slope = slope * sigma + value
             value = value * sigma + self.c[k][piece]
@@ -136,8 +132,8 @@ class Piecewise:
 
     def range(self, side: int) -> tuple[float, float]:
         """Bounds on the function on a side."""
-        here = self.side == side
-        return float(self.lower[here].min()), float(self.upper[here].max())
+        rows = self.side == side
+        return float(self.lower[rows].min()), float(self.upper[rows].max())
 
 
 def enclose_in_pieces(
@@ -148,26 +144,27 @@ def enclose_in_pieces(
     breakpoints: Iterable[SingularPoint] = (),
     min_length: Array | float = MIN_PIECE_PER_SIDE,
 ) -> IntervalPieces:
-    """The function on all sides but some: a polynomial and a remainder on each of so many pieces as that takes.
+    """The function on all sides but some: a polynomial and a remainder on each of as many pieces as needed.
 
     Fewer pieces are needed if they begin and end at the points where it is known not to be smooth:
     `breakpoints`. No piece that is as short as `min_length`, one number or one per side (n,), is cut.
     """
     side, start, end = _first_intervals(polygon, excluded_sides, breakpoints)
     done = [_empty_pieces(np.array(excluded_sides, dtype=np.intp))]
-    left = MAX_SIDE_PIECES
+    budget = MAX_SIDE_PIECES
     limit = np.broadcast_to(min_length, polygon.n_sides)
     while len(side):
-        now = enclose_on_intervals(model, side, start, end)
-        left = left - len(side)
-        wide = _is_too_wide(_join_pieces([now, *done]), relevant_above)[: len(side)] & (
+        current = enclose_on_intervals(model, side, start, end)
+        budget = budget - len(side)
+        wide = _is_too_wide(_join_pieces([current, *done]), relevant_above)[: len(side)] & (
             end - start > limit[side]
         )
         if wide.any():
-            wide[wide] = ~_is_cut_in_vain(model, now.select(wide))
-        if 2 * np.count_nonzero(wide) > left:
+            wide[wide] = ~_is_cut_in_vain(model, current.select(wide))
+        # Beyond MAX_SIDE_PIECES pieces stay as they are, with larger remainders
+        if 2 * np.count_nonzero(wide) > budget:
             wide[:] = False
-        done.append(now.select(~wide))
+        done.append(current.select(~wide))
         middle = 0.5 * (start + end)
         side = np.concatenate([side[wide], side[wide]])
         start = np.concatenate([start[wide], middle[wide]])
@@ -179,11 +176,11 @@ def enclose_in_pieces(
 def _first_intervals(
     polygon: Polygon, excluded_sides: Sequence[int], breakpoints: Iterable[SingularPoint]
 ) -> tuple[Index, Array, Array]:
-    """All sides but those `excluded_sides`, cut at the points `breakpoints`: the sides (k,), starts and ends (k,)."""
+    """All sides but the excluded ones, cut at the breakpoints: the sides, the starts and the ends, (k,)."""
     inner = {(point.side, point.t) for point in breakpoints if 0 < point.t < 1}
-    held = np.setdiff1d(np.arange(polygon.n_sides), excluded_sides).tolist()
+    sides = np.setdiff1d(np.arange(polygon.n_sides), excluded_sides).tolist()
     ends = sorted(
-        {(side, t) for side in held for t in (0.0, 1.0)} | {each for each in inner if each[0] in held}
+        {(side, t) for side in sides for t in (0.0, 1.0)} | {point for point in inner if point[0] in sides}
     )
     side = np.array([i for i, _ in ends], dtype=np.intp)
     t = np.array([t for _, t in ends])
@@ -200,36 +197,37 @@ def _is_cut_in_vain(model: SideModel, pieces: IntervalPieces) -> Mask:
 
 def enclose_on_intervals(model: SideModel, side: Index, start: Array, end: Array) -> IntervalPieces:
     """A function on intervals (k,) of sides (k,), which begin and end at these places in side lengths."""
-    parts = []
-    for at in row_blocks(len(side), PIECES_PER_BLOCK):
-        a = start[at]
-        b = end[at]
+    blocks = []
+    for block in row_blocks(len(side), PIECES_PER_BLOCK):
+        a = start[block]
+        b = end[block]
         values = model(
-            side[at],
+            side[block],
             affine_model(monomial_basis(1, PIECE_DEGREE), 0.5 * (a + b), 0.5 * (b - a)[None], (a, b)),
         )
-        parts.append(IntervalPieces(side[at], a, b, values.c, values.rad, *values.range))
-    return _join_pieces(parts)
+        blocks.append(IntervalPieces(side[block], a, b, values.c, values.rad, *values.range))
+    return _join_pieces(blocks)
 
 
 def _join_pieces(pieces: Sequence[IntervalPieces]) -> IntervalPieces:
-    return IntervalPieces(*(np.concatenate(each, axis=-1) for each in zip(*pieces, strict=True)))
+    return IntervalPieces(*(np.concatenate(arrays, axis=-1) for arrays in zip(*pieces, strict=True)))
 
 
 def _is_too_wide(pieces: IntervalPieces, relevant_above: float) -> Mask:
-    """Where a function is not known up to SHARP times its spread on its side above `relevant_above`.
+    """Where the remainder is over PIECE_TOLERANCE_PER_SPREAD of the side's spread above `relevant_above`.
 
-    On a piece where it is below `relevant_above`, its depth below `relevant_above` counts, if that is more.
+    On a piece where the function is below that, its depth below it counts, if that is more.
     Each side has its own scale, because the numbers of another side may be of another size.
     """
     n = int(pieces.side.max(initial=-1)) + 1
-    known = np.isfinite(pieces.lower)
+    bounded = np.isfinite(pieces.lower)
     at_centre = pieces.c[0]
     size = np.abs(pieces.c).sum(axis=0)
     lowest = np.full(n, np.inf)
     highest = np.full(n, -np.inf)
-    np.minimum.at(lowest, pieces.side[known], at_centre[known])
-    np.maximum.at(highest, pieces.side[known], at_centre[known])
+    np.minimum.at(lowest, pieces.side[bounded], at_centre[bounded])
+    np.maximum.at(highest, pieces.side[bounded], at_centre[bounded])
+    # The spread of the constant terms above `relevant_above`, or how far below it the function may be
     floor = np.maximum(relevant_above, lowest)[pieces.side]
     scale = np.maximum(highest[pieces.side] - floor, floor - pieces.lower)
     return np.asarray(

@@ -75,13 +75,15 @@ class PolarAtom(SideAtom, FormulaAtom):
         self,
         x: TaylorModel,
         y: TaylorModel,
-        of: Callable[[TaylorModel, TaylorModel, TaylorModel], TaylorModel],
+        combine: Callable[[TaylorModel, TaylorModel, TaylorModel], TaylorModel],
     ) -> TaylorModel:
+        """`combine` of phi, eta and Delta v / phi on boxes that may meet the support, 0 on the others."""
         along, into = self.local_models(x, y)
+        # The distance of the box [a, b] from 0 is max(0, a, -b), by coordinate
         nearest = (np.maximum(0.0, np.maximum(z.range[0], -z.range[1])) for z in (along, into))
         inside = np.hypot(*nearest) < self._support_radius
         return apply_on_subsets(
-            [(lambda along, into: of(*self._factor_models(along, into)), inside)], along, into
+            [(lambda along, into: combine(*self._factor_models(along, into)), inside)], along, into
         )
 
     def _factor_models(
@@ -106,10 +108,7 @@ class PolarAtom(SideAtom, FormulaAtom):
         return np.inf if self.cutoff is None else as_float(self.cutoff)
 
     def _is_in_support(self, r: Array) -> Mask:
-        """Whether each distance r is inside the support and not 0, (k,).
-
-        The shape is (k,).
-        """
+        """Whether each distance r is inside the support and not 0, (k,)."""
         return (r < self._support_radius) & (r > 0)
 
     def _evaluate(
@@ -122,8 +121,8 @@ class PolarAtom(SideAtom, FormulaAtom):
         theta = np.arctan2(into[inside], along[inside])
         theta = np.where(theta < 0, theta + 2 * np.pi, theta)
         v, v_r, v_theta, *f = formulas(r[inside], theta)
-        there = (self.length * v, self.rotate_polar_to_xy(theta, v_r, v_theta), *f)
-        return tuple(_fill_with_zeros(inside, values) for values in there)
+        inside_values = (self.length * v, self.rotate_polar_to_xy(theta, v_r, v_theta), *f)
+        return tuple(_fill_with_zeros(inside, values) for values in inside_values)
 
     def vanishes_in_circles(self, centre: Array, radius: Array) -> Mask:
         """Whether u is known to be 0 in each circle, (k,)."""
@@ -143,10 +142,8 @@ class PolarAtom(SideAtom, FormulaAtom):
         return (self.side - 1) % self.polygon.n_sides
 
     def trace_and_normal_flux(self, side: int, along: SidePoints) -> tuple[Array, Array]:
-        """Values of u and of its outward normal derivative on the side, from r and theta exactly, (k,) each.
-
-        The shape is (k,).
-        """
+        """Values of u and its outward normal derivative on the side, from exact r and theta, (k,) each."""
+        # Signed, in lengths L of the atom's side: theta is 0 where it is >= 0, and else omega
         if side == self.side:
             distance = along.distance_from(self.t)
         else:
@@ -157,6 +154,7 @@ class PolarAtom(SideAtom, FormulaAtom):
         v, _, v_theta = self._compiled_formulas[0](
             r[inside], np.where(first, 0.0, as_float(PI * self.omega))[inside]
         )
+        # du/dn = -(dv/dtheta)/r at theta = 0, below which Omega ends, and +(dv/dtheta)/r at theta = omega
         flux = np.where(first[inside], -v_theta, v_theta)
         return _fill_with_zeros(inside, self.length * v), _fill_with_zeros(inside, flux)
 
@@ -168,6 +166,8 @@ class PolarAtom(SideAtom, FormulaAtom):
         """
         sides = (Fraction(0),) if self.clamped else (Fraction(0), self.omega)
         turns = [self.beta * (theta - self.theta_0) for theta in sides]
+        # cos(n pi/2) = 0 for odd n: no trace; sin(n pi) = 0: no flux. Else powers: H^2 needs beta > 1,
+        # Lipschitz beta >= 1, and lambda ~ rho^(beta - 1) is in L^2 for 2 (beta - 1) > -1
         no_trace = all(turn.denominator == 2 for turn in turns)
         no_flux = all(turn.denominator == 1 for turn in turns)
         return Regularity(
@@ -194,10 +194,7 @@ class PolarAtom(SideAtom, FormulaAtom):
 
 
 def _fill_with_zeros(inside: Mask, values: Array) -> Array:
-    """The values (m, ...) where `inside` (k,), and 0 elsewhere, (k, ...).
-
-    The shape is (k, ...).
-    """
+    """The values (m, ...) where `inside` (k,), and 0 elsewhere, (k, ...)."""
     if inside.all():
         return values
     everywhere = np.zeros((len(inside), *values.shape[1:]))
@@ -218,6 +215,7 @@ def _derive_polar(
     ) * apply_function("sin", turned)
     phi = factor * R**beta * cosine
     eta = ONE if cutoff is None else pos(1 - (R / cutoff) ** 2, 4)
+    # Delta (phi eta) = 2 phi_r eta_r + phi (eta_rr + eta_r / r), as Delta phi = 0
     phi_r = derivative(phi, "r")
     eta_r = derivative(eta, "r")
     laplacian = 2 * phi_r * eta_r + phi * (derivative(eta_r, "r") + eta_r / R)
@@ -239,6 +237,7 @@ def make_harmonic_atom(
     """
     if alpha.denominator == 1 or alpha <= -1:
         raise InputError(f"a harmonic atom needs alpha > -1 that is not an integer, not {alpha}")
+    # At theta = 0 lambda = -(dv/dtheta)/r = C (1 + alpha) sin(alpha pi) rho^alpha
     factor = times / ((1 + alpha) * apply_function("sin", alpha * PI))
     atom = PolarAtom(polygon, side, t, 1 + alpha, Fraction(1), factor, cutoff)
     if cutoff is None and np.any(atom.local_coordinates(polygon.vertices)[1] < -SIDE_TOLERANCE):
@@ -276,9 +275,11 @@ def make_corner_atom(
                 f"at a clamped side lambda needs alpha > -1, (1 + alpha) omega/pi - 1/2 no integer, not "
                 f"{alpha}"
             )
+        # u = 0 at theta = omega: beta (omega - theta_0) = 1/2 pi
         theta_0 = omega - 1 / (2 * beta)
         factor = ONE if alpha is None else 1 / (beta * apply_function("cos", beta * omega * PI))
         return PolarAtom(polygon, side, 0.0, beta, theta_0, times * factor, cutoff, omega, clamped=True)
+    # beta omega = pi without flux (theta_0 = 0) or trace (theta_0 = omega / 2) on both sides
     if kind == "free":
         beta = 1 / omega
         theta_0 = Fraction(0)
@@ -292,6 +293,7 @@ def make_corner_atom(
             f"a transition at a vertex needs alpha > -1, (1 + alpha) omega/pi no integer, not {alpha}"
         )
     else:
+        # no flux at theta = omega; lambda = -(du/dtheta)/r = rho^alpha at theta = 0
         beta = 1 + alpha
         theta_0 = omega
         factor = -1 / (beta * apply_function("sin", beta * omega * PI))

@@ -121,15 +121,15 @@ class Problem:
         """g, or the given u, on intervals of the sides (k,), t the arc length in side lengths."""
         if self.exact is None:
             return self._side_data_model(self.g, side, t)
-        clamped = np.isin(side, self.clamped_sides)
-        contact = np.flatnonzero(~clamped)
-        held = np.flatnonzero(clamped)
-        parts = []
+        is_clamped = np.isin(side, self.clamped_sides)
+        contact = np.flatnonzero(~is_clamped)
+        clamped = np.flatnonzero(is_clamped)
+        models = []
         if contact.size:
-            parts.append((self.exact.obstacle_model(side[contact], t.select_boxes(contact)), contact))
-        if held.size:
-            parts.append((self._side_data_model(self.g, side[held], t.select_boxes(held)), held))
-        return join_models(parts)
+            models.append((self.exact.obstacle_model(side[contact], t.select_boxes(contact)), contact))
+        if clamped.size:
+            models.append((self._side_data_model(self.g, side[clamped], t.select_boxes(clamped)), clamped))
+        return join_models(models)
 
     @cached_property
     def enclosed_obstacle(self) -> Obstacle:
@@ -187,6 +187,7 @@ class Problem:
 
         It is -inf where q may be below 0.
         """
+        # u >= min(inf f / c, inf of u on clamped sides), proved in `idle_sides`
         zero = {i for i in self.clamped_sides if is_zero(self.g[i])}
         clamped = (0.0 if i in zero else self.enclosed_obstacle.range(i)[0] for i in self.clamped_sides)
         return min(self._bound_from_source, *clamped, math.inf)
@@ -200,6 +201,7 @@ class Problem:
             return math.copysign(math.inf, self.range_of_f[0] if self.range_of_f[0] else 1.0)
         if self.c == ONE:
             return self.range_of_f[0]
+        # f / c is rounded by half a unit, and so is c
         quotient = self.range_of_f[0] / as_float(self.c)
         return quotient - 4 * EPS * abs(quotient)
 
@@ -225,7 +227,7 @@ class Problem:
 
 def remaining_sides(polygon: Polygon, *excluded: Collection[int]) -> tuple[int, ...]:
     """The sides that are none of the others."""
-    return tuple(side for side in range(polygon.n_sides) if not any(side in each for each in excluded))
+    return tuple(side for side in range(polygon.n_sides) if not any(side in sides for sides in excluded))
 
 
 def is_zero(data: SideData | Function) -> bool:
@@ -241,47 +243,47 @@ def as_formula(data: object) -> Expression:
 
 def as_side_data(data: Sequence[SideData | Function]) -> list[SideData]:
     """The data on sides, none of which may wait for a mesh."""
-    known = [each for each in data if isinstance(each, Expression | NodalTrace)]
-    assert len(known) == len(data)  # `build.put_on_mesh` evaluates functions first
-    return known
+    available = [entry for entry in data if isinstance(entry, Expression | NodalTrace)]
+    assert len(available) == len(data)  # `build.put_on_mesh` evaluates functions first
+    return available
 
 
 def zero_curve(a: Expression) -> list[Kink]:
     """The line or circle on which a formula is 0; ValueError if that is neither."""
-    of = polynomial_coefficients(a, "xy")
-    if of is None:
+    coefficients = polynomial_coefficients(a, "xy")
+    if coefficients is None:
         raise ValueError(CURVE_NEEDED)
-    of = _scale_coefficients(of)
-    slope = [of.pop((1, 0), ZERO), of.pop((0, 1), ZERO)]
-    c = of.pop((0, 0), ZERO)
-    square = of.pop((2, 0), ZERO)
-    other = of.pop((0, 2), ZERO)
-    if of or sign(square - other):
+    # Times a power of 2, so that they, and what is made of them, are finite numbers
+    largest = max(map(log2_magnitude, coefficients.values()), default=0)
+    coefficients = {k: c.scale(Fraction(2) ** -largest) for k, c in coefficients.items()}
+    # a (x^2 + y^2) + b.(x, y) + c, or without the square a line
+    slope = [coefficients.pop((1, 0), ZERO), coefficients.pop((0, 1), ZERO)]
+    c = coefficients.pop((0, 0), ZERO)
+    square = coefficients.pop((2, 0), ZERO)
+    square_y = coefficients.pop((0, 2), ZERO)
+    if coefficients or sign(square - square_y):
         raise ValueError(CURVE_NEEDED)
     if square == ZERO:
         return _zero_line(slope, c)
     if abs(as_float(square)) < MIN_COEFFICIENT_RATIO:
         raise ValueError("is 0 on a circle that is too large; write it as a line")
-    centre = [each / square.scale(-2) for each in slope]
+    # It is a (|x - m|^2 - r^2) with m = -b / (2 a) and r^2 = |m|^2 - c / a
+    centre = [component / square.scale(-2) for component in slope]
     radius = as_float(centre[0] ** 2 + centre[1] ** 2 - c / square)
     place = (as_float(centre[0]), as_float(centre[1]))
     return [Kink(place, math.sqrt(radius), sign=1 if as_float(square) > 0 else -1)] if radius > 0 else []
 
 
 def _zero_line(slope: list[Expression], c: Expression) -> list[Kink]:
-    along = [as_float(each) for each in slope]
+    """The line b.(x, y) + c = 0, none if it is too far away; ValueError if the formula is 0."""
+    along = [as_float(component) for component in slope]
     size = math.hypot(*along)
     if c == ZERO and size == 0:
         raise ValueError("is 0 everywhere; leave it out")
     if size <= MIN_COEFFICIENT_RATIO * abs(as_float(c)):
         return []
+    # Through the point -c b / |b|^2 across b, so that the distance is positive where the formula is
     square = slope[0] ** 2 + slope[1] ** 2
     x = as_float(-c * slope[0] / square)
     y = as_float(-c * slope[1] / square)
     return [Kink((x, y), 0.0, (-along[1] / size, along[0] / size))]
-
-
-def _scale_coefficients(coefficients: dict[tuple[int, ...], Expression]) -> dict[tuple[int, ...], Expression]:
-    """The coefficients times a power of 2, so that they, and what is made of them, are finite numbers."""
-    largest = max(map(log2_magnitude, coefficients.values()), default=0)
-    return {at: c.scale(Fraction(2) ** -largest) for at, c in coefficients.items()}

@@ -79,8 +79,8 @@ def load_domain(name: str) -> Problem:
     declaration = declarations.read_declaration(file, name)
     if not isinstance(declaration, dict) or "polygon" not in declaration:
         raise InputError(f"{name}: the field polygon is missing; it lists the vertices, anticlockwise")
-    given = declaration.get("u")
-    clamped = given if isinstance(given, dict) else {}
+    clamped_field = declaration.get("u")
+    clamped = clamped_field if isinstance(clamped_field, dict) else {}
     c = parse_number(declaration.get("c", 1), f"{name}, field c")
     fields = {"u": dict.fromkeys(clamped, 0), "c": 0 if c == ZERO else 1}
     return build_from_declaration(

@@ -59,8 +59,6 @@ def read_sides(
 ) -> list[SideData | Function]:
     """The data of the field g or q on every side, 0 on sides without one, (n sides,).
 
-    The shape is (n sides,).
-
     One formula, function or array is for all sides that have one. The sides lie between the `ends`. Arrays
     have a value for each node of the `mesh`. Raises InputError, beginning with `where`.
     """
@@ -77,7 +75,7 @@ def read_sides(
                 f"{where}: {len(field_data)} formulas for {n} sides; give one for all, or one per side"
             )
         places = [f"{where}[{side}]" for side in range(n)]
-        data = [read_data(field, *each) for each in zip(field_data, places, strict=True)]
+        data = [read_data(field, *entry) for entry in zip(field_data, places, strict=True)]
         for side in range(n):
             _check_list_entry(field, field_data[side], side, sides, clamped, places[side])
     else:
@@ -140,6 +138,7 @@ def check_lipschitz(formula: Expression, ends: SideEnds, side: int, where: str) 
     """g or u on a side between two `ends`, a formula in x, y that is Lipschitz there, or InputError."""
     if not find_functions(formula, "pos"):
         return formula
+    # The formula along the side, in which every kink has a place: s_+^k is Lipschitz for k >= 1
     (x0, y0), (x1, y1) = ends
     t = variable("t")
     on_side = {"x": x0 + t * (x1 - x0), "y": y0 + t * (y1 - y0)}

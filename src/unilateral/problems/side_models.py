@@ -22,6 +22,7 @@ SideData = Expression | NodalTrace
 
 def side_coordinates(polygon: Polygon, side: Index, t: TaylorModel) -> tuple[TaylorModel, TaylorModel]:
     """x and y on intervals of the sides (k,), t the arc length in side lengths."""
+    # x = a + t e on the side from a along e
     start_x, start_y = polygon.vertices[side].T
     along_x, along_y = polygon.edges[side].T
     x = number_model(t, start_x) + number_model(t, along_x) * t
@@ -39,28 +40,29 @@ def model_side_data(
     same: dict[SideData, list[int]] = {}
     for i in np.unique(side).tolist():
         same.setdefault(data[i], []).append(i)
-    parts = []
+    pieces = []
     for function, sides in same.items():
-        here = np.flatnonzero(np.isin(side, sides))
-        models = {name: model.select_boxes(here) for name, model in variables.items()}
+        rows = np.flatnonzero(np.isin(side, sides))
+        models = {name: model.select_boxes(rows) for name, model in variables.items()}
         if isinstance(function, NodalTrace):
-            parts.append((function.value_model(models["t"]), here))
+            pieces.append((function.value_model(models["t"]), rows))
         else:
-            parts.append((enclose_formula(function, models), here))
-    return join_models(parts)
+            pieces.append((enclose_formula(function, models), rows))
+    return join_models(pieces)
 
 
 def model_side_slopes(data: Sequence[SideData], polygon: Polygon, side: Index, t: TaylorModel) -> TaylorModel:
     """The derivatives by t of the data, formulas in x and y, on intervals of the sides (k,)."""
-    parts = []
+    pieces = []
     for i in np.unique(side).tolist():
         function = data[i]
-        here = np.flatnonzero(side == i)
+        rows = np.flatnonzero(side == i)
         if isinstance(function, NodalTrace):
-            parts.append((function.slope_model(t.select_boxes(here)), here))
+            pieces.append((function.slope_model(t.select_boxes(rows)), rows))
             continue
-        variables = dict(zip("xy", side_coordinates(polygon, side[here], t.select_boxes(here)), strict=True))
+        variables = dict(zip("xy", side_coordinates(polygon, side[rows], t.select_boxes(rows)), strict=True))
         along = zip("xy", polygon.edges[i], strict=True)
+        # d/dt of F(a + t e) is e_x F_x + e_y F_y
         slopes = (enclose_formula(derivative(function, z), variables).scale(e) for z, e in along)
-        parts.append((reduce(add, slopes), here))
-    return join_models(parts)
+        pieces.append((reduce(add, slopes), rows))
+    return join_models(pieces)

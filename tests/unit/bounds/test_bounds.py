@@ -213,11 +213,11 @@ def test_without_feasibility_the_bound_is_too_small(bound, monkeypatch):
 def test_with_other_fluxes_on_the_edges_the_bound_is_too_small(module, bound, times, monkeypatch):
     """Control: q.n of the right lambda_H says nothing of one that is so many times as large."""
     of = pair("full_contact", 8)
-    own = module.build_normal_flux
+    right = module.build_normal_flux(of.mesh, of.cells, of.lambda_H, of.u_h, H1)
     wrong = of._replace(lambda_H=times * of.lambda_H)
     lower = float(norm_for("full_contact", 4, "square").bound_error(of.case, wrong.lambda_H[None]).lower[0])
     assert lower <= bound(*wrong.given).lambda_
-    monkeypatch.setattr(module, "build_normal_flux", lambda *_: own(of.mesh, of.cells, of.lambda_H, of.u_h, H1))
+    monkeypatch.setattr(module, "build_normal_flux", lambda *_: right)
     assert lower > 5 * bound(*wrong.given).lambda_
 
 
