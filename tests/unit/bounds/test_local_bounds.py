@@ -46,7 +46,7 @@ def missing(monkeypatch, **parts):
 
 
 def with_more(monkeypatch, part, name="residual_parts"):
-    """A part of both functions or, by `add_lift_to_residual`, of v alone is that large on a triangle inside."""
+    """A part of both functions, or by `add_lift_to_residual` of v alone, is as large on a triangle inside."""
     own = getattr(local_bounds, name)
 
     def changed(*of):
