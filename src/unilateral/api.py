@@ -155,8 +155,12 @@ def _as_polygon(polygon_or_name: object) -> Polygon | None:
         return polygon_or_name
     if isinstance(polygon_or_name, str | os.PathLike):
         return load_polygon(str(check_path(polygon_or_name, "problem.yaml")))
-    of_problem = getattr(polygon_or_name, "polygon", None)
-    return of_problem if isinstance(of_problem, Polygon) else Polygon(as_vertices(polygon_or_name, "polygon"))
+    problem_polygon = getattr(polygon_or_name, "polygon", None)
+    return (
+        problem_polygon
+        if isinstance(problem_polygon, Polygon)
+        else Polygon(as_vertices(polygon_or_name, "polygon"))
+    )
 
 
 def solve(
@@ -318,37 +322,41 @@ def certify(
 
 def _as_mesh_of_problem(problem: problems.Problem, mesh_or_points: object) -> Mesh:
     """The mesh that is given, on the polygon of a problem; a problem of a mesh takes no other one."""
-    own = problem.mesh
-    found = mesh_or_points
-    if not (isinstance(found, Mesh) and np.array_equal(found.polygon.vertices, problem.polygon.vertices)):
-        parts = (
+    problem_mesh = problem.mesh
+    triangulation = mesh_or_points
+    if not (
+        isinstance(triangulation, Mesh)
+        and np.array_equal(triangulation.polygon.vertices, problem.polygon.vertices)
+    ):
+        mesh_arguments = (
             mesh_or_points
             if isinstance(mesh_or_points, tuple) and len(mesh_or_points) == 2
             else (mesh_or_points,)
         )
-        found = mesh(*parts, polygon=problem.polygon)
-    if own and not (
-        np.array_equal(found.points, own.points) and np.array_equal(found.triangles, own.triangles)
+        triangulation = mesh(*mesh_arguments, polygon=problem.polygon)
+    if problem_mesh and not (
+        np.array_equal(triangulation.points, problem_mesh.points)
+        and np.array_equal(triangulation.triangles, problem_mesh.triangles)
     ):
         raise InputError(
             f"'{problem.name}' was made of another mesh; give that one, for its arrays belong to it"
         )
-    return own or found
+    return problem_mesh or triangulation
 
 
 def _as_problem(problem_or_name: object) -> problems.Problem:
     """The problem that is given, or that of a name."""
-    found = find_problem(problem_or_name)
-    if found is None:
+    problem = find_problem(problem_or_name)
+    if problem is None:
         raise InputError(
             f"{quote_input(repr(problem_or_name))} is not a problem; take ul.Problem(...), ul.case(name) or ul.load(path)"
         )
-    return found
+    return problem
 
 
 def _refuse_accuracy_options(limits: Mapping[str, Size | None], **flags: bool) -> None:
     """Raises InputError for what only an accuracy has a use for."""
-    given = [name for name, limit in limits.items() if limit is not None]
-    given += [name for name, other in flags.items() if other]
-    if given:
-        raise InputError(f"{given[0]} is only for an accuracy; leave it out, or give an accuracy")
+    options = [name for name, limit in limits.items() if limit is not None]
+    options += [name for name, is_set in flags.items() if is_set]
+    if options:
+        raise InputError(f"{options[0]} is only for an accuracy; leave it out, or give an accuracy")

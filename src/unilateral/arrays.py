@@ -98,18 +98,18 @@ def _read_real_numbers(values: Any, where: str, requirement: str) -> NDArray[Any
 
 
 def _not_numeric_error(values: Any, where: str, requirement: str) -> InputError:
-    what = (
+    description = (
         f"it holds values of the type {values.dtype}"
         if hasattr(values, "dtype")
         else f"it is {quote_input(repr(values))}"
     )
-    return InputError(f"{where}: {what}; {requirement}")
+    return InputError(f"{where}: {description}; {requirement}")
 
 
 def _convert_python_numbers(array: NDArray[Any]) -> Array:
     """Numbers of Python that NumPy has no type for. Raises TypeError for all that is no real number."""
-    for each in array.ravel():
-        if isinstance(each, str | bytes | bool | complex) or not hasattr(type(each), "__float__"):
+    for number in array.ravel():
+        if isinstance(number, str | bytes | bool | complex) or not hasattr(type(number), "__float__"):
             raise TypeError
     return array.astype(np.float64)
 
@@ -117,8 +117,8 @@ def _convert_python_numbers(array: NDArray[Any]) -> Array:
 def _check_mask_and_labels(values: Any, where: str) -> None:
     """Raises InputError if numbers are masked, or labels in another order; within lists, too."""
     if isinstance(values, list | tuple):
-        for each in values:
-            _check_mask_and_labels(each, where)
+        for item in values:
+            _check_mask_and_labels(item, where)
         return
     if isinstance(values, np.ma.MaskedArray):
         masked = np.flatnonzero(np.ma.getmaskarray(values))

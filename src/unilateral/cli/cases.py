@@ -90,7 +90,8 @@ def list_case_polygons(name: str) -> list[Polygon]:
     """The named polygons that a case is for."""
     declared = case.read_case_declaration(name)[0]["polygons"]
     return [
-        polygon.find_polygon(each) for each in (polygon.polygon_names() if declared == "any" else declared)
+        polygon.find_polygon(polygon_name)
+        for polygon_name in (polygon.polygon_names() if declared == "any" else declared)
     ]
 
 
@@ -112,13 +113,13 @@ def largest_flux_and_gap(certificate: CaseCertificate) -> tuple[float, float]:
 
 def describe_contact(intervals: Sequence[tuple[int, float, float]]) -> str:
     """The contact set in words."""
-    whole = [side for side, start, end in intervals if (start, end) == (0.0, 1.0)]
-    parts = [f"{side}: {start:.3g}-{end:.3g}" for side, start, end in intervals if side not in whole]
-    if len(parts) > MAX_PRINTED_INTERVALS:
-        parts = [f"{len(parts)} intervals"]
-    if whole:
-        parts.append(f"sides {', '.join(map(str, whole))}")
-    return "; ".join(parts) or "none"
+    full_sides = [side for side, start, end in intervals if (start, end) == (0.0, 1.0)]
+    texts = [f"{side}: {start:.3g}-{end:.3g}" for side, start, end in intervals if side not in full_sides]
+    if len(texts) > MAX_PRINTED_INTERVALS:
+        texts = [f"{len(texts)} intervals"]
+    if full_sides:
+        texts.append(f"sides {', '.join(map(str, full_sides))}")
+    return "; ".join(texts) or "none"
 
 
 def render_case(name: str, polygon: str | None, side: int, text_format: str) -> str:
@@ -170,12 +171,12 @@ def describe_case(certified_cases: list[tuple[ExactSolution, CaseCertificate]]) 
     )
     yield f"hypotheses of Theorem 4.1: {', '.join(hypotheses)}"
     yield f"u - g in H^(3/2) on every side: {'yes' if certificate.g_regular else 'no'}"
-    known = [
-        what if case_regularity(first)[name] else f"not {what}" for name, what in REGULARITY_TEXTS.items()
+    regularity = [
+        text if case_regularity(first)[name] else f"not {text}" for name, text in REGULARITY_TEXTS.items()
     ]
-    yield f"regularity: {', '.join(known)}"
+    yield f"regularity: {', '.join(regularity)}"
     rates = proved_rates(first)
-    texts = [f"{rates[norm]:g} {what}" for norm, what in RATE_TEXTS.items()] if rates else ["none"]
+    texts = [f"{rates[norm]:g} {text}" for norm, text in RATE_TEXTS.items()] if rates else ["none"]
     yield f"proved rates: {', '.join(texts)}"
     begins = ", ".join(f"{norm} from h = {declared['asymptotic'][norm]['from']}" for norm in RATE_TEXTS)
     yield f"asymptotic: {begins}"

@@ -73,15 +73,17 @@ def run_score(
             f"--multiplier is given {pluralise(len(multipliers), 'time')} for "
             f"{pluralise(len(solutions), 'solution')}; repeat it for each solution"
         )
-    given = [read_foreign_solution(levels, *each) for each in zip_longest(solutions, multipliers)]
+    foreign_solutions = [
+        read_foreign_solution(levels, *files) for files in zip_longest(solutions, multipliers)
+    ]
     first_on: dict[str, str] = {}
-    for each in given:
-        first = first_on.setdefault(each.level.name, each.file)
-        if first is not each.file:
+    for solution in foreign_solutions:
+        first = first_on.setdefault(solution.level.name, solution.file)
+        if first is not solution.file:
             raise InputError(
-                f"{each.file}: it is on {each.level.name}, as {first} is; hand in one solution for each level"
+                f"{solution.file}: it is on {solution.level.name}, as {first} is; hand in one solution for each level"
             )
-    scored = [scores.score_solution(case, each) for each in given]
+    scored = [scores.score_solution(case, solution) for solution in foreign_solutions]
     rates = scores.compute_rates(case, scored)
     verdict = scores.state_verdict(scored, rates)
     if html is not None:
@@ -96,17 +98,17 @@ def run_score(
             "rates": {
                 n: _replace_nan(rate._asdict()) | {"verdict": rate.verdict} for n, rate in rates.items()
             },
-            "solutions": [_make_score_record(each) for each in scored],
+            "solutions": [_make_score_record(solution) for solution in scored],
         }
         print_result(dumps(judged))
     else:
-        told = [
+        lines = [
             *_format_error_table(case, scored),
             *_format_rates(case, scored, rates),
             scores.describe_finest_extremes(scored),
             *scores.list_fault_sentences(scored),
         ]
-        print_result("\n".join([*filter(None, told), f"{case.name}: {verdict}"]))
+        print_result("\n".join([*filter(None, lines), f"{case.name}: {verdict}"]))
         if html is not None:
             print_result(f"  written: {html}, {format_file_size(html)}")
     return 0 if scores.passes_judgement(scored, rates) else EXIT_REJECTED
@@ -135,16 +137,16 @@ def _replace_nan(values: dict[str, float]) -> dict[str, float | None]:
 
 def _format_error_table(case: Problem, scored_solutions: list[ScoredSolution]) -> Iterator[str]:
     """The errors, with this project's own below them."""
-    of_u = f"u in {FORM_AND_NORM_NAMES[case.c != ZERO][1]}"
-    yield f"{'level':10} {'h':>9} {of_u:>10} {'lambda in H^(-1/2)':>22} {'in L2':>10}  multiplier"
-    for one in scored_solutions:
+    u_title = f"u in {FORM_AND_NORM_NAMES[case.c != ZERO][1]}"
+    yield f"{'level':10} {'h':>9} {u_title:>10} {'lambda in H^(-1/2)':>22} {'in L2':>10}  multiplier"
+    for solution in scored_solutions:
         rows = (
-            (one.errors, one.solution.level.name, one.solution.multiplier_kind),
-            (one.reference_errors, "  own", "constant on cells"),
+            (solution.errors, solution.solution.level.name, solution.solution.multiplier_kind),
+            (solution.reference_errors, "  own", "constant on cells"),
         )
         for errors, name, kind in rows:
             h1, dual, l2 = scores.format_errors(errors)
-            numbers = f"{one.solution.level.mesh.h:9.4g} {h1:>10} {dual:>22} {l2:>10}"
+            numbers = f"{solution.solution.level.mesh.h:9.4g} {h1:>10} {dual:>22} {l2:>10}"
             yield f"{name:10} {numbers}  {kind}"
 
 

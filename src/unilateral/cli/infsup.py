@@ -192,6 +192,6 @@ def describe_stability(stability: dict[str, Any]) -> Iterator[str]:
     yield f"{stability['polygon']}, {sides} sides: h = {h:.6g}, H = {H:.6g}, h/H = {h / H:.4g}"
     yield from (f"  {name:17} {value}" for name, value in rows.items())
     for line, wrong in ((CELL_ROW_FORMAT, rule["cells"]), (TRIANGLE_ROW_FORMAT, rule["triangles"])):
-        yield from (line.format(**each) for each in wrong[:MAX_LISTED_ROWS])
+        yield from (line.format(**row) for row in wrong[:MAX_LISTED_ROWS])
         if len(wrong) > MAX_LISTED_ROWS:
             yield f"    and {len(wrong) - MAX_LISTED_ROWS} more; --json lists all"

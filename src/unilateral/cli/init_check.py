@@ -89,13 +89,13 @@ def describe_problem(problem: Problem) -> Iterator[str]:
         yield f"  contact     {LINEAR_PROBLEM_NOTE}"
     if problem.u_lower_bound > -np.inf:
         size = abs(problem.u_lower_bound) if problem.clamped_sides else largest
-        least = format_bound(
+        bound_text = format_bound(
             problem.u_lower_bound, size / (as_float(problem.c) if problem.c != ZERO else 1.0), format_down
         )
         reason = "as f >= 0"
         if problem.c != ZERO:
             reason = "a lower bound on inf f / c" + " and u on clamped sides" * bool(problem.clamped_sides)
-        yield f"  guaranteed  u >= {least}, {reason}, rounding included"
+        yield f"  guaranteed  u >= {bound_text}, {reason}, rounding included"
     idle = problem.idle_sides()
     if idle:
         sides = "side" if len(idle) == 1 else "sides"
@@ -107,10 +107,10 @@ def _describe_condition(problem: Problem, side: int) -> str:
     formula = _side_formula(problem, side)
     values = _evaluate_along_side(problem, formula, side)
     size = np.abs(values).max()
-    shown = np.where(np.abs(values) > RELATIVE_VALUE_ROUNDING * size, values, 0.0)
-    least = shown.min()
-    largest = shown.max()
-    text = _describe_formula(formula, f"from {least:.4g} to {largest:.4g}")
+    rounded = np.where(np.abs(values) > RELATIVE_VALUE_ROUNDING * size, values, 0.0)
+    lowest = rounded.min()
+    highest = rounded.max()
+    text = _describe_formula(formula, f"from {lowest:.4g} to {highest:.4g}")
     if side in problem.free_sides:
         return f"free, {'' if problem.k == ONE else 'k '}du/dn = {text}"
     return f"clamped, u = {text}" if side in problem.clamped_sides else f"u >= {text}"
@@ -178,15 +178,15 @@ def _draw_polygon(axes: Axes, problem: Problem) -> None:
     inside = polygon.contains(np.stack(grid, axis=-1))
     with np.errstate(all="ignore"):  # f need not be defined outside
         f = np.where(inside, compile_numpy([as_formula(problem.f)], "xy")(*grid)[0], np.nan)
-    least = float(np.nanmin(f))
-    largest = float(np.nanmax(f))
+    f_min = float(np.nanmin(f))
+    f_max = float(np.nanmax(f))
     # A constant has the colour in the middle and one tick; matplotlib would show a range of 8 % about it
-    room = 0.0 if least < largest else abs(least) or 1.0
-    look: Any = {"vmin": least - room, "vmax": largest + room, "shading": "nearest", "alpha": 0.6}
+    margin = 0.0 if f_min < f_max else abs(f_min) or 1.0
+    look: Any = {"vmin": f_min - margin, "vmax": f_max + margin, "shading": "nearest", "alpha": 0.6}
     field = axes.pcolormesh(*grid, f, rasterized=True, **look)
     bar = axes.figure.colorbar(field, cax=axes.inset_axes((1.03, 0, 0.04, 1)), label="f")
-    if room:
-        bar.set_ticks([least], labels=[f"{least:.4g}".replace("-", "−")])
+    if margin:
+        bar.set_ticks([f_min], labels=[f"{f_min:.4g}".replace("-", "−")])
     for side in range(polygon.n_sides):
         ends = v[[side, (side + 1) % polygon.n_sides]]
         clamped = side in problem.clamped_sides

@@ -90,9 +90,9 @@ def format_result(
         rows[f"{record['algorithm']} {outcome}"] = algebraic + steps
     if record["multipliers"] and not _is_unknown(record["hm12_algebraic_bound"]):
         bound = record["hm12_algebraic_bound"]
-        of_lambda = f"{format_interval(-math.inf, bound, spec=NUMBER_FORMAT)} in H^(-1/2)"
-        of_beta = f"as beta >= {format_down(record['beta'], '.3f')}"
-        rows["that of lambda_H"] = f"{add_guarantee(of_lambda, -math.inf, bound)}, {of_beta}"
+        bound_text = f"{format_interval(-math.inf, bound, spec=NUMBER_FORMAT)} in H^(-1/2)"
+        beta_text = f"as beta >= {format_down(record['beta'], '.3f')}"
+        rows["that of lambda_H"] = f"{add_guarantee(bound_text, -math.inf, bound)}, {beta_text}"
     if not _is_unknown(record["h1_error"]):
         rows |= _true_error_rows(record, unique, name_errors(problem))
     if bounds is not None:
@@ -137,12 +137,19 @@ def _contact_rows(contact_record: dict[str, Any]) -> dict[str, str]:
     if contact_record["full"]:
         return {"contact": f"the whole boundary, length {contact_record['length']:.6g}"}
     rows = {"contact": f"length {contact_record['length']:.6g}" if contact_record["intervals"] else "none"}
-    sides = sorted({each["side"] for each in contact_record["intervals"]})
+    sides = sorted({interval["side"] for interval in contact_record["intervals"]})
     for side in sides if len(contact_record["lengths"]) <= MAX_FORCE_SIDES else ():
-        of = [each for each in contact_record["intervals"] if each["side"] == side]
-        shown = ", ".join(f"{each['start']:.6g} to {each['end']:.6g}" for each in of[:MAX_INTERVALS_PER_SIDE])
-        more = f" and {len(of) - MAX_INTERVALS_PER_SIDE} more" if len(of) > MAX_INTERVALS_PER_SIDE else ""
-        rows[f"contact, side {side}"] = f"{shown}{more}; length {contact_record['lengths'][side]:.6g}"
+        intervals = [interval for interval in contact_record["intervals"] if interval["side"] == side]
+        listed = ", ".join(
+            f"{interval['start']:.6g} to {interval['end']:.6g}"
+            for interval in intervals[:MAX_INTERVALS_PER_SIDE]
+        )
+        omitted = (
+            f" and {len(intervals) - MAX_INTERVALS_PER_SIDE} more"
+            if len(intervals) > MAX_INTERVALS_PER_SIDE
+            else ""
+        )
+        rows[f"contact, side {side}"] = f"{listed}{omitted}; length {contact_record['lengths'][side]:.6g}"
     return rows
 
 
@@ -160,8 +167,8 @@ def _true_error_rows(record: dict[str, Any], unique: bool, names: NormNames) -> 
         dual = " is left out, because it takes longer than the solve or needs gmsh; in Python: s.errors"
     if not _is_unknown(record["hm12_error_upper"]):
         dual += f", <= {format_error('hm12_error_upper', format_up)}"
-    of_lambda = {names.hm12: dual, "||lambda - lambda_H||_0": f" = {format_error('l2_error')}"}
-    return {names.h1: f" = {format_error('h1_error')}"} | (of_lambda if record["multipliers"] else {})
+    multiplier_rows = {names.hm12: dual, "||lambda - lambda_H||_0": f" = {format_error('l2_error')}"}
+    return {names.h1: f" = {format_error('h1_error')}"} | (multiplier_rows if record["multipliers"] else {})
 
 
 def format_first_level(problem: Problem, first: Level) -> str:
@@ -170,8 +177,8 @@ def format_first_level(problem: Problem, first: Level) -> str:
     goal = first.goal
     error = getattr(name_errors(problem), goal.norm)
     size = getattr(name_solution_norms(problem), goal.norm)
-    wanted = f"{problem.name}: {error} <= {goal.accuracy:g}" + f" {size}" * (not goal.absolute)
-    return "\n".join([wanted, columns, format_level(first)])
+    goal_text = f"{problem.name}: {error} <= {goal.accuracy:g}" + f" {size}" * (not goal.absolute)
+    return "\n".join([goal_text, columns, format_level(first)])
 
 
 def format_level(level: Level) -> str:
@@ -179,11 +186,11 @@ def format_level(level: Level) -> str:
     solved = level.solved
     mesh = level.solved.mesh
     sizes = mesh.h, float(np.diff(mesh.s).min()), level.partition.H
-    shown = [f"{size:.4g}" for size in sizes]
-    shown += [f"{level.unknowns}", f"{len(solved.cells)}", f"{solved.result.iterations:.4g}"]
-    wanted = format_down(level.target, ".4g") if level.target else f"{level.zero_solution_error:.4g}"
-    shown += [format_up(level.algebraic, ".4g"), format_up(level.total, ".4g"), wanted]
-    return "".join(f"{each:>12}" for each in shown)
+    entries = [f"{size:.4g}" for size in sizes]
+    entries += [f"{level.unknowns}", f"{len(solved.cells)}", f"{solved.result.iterations:.4g}"]
+    target = format_down(level.target, ".4g") if level.target else f"{level.zero_solution_error:.4g}"
+    entries += [format_up(level.algebraic, ".4g"), format_up(level.total, ".4g"), target]
+    return "".join(f"{entry:>12}" for entry in entries)
 
 
 def format_forecast(level: Level) -> str:
@@ -227,8 +234,8 @@ def round_plan(plan: Plan) -> Plan:
 
 def format_plan(plan: Plan) -> str:
     """Unknowns, seconds and memory of a plan as text."""
-    of = round_plan(plan)
-    return f"about {of.unknowns:g} unknowns, {of.seconds:g} s and {of.peak_mb:g} MB"
+    rounded = round_plan(plan)
+    return f"about {rounded.unknowns:g} unknowns, {rounded.seconds:g} s and {rounded.peak_mb:g} MB"
 
 
 def describe_plan(name: str, search: Search, as_json: bool) -> str:
@@ -236,8 +243,10 @@ def describe_plan(name: str, search: Search, as_json: bool) -> str:
     plan = search.plan
     last = search.levels[-1]
     if as_json:
-        found = asdict(round_plan(plan)) if plan else {field.name: None for field in fields(Plan)}
-        return json.dumps({"problem": name, **found, "ended": search.ended or None, "reach": search.reach})
+        plan_fields = asdict(round_plan(plan)) if plan else {field.name: None for field in fields(Plan)}
+        return json.dumps(
+            {"problem": name, **plan_fields, "ended": search.ended or None, "reach": search.reach}
+        )
     if plan is None:
         why = search.ended or "because too little is known yet about the size of the solution or of the error"
         return f"  plan: unknown, {rewrite_as_options(why)}"

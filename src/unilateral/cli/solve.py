@@ -249,10 +249,10 @@ def report_solution(
         print_result(f"  {WITHOUT_REACTION.format(name_energy_norm(problem, 'v'))}")
     elif not problem.k == problem.c == ONE:
         print_result(f"  {NORMS_WITH_COEFFICIENTS}")
-    least = {
+    norms_below = {
         norm: solution.bounded.norm_lower_bound(norm, sharp) if bounds else math.nan for norm in GOAL_NORMS
     }
-    print_result(format_result(record, bounds, least, forces, doubt, problem))
+    print_result(format_result(record, bounds, norms_below, forces, doubt, problem))
     if bounds and not (search or errors or solved.is_foreign) and is_too_coarse(solution, bounds):
         print_result(f"  {'hint':27} {TOO_COARSE_HINT}{'; it makes its own meshes' * is_user_mesh}")
     return record, interrupted

@@ -74,11 +74,11 @@ class BoundaryFunction:
 
     def is_constant_on(self, partition: Partition) -> bool:
         """Whether it has one value on each of those cells, up to rounding."""
-        _, cell, own = overlay(partition.points, self.partition.points)
+        _, cell, mu_cell = overlay(partition.points, self.partition.points)
         highest = np.full(partition.n_cells, -np.inf)
         lowest = np.full(partition.n_cells, np.inf)
-        np.maximum.at(highest, cell, self.end_values[own].max(axis=1))
-        np.minimum.at(lowest, cell, self.end_values[own].min(axis=1))
+        np.maximum.at(highest, cell, self.end_values[mu_cell].max(axis=1))
+        np.minimum.at(lowest, cell, self.end_values[mu_cell].min(axis=1))
         return bool(np.all(highest - lowest <= MAX_CELL_VARIATION * np.abs(self.end_values).max()))
 
     def zero_on_sides(self, sides: Sequence[int]) -> BoundaryFunction:
@@ -148,17 +148,17 @@ def obstacle_at_nodes(case: Problem, mesh: Mesh) -> Array:
     The shape is (nb,).
     """
     nb = len(mesh.boundary)
-    edges = has_obstacle(case, mesh.side)
-    of_end = np.roll(mesh.side, 1)
-    g = np.full(len(edges), np.nan)
-    before = np.flatnonzero(~edges & np.roll(edges, 1))
-    side = np.where(edges, mesh.side, of_end)
+    has_contact = has_obstacle(case, mesh.side)
+    previous_side = np.roll(mesh.side, 1)
+    g = np.full(len(has_contact), np.nan)
+    before = np.flatnonzero(~has_contact & np.roll(has_contact, 1))
+    side = np.where(has_contact, mesh.side, previous_side)
     s = mesh.s[:-1].copy()
     s[before] = mesh.s[np.where(before == 0, nb, before)]
     clamped = Form(clamped=case.clamped_sides).clamped_nodes(mesh)[mesh.boundary]
-    held = np.flatnonzero((edges | np.roll(edges, 1)) & ~clamped)
+    nodes = np.flatnonzero((has_contact | np.roll(has_contact, 1)) & ~clamped)
     u, _, gap = case.known_solution().trace_flux_and_gap(
-        side[held], s[held] - mesh.polygon.starts[side[held]]
+        side[nodes], s[nodes] - mesh.polygon.starts[side[nodes]]
     )
-    g[held] = u - gap
+    g[nodes] = u - gap
     return g

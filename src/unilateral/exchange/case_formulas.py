@@ -75,10 +75,10 @@ def derive_case_formulas(
     return {
         "u": _write_formula(u, coordinates),
         "f": _write_formula(f if case.c else f - u, coordinates),
-        "grad_u": [_write_formula(each, coordinates) for each in gradient],
-        "g": [_write_formula(u - each, coordinates) for each in gap],
-        "gap": [_write_formula(each, coordinates) for each in gap],
-        "lambda": [_write_formula(each, coordinates) for each in flux],
+        "grad_u": [_write_formula(slope, coordinates) for slope in gradient],
+        "g": [_write_formula(u - side_gap, coordinates) for side_gap in gap],
+        "gap": [_write_formula(side_gap, coordinates) for side_gap in gap],
+        "lambda": [_write_formula(side_flux, coordinates) for side_flux in flux],
     }
 
 
@@ -87,12 +87,12 @@ def render_case_module(case: ExactSolution, kind: str) -> str:
 
     Raises InputError for a case without closed formulas.
     """
-    found = derive_case_formulas(case, COORDINATES[kind])
-    if found["u"] is None:
+    formulas = derive_case_formulas(case, COORDINATES[kind])
+    if formulas["u"] is None:
         raise InputError(f"case '{case.name}': {NO_FORMULAS}; 'unilateral export' writes f and g at points")
     template = resources.files("unilateral.exchange") / f"{kind}.template.txt"
-    g = "".join(f"    lambda {ARGUMENTS[kind]}: {each},\n" for each in found["g"])
-    flux = "".join(f"    lambda {ARGUMENTS[kind]}: {each},\n" for each in found["lambda"])
+    g = "".join(f"    lambda {ARGUMENTS[kind]}: {formula},\n" for formula in formulas["g"])
+    flux = "".join(f"    lambda {ARGUMENTS[kind]}: {formula},\n" for formula in formulas["lambda"])
     return template.read_text(encoding="utf-8").format(
         name=case.name,
         title=case.title,
@@ -101,9 +101,9 @@ def render_case_module(case: ExactSolution, kind: str) -> str:
         clamped=f", but u = g on the sides {join_sides(case.clamped_sides)}" if case.clamped_sides else "",
         vertices=case.polygon.vertices.tolist(),
         definitions=DEFINITIONS,
-        u=found["u"],
-        f=found["f"],
-        grad_u=", ".join(found["grad_u"]),
+        u=formulas["u"],
+        f=formulas["f"],
+        grad_u=", ".join(formulas["grad_u"]),
         g=g,
         lambda_=flux,
     )

@@ -64,33 +64,39 @@ def diagnose_solution(
     conditions, a right solution is left. Of several such bugs those are told that need the fewest further
     ones.
     """
-    allowed = MAX_RESIDUAL_SHARE * reference_errors.h1
+    max_residual = MAX_RESIDUAL_SHARE * reference_errors.h1
     mu = solution.multiplier
     exported = Residual(discrete, solution.u, discrete.load)
-    of, how = identify_load(case, exported, mu.load(discrete.mesh) if mu else None, allowed)
-    holds = of.interior_norm <= allowed
+    residual, how = identify_load(case, exported, mu.load(discrete.mesh) if mu else None, max_residual)
+    holds = residual.interior_norm <= max_residual
     remarks = [LOAD_REMARK.format(how)] if how else []
-    found = list(_diagnose_boundary(case, mu, of, reference_errors)) if holds else []
-    if holds and all(each.is_explained for each in found):
-        return Diagnosis(found, remarks)
-    told = [
+    boundary_faults = list(_diagnose_boundary(case, mu, residual, reference_errors)) if holds else []
+    if holds and all(fault.is_explained for fault in boundary_faults):
+        return Diagnosis(boundary_faults, remarks)
+    explanations = [
         [
-            each.fault,
-            *_diagnose_boundary(case, mu and each.repair_multiplier(mu), each.residual, reference_errors),
+            repair.fault,
+            *_diagnose_boundary(case, mu and repair.repair_multiplier(mu), repair.residual, reference_errors),
         ]
-        for each in list_repairs(case, of, allowed)
-        if mu is not None or not each.needs_multiplier
+        for repair in list_repairs(case, residual, max_residual)
+        if mu is not None or not repair.needs_multiplier
     ]
-    told = [each for each in told if all(fault.is_explained for fault in each)]
-    if told:
-        fewest = min(map(len, told))
-        best = [each for each in told if len(each) == fewest]
-        return Diagnosis([merge_alternatives([each[0] for each in best]), *best[0][1:]], [])
+    explanations = [
+        explanation for explanation in explanations if all(fault.is_explained for fault in explanation)
+    ]
+    if explanations:
+        fewest = min(map(len, explanations))
+        best = [explanation for explanation in explanations if len(explanation) == fewest]
+        return Diagnosis([merge_alternatives([explanation[0] for explanation in best]), *best[0][1:]], [])
     if holds:
-        return Diagnosis(found, remarks)
-    other = find_renumbering(case, of, u_h)
-    faults = [other] if other else [_interior_fault(of), *find_clamped_fault(of, allowed)]
-    return Diagnosis([*faults, *_diagnose_sign(mu, of, reference_errors)], [])
+        return Diagnosis(boundary_faults, remarks)
+    renumbering = find_renumbering(case, residual, u_h)
+    faults = (
+        [renumbering]
+        if renumbering
+        else [_interior_fault(residual), *find_clamped_fault(residual, max_residual)]
+    )
+    return Diagnosis([*faults, *_diagnose_sign(mu, residual, reference_errors)], [])
 
 
 def _interior_fault(residual: Residual) -> Fault:
@@ -109,33 +115,43 @@ def _diagnose_boundary(
     yield from find_clamped_fault(residual, MAX_RESIDUAL_SHARE * reference_errors.h1)
     if mu is None:
         return
-    allowed = _max_boundary_residual(residual, reference_errors)
-    first = MultiplierReading("", mu.load(residual.discrete.mesh), mu)
-    right = residual.choose_boundary_load(first.load)
-    misfit = residual.boundary_dual_norm(first.load - right)
-    if misfit <= allowed:
-        yield from _diagnose_conditions(case, mu, residual, allowed)
+    max_residual = _max_boundary_residual(residual, reference_errors)
+    literal = MultiplierReading("", mu.load(residual.discrete.mesh), mu)
+    expected_load = residual.choose_boundary_load(literal.load)
+    misfit = residual.boundary_dual_norm(literal.load - expected_load)
+    if misfit <= max_residual:
+        yield from _diagnose_conditions(case, mu, residual, max_residual)
         return
-    most = min(allowed, MAX_UNEXPLAINED_SHARE * misfit)
-    others = list(list_readings(mu, residual.discrete.mesh, right))
-    meant = [each for each in others if residual.boundary_dual_norm(each.load - right) <= most] or [
-        each
-        for each in read_as_uzawa_step(case, mu, residual, right)
-        if residual.boundary_dual_norm(each.load - right) <= most
+    max_distance = min(max_residual, MAX_UNEXPLAINED_SHARE * misfit)
+    readings = list(list_readings(mu, residual.discrete.mesh, expected_load))
+    fitting = [
+        candidate
+        for candidate in readings
+        if residual.boundary_dual_norm(candidate.load - expected_load) <= max_distance
+    ] or [
+        candidate
+        for candidate in read_as_uzawa_step(case, mu, residual, expected_load)
+        if residual.boundary_dual_norm(candidate.load - expected_load) <= max_distance
     ][:1]
-    if meant:
+    if fitting:
         yield merge_alternatives(
-            [Fault(each.fault, "read in this way it fits u's equation") for each in meant]
+            [Fault(candidate.fault, "read in this way it fits u's equation") for candidate in fitting]
         )
-        reading = meant[0]
+        reading = fitting[0]
     else:
-        fits = ((each, residual.fit_multiple(each.load, right)) for each in (first, *others))
-        reading = next((each for each, fit in fits if fit.scaled_distance < abs(fit.factor) * allowed), first)
+        fits = (
+            (candidate, residual.fit_multiple(candidate.load, expected_load))
+            for candidate in (literal, *readings)
+        )
+        reading = next(
+            (candidate for candidate, fit in fits if fit.scaled_distance < abs(fit.factor) * max_residual),
+            literal,
+        )
         yield from _diagnose_scale(
-            reading.fault, residual.fit_multiple(reading.load, right), allowed, *residual.names
+            reading.fault, residual.fit_multiple(reading.load, expected_load), max_residual, *residual.names
         )
     if reading.mu is not None:
-        yield from _diagnose_conditions(case, reading.mu, residual, allowed)
+        yield from _diagnose_conditions(case, reading.mu, residual, max_residual)
 
 
 def _max_boundary_residual(residual: Residual, reference_errors: Errors) -> float:
@@ -172,11 +188,11 @@ def _diagnose_scale(
 
 def _has_wrong_factor(fit: LoadFit, max_residual: float) -> bool:
     """Whether the multiplier surely has the wrong sign, or nothing but a factor is wrong with it."""
-    of_factor = abs(fit.factor - 1) * fit.expected_norm
-    only = fit.scaled_distance < of_factor and fit.scaled_distance <= max(
+    factor_error = abs(fit.factor - 1) * fit.expected_norm
+    only_factor = fit.scaled_distance < factor_error and fit.scaled_distance <= max(
         abs(fit.factor) * max_residual, MAX_RESIDUAL_SHARE * fit.distance
     )
-    return only or fit.factor * fit.expected_norm < -fit.scaled_distance
+    return only_factor or fit.factor * fit.expected_norm < -fit.scaled_distance
 
 
 def _diagnose_sign(
@@ -199,31 +215,31 @@ def _diagnose_conditions(
     case: Problem, mu: BoundaryFunction, residual: Residual, max_residual: float
 ) -> Iterator[Fault]:
     """The other conditions that u has, if it has none of those that belong to mu."""
-    right = []
-    missed = {}
-    for each in list_conditions(case, residual.discrete, mu):
-        right.append(each)
-        load, bound = each.multiplier_load(
+    correct = []
+    distances = {}
+    for conditions in list_conditions(case, residual.discrete, mu):
+        correct.append(conditions)
+        load, bound = conditions.multiplier_load(
             residual.discrete.spaces.condensed, residual.unconstrained_trace, max_residual
         )
-        missed[each.description] = residual.boundary_dual_norm(residual.boundary_load - load) - bound
-        if missed[each.description] <= max_residual:
+        distances[conditions.description] = residual.boundary_dual_norm(residual.boundary_load - load) - bound
+        if distances[conditions.description] <= max_residual:
             return
-    nearest = min(missed, key=lambda what: missed[what])
-    most = min(max_residual, MAX_UNEXPLAINED_SHARE * missed[nearest])
-    distance = f"at least {format_down(missed[nearest], '.2g')} in {residual.names[1]}"
+    nearest = min(distances, key=lambda description: distances[description])
+    max_distance = min(max_residual, MAX_UNEXPLAINED_SHARE * distances[nearest])
+    distance = f"at least {format_down(distances[nearest], '.2g')} in {residual.names[1]}"
     measured = f"u is {distance} away from the solution with u >= g {nearest}"
-    found = set()
-    for what, each in list_mistaken_conditions(
-        case, residual.discrete, mu, right, residual.u[residual.discrete.mesh.boundary]
+    descriptions = set()
+    for description, conditions in list_mistaken_conditions(
+        case, residual.discrete, mu, correct, residual.u[residual.discrete.mesh.boundary]
     ):
-        load, bound = each.multiplier_load(
-            residual.discrete.spaces.condensed, residual.unconstrained_trace, most
+        load, bound = conditions.multiplier_load(
+            residual.discrete.spaces.condensed, residual.unconstrained_trace, max_distance
         )
-        if residual.boundary_dual_norm(residual.boundary_load - load) + bound <= most:
-            found.add(what)
-    if found:
-        yield merge_alternatives([Fault(what, measured) for what in sorted(found)])
+        if residual.boundary_dual_norm(residual.boundary_load - load) + bound <= max_distance:
+            descriptions.add(description)
+    if descriptions:
+        yield merge_alternatives([Fault(description, measured) for description in sorted(descriptions)])
         return
     yield describe_unknown_fault(
         "u is not the solution of the discrete problem",
@@ -271,16 +287,18 @@ def _list_cell_readings(
     divided = piecewise_constant(mu.partition, mu.values / mu.partition.lengths)
     fault = "the multiplier's values are integrals over the cells; hand in means"
     yield MultiplierReading(fault, divided.load(mesh), divided)
-    for text, moved in list_arc_length_shifts(mu):
+    for text, shifted in list_arc_length_shifts(mu):
         fault = f"{text}; it has to begin at vertex 0 and run anticlockwise"
-        yield MultiplierReading(fault, moved.load(mesh), moved)
+        yield MultiplierReading(fault, shifted.load(mesh), shifted)
     spread = coupling(mesh, mu.partition) @ (expected_load / boundary_mass(mesh).sum(axis=1))
     as_reactions = represent_reactions(mesh, expected_load)
     means = coupling(mesh, mu.partition) @ as_reactions.nodal_values
     for how, values in (("their shares in the cells", spread), ("the means of their function", means)):
         fault = f"the multiplier is nodal reactions, made {how}; hand in `reaction`"
-        other = mu.load(mesh) - piecewise_constant(mu.partition, values / mu.partition.lengths).load(mesh)
-        yield MultiplierReading(fault, expected_load + other, as_reactions)
+        difference = mu.load(mesh) - piecewise_constant(mu.partition, values / mu.partition.lengths).load(
+            mesh
+        )
+        yield MultiplierReading(fault, expected_load + difference, as_reactions)
 
 
 def read_as_uzawa_step(
@@ -293,14 +311,14 @@ def read_as_uzawa_step(
     """
     boundary = residual.discrete.mesh.boundary
     free = ~residual.discrete.spaces.condensed.clamped_nodes[boundary]
-    for each in list_conditions(case, residual.discrete, mu):
-        gap = each.gaps(residual.u[boundary])
-        mu_u = np.linalg.lstsq(each.B.T.toarray()[free], expected_load[free])[0]
-        on = each.mu > ZERO_VALUE_RATIO * np.abs(each.mu).max()
-        if not gap[on].any():
+    for conditions in list_conditions(case, residual.discrete, mu):
+        gap = conditions.gaps(residual.u[boundary])
+        mu_u = np.linalg.lstsq(conditions.B.T.toarray()[free], expected_load[free])[0]
+        active = conditions.mu > ZERO_VALUE_RATIO * np.abs(conditions.mu).max()
+        if not gap[active].any():
             continue
-        rho = -float(gap[on] @ (each.mu - mu_u)[on] / (gap[on] @ gap[on]))
+        rho = -float(gap[active] @ (conditions.mu - mu_u)[active] / (gap[active] @ gap[active]))
         if rho > 0:
-            step = each.B.T @ np.maximum(0, mu_u - rho * gap)
-            what = "the iteration stopped too early: the multiplier is one step of Uzawa's ahead of u"
-            yield MultiplierReading(what, expected_load + mu.load(residual.discrete.mesh) - step, None)
+            step = conditions.B.T @ np.maximum(0, mu_u - rho * gap)
+            description = "the iteration stopped too early: the multiplier is one step of Uzawa's ahead of u"
+            yield MultiplierReading(description, expected_load + mu.load(residual.discrete.mesh) - step, None)

@@ -65,10 +65,10 @@ class Conditions:
         """
         if not len(self.g):
             return np.zeros(len(unconstrained_trace)), 0.0
-        found = solve_by_active_set(
+        result = solve_by_active_set(
             dual_operator(condensed, self.B, self.weights), self.gaps(unconstrained_trace), tolerance
         )
-        return self.B.T @ found.lambda_H, found.bound
+        return self.B.T @ result.lambda_H, result.bound
 
     def gaps(self, trace: Array) -> Array:
         """Weighted means of u - g, which have to be >= 0, for boundary values of u.
@@ -79,8 +79,15 @@ class Conditions:
 
     def select_rows(self, rows: Mask) -> Conditions:
         """The conditions of those rows (k,)."""
-        at = np.flatnonzero(rows)
-        return Conditions(self.description, self.B[at], self.weights[at], self.g[at], self.s[at], self.mu[at])
+        indices = np.flatnonzero(rows)
+        return Conditions(
+            self.description,
+            self.B[indices],
+            self.weights[indices],
+            self.g[indices],
+            self.s[indices],
+            self.mu[indices],
+        )
 
 
 class EqualityConditions(Conditions):
@@ -103,8 +110,8 @@ class ReversedConditions(Conditions):
     ) -> tuple[Array, float]:
         """Load of the multiplier <= 0 that u needs for u <= g, and a bound on its error."""
         turned = Conditions(self.description, self.B, self.weights, -self.g, self.s, -self.mu)
-        found, bound = turned.multiplier_load(condensed, -unconstrained_trace, tolerance)
-        return -found, bound
+        load, bound = turned.multiplier_load(condensed, -unconstrained_trace, tolerance)
+        return -load, bound
 
 
 def list_conditions(case: Problem, discrete: CondensedProblem, mu: BoundaryFunction) -> Iterator[Conditions]:
@@ -120,24 +127,24 @@ def list_conditions(case: Problem, discrete: CondensedProblem, mu: BoundaryFunct
             yield _make_cell_conditions(case, mesh, discrete.partition, mu)
         yield _make_cell_conditions(case, mesh, mu.partition, mu)
         return
-    edges = has_obstacle(case, mesh.side)
+    contact_edges = has_obstacle(case, mesh.side)
     g = obstacle_at_nodes(case, mesh)
-    held = np.isfinite(g)
-    mass = boundary_mass(mesh, edges)
+    constrained = np.isfinite(g)
+    mass = boundary_mass(mesh, contact_edges)
     weights = np.asarray(mass.sum(axis=1))
     s = mesh.s[:-1]
-    lumped = np.divide(mu.load(mesh), weights, where=held, out=np.zeros(len(g)))
+    lumped = np.divide(mu.load(mesh), weights, where=constrained, out=np.zeros(len(g)))
     nodal = sp.diags_array(weights).tocsr()
-    yield Conditions("at the nodes", nodal, weights, g, s, lumped).select_rows(held)
+    yield Conditions("at the nodes", nodal, weights, g, s, lumped).select_rows(constrained)
     # integrals of g phi_j over the edges with an obstacle
     exact = case.known_solution()
     rule = boundary_rule(mesh.polygon, mesh.s, exact.singular_points())
     u, _, gap = exact.trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)
-    load = hat_load(mesh, rule, (u - gap) * edges[rule.interval])
-    moments = np.divide(load, weights, where=held, out=np.zeros(len(g)))
+    load = hat_load(mesh, rule, (u - gap) * contact_edges[rule.interval])
+    moments = np.divide(load, weights, where=constrained, out=np.zeros(len(g)))
     yield Conditions(
         "tested against each hat function", mass, weights, moments, s, mu.nodal_values
-    ).select_rows(held)
+    ).select_rows(constrained)
 
 
 def _make_cell_conditions(
@@ -146,10 +153,10 @@ def _make_cell_conditions(
     middle = 0.5 * (partition.points[1:] + partition.points[:-1])
     values = mu.partition.means(mu.values, partition.points)
     means = cell_means(case.known_solution(), partition).g_means
-    found = Conditions(
+    conditions = Conditions(
         "in the means over the cells", coupling(mesh, partition), partition.lengths, means, middle, values
     )
-    return found.select_rows(has_obstacle(case, partition.side))
+    return conditions.select_rows(has_obstacle(case, partition.side))
 
 
 def list_mistaken_conditions(
@@ -163,12 +170,12 @@ def list_mistaken_conditions(
 
     `trace` (nb,) is u on the boundary: a side is ignored if mu is 0 there, and u below g.
     """
-    for each in correct:
-        fields = vars(each)
+    for conditions in correct:
+        fields = vars(conditions)
         yield "the conditions hold as equations (u = g everywhere)", EqualityConditions(**fields)
         yield "the conditions are reversed (u <= g and lambda <= 0)", ReversedConditions(**fields)
-        yield "g has the wrong sign", replace(each, g=-each.g)
-        yield "g is taken as 0", replace(each, g=np.zeros_like(each.g))
+        yield "g has the wrong sign", replace(conditions, g=-conditions.g)
+        yield "g is taken as 0", replace(conditions, g=np.zeros_like(conditions.g))
     yield from _shift_obstacle_means(correct[-1], mu)
     yield from _drop_ignored_sides(case, discrete, mu, correct[0], trace)
 
@@ -179,10 +186,10 @@ def _shift_obstacle_means(
     """The conditions with means of g from another vertex on, where the cells are the same from there."""
     if mu.nodal_values is not None or len(cell_conditions.g) < mu.partition.n_cells:
         return
-    given = piecewise_constant(mu.partition, cell_conditions.g)
-    for text, moved in list_arc_length_shifts(given):
-        if np.allclose(moved.partition.points, mu.partition.points, rtol=0, atol=1e-9 * mu.partition.H):
-            yield f"{text} where the means of g are taken", replace(cell_conditions, g=moved.values)
+    obstacle_means = piecewise_constant(mu.partition, cell_conditions.g)
+    for text, shifted in list_arc_length_shifts(obstacle_means):
+        if np.allclose(shifted.partition.points, mu.partition.points, rtol=0, atol=1e-9 * mu.partition.H):
+            yield f"{text} where the means of g are taken", replace(cell_conditions, g=shifted.values)
 
 
 def list_arc_length_shifts(mu: BoundaryFunction) -> Iterator[tuple[str, BoundaryFunction]]:
@@ -215,9 +222,9 @@ def _drop_ignored_sides(
         return
     name = f"side {sides[0]} is" if len(sides) == 1 else f"sides {', '.join(map(str, sides))} are"
     ends = case.polygon.starts[np.add.outer(sides, [0, 1])] % case.polygon.perimeter
-    for each in list_conditions(replace(case, free_sides=(*case.free_sides, *sides)), discrete, mu):
-        below, pushed = _find_violated_and_active(each, trace)
-        yield f"{name} ignored", each.select_rows(~(np.isin(each.s, ends) & below & ~pushed))
+    for conditions in list_conditions(replace(case, free_sides=(*case.free_sides, *sides)), discrete, mu):
+        below, pushed = _find_violated_and_active(conditions, trace)
+        yield f"{name} ignored", conditions.select_rows(~(np.isin(conditions.s, ends) & below & ~pushed))
 
 
 def _find_violated_and_active(conditions: Conditions, trace: Array) -> tuple[Mask, Mask]:

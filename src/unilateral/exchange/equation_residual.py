@@ -67,9 +67,9 @@ class Residual:
         """
         condensed = self.discrete.spaces.condensed
         mesh = self.discrete.mesh
-        held = np.where(condensed.clamped_nodes, self.u, 0.0)
-        free = condensed.solve(subtract_lift_from_load(mesh, condensed.form, self.load, held))
-        return np.asarray((held + free)[mesh.boundary])
+        clamped_values = np.where(condensed.clamped_nodes, self.u, 0.0)
+        free = condensed.solve(subtract_lift_from_load(mesh, condensed.form, self.load, clamped_values))
+        return np.asarray((clamped_values + free)[mesh.boundary])
 
     @cached_property
     def boundary_load(self) -> Array:
@@ -130,9 +130,9 @@ class Residual:
 
     def find_worst_place(self) -> tuple[float, ...]:
         """The place of the inner node at which the equation holds least."""
-        of_node = np.abs(self.values) / np.sqrt(self.discrete.spaces.condensed.A.diagonal())
-        of_node[self.discrete.mesh.boundary] = 0.0
-        return tuple(self.discrete.mesh.points[of_node.argmax()].tolist())
+        scaled_residual = np.abs(self.values) / np.sqrt(self.discrete.spaces.condensed.A.diagonal())
+        scaled_residual[self.discrete.mesh.boundary] = 0.0
+        return tuple(self.discrete.mesh.points[scaled_residual.argmax()].tolist())
 
     def boundary_dual_norm(self, load: Array) -> float:
         """The dual norm over V_h of a boundary load (nb,): ||mu||_{-1/2,h}."""
@@ -166,8 +166,8 @@ def list_candidate_loads(exact: ExactSolution, discrete: CondensedProblem) -> It
     yield "at the centroids", load_vector(mesh, np.repeat((mesh.areas * middle / 3)[:, None], 3, axis=1))
     ends = mesh.points[np.roll(corners, 1, axis=1)] + mesh.points[corners]
     on_edges = exact.source(ends.reshape(-1, 2) / 2).reshape(-1, 3)
-    of_corner = on_edges + np.roll(on_edges, -1, axis=1)
-    yield "at the midpoints of the edges", load_vector(mesh, mesh.areas[:, None] / 6 * of_corner)
+    corner_sums = on_edges + np.roll(on_edges, -1, axis=1)
+    yield "at the midpoints of the edges", load_vector(mesh, mesh.areas[:, None] / 6 * corner_sums)
 
 
 def exact_multiplier_load(discrete: CondensedProblem) -> Array:

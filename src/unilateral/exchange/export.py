@@ -70,12 +70,12 @@ def export_case(case: Problem, coarse: Mesh, H: float, levels: int, folder: str 
     check_writable(folder)
     try:
         with make_hidden_folder(folder) as hidden:
-            made = hidden / folder.name
-            made.mkdir()
-            _write_folder(case, coarse, H, levels, made)
-            os.rename(made, folder)
+            unfinished = hidden / folder.name
+            unfinished.mkdir()
+            _write_folder(case, coarse, H, levels, unfinished)
+            os.rename(unfinished, folder)
     except StorageError as error:
-        raise StorageError(str(error).replace(str(made), str(folder))) from error
+        raise StorageError(str(error).replace(str(unfinished), str(folder))) from error
     except OSError as error:
         if error.errno in (errno.ENOTEMPTY, errno.EEXIST):  # another export was quicker
             raise is_there from None
@@ -90,11 +90,11 @@ def _write_folder(case: Problem, coarse: Mesh, H: float, levels: int, folder: Pa
         _write_level(case, mesh, cells, folder / f"level_{k}")
         counts = {"nodes": mesh.n_nodes, "cells": cells.n_cells}
         sizes.append({"folder": f"level_{k}", "h": mesh.h, "H": cells.H, **counts})
-    found = _describe_case_in_json(case) | {"levels": sizes}
-    (folder / "problem.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8", newline="\n")
+    record = _describe_case_in_json(case) | {"levels": sizes}
+    (folder / "problem.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8", newline="\n")
     declaration = yaml.safe_dump(dict(case.known_solution().declaration), allow_unicode=True, sort_keys=False)
     (folder / f"{case.name}.yaml").write_text(declaration, encoding="utf-8", newline="\n")
-    (folder / "README.md").write_text(_render_readme(case, found), encoding="utf-8", newline="\n")
+    (folder / "README.md").write_text(_render_readme(case, record), encoding="utf-8", newline="\n")
 
 
 def _describe_case_in_json(case: Problem) -> dict[str, Any]:
@@ -157,15 +157,15 @@ def _tabulate_nodes(case: Problem, mesh: Mesh) -> pd.DataFrame:
 def _tabulate_quadrature(case: Problem, mesh: Mesh) -> xr.Dataset:
     """The rules with which this project integrates f and g."""
     exact = case.known_solution()
-    parts: list[tuple[Array, ...]] = []
+    blocks: list[tuple[Array, ...]] = []
     for rule in triangle_rules(mesh, exact):
         count = rule.weight.shape[1]
         f = exact.source(rule.origin, rule.offset)
         hats = rule.barycentric.reshape(-1, 3)
-        parts.append((np.repeat(rule.triangle, count), rule.points, rule.weight.ravel(), hats, f))
-    triangle, places, weight, hats, f = map(np.concatenate, zip(*parts, strict=True))
-    on = boundary_rule(case.polygon, mesh.s, exact.singular_points())
-    u, _, gap = exact.trace_flux_and_gap(on.side, on.s, on.nearest_anchor)
+        blocks.append((np.repeat(rule.triangle, count), rule.points, rule.weight.ravel(), hats, f))
+    triangle, places, weight, hats, f = map(np.concatenate, zip(*blocks, strict=True))
+    edge_rule = boundary_rule(case.polygon, mesh.s, exact.singular_points())
+    u, _, gap = exact.trace_flux_and_gap(edge_rule.side, edge_rule.s, edge_rule.nearest_anchor)
     return xr.Dataset(
         {
             "triangle": ("point", triangle.astype(np.int32)),
@@ -173,11 +173,11 @@ def _tabulate_quadrature(case: Problem, mesh: Mesh) -> xr.Dataset:
             "barycentric": (("point", "corner"), hats),
             "weight": ("point", weight),
             "f": ("point", f),
-            "edge": ("boundary_point", on.interval.astype(np.int32)),
-            "side": ("boundary_point", on.side.astype(np.int32)),
-            "s": ("boundary_point", on.s + case.polygon.starts[on.side]),
-            "boundary_weight": ("boundary_point", on.weight),
-            "g": ("boundary_point", np.where(has_obstacle(case, on.side), u - gap, np.nan)),
+            "edge": ("boundary_point", edge_rule.interval.astype(np.int32)),
+            "side": ("boundary_point", edge_rule.side.astype(np.int32)),
+            "s": ("boundary_point", edge_rule.s + case.polygon.starts[edge_rule.side]),
+            "boundary_weight": ("boundary_point", edge_rule.weight),
+            "g": ("boundary_point", np.where(has_obstacle(case, edge_rule.side), u - gap, np.nan)),
         },
         attrs={"case": case.name, "h": mesh.h},
     )
@@ -189,7 +189,7 @@ def _render_readme(case: Problem, record: dict[str, Any]) -> str:
     columns = "| {folder} | {h:.6g} | {H:.6g} | {nodes} | {cells} |"
     rows = [columns.format(**level) for level in record["levels"]]
     values = [f"`{u}` on side {i}" for i, u in sorted(case.known_solution().clamped_values.items())]
-    files = [f"- `{name}`: {what}" for name, what in LEVEL_FILES.items()]
+    files = [f"- `{name}`: {description}" for name, description in LEVEL_FILES.items()]
     return template.read_text(encoding="utf-8").format(
         name=case.name,
         title=case.title,

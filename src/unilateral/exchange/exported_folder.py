@@ -71,10 +71,10 @@ def read_exported_folder(folder: str | os.PathLike[str]) -> tuple[Problem, list[
     try:
         problem = json.loads((folder / "problem.json").read_text(encoding="utf-8"))
         polygon = Polygon(np.array(problem["vertices"]), problem["polygon"])
-        found = cases.load_solution(
+        exact = cases.load_solution(
             folder / f"{_check_plain_name(folder, problem['case'])}.yaml", polygon, problem["side"]
         )
-        case = replace(found.problem, free_sides=tuple(problem["free_sides"]))
+        case = replace(exact.problem, free_sides=tuple(problem["free_sides"]))
         if not problem["levels"]:
             raise ValueError("problem.json names no levels")
         return case, [
@@ -109,9 +109,9 @@ def read_foreign_solution(
 
     Raises InputError for missing points, another mesh, values that are not finite, and what cannot be read.
     """
-    found = read_solution_file(file)
-    points = found.points
-    if points is None or "u" not in found.nodal_values:
+    contents = read_solution_file(file)
+    points = contents.points
+    if points is None or "u" not in contents.nodal_values:
         raise InputError(f"{file}: x, y and u are needed, at all nodes of a level")
     if multiplier_file is not None:
         cells = read_solution_file(multiplier_file).cells
@@ -119,10 +119,10 @@ def read_foreign_solution(
             raise InputError(
                 f"{multiplier_file}: the columns start, end and multiplier are needed, a row per cell"
             )
-        found = found._replace(cells=cells)
+        contents = contents._replace(cells=cells)
     level, node = _match_level(levels, points, file)
-    values = {name: _order_by_nodes(level, node, found, name, file) for name in found.nodal_values}
-    trace, kind = _build_multiplier(level, node, found, values, multiplier_file or file)
+    values = {name: _order_by_nodes(level, node, contents, name, file) for name in contents.nodal_values}
+    trace, kind = _build_multiplier(level, node, contents, values, multiplier_file or file)
     return ForeignSolution(file, level, values["u"], trace, kind)
 
 
@@ -132,15 +132,15 @@ def read_field_at_nodes(mesh: Mesh, mesh_file: str, file: str, field: str | None
     Nodes are matched by their places. Without these, or in the file of the mesh, whose nodes may have been
     moved onto sides, values have the order of the nodes. Raises InputError as `read_foreign_solution`.
     """
-    found = read_solution_file(file, field)
-    if "u" not in found.nodal_values:
+    contents = read_solution_file(file, field)
+    if "u" not in contents.nodal_values:
         mesh_file = quote_input(field or "u")
         raise InputError(f"{file}: there is no {mesh_file} at the nodes; --field names the values to take")
-    if found.points is None or file == mesh_file:
-        return found.nodal_values["u"]
+    if contents.points is None or file == mesh_file:
+        return contents.nodal_values["u"]
     level = ExportedLevel(mesh_file, mesh, Partition(mesh.polygon, mesh.s))
-    _, node = _match_level([level], found.points, file)
-    return _order_by_nodes(level, node, found, "u", file)
+    _, node = _match_level([level], contents.points, file)
+    return _order_by_nodes(level, node, contents, "u", file)
 
 
 def _match_level(levels: list[ExportedLevel], points: Array, file: str) -> tuple[ExportedLevel, Index]:
@@ -152,18 +152,18 @@ def _match_level(levels: list[ExportedLevel], points: Array, file: str) -> tuple
         )
     near = [cKDTree(level.mesh.points).query(points) for level in levels]
     unit = last_digit_unit(points)
-    off = [
+    too_far = [
         distance > _max_place_distance(level.mesh, unit)
         for level, (distance, _) in zip(levels, near, strict=True)
     ]
     absent = [
         np.setdiff1d(np.arange(level.mesh.n_nodes), node[~far])
-        for level, (_, node), far in zip(levels, near, off, strict=True)
+        for level, (_, node), far in zip(levels, near, too_far, strict=True)
     ]
-    best = int(np.argmin([far.sum() + len(lost) for far, lost in zip(off, absent, strict=True)]))
+    best = int(np.argmin([far.sum() + len(missing) for far, missing in zip(too_far, absent, strict=True)]))
     level = levels[best]
-    far = np.flatnonzero(off[best])
-    lost = absent[best]
+    far = np.flatnonzero(too_far[best])
+    missing = absent[best]
     if far.size:
         rounded = near[best][0].max() <= math.sqrt(2) * unit
         digits = ", or write places with more digits" if rounded else ""
@@ -171,10 +171,10 @@ def _match_level(levels: list[ExportedLevel], points: Array, file: str) -> tuple
             f"{file}: another mesh; {far.size} of its {len(points)} points are no nodes of {level.name}, the "
             f"nearest one, the first at {_first_place(points, far)}; solve on that mesh{digits}"
         )
-    if lost.size:
+    if missing.size:
         raise InputError(
-            f"{file}: {lost.size} of the {level.mesh.n_nodes} nodes of {level.name} are missing, the first "
-            f"at {_first_place(level.mesh.points, lost)}; u is needed at all of them"
+            f"{file}: {missing.size} of the {level.mesh.n_nodes} nodes of {level.name} are missing, the first "
+            f"at {_first_place(level.mesh.points, missing)}; u is needed at all of them"
         )
     return level, near[best][1]
 
@@ -215,19 +215,19 @@ def _order_by_nodes(level: ExportedLevel, node: Index, contents: FileContents, n
 
     The shape is (n,).
     """
-    given = contents.nodal_values[name]
+    field_values = contents.nodal_values[name]
     needed = np.ones(len(node), bool) if name == "u" else np.isin(node, level.mesh.boundary)
-    wrong = np.flatnonzero(~(np.abs(given) < MAX_INPUT_VALUE) & needed)
+    wrong = np.flatnonzero(~(np.abs(field_values) < MAX_INPUT_VALUE) & needed)
     if wrong.size:
         k = wrong[0]
         place = level.mesh.points[node[wrong[0]]]
         raise InputError(
-            f"{file}: {name} is {given[k]} at point {k}, {tuple(place.tolist())}; "
+            f"{file}: {name} is {field_values[k]} at point {k}, {tuple(place.tolist())}; "
             f"a number below {MAX_INPUT_VALUE:g} is needed"
         )
     values = np.zeros(level.mesh.n_nodes)
-    values[node] = given
-    twice = np.flatnonzero((values[node] != given) & needed)
+    values[node] = field_values
+    twice = np.flatnonzero((values[node] != field_values) & needed)
     if twice.size:
         place = _first_place(level.mesh.points, node[twice])
         raise InputError(f"{file}: {name} has two values at {place}; one is needed")
@@ -238,28 +238,28 @@ def _build_multiplier(
     level: ExportedLevel, node: Index, contents: FileContents, values: dict[str, Array], file: str
 ) -> tuple[BoundaryFunction | None, str]:
     mesh = level.mesh
-    given = [
+    sources = [
         contents.cells is not None,
         contents.edges is not None,
         "multiplier" in values,
         "reaction" in values,
     ]
-    if sum(given) > 1:
+    if sum(sources) > 1:
         raise InputError(f"{file}: there is more than one multiplier; hand in one")
     if contents.cells is not None:
         return _build_cell_multiplier(level, *contents.cells, file), "constant on cells"
     if contents.edges is not None:
-        ends, at = contents.edges
+        ends, edge_values = contents.edges
         return piecewise_constant(
-            Partition(mesh.polygon, mesh.s), _order_by_boundary_edges(level, node[ends], at, file)
+            Partition(mesh.polygon, mesh.s), _order_by_boundary_edges(level, node[ends], edge_values, file)
         ), "constant on edges"
     if "multiplier" in values:
         return piecewise_linear(mesh, values["multiplier"][mesh.boundary]), "linear on edges"
     if "reaction" in values:
-        kept = np.where(Form(clamped=level.clamped_sides).clamped_nodes(mesh), 0.0, values["reaction"])[
+        reactions = np.where(Form(clamped=level.clamped_sides).clamped_nodes(mesh), 0.0, values["reaction"])[
             mesh.boundary
         ]
-        return represent_reactions(mesh, kept), "reactions, made a function by the mass matrix"
+        return represent_reactions(mesh, reactions), "reactions, made a function by the mass matrix"
     return None, "none"
 
 
@@ -307,25 +307,25 @@ def _order_by_boundary_edges(level: ExportedLevel, end_nodes: Index, values: Arr
     """
     mesh = level.mesh
     nb = len(mesh.boundary)
-    at = np.full(mesh.n_nodes, -1)
-    at[mesh.boundary] = np.arange(nb)
-    first, last = at[end_nodes].T
+    boundary_index = np.full(mesh.n_nodes, -1)
+    boundary_index[mesh.boundary] = np.arange(nb)
+    first, last = boundary_index[end_nodes].T
     edge = np.where((first + 1) % nb == last, first, last)
     wrong = np.flatnonzero(
         (first < 0) | (last < 0) | ((edge + 1) % nb != np.where(edge == first, last, first))
     )
     if wrong.size:
         raise InputError(f"{file}: line cell {wrong[0]} is no boundary edge of the mesh")
-    found = np.full(nb, np.nan)
-    found[edge] = values
-    found = _fill_clamped_values(level, mesh.side, found)
-    wrong = np.flatnonzero(~(np.abs(found) < MAX_INPUT_VALUE))
+    edge_values = np.full(nb, np.nan)
+    edge_values[edge] = values
+    edge_values = _fill_clamped_values(level, mesh.side, edge_values)
+    wrong = np.flatnonzero(~(np.abs(edge_values) < MAX_INPUT_VALUE))
     if wrong.size:
         place = _first_place(mesh.points, mesh.boundary[wrong])
         raise InputError(
             f"{file}: the boundary edge from {place} has no multiplier, or none below {MAX_INPUT_VALUE:g}"
         )
-    return found
+    return edge_values
 
 
 class FileContents(NamedTuple):
@@ -356,7 +356,7 @@ def read_solution_file(file: str, field: str | None = None) -> FileContents:
             import xarray as xr
 
             with xr.open_dataset(file) as dataset:
-                columns = {str(name): of.to_numpy() for name, of in dataset.variables.items()}
+                columns = {str(name): variable.to_numpy() for name, variable in dataset.variables.items()}
                 return _parse_columns(_rename_field(columns, field), file)
         return _parse_mesh_file(file, field)
     except InputError:
@@ -369,28 +369,28 @@ def _rename_field(fields: Mapping[str, Any], field: str | None) -> Mapping[str, 
     """The fields with `field` as u; a field of another meaning stays what it is."""
     if field is None or (field in NODAL_FIELDS and field in fields):
         return fields
-    others = {name: values for name, values in fields.items() if name != field}
-    return {**others, "u": fields[field]} if field in fields else {}
+    remaining = {name: values for name, values in fields.items() if name != field}
+    return {**remaining, "u": fields[field]} if field in fields else {}
 
 
 def _parse_columns(columns: Mapping[str, Any], file: str) -> FileContents:
-    found = {
+    arrays = {
         str(name): np.asarray(columns[name], dtype=float)
         for name in ("x", "y", "start", "end", *NODAL_FIELDS)
         if name in columns
     }
     cells = None
-    if {"start", "end", "multiplier"} <= set(found):
-        cells = found["start"], found["end"], found.pop("multiplier")
-    nodal = {name: found[name] for name in NODAL_FIELDS if name in found}
-    if "x" not in found or "y" not in found:
-        if "u" in found and len(columns) > 1:  # places under other names would be passed over
+    if {"start", "end", "multiplier"} <= set(arrays):
+        cells = arrays["start"], arrays["end"], arrays.pop("multiplier")
+    nodal = {name: arrays[name] for name in NODAL_FIELDS if name in arrays}
+    if "x" not in arrays or "y" not in arrays:
+        if "u" in arrays and len(columns) > 1:  # places under other names would be passed over
             raise InputError(
                 f"{file}: there are no columns x and y; name the places so, or give u as the only column, in "
                 "the order of the nodes"
             )
         return FileContents(None, nodal, cells)
-    return FileContents(np.column_stack([found["x"], found["y"]]), nodal, cells)
+    return FileContents(np.column_stack([arrays["x"], arrays["y"]]), nodal, cells)
 
 
 def _parse_mesh_file(file: str, field: str | None) -> FileContents:
@@ -412,5 +412,8 @@ def _parse_mesh_file(file: str, field: str | None) -> FileContents:
         values = np.ravel(content.cell_data_dict["multiplier"]["line"]).astype(float)
         edges = number[content.cells_dict["line"]], values
     return FileContents(
-        content.points[used, :2].astype(float), {name: of[used] for name, of in nodal.items()}, None, edges
+        content.points[used, :2].astype(float),
+        {name: array[used] for name, array in nodal.items()},
+        None,
+        edges,
     )

@@ -36,6 +36,6 @@ def describe_unknown_fault(description: str, reason: str, detail: str) -> Fault:
 
 def merge_alternatives(faults: list[Fault]) -> Fault:
     """One of several faults, where nothing tells which."""
-    what = "; or ".join(dict.fromkeys(fault.description for fault in faults))
-    measured = "; or ".join(dict.fromkeys(fault.detail for fault in faults))
-    return Fault(what, measured, all(fault.is_explained for fault in faults))
+    description = "; or ".join(dict.fromkeys(fault.description for fault in faults))
+    detail = "; or ".join(dict.fromkeys(fault.detail for fault in faults))
+    return Fault(description, detail, all(fault.is_explained for fault in faults))

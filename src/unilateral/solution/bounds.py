@@ -65,12 +65,12 @@ class Bounds:
         """
         errors = {self.error: (self.u, self.relative_u)}
         errors["||lambda - lambda_H||_-1/2"] = self.multiplier, self.relative_multiplier
-        parts = [
-            f"{name} {format_interval(-math.inf, bound)}" + f" ({format_percent(part)})" * (part < math.inf)
-            for name, (bound, part) in errors.items()
+        texts = [
+            f"{name} {format_interval(-math.inf, bound)}" + f" ({format_percent(share)})" * (share < math.inf)
+            for name, (bound, share) in errors.items()
             if not math.isnan(bound)
         ]
-        return f"Bounds: {add_guarantee(', '.join(parts), -math.inf, max(self.u, self.multiplier))}"
+        return f"Bounds: {add_guarantee(', '.join(texts), -math.inf, max(self.u, self.multiplier))}"
 
 
 def bound_errors(solution: Solution, sharp: bool) -> Bounds | None:
@@ -105,8 +105,8 @@ def compute_error_shares(solution: Solution) -> Array | None:
     if bound_errors(solution, sharp=False) is None:
         return None
     shares = solution.bounded.bound_shares
-    whole = float(shares.sum())
-    return shares / whole if 0 < whole < math.inf else None
+    total = float(shares.sum())
+    return shares / total if 0 < total < math.inf else None
 
 
 def has_consistent_bounds(solution: Solution) -> bool:

@@ -40,13 +40,13 @@ def certify_nodal_values(
         values, mesh.n_nodes, "u", "node (of a second-order function: each corner of a triangle)"
     )
     if multiplier is None:
-        own = solve_on_mesh(
+        discrete_solution = solve_on_mesh(
             problem, mesh, pair_boundary_edges(mesh), Stop()
         )  # the bounds hold for any lambda_H
     else:
-        without = np.isin(mesh.side, (*problem.free_sides, *problem.clamped_sides))
-        own = _solve_linear(problem, mesh, _check_edge_multiplier(multiplier, without))
-    return Solution(problem, replace_u(own, values))
+        no_contact = np.isin(mesh.side, (*problem.free_sides, *problem.clamped_sides))
+        discrete_solution = _solve_linear(problem, mesh, _check_edge_multiplier(multiplier, no_contact))
+    return Solution(problem, replace_u(discrete_solution, values))
 
 
 def pair_boundary_edges(mesh: Mesh) -> Partition:
@@ -77,8 +77,8 @@ def _check_edge_multiplier(multiplier: ArrayLike, no_contact: Mask) -> Array:
     _check_finite_values(values, len(no_contact), "multiplier", "boundary edge")
     wrong = np.flatnonzero(np.where(no_contact, values != 0, values < 0))
     if wrong.size:
-        wanted = "0 or NaN on free and clamped sides" if no_contact[wrong[0]] else "0 or more"
-        raise InputError(f"multiplier[{wrong[0]}] is {values[wrong[0]]:.6g}; it has to be {wanted}")
+        requirement = "0 or NaN on free and clamped sides" if no_contact[wrong[0]] else "0 or more"
+        raise InputError(f"multiplier[{wrong[0]}] is {values[wrong[0]]:.6g}; it has to be {requirement}")
     return values
 
 

@@ -36,9 +36,9 @@ class PointLocations(NamedTuple):
         The shape is (k, ...).
         """
         inside = self.triangle >= 0
-        found = function(self.triangle[inside], self.barycentric[inside])
-        values = np.full((len(inside), *found.shape[1:]), np.nan)
-        values[inside] = found
+        values_inside = function(self.triangle[inside], self.barycentric[inside])
+        values = np.full((len(inside), *values_inside.shape[1:]), np.nan)
+        values[inside] = values_inside
         return values
 
 
@@ -64,10 +64,10 @@ def evaluate_on_side(partition: Partition, values: Array, side: int, t: ArrayLik
     polygon = partition.polygon
     s = read_floats(t, "t")
     side = arguments.as_side_number(side, polygon.n_sides, "side")
-    own = np.flatnonzero(partition.side == side)
-    starts = partition.points[own] - polygon.starts[side]
+    cells = np.flatnonzero(partition.side == side)
+    starts = partition.points[cells] - polygon.starts[side]
     inside = (s >= 0) & (s <= polygon.lengths[side])
-    cell = own[np.searchsorted(starts, np.where(inside, s, 0.0), side="right") - 1]
+    cell = cells[np.searchsorted(starts, np.where(inside, s, 0.0), side="right") - 1]
     return np.where(inside, values[cell], math.nan)
 
 
@@ -77,22 +77,22 @@ def locate_points(mesh: Mesh, points: Array) -> PointLocations:
     On an edge or at a node that is the triangle with the least number.
     """
     triangle = np.full(len(points), -1)
-    weights = np.full((len(points), 3), np.nan)
-    at, found, of_found = locate_in_triangles(mesh, points)
-    least = np.lexsort([found, at])
-    least = least[np.unique(at[least], return_index=True)[1]]
-    triangle[at[least]] = found[least]
-    weights[at[least]] = of_found[least]
-    off = np.flatnonzero(triangle < 0)
-    s, distance = _project_to_boundary(mesh.polygon, points[off])
+    barycentric = np.full((len(points), 3), np.nan)
+    point, candidate, coordinates = locate_in_triangles(mesh, points)
+    order = np.lexsort([candidate, point])
+    order = order[np.unique(point[order], return_index=True)[1]]
+    triangle[point[order]] = candidate[order]
+    barycentric[point[order]] = coordinates[order]
+    outside = np.flatnonzero(triangle < 0)
+    s, distance = _project_to_boundary(mesh.polygon, points[outside])
     near = distance <= MAX_DISTANCE_OUTSIDE * mesh.polygon.diameter + round_off(mesh.polygon)
     edge, share = _locate_on_boundary_edges(mesh, s[near])
-    triangle[off[near]] = mesh.boundary_triangles[edge]
+    triangle[outside[near]] = mesh.boundary_triangles[edge]
     nodes = mesh.triangles[mesh.boundary_triangles[edge]]
     start = mesh.boundary[edge, None]
-    after = np.roll(mesh.boundary, -1)[edge, None]
-    weights[off[near]] = (nodes == start) * (1 - share[:, None]) + (nodes == after) * share[:, None]
-    return PointLocations(triangle, weights)
+    end = np.roll(mesh.boundary, -1)[edge, None]
+    barycentric[outside[near]] = (nodes == start) * (1 - share[:, None]) + (nodes == end) * share[:, None]
+    return PointLocations(triangle, barycentric)
 
 
 def _locate_on_boundary_edges(mesh: Mesh, s: Array) -> tuple[Index, Array]:

@@ -59,18 +59,23 @@ def render_solution_page(solution: Solution) -> str:
     """The page, with the same bytes for the same solution."""
     from plotly.offline import get_plotlyjs
 
-    of = collect_plot_data(solution)
+    plot_data = collect_plot_data(solution)
     template = resources.files("unilateral.solution") / "interactive.template.html"
-    sentences = [of.accuracy_text, describe_force(solution, of), of.contact_text, _explain_coarse_surface(of)]
+    sentences = [
+        plot_data.accuracy_text,
+        describe_force(solution, plot_data),
+        plot_data.contact_text,
+        _explain_coarse_surface(plot_data),
+    ]
     return Template(template.read_text(encoding="utf-8")).substitute(
-        title=escape(of.title),
+        title=escape(plot_data.title),
         sentences="\n".join(f"<p>{escape(text[0].upper() + text[1:])}.</p>" for text in sentences if text),
-        forces=render_forces_table(solution, of),
-        described=escape(describe_surface(of)),
-        no_gap=f"There is no gap: {escape(of.no_gap_text)}." if of.no_gap_text else "",
+        forces=render_forces_table(solution, plot_data),
+        described=escape(describe_surface(plot_data)),
+        no_gap=f"There is no gap: {escape(plot_data.no_gap_text)}." if plot_data.no_gap_text else "",
         plotly=get_plotlyjs(),
-        surface=draw_surface(of).to_json(),
-        boundary=draw_boundary_graphs(of).to_json(),
+        surface=draw_surface(plot_data).to_json(),
+        boundary=draw_boundary_graphs(plot_data).to_json(),
         version=__version__,
     )
 
@@ -82,15 +87,15 @@ def render_forces_table(solution: Solution, plot_data: PlotData) -> str:
     """
     if not plot_data.accuracy_text:
         return ""
-    found = solution.forces(uses_sharp_bounds(solution))
+    forces = solution.forces(uses_sharp_bounds(solution))
     with_contact = np.unique(plot_data.contact.partition.side[~plot_data.no_contact])[
         :MAX_LISTED_FORCES
     ].tolist()
-    rows = {f"force, side {side}": found.sides[side] for side in with_contact}
-    for row, reaction in found.reactions.items():
+    rows = {f"force, side {side}": forces.sides[side] for side in with_contact}
+    for row, reaction in forces.reactions.items():
         rows[f"reaction, side{'s' * (len(row) > 1)} {' and '.join(map(str, row))}"] = reaction
-    if found.total and len(rows) > 1:
-        rows["sum of forces, reactions"] = found.total
+    if forces.total and len(rows) > 1:
+        rows["sum of forces, reactions"] = forces.total
     lines = []
     for name, (value, lower, upper) in rows.items():
         text = add_guarantee(format_interval(lower, upper, value), lower, upper)
@@ -109,10 +114,10 @@ def _explain_coarse_surface(plot_data: PlotData) -> str:
 
 def describe_surface(plot_data: PlotData) -> str:
     """Description of the surface in words, for those who do not see it."""
-    least = float(plot_data.u.min())
-    largest = float(plot_data.u.max())
+    lowest = float(plot_data.u.min())
+    highest = float(plot_data.u.max())
     return (
-        f"The solution u_h as a surface over the domain, between {least:.4g} and {largest:.4g}; "
+        f"The solution u_h as a surface over the domain, between {lowest:.4g} and {highest:.4g}; "
         f"{plot_data.contact_text}; on a mesh of {len(plot_data.mesh.triangles)} triangles."
     )
 
@@ -158,12 +163,12 @@ def draw_surface(plot_data: PlotData) -> Figure:
 def _lay_out_scene(plot_data: PlotData) -> dict[str, Any]:
     """The axes: x and y to scale unless the domain is long, u_h so that it is seen."""
     sizes = np.ptp(plot_data.mesh.points, axis=0)
-    (least, largest) = plot_data.colour_limits
+    (u_min, u_max) = plot_data.colour_limits
     across = np.maximum(sizes / sizes.max(), MIN_SIDES_RATIO)
-    height = largest - least
-    lowest = float(np.nanmin(plot_data.obstacle, initial=least))
-    bottom = max(lowest, least - OBSTACLE_DEPTH_RATIO * height) - VERTICAL_MARGIN_RATIO * height
-    top = largest + VERTICAL_MARGIN_RATIO * height
+    height = u_max - u_min
+    lowest = float(np.nanmin(plot_data.obstacle, initial=u_min))
+    bottom = max(lowest, u_min - OBSTACLE_DEPTH_RATIO * height) - VERTICAL_MARGIN_RATIO * height
+    top = u_max + VERTICAL_MARGIN_RATIO * height
     far = EYE_DISTANCE_RATIO * math.hypot(*across, SURFACE_HEIGHT_RATIO)
     return {
         "xaxis": {"title": "x"},
@@ -207,15 +212,15 @@ def _contact_curve(plot_data: PlotData) -> Array:
 
     The shape is (k, 3).
     """
-    parts = [np.empty((0, 3))]
-    for each in plot_data.contact.intervals:
-        start, end = plot_data.mesh.polygon.starts[each.side] + np.array([each.start, each.end])
+    curves = [np.empty((0, 3))]
+    for interval in plot_data.contact.intervals:
+        start, end = plot_data.mesh.polygon.starts[interval.side] + np.array([interval.start, interval.end])
         inner = plot_data.mesh.s[(plot_data.mesh.s > start) & (plot_data.mesh.s < end)]
-        parts += [
-            _boundary_curve(plot_data, each.side, np.concatenate([[start], inner, [end]])),
+        curves += [
+            _boundary_curve(plot_data, interval.side, np.concatenate([[start], inner, [end]])),
             np.full((1, 3), np.nan),
         ]
-    return np.concatenate(parts)
+    return np.concatenate(curves)
 
 
 def _boundary_curve(plot_data: PlotData, side: int, s: Array) -> Array:
@@ -235,16 +240,16 @@ def _clamped_strokes(plot_data: PlotData) -> Array:
     The shape is (k, 3).
     """
     polygon = plot_data.mesh.polygon
-    parts = []
-    long = STROKE_LENGTH_RATIO * np.ptp(plot_data.mesh.points, axis=0).min()
+    curves = []
+    stroke = STROKE_LENGTH_RATIO * np.ptp(plot_data.mesh.points, axis=0).min()
     for side in plot_data.clamped_sides:
         n = int(STROKES_PER_PERIMETER * polygon.lengths[side] / polygon.perimeter)
         (start, end) = polygon.starts[side:][:2]
         feet = _boundary_curve(plot_data, side, np.linspace(start, end, n + 2))
         along = (feet[-1] - feet[0])[:2] / polygon.lengths[side]
-        tips = feet + np.append(long * (polygon.normals[side] - along), 0.0)
-        parts += [np.stack([feet, tips, feet], axis=1).reshape(-1, 3), np.full((1, 3), np.nan)]
-    return np.concatenate(parts)
+        tips = feet + np.append(stroke * (polygon.normals[side] - along), 0.0)
+        curves += [np.stack([feet, tips, feet], axis=1).reshape(-1, 3), np.full((1, 3), np.nan)]
+    return np.concatenate(curves)
 
 
 def _obstacle_steps(plot_data: PlotData) -> Array:
@@ -273,12 +278,12 @@ def draw_boundary_graphs(plot_data: PlotData) -> Figure:
         (plot_data.gap, 2, "mean of u<sub>h</sub> − g", {"color": PAGE_GAP_COLOUR}, None),
     ]
     if plot_data.given_flux.any():
-        given = np.where(plot_data.no_contact, plot_data.given_flux, np.nan)
-        lines.append((given, 1, "given flux q", {"color": PAGE_FREE_COLOUR, "dash": "dash"}, None))
+        given_flux = np.where(plot_data.no_contact, plot_data.given_flux, np.nan)
+        lines.append((given_flux, 1, "given flux q", {"color": PAGE_FREE_COLOUR, "dash": "dash"}, None))
     for values, row, name, look, fill in lines:
         value = f"side %{{customdata}}, s = %{{x:.4g}}<br>{name} = %{{y:.4g}}<extra></extra>"
-        of_line: Any = {"line": look | {"width": 1.5}, "fill": fill, "name": name, "hovertemplate": value}
-        line = go.Scatter(x=s, y=np.repeat(values, 2), customdata=sides, mode="lines", **of_line)
+        line_style: Any = {"line": look | {"width": 1.5}, "fill": fill, "name": name, "hovertemplate": value}
+        line = go.Scatter(x=s, y=np.repeat(values, 2), customdata=sides, mode="lines", **line_style)
         figure.add_trace(line, row=row, col=1)
     for start in polygon.starts:
         figure.add_vline(start, line={"color": "#cccccc", "width": 1}, layer="below")

@@ -24,11 +24,11 @@ def cluster_nodes(mesh: Mesh, max_triangles: int) -> tuple[Index, Index]:
     rank[mesh.boundary[np.isin(mesh.s[:-1], mesh.polygon.starts)]] = 0
     order = np.lexsort([rank, row, column])
     new = (np.diff(column[order], prepend=-1) != 0) | (np.diff(row[order], prepend=-1) != 0)
-    kept = order[new]
+    representatives = order[new]
     cluster = np.empty(mesh.n_nodes, dtype=np.intp)
     cluster[order] = np.cumsum(new) - 1
     corners = cluster[mesh.triangles]
     proper = (corners != np.roll(corners, 1, axis=1)).all(axis=1)
     first = corners[proper].argmin(axis=1)[:, None]  # the same corners in the same order count once
     turned = np.take_along_axis(corners[proper], (first + np.arange(3)) % 3, axis=1)
-    return kept, np.unique(turned, axis=0)
+    return representatives, np.unique(turned, axis=0)

@@ -152,21 +152,21 @@ def _mark_sides_without_contact(multiplier_axes: Axes, gap_axes: Axes, plot_data
             place: Any = {"transform": gap_axes.get_xaxis_transform(), "ha": "center", "va": "center"}
             gap_axes.text((start + end) / 2, 0.25, "free", color=FREE_COLOUR, **place)
     if plot_data.given_flux.any():
-        given = np.where(plot_data.no_contact, plot_data.given_flux, np.nan)
+        given_flux = np.where(plot_data.no_contact, plot_data.given_flux, np.nan)
         multiplier_axes.stairs(
-            given, s, baseline=None, color=FREE_COLOUR, linestyle="dashed", label="given flux q"
+            given_flux, s, baseline=None, color=FREE_COLOUR, linestyle="dashed", label="given flux q"
         )
         multiplier_axes.legend(fontsize="small", frameon=False)
 
 
 def wrap_evenly(text: str, max_letters: int) -> list[str]:
     """A text on as few lines of at most so many letters as it takes, all of much the same length."""
-    found = textwrap.wrap(text, max_letters, max_lines=MAX_TITLE_LINES, placeholder=TITLE_ELLIPSIS)
-    for width in range(len(text) // max(len(found), 1), max_letters):
+    lines = textwrap.wrap(text, max_letters, max_lines=MAX_TITLE_LINES, placeholder=TITLE_ELLIPSIS)
+    for width in range(len(text) // max(len(lines), 1), max_letters):
         evener = textwrap.wrap(text, max(width, 1))
-        if len(evener) == len(found):
+        if len(evener) == len(lines):
             return evener
-    return found
+    return lines
 
 
 def write_figure(figure: Figure, path: Path) -> None:
@@ -187,7 +187,7 @@ def _round_axes_positions(figure: Figure) -> None:
 
 def render_svg(figure: Figure) -> str:
     """The figure as an element of a page of HTML, the same for the same figure."""
-    found = StringIO()
+    svg = StringIO()
     with mpl.rc_context(SVG_STYLE):
-        figure.savefig(found, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
-    return "<svg" + found.getvalue().partition("<svg")[2]
+        figure.savefig(svg, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
+    return "<svg" + svg.getvalue().partition("<svg")[2]

@@ -70,10 +70,10 @@ class PlotData:
     @property
     def colour_limits(self) -> tuple[float, float]:
         """The values that colours span: those of u_h, or more about a constant."""
-        least = float(self.u.min())
-        largest = float(self.u.max())
-        room = 0.0 if self.has_variation else (max(-least, largest) or 1.0)
-        return least - room, largest + room
+        u_min = float(self.u.min())
+        u_max = float(self.u.max())
+        margin = 0.0 if self.has_variation else (max(-u_min, u_max) or 1.0)
+        return u_min - margin, u_max + margin
 
     @property
     def contact_text(self) -> str:
@@ -87,26 +87,26 @@ class PlotData:
     @property
     def no_gap_text(self) -> str:
         """Words on where u_h = g if that holds on all sides with contact; empty if it does not."""
-        held = ~self.no_contact
+        has_contact = ~self.no_contact
         if np.nan_to_num(self.gap).any():
             return ""
-        if not held.any():
+        if not has_contact.any():
             return "no side has an obstacle"
         some = "on all sides with an obstacle" if self.clamped_sides else "on all sides that are not free"
-        where = "everywhere" if held.all() else some
-        return f"{'in contact' if (self.contact.lambda_H[held] > 0).all() else 'u = g'} {where}"
+        where = "everywhere" if has_contact.all() else some
+        return f"{'in contact' if (self.contact.lambda_H[has_contact] > 0).all() else 'u = g'} {where}"
 
 
 def select_numbered_sides(plot_data: PlotData) -> list[int]:
     """The sides that are numbered: as many as there is room for along the boundary."""
     polygon = plot_data.mesh.polygon
     last = -1.0
-    found = list[int]()
+    sides = list[int]()
     for side, middle in enumerate((polygon.starts[:-1] + polygon.lengths / 2) / polygon.perimeter):
         if middle - last >= MIN_NUMBER_DISTANCE:
             last = middle
-            found.append(side)
-    return found
+            sides.append(side)
+    return sides
 
 
 def collect_plot_data(solution: Solution) -> PlotData:
@@ -154,24 +154,26 @@ def describe_accuracy(solution: Solution) -> str:
         return NO_BOUND
     problem = solution.problem
     in_H1 = problem.k == problem.c == ONE and not problem.clamped_sides
-    what = (H1_QUANTITIES if in_H1 else ENERGY_QUANTITIES)[norm]
-    text = f"error of {what}: at most {_format_relative_bound(total, bounded.norm_lower_bound(norm, sharp))}"
+    quantity = (H1_QUANTITIES if in_H1 else ENERGY_QUANTITIES)[norm]
+    text = (
+        f"error of {quantity}: at most {_format_relative_bound(total, bounded.norm_lower_bound(norm, sharp))}"
+    )
     text = add_guarantee(text, -math.inf, total)
     if linear := linear_fields(solution.problem):
         text += f"; {', '.join(linear)} {NODAL_VALUES_TEXT}"
     if goal is None or solution.certified:
         return text
-    wanted = f"{goal.accuracy:g}" if goal.absolute else f"{100 * goal.accuracy:.3g} %"
-    return f"{text}; {wanted} was asked for"
+    target = f"{goal.accuracy:g}" if goal.absolute else f"{100 * goal.accuracy:.3g} %"
+    return f"{text}; {target} was asked for"
 
 
 def describe_force(solution: Solution, plot_data: PlotData) -> str:
     """The force over the boundary in words, between guaranteed numbers where there is a bound."""
     if plot_data.accuracy_text in ("", NO_BOUND) or plot_data.no_contact.all():
         return ""
-    whole = solution.force(uses_sharp_bounds(solution))
-    text = format_interval(whole.lower, whole.upper, whole.value, ".4g")
-    return add_guarantee(f"force over the boundary, ∫λ: {text}", whole.lower, whole.upper)
+    force = solution.force(uses_sharp_bounds(solution))
+    text = format_interval(force.lower, force.upper, force.value, ".4g")
+    return add_guarantee(f"force over the boundary, ∫λ: {text}", force.lower, force.upper)
 
 
 def _format_relative_bound(bound: float, norm_below: float) -> str:
@@ -190,6 +192,8 @@ def round_gap_to_zero(gap: Array, lambda_H: Array) -> Array:
     In exact arithmetic it is 0 where lambda_H > 0, and nowhere below 0. Values that differ from this tell the
     size of what is left.
     """
-    held = np.isfinite(gap)
-    rest = np.where(lambda_H[held] > 0, np.abs(gap[held]), np.maximum(-gap[held], 0.0))
-    return np.where(np.abs(gap) <= rest.max(initial=0.0), 0.0, gap)
+    has_contact = np.isfinite(gap)
+    residuals = np.where(
+        lambda_H[has_contact] > 0, np.abs(gap[has_contact]), np.maximum(-gap[has_contact], 0.0)
+    )
+    return np.where(np.abs(gap) <= residuals.max(initial=0.0), 0.0, gap)

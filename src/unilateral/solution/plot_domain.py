@@ -77,10 +77,12 @@ def draw_mesh(axes: Axes, plot_data: PlotData) -> None:
     """The triangles, or where they are many their sizes: the mean on a logarithmic scale at each node."""
     n = len(plot_data.mesh.triangles)
     if n <= MAX_OUTLINED_TRIANGLES:
-        whole = Triangulation(
+        triangulation = Triangulation(
             plot_data.mesh.points[:, 0], plot_data.mesh.points[:, 1], plot_data.mesh.triangles
         )
-        axes.triplot(whole, color="k", linewidth=min(0.5, MESH_LINE_POINTS / np.sqrt(n)), rasterized=True)
+        axes.triplot(
+            triangulation, color="k", linewidth=min(0.5, MESH_LINE_POINTS / np.sqrt(n)), rasterized=True
+        )
     else:
         nodes = plot_data.mesh.triangles.ravel()
         logs = np.bincount(nodes, np.repeat(np.log(plot_data.mesh.longest_edges), 3)) / np.bincount(nodes)
@@ -126,9 +128,9 @@ def _draw_outline(axes: Axes, plot_data: PlotData) -> None:
     polygon = plot_data.mesh.polygon
     free = np.setdiff1d(plot_data.contact.partition.side[plot_data.no_contact], plot_data.clamped_sides)
     sides = np.stack([polygon.vertices, np.roll(polygon.vertices, -1, axis=0)], axis=1)
-    held = np.delete(np.arange(polygon.n_sides), free)
-    for these, look in ((held, {"colors": "k"}), (free, {"colors": FREE_COLOUR, "linestyles": "dashed"})):
-        axes.add_collection(LineCollection([*sides[these]], linewidths=1.2, zorder=2, **look))
+    solid = np.delete(np.arange(polygon.n_sides), free)
+    for group, style in ((solid, {"colors": "k"}), (free, {"colors": FREE_COLOUR, "linestyles": "dashed"})):
+        axes.add_collection(LineCollection([*sides[group]], linewidths=1.2, zorder=2, **style))
     for side in plot_data.clamped_sides:
         axes.plot(
             *sides[side].T,
@@ -139,7 +141,7 @@ def _draw_outline(axes: Axes, plot_data: PlotData) -> None:
         axes.legend(
             loc="upper right", bbox_to_anchor=(1.15, 0), fontsize="small", borderaxespad=2, frameon=False
         )
-    lines = [(each.first, each.last) for each in plot_data.contact.intervals]
+    lines = [(interval.first, interval.last) for interval in plot_data.contact.intervals]
     axes.add_collection(LineCollection(lines, colors=CONTACT_COLOUR, linewidths=4, capstyle="butt", zorder=3))
     for side in select_numbered_sides(plot_data):
         inside = -10 * polygon.normals[side]

@@ -32,10 +32,10 @@ def explain_nonuniqueness(mesh: Mesh, is_user_mesh: bool) -> str:
     """A sentence that lambda_H may not be unique, and how to mend that."""
     shortest = float(mesh.polygon.lengths.min())
     advice = "take h < H, such as H = 2h"
-    alone = np.bincount(mesh.side) == 1
-    if is_user_mesh and alone.any():
+    is_single_edge = np.bincount(mesh.side) == 1
+    if is_user_mesh and is_single_edge.any():
         advice = (
-            f"a side of the polygon needs two edges of the mesh or more, and side {alone.argmax()} is one; "
+            f"a side of the polygon needs two edges of the mesh or more, and side {is_single_edge.argmax()} is one; "
             "take ul.mesh(mesh, halvings=1)"
         )
     elif is_user_mesh:
@@ -79,13 +79,13 @@ def explain_nonconvergence(solved: DiscreteSolution) -> str:
     """Says that an iteration did not converge, with the bound on its algebraic error, and why."""
     result = solved.result
     bound = format_interval(-math.inf, result.bound, spec=".4e")
-    told = f"the iteration did not converge: the algebraic error is {bound}"
+    failure = f"the iteration did not converge: the algebraic error is {bound}"
     if 2 * result.rounding > result.bound:
-        return f"{told}, because rounding alone adds {format_up(result.rounding, '.1e')}; take a larger tolerance"
+        return f"{failure}, because rounding alone adds {format_up(result.rounding, '.1e')}; take a larger tolerance"
     if result.algorithm in ROUNDING_LIMITED_ALGORITHMS:
-        return f"{told}, because rounding allows no less; take a larger tolerance"
+        return f"{failure}, because rounding allows no less; take a larger tolerance"
     steps = pluralise(int(result.iterations), "step")
-    return f"{told} after {steps}; allow more of them, or take another algorithm"
+    return f"{failure} after {steps}; allow more of them, or take another algorithm"
 
 
 def warn_of_shortfalls(solution: Solution, is_user_mesh: bool = False) -> None:
@@ -110,19 +110,19 @@ def warn_of_shortfalls(solution: Solution, is_user_mesh: bool = False) -> None:
 def explain_missed_accuracy(search: Search, solution: Solution) -> str:
     """Why the accuracy is not certified, and what is reached: in the same terms, and as an error."""
     best = search.best
-    parts = [f"the accuracy {best.goal.accuracy:g} is not certified: {search.ended}"]
+    clauses = [f"the accuracy {best.goal.accuracy:g} is not certified: {search.ended}"]
     if not search.believed:
-        parts.append("no bound is left")
+        clauses.append("no bound is left")
     elif not best.total < math.inf:
-        parts.append("no bound is known")
+        clauses.append("no bound is known")
     elif best.goal.absolute or not best.size > 0:
-        parts.append(f"reached is {format_up(best.total, '.4e')}")
+        clauses.append(f"reached is {format_up(best.total, '.4e')}")
     else:
         share = format_up(relative_bound(best.total, best.size), ".3g")
         size = getattr(name_solution_norms(solution.problem), best.goal.norm)
-        parts.append(f"reached is {share} of {size}, or {format_up(best.total, '.4e')}")
+        clauses.append(f"reached is {share} of {size}, or {format_up(best.total, '.4e')}")
     if search.refusal:
-        parts.append(str(search.refusal))
+        clauses.append(str(search.refusal))
     if search.reach:
-        parts.append(f"an accuracy of {search.reach:g} is within reach")
-    return "; ".join(parts)
+        clauses.append(f"an accuracy of {search.reach:g} is within reach")
+    return "; ".join(clauses)

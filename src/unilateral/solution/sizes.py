@@ -61,11 +61,11 @@ def mesh_problem(
     The `mesh_or_kind` may be a mesh of one's own. Raises InputError where a size is missing, or one too many,
     and as `put_on_mesh`.
     """
-    own = problem.mesh
-    if own is not None and mesh_or_kind not in ("", own):
+    problem_mesh = problem.mesh
+    if problem_mesh is not None and mesh_or_kind not in ("", problem_mesh):
         raise InputError(f"'{problem.name}' was made of a mesh and is solved on it; leave mesh out")
     mesh, partition = make_mesh_and_partition(
-        problem.polygon, h, H, mesh_or_kind if own is None else own, stop
+        problem.polygon, h, H, mesh_or_kind if problem_mesh is None else problem_mesh, stop
     )
     return put_on_mesh(problem, mesh), mesh, partition
 

@@ -59,30 +59,30 @@ def collect_summary_rows(solution: Solution) -> dict[str, str]:
     sharp = uses_sharp_bounds(solution)
     cells = solution.solved.cells
     solved = solution.solved
-    found = {"polygon": f"{solution.polygon.n_sides} sides"}
+    rows = {"polygon": f"{solution.polygon.n_sides} sides"}
     if linear := linear_fields(solution.problem):
-        found[", ".join(linear)] = NODAL_VALUES_TEXT
-    found["unknowns"] = f"{solution.mesh.n_nodes}, and {pluralise(len(cells), 'multiplier')}"
+        rows[", ".join(linear)] = NODAL_VALUES_TEXT
+    rows["unknowns"] = f"{solution.mesh.n_nodes}, and {pluralise(len(cells), 'multiplier')}"
     if solved.is_foreign:
-        found["u"] = "of another program"
+        rows["u"] = "of another program"
     if not has_computed_bounds(solution, sharp) and (
         solution.mesh.n_nodes > MAX_NODES_FOR_SUMMARY or explain_memory_shortage(solution, sharp)
     ):
-        found["error of u"] = "not bounded yet: see bounds"
+        rows["error of u"] = "not bounded yet: see bounds"
     else:
-        found |= _collect_bound_rows(solution, solution.sharp_bounds if sharp else solution.bounds, sharp)
-    held = solution.contact
+        rows |= _collect_bound_rows(solution, solution.sharp_bounds if sharp else solution.bounds, sharp)
+    contact = solution.contact
     around = f"of {solution.polygon.perimeter:.4g}"
-    found["contact"] = "the whole boundary, " * held.full + f"length {held.length:.4g} {around}"
+    rows["contact"] = "the whole boundary, " * contact.full + f"length {contact.length:.4g} {around}"
     if not len(cells):
-        found["contact"] = LINEAR_PROBLEM_NOTE
+        rows["contact"] = LINEAR_PROBLEM_NOTE
     if not solution.converged:
-        found["not converged"] = (
+        rows["not converged"] = (
             f"the algebraic error is {format_interval(-math.inf, solved.result.bound, spec='.2g')}"
         )
     if not solution.unique:
-        found["lambda_H"] = "may not be unique"
-    return found
+        rows["lambda_H"] = "may not be unique"
+    return rows
 
 
 def _collect_bound_rows(solution: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, str]:
@@ -93,16 +93,16 @@ def _collect_bound_rows(solution: Solution, bounds: Bounds | None, sharp: bool) 
             "force": f"{solution.solved.force:.4g}",
         }
     names = name_solution_norms(solution.problem)
-    parts = {"error of u": (bounds.u, bounds.relative_u, names.h1)}
+    errors = {"error of u": (bounds.u, bounds.relative_u, names.h1)}
     if len(solution.solved.cells):
-        parts["error of lambda"] = bounds.multiplier, bounds.relative_multiplier, names.hm12
+        errors["error of lambda"] = bounds.multiplier, bounds.relative_multiplier, names.hm12
     rows = {}
-    for name, (bound, part, norm) in parts.items():
-        share = f", {format_percent(part)} of {norm}" if part < 1 else ""
+    for name, (bound, relative, norm) in errors.items():
+        share = f", {format_percent(relative)} of {norm}" if relative < 1 else ""
         rows[name] = add_guarantee(
             f"{format_interval(-math.inf, bound, spec='.3g')}{share}", -math.inf, bound
         )
-    if len(parts) == 1:
+    if len(errors) == 1:
         return rows
     forces = {"force": solution.force(sharp)}
     if solution.problem.c == ZERO:

@@ -59,7 +59,7 @@ def write_csv(columns: TableColumns, path: Path) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        writer.writerows([["" if each != each else each for each in row] for row in rows])
+        writer.writerows([["" if value != value else value for value in row] for row in rows])
 
 
 def solution_cell_columns(solution: Solution) -> TableColumns:
@@ -80,7 +80,7 @@ def make_dataset(solution: Solution) -> xr.Dataset:
     if bounds := bound_errors(solution, sharp=False):
         attributes |= {"h1_bound": bounds.u, "hm12_bound": bounds.multiplier}
     columns = {name: ("cell", column) for name, column in cells.items()}
-    found = xr.Dataset(
+    dataset = xr.Dataset(
         {
             "u": ("node", solution.u),
             "triangles": (("triangle", "corner"), mesh.triangles.astype(np.int32)),
@@ -90,8 +90,8 @@ def make_dataset(solution: Solution) -> xr.Dataset:
         {"x": ("node", mesh.points[:, 0]), "y": ("node", mesh.points[:, 1])},
         attrs={"Conventions": "CF-1.8", "title": "Solution of a unilateral boundary problem", **attributes},
     )
-    for name, variable in found.variables.items():
+    for name, variable in dataset.variables.items():
         variable.attrs = {"long_name": LONG_NAMES[str(name)], "units": "1"}
         if name not in ("multiplier", "gap"):
             variable.encoding["_FillValue"] = None
-    return found
+    return dataset

@@ -43,8 +43,8 @@ def check_target(path: str | os.PathLike[str], endings: Mapping[str, Sequence[st
     """
     path = check_path(path, f"name{min(endings)}")
     if path.suffix not in endings:
-        *others, last = endings
-        raise InputError(f"{path}: the ending must be {', '.join(others)} or {last}")
+        *first_endings, last = endings
+        raise InputError(f"{path}: the ending must be {', '.join(first_endings)} or {last}")
     require(f"files that end in {path.suffix} need", *endings[path.suffix])
     check_writable(path)
 
