@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from unilateral.solution.solution import Solution
 
 MAX_PRINTED_SIDES = 12
-"""At most this many sides are printed."""
 
 
 class Forces(NamedTuple):
@@ -62,7 +61,11 @@ def _format_force(force: Force, marks_guarantee: bool) -> str:
 
 
 def group_adjacent_sides(n_sides: int, clamped: Sequence[int]) -> list[list[int]]:
-    """The clamped ones of n sides, those in a row together."""
+    """The clamped ones of n sides, in rows of adjacent ones, over which reactions are summed.
+
+    No function of V is 1 on one side of a row and 0 on the next, so only the sum over a row has bounds.
+    """
+    # a row begins where the side before is not clamped, or anywhere if all sides are
     starts = [side for side in clamped if (side - 1) % n_sides not in clamped] or [*clamped][:1]
     rows = []
     for start in starts:
@@ -84,6 +87,7 @@ def compute_forces(solution: Solution, sharp: bool) -> Forces:
         solution, sharp, [with_contact, [*range(n)], *single_sides, *rows]
     )
     reactions = dict(zip(map(tuple, rows), group_forces[n:], strict=True))
+    # (1.1) with v = 1: the sum of all is - int f - int q if c = 0, and not known without that
     return Forces(contact_force, group_forces[:n], reactions, total if solution.problem.c == ZERO else None)
 
 
@@ -106,12 +110,13 @@ def compute_force(solution: Solution, sharp: bool, sides: Sequence[int] | None) 
 
 
 def _bound_forces(solution: Solution, sharp: bool, side_groups: list[list[int]]) -> list[Force]:
+    """The forces, with reactions, over groups of sides, between bounds by Proposition S16."""
     arguments.check_flags(sharp=sharp)
     bounds = bound_errors(solution, sharp)
     solved = solution.solved
     form = solved.form
     n = solution.polygon.n_sides
-    # Without bounds nothing is known of reactions
+    # without bounds nothing is known of reactions
     outflows = np.where(np.isin(np.arange(n), form.clamped), math.nan, np.zeros((2, n)))
     clamps = ReactionData(form, outflows, no_clamped_ends(n), math.inf)
     if form.clamped and bounds:
@@ -125,5 +130,6 @@ def _bound_forces(solution: Solution, sharp: bool, side_groups: list[list[int]])
         clamps = ReactionData(
             form, bound.outflows, cheap.clamped_ends, bound.reaction_bound, data.total_force
         )
+    # E of `bounds.forces`: |<lambda - lambda_H, w>| <= E N(w)
     error = bounds.multiplier if bounds else math.inf
     return bound_forces(solved.mesh, solved.partition, solved.lambda_H, error, side_groups, clamps)

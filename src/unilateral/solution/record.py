@@ -25,7 +25,7 @@ MAX_NODES_FOR_BETA = 20_000
 
 
 def describe_norms(problem: Problem) -> dict[str, str]:
-    """The norms of errors, bounds and accuracies, by the names that fields have."""
+    """Formulas of the norms of errors, bounds and accuracies, by the names that fields have."""
     v_norm = name_energy_norm(problem, "v")
     energy_formula = "(k ||grad v||_0^2 + c ||v||_0^2)^(1/2)" if problem.c != ZERO else "k^(1/2) ||grad v||_0"
     vanishing = " over v that vanish on clamped sides" if problem.clamped_sides else ""
@@ -53,6 +53,7 @@ def make_solution_record(
     norm = goal.norm if goal else "h1"
     bounds_or_nan = bounds or Bounds(*(math.nan,) * 3)
     beta = solution.beta if mesh.n_nodes <= MAX_NODES_FOR_BETA else math.nan
+    # ||lambda_H - its exact value||_-1/2,h, by Proposition 7; by (3.4) over beta it is one in H^(-1/2)
     algebraic = math.nan if solved.is_foreign else result.bound
     return {
         "problem": solution.problem.name,

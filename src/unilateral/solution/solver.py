@@ -89,9 +89,8 @@ class Solver:
         as `Problem`. Warns as `solve`.
         """
         problem, discrete = self._discretise(f, g, q)
-        with warnings.catch_warnings(
-            action="ignore", category=IterationWarning
-        ):  # `warn_of_shortfalls` tells it
+        # `warn_of_shortfalls` says the same in terms of the solution
+        with warnings.catch_warnings(action="ignore", category=IterationWarning):
             solution = Solution(problem, discrete.solve(self.stop))
         warn_of_shortfalls(solution, self.own_mesh)
         return solution
@@ -108,10 +107,8 @@ class Solver:
         )
 
     def _discretise(self, f: Given, g: GivenOnSides, q: GivenOnSides) -> tuple[Problem, DiscreteProblem]:
-        """The problem with that f, g and q, and the discrete one.
-
-        The enclosures of the problem's own f and of the last formula are kept for calls with the same one.
-        """
+        """The problem with that f, g and q, and the discrete one."""
+        # the enclosures of the problem's own f and of the last formula are kept for calls with the same one
         problem = self._replace_data(f, g, q)
         formula = problem.f if isinstance(problem.f, Expression) and problem.exact is None else None
         source = None if formula is None else self._source_enclosures.get(formula)
@@ -126,6 +123,7 @@ class Solver:
         return problem, discrete
 
     def _replace_data(self, f: Given, g: GivenOnSides, q: GivenOnSides) -> Problem:
+        """The problem with the f, g and q that are given. Raises InputError where one of them is missing."""
         problem = self.problem
         missing = [name for name, value in (("f", f), ("g", g)) if value is None]
         if missing and not self.has_data:
