@@ -15,7 +15,7 @@ FOLDER_TYPE = click.Path(readable=False, file_okay=False)
 
 
 def is_count(text: str) -> bool:
-    """Whether a text is a whole number without a sign, of a size that is read."""
+    """Whether a text is a whole number without a sign, of at most MAX_COUNT_DIGITS digits."""
     return text.isdecimal() and len(text) <= MAX_COUNT_DIGITS
 
 

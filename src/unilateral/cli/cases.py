@@ -47,7 +47,8 @@ def list_cases() -> Iterator[str]:
         for solution, certificate in certify_on_polygons(name, list_case_polygons(name)):
             holds = ["yes" if value else "no" for value in certificate.hypotheses.values()]
             flux, gap = largest_flux_and_gap(certificate)
-            row = f"{flux:<10.3g} {gap:<9.3g} {describe_contact(certificate.contact):31} {solution.polygon.name}"
+            contact = describe_contact(certificate.contact)
+            row = f"{flux:<10.3g} {gap:<9.3g} {contact:31} {solution.polygon.name}"
             yield f"{name:15} {holds[0]:4} {holds[1]:5} {holds[2]:6} {row}"
         yield f"{'':15} {case.read_case_declaration(name)[0]['title']}"
 
@@ -105,7 +106,7 @@ def certify_on_polygons(
 
 
 def largest_flux_and_gap(certificate: CaseCertificate) -> tuple[float, float]:
-    """The largest values of lambda and of the gap; 0 for what is rounding."""
+    """The largest values of lambda and of the gap, 0 where they are rounding."""
     flux = certificate.max_multiplier if certificate.max_multiplier > CASE_ROUND_OFF else 0.0
     gap = certificate.max_gap if certificate.max_gap > CASE_ROUND_OFF else 0.0
     return flux, gap
@@ -123,7 +124,7 @@ def describe_contact(intervals: Sequence[tuple[int, float, float]]) -> str:
 
 
 def render_case(name: str, polygon: str | None, side: int, text_format: str) -> str:
-    """The case on that polygon, or on all that it is for, in the format of that kind.
+    """The case on a polygon, or on all that it is for, as text in a format.
 
     Raises InputError for an unknown case or polygon, and where there is no such format of it.
     """
@@ -154,7 +155,7 @@ def make_case_record(certified_cases: list[tuple[ExactSolution, CaseCertificate]
 
 
 def proved_rates(solution: ExactSolution) -> dict[str, float] | None:
-    """The rates of Theorem 4.1, None where it does not apply."""
+    """The rates of Theorem 4.1 by norm, None where it does not apply."""
     return PROVED_RATES if all(solution.declaration["hypotheses"].values()) else None
 
 

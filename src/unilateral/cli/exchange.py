@@ -53,6 +53,7 @@ def run_export(
         check_mesh_memory(problem.polygon, h)
         coarse = make_mesh_of_size(problem.polygon, h * 2 ** (levels - 1))
     exports.export_case(problem, coarse, H, levels, out)
+    # the beta of (3.4) may be 0 then
     if coarse.h / 2 ** (levels - 1) >= make_uniform_partition(problem.polygon, H).H:
         print_message("the multiplier may not be unique, because h >= H; take h < H, such as H = 2h")
     print_result(f"{problem.name}: {pluralise(levels, 'level')} in {out}")
@@ -81,7 +82,8 @@ def run_score(
         first = first_on.setdefault(solution.level.name, solution.file)
         if first is not solution.file:
             raise InputError(
-                f"{solution.file}: it is on {solution.level.name}, as {first} is; hand in one solution for each level"
+                f"{solution.file}: it is on {solution.level.name}, as {first} is; hand in one solution for "
+                "each level"
             )
     scored = [scores.score_solution(case, solution) for solution in foreign_solutions]
     rates = scores.compute_rates(case, scored)
@@ -92,15 +94,15 @@ def run_score(
 
             temporary.write_text(render_score_page(case, scored, rates), encoding="utf-8", newline="\n")
     if json:
-        judged = {
+        record = {
             "case": case.name,
             "verdict": verdict,
             "rates": {
-                n: _replace_nan(rate._asdict()) | {"verdict": rate.verdict} for n, rate in rates.items()
+                norm: _replace_nan(rate._asdict()) | {"verdict": rate.verdict} for norm, rate in rates.items()
             },
-            "solutions": [_make_score_record(solution) for solution in scored],
+            "solutions": [_make_score_record(scored_solution) for scored_solution in scored],
         }
-        print_result(dumps(judged))
+        print_result(dumps(record))
     else:
         lines = [
             *_format_error_table(case, scored),
@@ -139,14 +141,14 @@ def _format_error_table(case: Problem, scored_solutions: list[ScoredSolution]) -
     """The errors, with this project's own below them."""
     u_title = f"u in {FORM_AND_NORM_NAMES[case.c != ZERO][1]}"
     yield f"{'level':10} {'h':>9} {u_title:>10} {'lambda in H^(-1/2)':>22} {'in L2':>10}  multiplier"
-    for solution in scored_solutions:
+    for scored in scored_solutions:
         rows = (
-            (solution.errors, solution.solution.level.name, solution.solution.multiplier_kind),
-            (solution.reference_errors, "  own", "constant on cells"),
+            (scored.errors, scored.solution.level.name, scored.solution.multiplier_kind),
+            (scored.reference_errors, "  own", "constant on cells"),
         )
         for errors, name, kind in rows:
             h1, dual, l2 = scores.format_errors(errors)
-            numbers = f"{solution.solution.level.mesh.h:9.4g} {h1:>10} {dual:>22} {l2:>10}"
+            numbers = f"{scored.solution.level.mesh.h:9.4g} {h1:>10} {dual:>22} {l2:>10}"
             yield f"{name:10} {numbers}  {kind}"
 
 
@@ -160,4 +162,5 @@ def _format_rates(
             numbers = f"{rate.observed:.2f} ({pluralise(rate.pairs, 'pair')}), own {rate.own:.2f}{proved}"
             yield f"rate in {norm:5} {numbers}: {rate.verdict}"
         else:
-            yield f"rate in {norm:5} {rate.verdict}: {scores.explain_missing_rate(case, scored_solutions, norm)}"
+            reason = scores.explain_missing_rate(case, scored_solutions, norm)
+            yield f"rate in {norm:5} {rate.verdict}: {reason}"

@@ -36,10 +36,7 @@ NARROW_FORCE_RATIO = 1e-4
 """A force whose interval is narrower than this part of it is printed with the digits that are known."""
 MAX_FORCE_SIDES = 12
 MAX_INTERVALS_PER_SIDE = 4
-"""Forces are computed, and the contact on sides is printed, for at most SIDES sides.
-
-At most INTERVALS intervals of a side are printed.
-"""
+"""Forces and the contact of sides are computed and printed for at most so many sides, and intervals."""
 NORMS_WITH_COEFFICIENTS = "||v||_1^2 is k |v|_1^2 + c ||v||_0^2, and ||.||_-1/2 its dual norm"
 WITHOUT_REACTION = "errors are in the norm {}, as c = 0, and ||.||_-1/2 is its dual norm"
 LEVEL_COLUMNS = ("h", "least h", "H", "unknowns", "multipliers", "steps", "algebraic", "total", "wanted")
@@ -72,10 +69,10 @@ def format_result(
     nonuniqueness: str,
     problem: Problem,
 ) -> str:
-    """Rows for a reader: what was found with its bounds.
+    """Rows for a reader: unknowns, errors, bounds, contact, forces and cost.
 
-    `norms_below` are lower bounds on the norms of the solution, by the names of norms. `nonuniqueness` is
-    what is told of a lambda_H that may not be unique, else empty.
+    `norms_below` are lower bounds on the norms of the solution, by the names of norms. `nonuniqueness` are
+    words on a lambda_H that may not be unique, else empty.
     """
     steps = "" if _is_unknown(record["iterations"]) else f", after {pluralise(record['iterations'], 'step')}"
     outcome = "converged" if record["converged"] else "NOT converged"
@@ -89,6 +86,7 @@ def format_result(
     if not record["foreign"]:
         rows[f"{record['algorithm']} {outcome}"] = algebraic + steps
     if record["multipliers"] and not _is_unknown(record["hm12_algebraic_bound"]):
+        # ||mu||_-1/2 <= ||mu||_-1/2,h / beta, by (3.4)
         bound = record["hm12_algebraic_bound"]
         bound_text = f"{format_interval(-math.inf, bound, spec=NUMBER_FORMAT)} in H^(-1/2)"
         beta_text = f"as beta >= {format_down(record['beta'], '.3f')}"
@@ -106,6 +104,7 @@ def format_result(
     rows |= _contact_rows(record["contact"]) if record["multipliers"] else {"contact": LINEAR_PROBLEM_NOTE}
     for row in forces:
         value, lower, upper = row.force
+        # a narrow interval is printed with as many digits as are known
         spec = "" if 0 < upper - lower < NARROW_FORCE_RATIO * abs(value) else NUMBER_FORMAT
         rows[row.label] = format_interval(lower, upper, value, spec)
     if nonuniqueness:
@@ -115,15 +114,15 @@ def format_result(
 
 
 def _format_error_bound(norm: str, bound: float, norm_below: float, problem: Problem) -> str:
-    """A bound on the error in a norm as text, with the relative one where the norm is known to be positive."""
+    """A bound on the error in a norm as text, and the relative one where the norm is known to be positive."""
     error = getattr(name_errors(problem), norm)
     if not bound < math.inf:
         return f"{error} is unknown"
     text = f"{error} <= {format_up(bound, NUMBER_FORMAT)}"
     if norm_below > 0:
         share = format_up(relative_bound(bound, norm_below), ".3g")
-        named = getattr(name_solution_norms(problem), norm)
-        text += f" <= {share} {named}, {named} >= {format_down(norm_below, NUMBER_FORMAT)}"
+        size = getattr(name_solution_norms(problem), norm)
+        text += f" <= {share} {size}, {size} >= {format_down(norm_below, NUMBER_FORMAT)}"
     return text
 
 
@@ -156,8 +155,9 @@ def _contact_rows(contact_record: dict[str, Any]) -> dict[str, str]:
 def _true_error_rows(record: dict[str, Any], unique: bool, names: NormNames) -> dict[str, str]:
     """The rows of the true errors."""
 
-    def format_error(key: str, written: Callable[[float, str], str] = format) -> str:
-        return why if _is_unknown(record[key]) else written(record[key], NUMBER_FORMAT)
+    def format_error(key: str, to_text: Callable[[float, str], str] = format) -> str:
+        """An error as text, or why it is not known."""
+        return why if _is_unknown(record[key]) else to_text(record[key], NUMBER_FORMAT)
 
     why = (
         "undefined, because lambda is not in L2" if unique else "not judged, because beta is 0 up to rounding"
@@ -209,10 +209,11 @@ def describe_ending(search: Search, problem: Problem) -> str:
         return f"  certified: {reached}"
     bound = best.solved.bound(best.goal.sharp)
     if bound and search.ended == NOT_ENCLOSED:
+        remainder = format_up(bound.data_remainder, NUMBER_FORMAT)
         return (
-            f"  NOT guaranteed, because {NOT_ENCLOSED}: {reached}; {format_up(bound.data_remainder, NUMBER_FORMAT)} of this bound "
-            f"is for approximating them, and the rest, {best.total - bound.data_remainder:{NUMBER_FORMAT}}, "
-            "is only an estimate"
+            f"  NOT guaranteed, because {NOT_ENCLOSED}: {reached}; {remainder} of this bound is for "
+            f"approximating them, and the rest, {best.total - bound.data_remainder:{NUMBER_FORMAT}}, is only "
+            "an estimate"
         )
     needed = f"; that needs {format_plan(search.plan)}" if search.plan else ""
     return (
@@ -225,7 +226,7 @@ def _suggest_accuracy(search: Search) -> str:
 
 
 def round_plan(plan: Plan) -> Plan:
-    """The plan, with the two digits that a prediction may have."""
+    """The plan with numbers of two digits, as many as a prediction may have."""
     unknowns = float(f"{plan.unknowns:.2g}")
     seconds = float(f"{plan.seconds:.2g}")
     mb = float(f"{plan.peak_mb:.2g}")

@@ -87,7 +87,8 @@ MESH_KIND_NAMES = ("structured", "unstructured")
     "--max-seconds",
     type=parse_positive,
     metavar="S",
-    help=f"with --accuracy: time limit; the best so far is kept, with its bound (default {DEFAULT_MAX_SECONDS:g})",
+    help="with --accuracy: time limit; the best so far is kept, with its bound "
+    f"(default {DEFAULT_MAX_SECONDS:g})",
 )
 @click.option(
     "--max-memory",

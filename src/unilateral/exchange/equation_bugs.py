@@ -35,7 +35,6 @@ NEGLIGIBLE_RESIDUAL_SHARE = 1e-3
 """Less than this fraction of what may be left is as good as nothing, and not compared."""
 RELATIVE_U_ROUNDING = 1e-12
 """Rounding of u leaves at most this fraction of it: EPS (4 n)^(1/2) on n nodes."""
-
 MIN_NONZERO_FACTOR = 1e-6
 """A factor below this counts as 0."""
 MIN_RENUMBERING_RATIO = 10
@@ -46,9 +45,9 @@ These are the distance of both if they are sorted, and that of the right values 
 
 
 class Repair(NamedTuple):
-    """A bug, and the `residual` without it; `repair_multiplier` makes of one that was handed in what it then is.
+    """A bug that is undone: its fault, the `residual` without it, and what `repair_multiplier` makes of mu.
 
-    The bug may be one of `needs_multiplier`, of u and of the multiplier.
+    A bug that `needs_multiplier` is one of both u and the multiplier.
     """
 
     fault: Fault
@@ -60,7 +59,7 @@ class Repair(NamedTuple):
 def identify_load(
     case: Problem, exported: Residual, mu: Array | None, max_residual: float
 ) -> tuple[Residual, str]:
-    """The residual with the load that u's equation has, and that load's name: the exported one if in doubt.
+    """Residual with the load that u's equation has, and that load's name; the exported one if in doubt.
 
     Another load has to leave no more than `max_residual` inside, and hardly anything of what the exported one
     leaves. If the exported one leaves more than `max_residual` inside, that is compared inside. Else it is
@@ -85,10 +84,10 @@ def identify_load(
 
 
 def list_repairs(case: Problem, residual: Residual, max_residual: float) -> list[Repair]:
-    """Bugs that, undone, leave no more than `max_residual` and hardly anything of the residual."""
+    """Bugs without which no more than `max_residual` and hardly anything of the residual is left."""
     threshold = min(max_residual, MAX_UNEXPLAINED_SHARE * residual.interior_norm)
     for _, load in list_candidate_loads(case.known_solution(), residual.discrete):
-        if np.isfinite(load).all():
+        if np.isfinite(load).all():  # f may be infinite at nodes
             candidate = Residual(residual.discrete, residual.u, load)
             repairs = [
                 repair for repair in _try_bugs(candidate) if repair.residual.interior_norm <= threshold
@@ -111,6 +110,7 @@ def _try_bugs(residual: Residual) -> Iterator[Repair]:
             c = residual.fit_factor(signature)
             without = residual.add_load(c * signature)
             yield Repair(_describe_factor(f"the {term}", 1 - c, signature, without), without)
+        # K u / 2 + 2 M u = f, so A u - f = K u / 2 - M u: no factor is left to fit
         areas = 0.5 * K_u - M_u
         detail = "(grad u, grad v) / 2 + 2 (u, v) fits f"
         yield Repair(Fault("the triangles' areas are twice the right ones", detail), residual.add_load(areas))
@@ -128,6 +128,7 @@ def _try_bugs(residual: Residual) -> Iterator[Repair]:
 
 def _try_wrong_factors(residual: Residual) -> Iterator[Repair]:
     """Bugs that the load, the matrix or u has a wrong factor, if (u, v)_1 = factor (f, v) inside."""
+    # A u - f = c f for the factor 1 + c
     factor = 1 + residual.fit_factor(residual.load)
     scaled = Residual(residual.discrete, residual.u, factor * residual.load)
     load = _describe_factor("the load (f, v)", factor, residual.load, scaled)
@@ -158,7 +159,7 @@ def _describe_factor(name: str, factor: float, term: Array, residual: Residual) 
 
 
 def _is_missing(factor: float, term: Array, residual: Residual) -> bool:
-    """Whether the factor of a term (n,) is 0 as far as one can see."""
+    """Whether the factor of a term (n,) is 0 up to what is left of the residual."""
     size = residual.interior_dual_norm(term)
     return abs(factor) * size <= residual.interior_norm + MIN_NONZERO_FACTOR * size
 
@@ -176,14 +177,13 @@ def _try_swapped_axes(residual: Residual, max_residual: float) -> Iterator[Repai
 
 
 def find_clamped_fault(residual: Residual, max_error: float) -> Iterator[Fault]:
-    """The fault that u is not u_D at nodes of clamped sides, if that alone is an error above `max_error` in H1.
-
-    The energy would be no measure: if c = 0, constants have none.
-    """
+    """The fault that u is not u_D on clamped sides, if that alone is an error above `max_error` in H1."""
+    # the energy would be no measure: if c = 0, constants have none
     discrete = residual.discrete
     condensed = residual.discrete.spaces.condensed
     mesh = discrete.mesh
     form = discrete.form
+    # u - u_D on clamped sides, extended with the least energy: (w, v)_1 = 0 for all v that vanish there
     deviation = np.where(condensed.clamped_nodes, residual.u - discrete.dirichlet_lift, 0.0)
     extension = deviation + condensed.solve(
         subtract_lift_from_load(mesh, form, np.zeros(len(deviation)), deviation)
@@ -191,6 +191,7 @@ def find_clamped_fault(residual: Residual, max_error: float) -> Iterator[Fault]:
     if energy_norm(mesh, extension) <= max_error:
         return
     worst = np.abs(deviation).argmax()
+    # the clamped sides with an edge on which u differs
     ends = np.abs(deviation[mesh.boundary]) > MIN_NONZERO_FACTOR * abs(deviation[worst])
     sides = np.unique(mesh.side[form.clamped_edges(mesh) & (ends | np.roll(ends, -1))])
     how = _describe_clamped_values(
@@ -203,7 +204,7 @@ def find_clamped_fault(residual: Residual, max_error: float) -> Iterator[Fault]:
 
 
 def _describe_clamped_values(residual: Residual, edges: Mask, max_residual: float) -> str:
-    """Words on u on the edges: left free, if the equation holds at the nodes inside the sides, too, or another value."""
+    """Words on u on clamped edges: left free if the equation holds at their inner nodes, or not u_D, or 0."""
     mesh = residual.discrete.mesh
     A = residual.discrete.spaces.condensed.A
     inner = mesh.boundary[(edges & np.roll(edges, 1))]
@@ -217,12 +218,10 @@ def _describe_clamped_values(residual: Residual, edges: Mask, max_residual: floa
 
 
 def find_renumbering(case: Problem, residual: Residual, u_h: Array) -> Fault | None:
-    """The fault of another numbering, if the sorted values are nearly those of u_h (n,).
-
-    They have to be as near to these as these are to the exact ones. All distances are root mean squares over
-    the nodes. Sorted values are never farther apart than values at the nodes, so a right solution passes,
-    however numbered. Twice the distance is allowed, as another method may err twice as much.
-    """
+    """The fault of another numbering, if the sorted values are nearly those of u_h (n,), else None."""
+    # Root mean squares over the nodes. Sorted values are never farther apart than those at the nodes
+    # (rearrangement inequality), so the values of a right solution pass, however numbered. Another method may
+    # err twice as much as u_h.
     exact = case.known_solution().value_and_gradient(residual.discrete.mesh.points)[0]
     discretisation_error = _root_mean_square(u_h - exact)
     distance = _root_mean_square(residual.u - u_h)

@@ -2,7 +2,7 @@
 
     README.md  problem.json  <case>.yaml  level_0/  level_1/  ...
 
-`LEVEL_FILES` says what is in the folder of a level; `read` reads them again.
+`LEVEL_FILES` says what is in the folder of a level; `exported_folder` reads them again.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ In the weak form below v ≥ g means v = u_D there, and in the mixed form v = 0.
 λ is to be handed in on the other sides. What stands for it on clamped sides is not looked at; 0 will do.
 """
 REACTION_TERMS = {"of_u": " + u", "of_v": " + uv", "of_rest": " + u(v − u)", "of_square": " + v²"}
-"""The parts of the README's equations that belong to the reaction term."""
+"""Terms of the README's equations that belong to the reaction term."""
 
 
 def export_case(case: Problem, coarse: Mesh, H: float, levels: int, folder: str | os.PathLike[str]) -> None:
@@ -69,6 +69,7 @@ def export_case(case: Problem, coarse: Mesh, H: float, levels: int, folder: str 
         raise is_there
     check_writable(folder)
     try:
+        # written under another name first, so that the folder appears whole
         with make_hidden_folder(folder) as hidden:
             unfinished = hidden / folder.name
             unfinished.mkdir()
@@ -86,10 +87,10 @@ def _write_folder(case: Problem, coarse: Mesh, H: float, levels: int, folder: Pa
     sizes = []
     for k in range(levels):
         mesh = refine_uniformly(coarse, k)
-        cells = partitions.make_uniform_partition(case.polygon, H * 2 ** (levels - 1 - k))
-        _write_level(case, mesh, cells, folder / f"level_{k}")
-        counts = {"nodes": mesh.n_nodes, "cells": cells.n_cells}
-        sizes.append({"folder": f"level_{k}", "h": mesh.h, "H": cells.H, **counts})
+        partition = partitions.make_uniform_partition(case.polygon, H * 2 ** (levels - 1 - k))
+        _write_level(case, mesh, partition, folder / f"level_{k}")
+        counts = {"nodes": mesh.n_nodes, "cells": partition.n_cells}
+        sizes.append({"folder": f"level_{k}", "h": mesh.h, "H": partition.H, **counts})
     record = _describe_case_in_json(case) | {"levels": sizes}
     (folder / "problem.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8", newline="\n")
     declaration = yaml.safe_dump(dict(case.known_solution().declaration), allow_unicode=True, sort_keys=False)
@@ -98,7 +99,7 @@ def _write_folder(case: Problem, coarse: Mesh, H: float, levels: int, folder: Pa
 
 
 def _describe_case_in_json(case: Problem) -> dict[str, Any]:
-    """Content of problem.json, but for the levels."""
+    """Record of the case for problem.json, without the levels."""
     exact = case.known_solution()
     singular = [
         {"side": p.side, "t": p.t, "place": case.polygon.point(p.side, p.t).tolist()}
@@ -138,7 +139,7 @@ def _write_level(case: Problem, mesh: Mesh, partition: Partition, folder: Path) 
 
 
 def _tabulate_nodes(case: Problem, mesh: Mesh) -> pd.DataFrame:
-    """A row per node. Inside s, g and u_D are empty; on the boundary a node has g, or u_D, or neither."""
+    """Table with a row per node; s, g and u_D are NaN inside, and on the boundary where there is none."""
     exact = case.known_solution()
     s = np.full(mesh.n_nodes, np.nan)
     g = np.full(mesh.n_nodes, np.nan)
@@ -155,7 +156,7 @@ def _tabulate_nodes(case: Problem, mesh: Mesh) -> pd.DataFrame:
 
 
 def _tabulate_quadrature(case: Problem, mesh: Mesh) -> xr.Dataset:
-    """The rules with which this project integrates f and g."""
+    """Points, weights and values of the rules with which this project integrates f and g."""
     exact = case.known_solution()
     blocks: list[tuple[Array, ...]] = []
     for rule in triangle_rules(mesh, exact):
@@ -184,7 +185,7 @@ def _tabulate_quadrature(case: Problem, mesh: Mesh) -> xr.Dataset:
 
 
 def _render_readme(case: Problem, record: dict[str, Any]) -> str:
-    """The template `README.template.md` with the case's own lines."""
+    """Text of the folder's README, from its template and the case's lines."""
     template = resources.files("unilateral.exchange") / "README.template.md"
     columns = "| {folder} | {h:.6g} | {H:.6g} | {nodes} | {cells} |"
     rows = [columns.format(**level) for level in record["levels"]]

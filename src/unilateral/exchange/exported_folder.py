@@ -53,7 +53,7 @@ class ExportedLevel:
 
 @dataclass(frozen=True, eq=False)
 class ForeignSolution:
-    """u (n,) at the nodes of a level, and a multiplier if there is one; `multiplier_kind` says what it was."""
+    """u (n,) at the nodes of a level, and a multiplier or None, which was handed in as `multiplier_kind`."""
 
     file: str
     level: ExportedLevel
@@ -77,10 +77,13 @@ def read_exported_folder(folder: str | os.PathLike[str]) -> tuple[Problem, list[
         case = replace(exact.problem, free_sides=tuple(problem["free_sides"]))
         if not problem["levels"]:
             raise ValueError("problem.json names no levels")
-        return case, [
-            _read_level(folder, case, _check_plain_name(folder, entry["folder"]))
-            for entry in problem["levels"]
-        ]
+        levels = []
+        for entry in problem["levels"]:
+            name = _check_plain_name(folder, entry["folder"])
+            mesh = read_mesh(folder / name / "mesh.vtu", case.polygon)
+            partition = read_partition(folder / name / "partition.csv", case.polygon)
+            levels.append(ExportedLevel(name, mesh, partition, case.clamped_sides))
+        return case, levels
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise InputError(
             f"{folder}: this is not a folder that 'unilateral export' wrote ({error})"
@@ -94,12 +97,6 @@ def _check_plain_name(folder: Path, name: object) -> str:
             f"{folder / 'problem.json'}: {quote_input(repr(name))} is not the name of a file in this folder"
         )
     return name
-
-
-def _read_level(folder: Path, case: Problem, name: str) -> ExportedLevel:
-    mesh = read_mesh(folder / name / "mesh.vtu", case.polygon)
-    cells = read_partition(folder / name / "partition.csv", case.polygon)
-    return ExportedLevel(name, mesh, cells, case.clamped_sides)
 
 
 def read_foreign_solution(
@@ -144,12 +141,16 @@ def read_field_at_nodes(mesh: Mesh, mesh_file: str, file: str, field: str | None
 
 
 def _match_level(levels: list[ExportedLevel], points: Array, file: str) -> tuple[ExportedLevel, Index]:
-    """The level, and the node of each point (k,)."""
+    """The level whose nodes the points (k, 2) are, and the node (k,) of each point.
+
+    Raises InputError, for the nearest level, where points are no nodes, and where nodes have no point.
+    """
     wrong = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if wrong.size:
         raise InputError(
             f"{file}: point {wrong[0]} has the place {_first_place(points, wrong)}; numbers are needed"
         )
+    # on each level: distance and number of the node that is nearest to a point, and nodes without a point
     near = [cKDTree(level.mesh.points).query(points) for level in levels]
     unit = last_digit_unit(points)
     too_far = [
@@ -160,16 +161,19 @@ def _match_level(levels: list[ExportedLevel], points: Array, file: str) -> tuple
         np.setdiff1d(np.arange(level.mesh.n_nodes), node[~far])
         for level, (_, node), far in zip(levels, near, too_far, strict=True)
     ]
-    best = int(np.argmin([far.sum() + len(missing) for far, missing in zip(too_far, absent, strict=True)]))
+    # the level with the fewest points that are no nodes, and nodes that are missing
+    counts = [far.sum() + len(nodes) for far, nodes in zip(too_far, absent, strict=True)]
+    best = int(np.argmin(counts))
     level = levels[best]
     far = np.flatnonzero(too_far[best])
     missing = absent[best]
     if far.size:
-        rounded = near[best][0].max() <= math.sqrt(2) * unit
-        digits = ", or write places with more digits" if rounded else ""
+        # two coordinates, each with an error of one unit at most
+        is_rounding = near[best][0].max() <= math.sqrt(2) * unit
+        advice = ", or write places with more digits" if is_rounding else ""
         raise InputError(
-            f"{file}: another mesh; {far.size} of its {len(points)} points are no nodes of {level.name}, the "
-            f"nearest one, the first at {_first_place(points, far)}; solve on that mesh{digits}"
+            f"{file}: another mesh; {far.size} of its {len(points)} points are no nodes of "
+            f"{level.name}, the nearest one, the first at {_first_place(points, far)}; solve on that mesh{advice}"
         )
     if missing.size:
         raise InputError(
@@ -182,24 +186,25 @@ def _match_level(levels: list[ExportedLevel], points: Array, file: str) -> tuple
 def last_digit_unit(numbers: Array) -> float:
     """The unit of the last digit that the largest of some numbers from a file has, or a larger one.
 
-    They have as few significant digits as leave all of them as they are; with a fixed number of decimals
-    that unit is no smaller either. It is 0 for double precision in full.
+    It is 0 for double precision in full.
     """
     numbers = numbers[numbers != 0]
     if not numbers.size:
         return 0.0
+    # the fewest significant digits by which all numbers stay; fixed decimals have no larger unit
     magnitude = np.floor(np.log10(np.abs(numbers)))
     for digits in range(1, 16):
         unit = 10.0 ** (magnitude + 1 - digits)
         # up to the rounding of a decimal fraction, and of its quotient by a power of ten, to double precision
         if np.all(np.abs(np.round(numbers / unit) * unit - numbers) <= 4 * EPS * np.abs(numbers)):
             return float(unit.max())
+    # as many digits as double precision has, unless the numbers are in single precision
     single = numbers.astype(np.float32)
     return float(np.spacing(np.abs(single).max())) if np.array_equal(single, numbers) else 0.0
 
 
 def _max_place_distance(mesh: Mesh, unit: float) -> float:
-    """How far apart the same places on a mesh may be, if coordinates have an error of a `unit`."""
+    """Distance up to which places on a mesh are the same, if coordinates have an error of a `unit`."""
     corners = mesh.points[mesh.triangles]
     shortest = float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).min())
     return max(SAME_PLACE_RATIO * mesh.h, min(math.sqrt(2) * unit, MAX_PLACE_ROUNDING * shortest))
@@ -211,10 +216,7 @@ def _first_place(points: Array, index: Index) -> tuple[float, ...]:
 
 
 def _order_by_nodes(level: ExportedLevel, node: Index, contents: FileContents, name: str, file: str) -> Array:
-    """Values of a field in the order of the nodes, checked where they are needed.
-
-    The shape is (n,).
-    """
+    """Values (n,) of a field in the order of the nodes, checked where they are needed."""
     field_values = contents.nodal_values[name]
     needed = np.ones(len(node), bool) if name == "u" else np.isin(node, level.mesh.boundary)
     wrong = np.flatnonzero(~(np.abs(field_values) < MAX_INPUT_VALUE) & needed)
@@ -227,6 +229,7 @@ def _order_by_nodes(level: ExportedLevel, node: Index, contents: FileContents, n
         )
     values = np.zeros(level.mesh.n_nodes)
     values[node] = field_values
+    # of several points at a node one has written the value; the others have to agree
     twice = np.flatnonzero((values[node] != field_values) & needed)
     if twice.size:
         place = _first_place(level.mesh.points, node[twice])
@@ -237,6 +240,7 @@ def _order_by_nodes(level: ExportedLevel, node: Index, contents: FileContents, n
 def _build_multiplier(
     level: ExportedLevel, node: Index, contents: FileContents, values: dict[str, Array], file: str
 ) -> tuple[BoundaryFunction | None, str]:
+    """The multiplier that was handed in, as a function on the boundary or None, and words on its kind."""
     mesh = level.mesh
     sources = [
         contents.cells is not None,
@@ -256,9 +260,9 @@ def _build_multiplier(
     if "multiplier" in values:
         return piecewise_linear(mesh, values["multiplier"][mesh.boundary]), "linear on edges"
     if "reaction" in values:
-        reactions = np.where(Form(clamped=level.clamped_sides).clamped_nodes(mesh), 0.0, values["reaction"])[
-            mesh.boundary
-        ]
+        # at clamped nodes a reaction is no part of the multiplier
+        clamped = Form(clamped=level.clamped_sides).clamped_nodes(mesh)
+        reactions = np.where(clamped, 0.0, values["reaction"])[mesh.boundary]
         return represent_reactions(mesh, reactions), "reactions, made a function by the mass matrix"
     return None, "none"
 
@@ -266,16 +270,20 @@ def _build_multiplier(
 def _build_cell_multiplier(
     level: ExportedLevel, start: Array, end: Array, values: Array, file: str
 ) -> BoundaryFunction:
+    """The multiplier with `values` (m,) on the cells from `start` (m,) to `end` (m,) in arc length.
+
+    Raises InputError for values that are not finite, and for cells that leave a gap or overlap.
+    """
     mesh = level.mesh
     order = np.argsort(start)
     start = start[order]
     end = end[order]
     values = _fill_clamped_values(level, mesh.polygon.sides_of(0.5 * (start + end)), values[order])
-    same = _max_place_distance(mesh, last_digit_unit(np.append(start, end)))
-    apart = np.flatnonzero(np.abs(start[1:] - end[:-1]) > same)
-    if apart.size:
+    tolerance = _max_place_distance(mesh, last_digit_unit(np.append(start, end)))
+    breaks = np.flatnonzero(np.abs(start[1:] - end[:-1]) > tolerance)
+    if breaks.size:
         raise InputError(
-            f"{file}: a cell ends at s = {end[apart[0]]:g}, the next begins at {start[apart[0] + 1]:g}"
+            f"{file}: a cell ends at s = {end[breaks[0]]:g}, the next begins at {start[breaks[0] + 1]:g}"
         )
     wrong = np.flatnonzero(~(np.abs(values) < MAX_INPUT_VALUE))
     if wrong.size:
@@ -285,9 +293,9 @@ def _build_cell_multiplier(
         )
     ends = np.append(start, end[-1:])
     if ends.size:
-        # Ends of cells that are nodes, vertices among them, up to the digits written: the nodes themselves.
+        # ends of cells that are nodes, vertices among them, up to the digits written: the nodes themselves
         node = mesh.s[np.abs(ends[:, None] - mesh.s).argmin(axis=1)]
-        ends = np.where(np.abs(ends - node) <= same, node, ends)
+        ends = np.where(np.abs(ends - node) <= tolerance, node, ends)
     try:
         cells = partitions.from_points(mesh.polygon, ends)
     except InputError as error:
@@ -296,20 +304,18 @@ def _build_cell_multiplier(
 
 
 def _fill_clamped_values(level: ExportedLevel, sides: Index, values: Array) -> Array:
-    """A multiplier (k,) on the sides (k,), with 0 for NaN on clamped sides: nothing is asked of it there."""
+    """A multiplier (k,) on the sides (k,), with 0 for NaN on clamped sides, where none is needed."""
     return np.where(np.isnan(values) & np.isin(sides, level.clamped_sides), 0.0, values)
 
 
 def _order_by_boundary_edges(level: ExportedLevel, end_nodes: Index, values: Array, file: str) -> Array:
-    """Values of line cells in the order of the boundary edges.
-
-    The shape is (nb,).
-    """
+    """Values (nb,) of line cells, with their `end_nodes` (e, 2), in the order of the boundary edges."""
     mesh = level.mesh
     nb = len(mesh.boundary)
     boundary_index = np.full(mesh.n_nodes, -1)
     boundary_index[mesh.boundary] = np.arange(nb)
     first, last = boundary_index[end_nodes].T
+    # edge e runs from boundary node e to the next; line cells may run either way
     edge = np.where((first + 1) % nb == last, first, last)
     wrong = np.flatnonzero(
         (first < 0) | (last < 0) | ((edge + 1) % nb != np.where(edge == first, last, first))
@@ -329,9 +335,10 @@ def _order_by_boundary_edges(level: ExportedLevel, end_nodes: Index, values: Arr
 
 
 class FileContents(NamedTuple):
-    """`points` (k, 2) with `nodal_values` values (k,); `cells`: start, end, value (m,); `edges`: ends (e, 2), value.
+    """Contents of a file: `points` (k, 2) and `nodal_values` (k,) by name, values on `cells` and `edges`.
 
-    What the file does not have is None or not there.
+    `cells` are starts, ends and values (m,), `edges` the nodes (e, 2) and values (e,). What the file does not
+    have is None or not there.
     """
 
     points: Array | None
@@ -374,6 +381,7 @@ def _rename_field(fields: Mapping[str, Any], field: str | None) -> Mapping[str, 
 
 
 def _parse_columns(columns: Mapping[str, Any], file: str) -> FileContents:
+    """Contents of a file with columns, at nodes or, with start, end and multiplier, on cells."""
     arrays = {
         str(name): np.asarray(columns[name], dtype=float)
         for name in ("x", "y", "start", "end", *NODAL_FIELDS)
@@ -394,6 +402,7 @@ def _parse_columns(columns: Mapping[str, Any], file: str) -> FileContents:
 
 
 def _parse_mesh_file(file: str, field: str | None) -> FileContents:
+    """Contents of a file of meshio's: fields at the nodes of triangles, and a multiplier on its lines."""
     content = read_with_meshio(file)
     names = [*content.point_data]
     if field is None and len(names) == 1 and content.point_data[names[0]].dtype.kind == "f":
@@ -404,6 +413,7 @@ def _parse_mesh_file(file: str, field: str | None) -> FileContents:
     triangles = [block.data[:, :3].ravel() for block in content.cells if block.type.startswith("triangle")]
     if not triangles:
         raise InputError(f"{file}: it has no triangles; u is needed at the nodes of a mesh of triangles")
+    # nodes that belong to no triangle are left out; of second order the corners alone belong
     used = np.unique(np.concatenate(triangles))
     number = np.full(len(content.points), -1)
     number[used] = np.arange(len(used))

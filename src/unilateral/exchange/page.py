@@ -40,7 +40,7 @@ EXACT_POINTS_PER_SIDE = 400
 def render_score_page(
     case: Problem, scored_solutions: Sequence[ScoredSolution], rates: dict[str, Rate]
 ) -> str:
-    """The page: errors beside this project's own, rates, faults, and the boundary on the finest level."""
+    """Page with errors beside this project's own, rates, faults, and the boundary on the finest level."""
     ladder = sorted(scored_solutions, key=lambda scored: -scored.solution.level.mesh.h)
     title_norm, drawn_norm = U_NORM_SYMBOLS[case.c != ZERO]
     titles = HTML_NORM_TITLES | {"h1": HTML_NORM_TITLES["h1"].format(title_norm)}
@@ -109,7 +109,7 @@ def _draw_error_panels(
     """A panel per norm in which an error is known: both errors over h, and the proved slope above them."""
     figure = Figure(figsize=(9, 3.4), layout="constrained")
     h = np.array([scored.solution.level.mesh.h for scored in ladder])
-    # (2, levels) the errors in each norm, this project's own second
+    # (2, levels) the errors in each norm: of the judged solutions, and of this project's
     errors_by_norm = {
         norm: np.array(
             [
@@ -128,10 +128,12 @@ def _draw_error_panels(
         for norm_errors, (style, color, label) in zip(errors_by_norm[norm], lines, strict=True):
             if np.isfinite(norm_errors).any():
                 axes.plot(h, norm_errors, style, color=color, label=label)
-        above = 1.5 * np.nanmax(errors_by_norm[norm][:, 0], initial=0)
+        # C h^rate, a little above both errors on the coarsest level
+        line_start = 1.5 * np.nanmax(errors_by_norm[norm][:, 0], initial=0)
         proved = rates[norm].proved
-        if np.isfinite(proved) and above > 0:
-            axes.plot(h, above * (h / h[0]) ** proved, ":", color=EXACT_COLOUR, label=f"proved: {proved:g}")
+        if np.isfinite(proved) and line_start > 0:
+            line = line_start * (h / h[0]) ** proved
+            axes.plot(h, line, ":", color=EXACT_COLOUR, label=f"proved: {proved:g}")
         axes.legend(fontsize="small")
     return figure
 
@@ -155,8 +157,9 @@ def _draw_boundary_comparison(case: Problem, scored_solution: ScoredSolution) ->
     if mu is not None:
         ends = np.column_stack([mu.partition.points[:-1], mu.partition.points[1:]]).ravel()
         top.plot(ends, mu.end_values.ravel(), color=JUDGED_COLOUR, label="judged")
-        room = 0.1 * max(float(np.ptp(mu.end_values)), 1e-12)
-        top.set_ylim(float(mu.end_values.min()) - room, float(mu.end_values.max()) + room)
+        # limits of the judged multiplier, as the exact one may be infinite at a vertex
+        margin = 0.1 * max(float(np.ptp(mu.end_values)), 1e-12)
+        top.set_ylim(float(mu.end_values.min()) - margin, float(mu.end_values.max()) + margin)
     top.plot(s, flux, "--", color=EXACT_COLOUR, label="exact")
     _finish_boundary_axes(top, case, "λ = ∂u/∂n")
     _finish_boundary_axes(bottom, case, "u − g")

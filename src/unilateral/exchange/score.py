@@ -29,8 +29,8 @@ MAX_RATE_SHORTFALL = 0.1
 
 For comparison: a factor ln(1/H) in the square of an error takes 1/(2 ln(1/H)) of the rate, 0.1 at H = 1/128.
 """
-
 MIN_RATED_ERROR = 1e-12
+"""Errors up to this count as 0 up to rounding, and have no rate."""
 UNCHECKED_CONDITIONS = "without a multiplier the conditions were not looked at"
 
 
@@ -63,13 +63,13 @@ class Rate(NamedTuple):
 
     @property
     def has_proved_rate(self) -> bool | None:
-        """Whether it is the proved rate, less ROOM; None where it is not judged, and where none is proved."""
+        """Whether it is the proved rate, less MAX_RATE_SHORTFALL; None if not judged, or none is proved."""
         is_judged = self.pairs > 0 and not math.isnan(self.proved)
         return self.observed >= self.proved - MAX_RATE_SHORTFALL if is_judged else None
 
     @property
     def verdict(self) -> str:
-        """The verdict in a few words."""
+        """The verdict on the rate in a few words."""
         if self.pairs == 0:
             return "not judged"
         if self.has_proved_rate is None:
@@ -112,10 +112,12 @@ def score_solution(case: Problem, solution: ForeignSolution) -> ScoredSolution:
 def _compute_solution_errors(
     norm: DualNorm, case: Problem, mesh: Mesh, u: Array, mu: BoundaryFunction | None
 ) -> Errors:
+    """Errors of u in H1 and of mu in H^{-1/2}, between bounds (Proposition 6), and in L2; NaN without mu."""
     exact = case.known_solution()
     h1 = h1_distance(exact, mesh, u)
     if mu is None:
         return Errors(h1, math.nan, math.nan, math.nan)
+    # on clamped sides there is no lambda
     contact_multiplier = mu.zero_on_sides(case.clamped_sides)
     lower, upper = norm.bound_error(exact, contact_multiplier.values[None], contact_multiplier.partition)
     return Errors(h1, float(lower[0]), float(upper[0]), contact_multiplier.distance(exact))
@@ -135,6 +137,7 @@ def compute_rates(case: Problem, scored_solutions: Sequence[ScoredSolution]) -> 
         reference_rates = _compute_pair_rates(
             [(a.reference_errors, b.reference_errors) for a, b in pairs], norm, factor
         )
+        # a rate is reached if it is on every pair
         observed = min(judged_rates, default=math.nan)
         reference = min(reference_rates, default=math.nan)
         by_norm[norm] = Rate(observed, len(judged_rates), reference, proved if holds else math.nan)
@@ -145,6 +148,7 @@ def _compute_pair_rates(pairs: Sequence[tuple[Errors, Errors]], norm: str, facto
     """The rates between errors that are neither NaN nor 0 up to rounding, which has no rate."""
     errors = [(select_error(coarse, norm), select_error(fine, norm)) for coarse, fine in pairs]
     rated = [(coarse, fine) for coarse, fine in errors if coarse > MIN_RATED_ERROR and fine > MIN_RATED_ERROR]
+    # error = C h^rate on both levels
     return [math.log(coarse / fine) / math.log(factor) for coarse, fine in rated]
 
 
@@ -167,8 +171,8 @@ def explain_missing_rate(case: Problem, scored_solutions: Sequence[ScoredSolutio
 def _pair_levels(
     scored_solutions: Sequence[ScoredSolution], max_h: float, factor: float
 ) -> Iterator[tuple[ScoredSolution, ScoredSolution]]:
-    """Pairs of a coarser and a finer level by that factor apart, from h = begin and H = 2 begin on."""
-    ladder = sorted(scored_solutions, key=lambda each: -each.solution.level.mesh.h)
+    """Pairs of a coarser and a finer level by that factor apart, from h = `max_h` and H = 2 `max_h` on."""
+    ladder = sorted(scored_solutions, key=lambda scored: -scored.solution.level.mesh.h)
     for coarse in ladder:
         level = coarse.solution.level
         if max(level.mesh.h, level.partition.H / 2) > max_h * (1 + SAME_PLACE_RATIO):
@@ -197,7 +201,7 @@ def format_errors(errors: Errors) -> tuple[str, str, str]:
 def list_fault_sentences(scored_solutions: Sequence[ScoredSolution]) -> Iterator[str]:
     """Each fault and each remark once: the files that have it, and what the finest of these shows."""
     occurrences: dict[str, list[tuple[str, str]]] = {}
-    for scored in sorted(scored_solutions, key=lambda each: each.solution.level.mesh.h):
+    for scored in sorted(scored_solutions, key=lambda solution: solution.solution.level.mesh.h):
         for fault in scored.diagnosis.faults:
             measured = f": {fault.detail} ({scored.solution.level.name})"
             occurrences.setdefault(fault.description, []).append((scored.solution.file, measured))
@@ -211,7 +215,7 @@ def list_fault_sentences(scored_solutions: Sequence[ScoredSolution]) -> Iterator
 
 def describe_finest_extremes(scored_solutions: Sequence[ScoredSolution]) -> str:
     """Where the finest solution violates the conditions most; empty where all sides are free or clamped."""
-    finest = min(scored_solutions, key=lambda each: each.solution.level.mesh.h)
+    finest = min(scored_solutions, key=lambda scored: scored.solution.level.mesh.h)
     return f"{finest.solution.level.name}, {finest.extremes}" if finest.extremes else ""
 
 
@@ -274,9 +278,9 @@ class Extremes(NamedTuple):
 
 
 def find_extremes(case: Problem, solution: ForeignSolution, discrete: CondensedProblem) -> Extremes | None:
-    """The extremes for the first conditions that the multiplier may belong to, else at the nodes.
+    """Extremes for the first conditions that the multiplier may belong to, at the nodes without one.
 
-    None if all sides are free or clamped. At a node lambda is its integral with the hat over that of the hat.
+    None if all sides are free or clamped.
     """
     mesh = discrete.mesh
     mu = solution.multiplier
@@ -290,6 +294,7 @@ def find_extremes(case: Problem, solution: ForeignSolution, discrete: CondensedP
     place = mesh.polygon.at(side, conditions.s - mesh.polygon.starts[side])
 
     def extreme_at(values: Array, k: int) -> Extreme:
+        """The k-th value with its place."""
         x, y = place[k].tolist()
         return Extreme(float(values[k]), (x, y), int(side[k]))
 
@@ -297,10 +302,9 @@ def find_extremes(case: Problem, solution: ForeignSolution, discrete: CondensedP
     if mu is None:
         return Extremes(True, least_gap, None, None)
     product = np.abs(conditions.mu * gap)
-    at_nodes = mu.nodal_values is not None
     return Extremes(
-        at_nodes,
-        least_gap,
-        extreme_at(conditions.mu, int(conditions.mu.argmin())),
-        extreme_at(product, int(product.argmax())),
+        is_nodal=mu.nodal_values is not None,
+        gap=least_gap,
+        multiplier=extreme_at(conditions.mu, int(conditions.mu.argmin())),
+        product=extreme_at(product, int(product.argmax())),
     )

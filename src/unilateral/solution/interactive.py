@@ -226,7 +226,7 @@ def _boundary_curve(plot_data: PlotData, side: int, s: Array) -> Array:
 
 
 def _clamped_strokes(plot_data: PlotData) -> Array:
-    """Points (k, 3) of clamped sides at the height of u_h, with oblique strokes outside and NaN between sides."""
+    """Points (k, 3) of clamped sides at the height of u_h, with strokes outside and NaN between sides."""
     polygon = plot_data.mesh.polygon
     curves = []
     stroke = STROKE_LENGTH_RATIO * np.ptp(plot_data.mesh.points, axis=0).min()

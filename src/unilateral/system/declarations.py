@@ -146,11 +146,13 @@ def _describe_yaml_error(error: Exception, content: str) -> str:
         return f"there is a tab in line {place.line + 1}; write spaces"
     if joined := JOINED_COLON_PATTERN.search(content):
         line = content.count("\n", 0, joined.end()) + 1
-        return f"the colon in line {line} needs a blank after it; write {quote_input(': '.join(joined.groups()))}"
+        correct = quote_input(": ".join(joined.groups()))
+        return f"the colon in line {line} needs a blank after it; write {correct}"
     return " ".join(str(error).split()).replace(' "<unicode string>",', "")
 
 
 def _describe_violation(violation: Any) -> str:
+    """What is wrong with a field, by the validator's error, and what would be right."""
     if violation.validator == "required":
         missing = next(name for name in violation.validator_value if name not in violation.instance)
         description = violation.schema.get("properties", {}).get(missing, {}).get("description")

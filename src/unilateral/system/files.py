@@ -75,7 +75,7 @@ def check_writable(path: Path) -> Path:
 
 
 def make_write_error(path: Path, error: OSError) -> InputError:
-    """The error to raise where the system refuses to write a file: StorageError, or InputError for a bad place."""
+    """The error to raise where a file cannot be written: StorageError, or InputError for a bad place."""
     kind = InputError if error.errno in BAD_PLACE_ERRNOS else StorageError
     return kind(f"{path} cannot be written: {error.strerror or error}")
 
