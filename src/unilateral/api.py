@@ -327,7 +327,8 @@ def _as_mesh_of_problem(problem: problems.Problem, mesh_or_points: object) -> Me
         isinstance(triangulation, Mesh)
         and np.array_equal(triangulation.polygon.vertices, problem.polygon.vertices)
     ):
-        points, triangles = mesh_or_points, None
+        points = mesh_or_points
+        triangles = None
         if isinstance(mesh_or_points, tuple) and len(mesh_or_points) == 2:
             points, triangles = mesh_or_points
         triangulation = mesh(points, triangles, polygon=problem.polygon)

@@ -173,12 +173,13 @@ def _match_level(levels: list[ExportedLevel], points: Array, file: str) -> tuple
         advice = ", or write places with more digits" if is_rounding else ""
         raise InputError(
             f"{file}: another mesh; {far.size} of its {len(points)} points are no nodes of "
-            f"{level.name}, the nearest one, the first at {_first_place(points, far)}; solve on that mesh{advice}"
+            f"{level.name}, the nearest one, the first at {_first_place(points, far)}; "
+            f"solve on that mesh{advice}"
         )
     if missing.size:
         raise InputError(
-            f"{file}: {missing.size} of the {level.mesh.n_nodes} nodes of {level.name} are missing, the first "
-            f"at {_first_place(level.mesh.points, missing)}; u is needed at all of them"
+            f"{file}: {missing.size} of the {level.mesh.n_nodes} nodes of {level.name} are missing, "
+            f"the first at {_first_place(level.mesh.points, missing)}; u is needed at all of them"
         )
     return level, near[best][1]
 
