@@ -18,7 +18,7 @@ from unilateral.problems import case, problem_file
 from unilateral.problems.case import ExactSolution
 from unilateral.problems.case_certificate import CASE_ROUND_OFF, PROVED_RATES, CaseCertificate, certify_case
 from unilateral.problems.polar_atoms import PolarAtom
-from unilateral.system.json_records import encode_json as as_text
+from unilateral.system.json_records import encode_json
 
 MAX_PRINTED_INTERVALS = 4
 TEXT_WIDTH = 100
@@ -133,7 +133,7 @@ def render_case(name: str, polygon: str | None, side: int, text_format: str) -> 
         solution, _ = next(certify_on_polygons(name, polygons, side))
         return render_case_module(solution, text_format).rstrip()
     pairs = list(certify_on_polygons(name, polygons, side))
-    return as_text(make_case_record(pairs)) if text_format == "json" else "\n".join(describe_case(pairs))
+    return encode_json(make_case_record(pairs)) if text_format == "json" else "\n".join(describe_case(pairs))
 
 
 def make_case_record(certified_cases: list[tuple[ExactSolution, CaseCertificate]]) -> dict[str, Any]:

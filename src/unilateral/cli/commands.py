@@ -102,12 +102,12 @@ def cases_command(name: str | None, form: str, polygon: str | None, side: int | 
             if is_given:
                 raise click.UsageError(f"{option} is for one case; name it, such as natural")
     from unilateral.cli import cases as catalogue
-    from unilateral.system.json_records import encode_json as as_text
+    from unilateral.system.json_records import encode_json
 
     if name is not None:
         print_result(catalogue.render_case(name, polygon, side or 0, form))
     elif form == "json":
-        print_result(as_text(catalogue.make_catalogue_record()))
+        print_result(encode_json(catalogue.make_catalogue_record()))
     else:
         for line in catalogue.list_cases():
             print_result(line)

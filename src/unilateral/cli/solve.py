@@ -43,7 +43,7 @@ from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
 from unilateral.solution.bounds import Bounds, explain_memory_shortage, name_energy_norm
 from unilateral.solution.files import SOLUTION_ENDINGS
-from unilateral.solution.record import make_solution_record as record_of
+from unilateral.solution.record import make_solution_record
 from unilateral.solution.shortfalls import (
     explain_dominant_lift,
     explain_flat_triangles,
@@ -225,7 +225,7 @@ def report_solution(
             if search is None:
                 raise
             interrupted = True
-    record = record_of(solution, bounds, errors, sharp) | {
+    record = make_solution_record(solution, bounds, errors, sharp) | {
         "forces": {row.name: interval_record(*row.force) for row in forces} or None,
         "seconds": time.perf_counter() - begin,
         "peak_mb": peak_mb(),

@@ -214,6 +214,6 @@ def certify_command(**options: Any) -> int:
     """
     begin = time.perf_counter()
     require("'unilateral certify' needs", "meshio", "pandas")
-    from unilateral.cli.solve import run_certify as certify_solution
+    from unilateral.cli.solve import run_certify
 
-    return certify_solution(SimpleNamespace(**options, begin=begin))
+    return run_certify(SimpleNamespace(**options, begin=begin))

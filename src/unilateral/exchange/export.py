@@ -53,7 +53,12 @@ In P1 u has the values u_D at the nodes of clamped sides, ends included: the col
 In the weak form below v ≥ g means v = u_D there, and in the mixed form v = 0.
 λ is to be handed in on the other sides. What stands for it on clamped sides is not looked at; 0 will do.
 """
-REACTION_TERMS = {"of_u": " + u", "of_v": " + uv", "of_rest": " + u(v − u)", "of_square": " + v²"}
+REACTION_TERMS = {
+    "u_term": " + u",
+    "v_term": " + uv",
+    "inequality_term": " + u(v − u)",
+    "square_term": " + v²",
+}
 """Terms of the README's equations that belong to the reaction term."""
 
 

@@ -152,7 +152,7 @@ def _describe_yaml_error(error: Exception, content: str) -> str:
 
 
 def _describe_violation(violation: Any) -> str:
-    """What is wrong with a field, by the validator's error, and what would be right."""
+    """Sentence on what is wrong with a field, by the validator's error, and what would be right."""
     if violation.validator == "required":
         missing = next(name for name in violation.validator_value if name not in violation.instance)
         description = violation.schema.get("properties", {}).get(missing, {}).get("description")
