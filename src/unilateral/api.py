@@ -155,8 +155,8 @@ def _as_polygon(polygon_or_name: object) -> Polygon | None:
         return polygon_or_name
     if isinstance(polygon_or_name, str | os.PathLike):
         return load_polygon(str(check_path(polygon_or_name, "problem.yaml")))
-    of_problem = getattr(polygon_or_name, "polygon", None)
-    return of_problem if isinstance(of_problem, Polygon) else Polygon(as_vertices(polygon_or_name, "polygon"))
+    domain = getattr(polygon_or_name, "polygon", None)
+    return domain if isinstance(domain, Polygon) else Polygon(as_vertices(polygon_or_name, "polygon"))
 
 
 def solve(
@@ -224,6 +224,7 @@ def solve(
     if not (tell is None or callable(tell)):
         raise InputError("tell has to be a function of a level; leave it out")
     limits = {"max_unknowns": max_unknowns, "max_seconds": max_seconds, "max_memory": max_memory}
+    # on given sizes
     if accuracy is None:
         other_norm = not (isinstance(norm, str) and norm == GOAL_NORMS[0])
         _refuse_accuracy_options(limits, absolute=absolute, dry_run=dry_run, norm=other_norm)
@@ -232,6 +233,7 @@ def solve(
         solution = Solution(problem, solve_on_mesh(problem, triangulation, partition, stop))
         warn_of_shortfalls(solution, on_own_mesh)
         return solution
+    # up to an accuracy, on meshes that the search makes
     if h is not None or H is not None or isinstance(mesh, Mesh):
         raise InputError("an accuracy makes its own meshes; leave it out, or leave out h, H and the mesh")
     if problem.mesh is not None:
@@ -257,6 +259,7 @@ def solve(
         problem.polygon, problem.free_sides, problem.clamped_sides
     ):
         raise InputError(f"'{problem.name}': {LINEAR_PROBLEM_NOTE}; ask for an accuracy of u, in the norm h1")
+    # `warn_of_shortfalls` says the same in terms of the solution
     with warnings.catch_warnings(action="ignore", category=IterationWarning):
         levels = search(problem, goal, tell, dry_run, begin)
     solution = Solution(problem, levels.best.solved, levels)
@@ -318,37 +321,41 @@ def certify(
 
 def _as_mesh_of_problem(problem: problems.Problem, mesh_or_points: object) -> Mesh:
     """The mesh that is given, on the polygon of a problem; a problem of a mesh takes no other one."""
-    own = problem.mesh
-    found = mesh_or_points
-    if not (isinstance(found, Mesh) and np.array_equal(found.polygon.vertices, problem.polygon.vertices)):
-        parts = (
-            mesh_or_points
-            if isinstance(mesh_or_points, tuple) and len(mesh_or_points) == 2
-            else (mesh_or_points,)
-        )
-        found = mesh(*parts, polygon=problem.polygon)
-    if own and not (
-        np.array_equal(found.points, own.points) and np.array_equal(found.triangles, own.triangles)
+    problem_mesh = problem.mesh
+    triangulation = mesh_or_points
+    if not (
+        isinstance(triangulation, Mesh)
+        and np.array_equal(triangulation.polygon.vertices, problem.polygon.vertices)
+    ):
+        points = mesh_or_points
+        triangles = None
+        if isinstance(mesh_or_points, tuple) and len(mesh_or_points) == 2:
+            points, triangles = mesh_or_points
+        triangulation = mesh(points, triangles, polygon=problem.polygon)
+    if problem_mesh and not (
+        np.array_equal(triangulation.points, problem_mesh.points)
+        and np.array_equal(triangulation.triangles, problem_mesh.triangles)
     ):
         raise InputError(
             f"'{problem.name}' was made of another mesh; give that one, for its arrays belong to it"
         )
-    return own or found
+    return problem_mesh or triangulation
 
 
 def _as_problem(problem_or_name: object) -> problems.Problem:
     """The problem that is given, or that of a name."""
-    found = find_problem(problem_or_name)
-    if found is None:
+    problem = find_problem(problem_or_name)
+    if problem is None:
         raise InputError(
-            f"{quote_input(repr(problem_or_name))} is not a problem; take ul.Problem(...), ul.case(name) or ul.load(path)"
+            f"{quote_input(repr(problem_or_name))} is not a problem; take ul.Problem(...), ul.case(name) or "
+            "ul.load(path)"
         )
-    return found
+    return problem
 
 
 def _refuse_accuracy_options(limits: Mapping[str, Size | None], **flags: bool) -> None:
     """Raises InputError for what only an accuracy has a use for."""
-    given = [name for name, limit in limits.items() if limit is not None]
-    given += [name for name, other in flags.items() if other]
-    if given:
-        raise InputError(f"{given[0]} is only for an accuracy; leave it out, or give an accuracy")
+    options = [name for name, limit in limits.items() if limit is not None]
+    options += [name for name, is_set in flags.items() if is_set]
+    if options:
+        raise InputError(f"{options[0]} is only for an accuracy; leave it out, or give an accuracy")

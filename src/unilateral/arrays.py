@@ -25,19 +25,20 @@ MAX_EXACT_INTEGER = 2**53
 MAX_INPUT_VALUE = 1e100
 """Values that are given at nodes or on cells are below this, so that squares of errors do not overflow."""
 ARRAY_REQUIREMENT = "it has to be an array of real numbers"
-"""What is wanted of an array, as messages say it."""
+"""The requirement for arrays in messages."""
 
 
 def make_read_only(array: Array) -> Array:
-    """The array, which cannot be written into any more."""
+    """The array itself, which cannot be written into any more."""
     array.setflags(write=False)
     return array
 
 
 def row_blocks(n_rows: int, rows_per_block: int = 0) -> Iterator[slice]:
-    """Slices of so many rows, by default BLOCK at a time."""
-    for begin in range(0, n_rows, rows_per_block or ROWS_PER_BLOCK):
-        yield slice(begin, min(begin + (rows_per_block or ROWS_PER_BLOCK), n_rows))
+    """Slices that together are all rows, each of so many, by default of ROWS_PER_BLOCK."""
+    step = rows_per_block or ROWS_PER_BLOCK
+    for begin in range(0, n_rows, step):
+        yield slice(begin, min(begin + step, n_rows))
 
 
 def read_floats(values: object, where: str, requirement: str = ARRAY_REQUIREMENT) -> Array:
@@ -98,18 +99,18 @@ def _read_real_numbers(values: Any, where: str, requirement: str) -> NDArray[Any
 
 
 def _not_numeric_error(values: Any, where: str, requirement: str) -> InputError:
-    what = (
+    description = (
         f"it holds values of the type {values.dtype}"
         if hasattr(values, "dtype")
         else f"it is {quote_input(repr(values))}"
     )
-    return InputError(f"{where}: {what}; {requirement}")
+    return InputError(f"{where}: {description}; {requirement}")
 
 
 def _convert_python_numbers(array: NDArray[Any]) -> Array:
     """Numbers of Python that NumPy has no type for. Raises TypeError for all that is no real number."""
-    for each in array.ravel():
-        if isinstance(each, str | bytes | bool | complex) or not hasattr(type(each), "__float__"):
+    for number in array.ravel():
+        if isinstance(number, str | bytes | bool | complex) or not hasattr(type(number), "__float__"):
             raise TypeError
     return array.astype(np.float64)
 
@@ -117,8 +118,8 @@ def _convert_python_numbers(array: NDArray[Any]) -> Array:
 def _check_mask_and_labels(values: Any, where: str) -> None:
     """Raises InputError if numbers are masked, or labels in another order; within lists, too."""
     if isinstance(values, list | tuple):
-        for each in values:
-            _check_mask_and_labels(each, where)
+        for item in values:
+            _check_mask_and_labels(item, where)
         return
     if isinstance(values, np.ma.MaskedArray):
         masked = np.flatnonzero(np.ma.getmaskarray(values))
@@ -131,8 +132,8 @@ def _check_mask_and_labels(values: Any, where: str) -> None:
         if labels not in ([*range(len(labels))], [*"xyz"][: len(labels)]):
             raise InputError(
                 f"{where}: the labels of the {type(values).__name__} begin with "
-                f"{quote_input(', '.join(map(str, labels[:4])))}; they have to be 0, 1, 2, … in order, or give "
-                "its .to_numpy() if its rows are in the right order"
+                f"{quote_input(', '.join(map(str, labels[:4])))}; they have to be 0, 1, 2, … in order, or "
+                "give its .to_numpy() if its rows are in the right order"
             )
 
 

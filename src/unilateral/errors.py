@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 MAX_QUOTED_CHARACTERS = 60
+"""Messages quote at most this many characters of an input."""
 
 
 class InputError(Exception):
@@ -80,7 +81,7 @@ def suggest_name(name: str, known_names: Iterable[str]) -> str:
 def pluralise(n: int, singular: str, plural: str = "") -> str:
     """A number of things, such as 1 edge or 2 edges; `plural` is for words whose plural has no s at its end.
 
-    >>> counted(1, "edge"), counted(2, "edge"), counted(1, "mesh", "meshes")
+    >>> pluralise(1, "edge"), pluralise(2, "edge"), pluralise(1, "mesh", "meshes")
     ('1 edge', '2 edges', '1 mesh')
     """
     return f"{n} {singular if n == 1 else plural or singular + 's'}"

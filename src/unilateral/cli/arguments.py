@@ -15,7 +15,7 @@ FOLDER_TYPE = click.Path(readable=False, file_okay=False)
 
 
 def is_count(text: str) -> bool:
-    """Whether a text is a whole number without a sign, of a size that is read."""
+    """Whether a text is a whole number without a sign, of at most MAX_COUNT_DIGITS digits."""
     return text.isdecimal() and len(text) <= MAX_COUNT_DIGITS
 
 
@@ -29,25 +29,25 @@ def parse_positive(text: str | float) -> float:
     except InputError:
         number = 0.0
     if not 0 < number < float("inf"):
-        wanted = "must be a positive number or a fraction such as 1/64"
-        raise click.BadParameter(f"'{quote_input(text)}' {wanted}{comma_hint(str(text))}")
+        requirement = "must be a positive number or a fraction such as 1/64"
+        raise click.BadParameter(f"'{quote_input(text)}' {requirement}{comma_hint(str(text))}")
     return number
 
 
 def parse_count(text: str | int) -> int:
     """A whole number of at least 1; as a type of arguments."""
     if not is_count(str(text)) or int(text) < 1:
-        wanted = f"must be a whole number of at least 1, with at most {MAX_COUNT_DIGITS} digits"
-        raise click.BadParameter(f"'{quote_input(text)}' {wanted}")
+        requirement = f"must be a whole number of at least 1, with at most {MAX_COUNT_DIGITS} digits"
+        raise click.BadParameter(f"'{quote_input(text)}' {requirement}")
     return int(text)
 
 
 def parse_sides(text: str) -> tuple[int, ...]:
     """Numbers of sides such as 1,2,3; as a type of arguments."""
-    parts = text.split(",")
-    if not all(map(is_count, parts)):
+    numbers = text.split(",")
+    if not all(map(is_count, numbers)):
         raise click.BadParameter(f"'{quote_input(text)}' must be numbers of sides such as 1,2,3")
-    return tuple(sorted({int(part) for part in parts}))
+    return tuple(sorted({int(number) for number in numbers}))
 
 
 def complete_problem(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:

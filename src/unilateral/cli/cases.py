@@ -18,7 +18,7 @@ from unilateral.problems import case, problem_file
 from unilateral.problems.case import ExactSolution
 from unilateral.problems.case_certificate import CASE_ROUND_OFF, PROVED_RATES, CaseCertificate, certify_case
 from unilateral.problems.polar_atoms import PolarAtom
-from unilateral.system.json_records import encode_json as as_text
+from unilateral.system.json_records import encode_json
 
 MAX_PRINTED_INTERVALS = 4
 TEXT_WIDTH = 100
@@ -47,7 +47,8 @@ def list_cases() -> Iterator[str]:
         for solution, certificate in certify_on_polygons(name, list_case_polygons(name)):
             holds = ["yes" if value else "no" for value in certificate.hypotheses.values()]
             flux, gap = largest_flux_and_gap(certificate)
-            row = f"{flux:<10.3g} {gap:<9.3g} {describe_contact(certificate.contact):31} {solution.polygon.name}"
+            contact = describe_contact(certificate.contact)
+            row = f"{flux:<10.3g} {gap:<9.3g} {contact:31} {solution.polygon.name}"
             yield f"{name:15} {holds[0]:4} {holds[1]:5} {holds[2]:6} {row}"
         yield f"{'':15} {case.read_case_declaration(name)[0]['title']}"
 
@@ -90,7 +91,8 @@ def list_case_polygons(name: str) -> list[Polygon]:
     """The named polygons that a case is for."""
     declared = case.read_case_declaration(name)[0]["polygons"]
     return [
-        polygon.find_polygon(each) for each in (polygon.polygon_names() if declared == "any" else declared)
+        polygon.find_polygon(polygon_name)
+        for polygon_name in (polygon.polygon_names() if declared == "any" else declared)
     ]
 
 
@@ -104,7 +106,7 @@ def certify_on_polygons(
 
 
 def largest_flux_and_gap(certificate: CaseCertificate) -> tuple[float, float]:
-    """The largest values of lambda and of the gap; 0 for what is rounding."""
+    """The largest values of lambda and of the gap, 0 where they are rounding."""
     flux = certificate.max_multiplier if certificate.max_multiplier > CASE_ROUND_OFF else 0.0
     gap = certificate.max_gap if certificate.max_gap > CASE_ROUND_OFF else 0.0
     return flux, gap
@@ -112,17 +114,17 @@ def largest_flux_and_gap(certificate: CaseCertificate) -> tuple[float, float]:
 
 def describe_contact(intervals: Sequence[tuple[int, float, float]]) -> str:
     """The contact set in words."""
-    whole = [side for side, start, end in intervals if (start, end) == (0.0, 1.0)]
-    parts = [f"{side}: {start:.3g}-{end:.3g}" for side, start, end in intervals if side not in whole]
-    if len(parts) > MAX_PRINTED_INTERVALS:
-        parts = [f"{len(parts)} intervals"]
-    if whole:
-        parts.append(f"sides {', '.join(map(str, whole))}")
-    return "; ".join(parts) or "none"
+    full_sides = [side for side, start, end in intervals if (start, end) == (0.0, 1.0)]
+    texts = [f"{side}: {start:.3g}-{end:.3g}" for side, start, end in intervals if side not in full_sides]
+    if len(texts) > MAX_PRINTED_INTERVALS:
+        texts = [f"{len(texts)} intervals"]
+    if full_sides:
+        texts.append(f"sides {', '.join(map(str, full_sides))}")
+    return "; ".join(texts) or "none"
 
 
 def render_case(name: str, polygon: str | None, side: int, text_format: str) -> str:
-    """The case on that polygon, or on all that it is for, in the format of that kind.
+    """The case on a polygon, or on all that it is for, as text in a format.
 
     Raises InputError for an unknown case or polygon, and where there is no such format of it.
     """
@@ -131,7 +133,7 @@ def render_case(name: str, polygon: str | None, side: int, text_format: str) -> 
         solution, _ = next(certify_on_polygons(name, polygons, side))
         return render_case_module(solution, text_format).rstrip()
     pairs = list(certify_on_polygons(name, polygons, side))
-    return as_text(make_case_record(pairs)) if text_format == "json" else "\n".join(describe_case(pairs))
+    return encode_json(make_case_record(pairs)) if text_format == "json" else "\n".join(describe_case(pairs))
 
 
 def make_case_record(certified_cases: list[tuple[ExactSolution, CaseCertificate]]) -> dict[str, Any]:
@@ -153,7 +155,7 @@ def make_case_record(certified_cases: list[tuple[ExactSolution, CaseCertificate]
 
 
 def proved_rates(solution: ExactSolution) -> dict[str, float] | None:
-    """The rates of Theorem 4.1, None where it does not apply."""
+    """The rates of Theorem 4.1 by norm, None where it does not apply."""
     return PROVED_RATES if all(solution.declaration["hypotheses"].values()) else None
 
 
@@ -170,12 +172,12 @@ def describe_case(certified_cases: list[tuple[ExactSolution, CaseCertificate]]) 
     )
     yield f"hypotheses of Theorem 4.1: {', '.join(hypotheses)}"
     yield f"u - g in H^(3/2) on every side: {'yes' if certificate.g_regular else 'no'}"
-    known = [
-        what if case_regularity(first)[name] else f"not {what}" for name, what in REGULARITY_TEXTS.items()
+    regularity = [
+        text if case_regularity(first)[name] else f"not {text}" for name, text in REGULARITY_TEXTS.items()
     ]
-    yield f"regularity: {', '.join(known)}"
+    yield f"regularity: {', '.join(regularity)}"
     rates = proved_rates(first)
-    texts = [f"{rates[norm]:g} {what}" for norm, what in RATE_TEXTS.items()] if rates else ["none"]
+    texts = [f"{rates[norm]:g} {text}" for norm, text in RATE_TEXTS.items()] if rates else ["none"]
     yield f"proved rates: {', '.join(texts)}"
     begins = ", ".join(f"{norm} from h = {declared['asymptotic'][norm]['from']}" for norm in RATE_TEXTS)
     yield f"asymptotic: {begins}"

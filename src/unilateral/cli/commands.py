@@ -93,21 +93,21 @@ def cases_command(name: str | None, form: str, polygon: str | None, side: int | 
     The formats python and ufl are for one polygon, by default the first that the case is made for.
     """
     if name is None:
-        of_one_case = {
+        case_options = {
             "--polygon": polygon is not None,
             "--side": side is not None,
             f"--format {form}": form in ("python", "ufl"),
         }
-        for option, is_given in of_one_case.items():
+        for option, is_given in case_options.items():
             if is_given:
                 raise click.UsageError(f"{option} is for one case; name it, such as natural")
     from unilateral.cli import cases as catalogue
-    from unilateral.system.json_records import encode_json as as_text
+    from unilateral.system.json_records import encode_json
 
     if name is not None:
         print_result(catalogue.render_case(name, polygon, side or 0, form))
     elif form == "json":
-        print_result(as_text(catalogue.make_catalogue_record()))
+        print_result(encode_json(catalogue.make_catalogue_record()))
     else:
         for line in catalogue.list_cases():
             print_result(line)
@@ -248,9 +248,9 @@ def infsup_command(**options: Any) -> None:
     that break it are named.
     """
     require("'unilateral infsup' needs", "gmsh")
-    for one, other in (("mesh", "h"), ("cells", "H")):
-        if (options[one] is None) == (options[other] is None):
-            raise click.UsageError(f"infsup needs either --{one} or --{other}")
+    for name, alternative in (("mesh", "h"), ("cells", "H")):
+        if (options[name] is None) == (options[alternative] is None):
+            raise click.UsageError(f"infsup needs either --{name} or --{alternative}")
     from unilateral.cli.infsup import run_infsup
 
     run_infsup(**options)

@@ -53,6 +53,7 @@ def run_export(
         check_mesh_memory(problem.polygon, h)
         coarse = make_mesh_of_size(problem.polygon, h * 2 ** (levels - 1))
     exports.export_case(problem, coarse, H, levels, out)
+    # the beta of (3.4) may be 0 then
     if coarse.h / 2 ** (levels - 1) >= make_uniform_partition(problem.polygon, H).H:
         print_message("the multiplier may not be unique, because h >= H; take h < H, such as H = 2h")
     print_result(f"{problem.name}: {pluralise(levels, 'level')} in {out}")
@@ -73,15 +74,18 @@ def run_score(
             f"--multiplier is given {pluralise(len(multipliers), 'time')} for "
             f"{pluralise(len(solutions), 'solution')}; repeat it for each solution"
         )
-    given = [read_foreign_solution(levels, *each) for each in zip_longest(solutions, multipliers)]
+    foreign_solutions = [
+        read_foreign_solution(levels, *files) for files in zip_longest(solutions, multipliers)
+    ]
     first_on: dict[str, str] = {}
-    for each in given:
-        first = first_on.setdefault(each.level.name, each.file)
-        if first is not each.file:
+    for solution in foreign_solutions:
+        first = first_on.setdefault(solution.level.name, solution.file)
+        if first is not solution.file:
             raise InputError(
-                f"{each.file}: it is on {each.level.name}, as {first} is; hand in one solution for each level"
+                f"{solution.file}: it is on {solution.level.name}, as {first} is; hand in one solution for "
+                "each level"
             )
-    scored = [scores.score_solution(case, each) for each in given]
+    scored = [scores.score_solution(case, solution) for solution in foreign_solutions]
     rates = scores.compute_rates(case, scored)
     verdict = scores.state_verdict(scored, rates)
     if html is not None:
@@ -90,23 +94,23 @@ def run_score(
 
             temporary.write_text(render_score_page(case, scored, rates), encoding="utf-8", newline="\n")
     if json:
-        judged = {
+        record = {
             "case": case.name,
             "verdict": verdict,
             "rates": {
-                n: _replace_nan(rate._asdict()) | {"verdict": rate.verdict} for n, rate in rates.items()
+                norm: _replace_nan(rate._asdict()) | {"verdict": rate.verdict} for norm, rate in rates.items()
             },
-            "solutions": [_make_score_record(each) for each in scored],
+            "solutions": [_make_score_record(scored_solution) for scored_solution in scored],
         }
-        print_result(dumps(judged))
+        print_result(dumps(record))
     else:
-        told = [
+        lines = [
             *_format_error_table(case, scored),
             *_format_rates(case, scored, rates),
             scores.describe_finest_extremes(scored),
             *scores.list_fault_sentences(scored),
         ]
-        print_result("\n".join([*filter(None, told), f"{case.name}: {verdict}"]))
+        print_result("\n".join([*filter(None, lines), f"{case.name}: {verdict}"]))
         if html is not None:
             print_result(f"  written: {html}, {format_file_size(html)}")
     return 0 if scores.passes_judgement(scored, rates) else EXIT_REJECTED
@@ -135,16 +139,16 @@ def _replace_nan(values: dict[str, float]) -> dict[str, float | None]:
 
 def _format_error_table(case: Problem, scored_solutions: list[ScoredSolution]) -> Iterator[str]:
     """The errors, with this project's own below them."""
-    of_u = f"u in {FORM_AND_NORM_NAMES[case.c != ZERO][1]}"
-    yield f"{'level':10} {'h':>9} {of_u:>10} {'lambda in H^(-1/2)':>22} {'in L2':>10}  multiplier"
-    for one in scored_solutions:
+    u_title = f"u in {FORM_AND_NORM_NAMES[case.c != ZERO][1]}"
+    yield f"{'level':10} {'h':>9} {u_title:>10} {'lambda in H^(-1/2)':>22} {'in L2':>10}  multiplier"
+    for scored in scored_solutions:
         rows = (
-            (one.errors, one.solution.level.name, one.solution.multiplier_kind),
-            (one.reference_errors, "  own", "constant on cells"),
+            (scored.errors, scored.solution.level.name, scored.solution.multiplier_kind),
+            (scored.reference_errors, "  own", "constant on cells"),
         )
         for errors, name, kind in rows:
             h1, dual, l2 = scores.format_errors(errors)
-            numbers = f"{one.solution.level.mesh.h:9.4g} {h1:>10} {dual:>22} {l2:>10}"
+            numbers = f"{scored.solution.level.mesh.h:9.4g} {h1:>10} {dual:>22} {l2:>10}"
             yield f"{name:10} {numbers}  {kind}"
 
 
@@ -158,4 +162,5 @@ def _format_rates(
             numbers = f"{rate.observed:.2f} ({pluralise(rate.pairs, 'pair')}), own {rate.own:.2f}{proved}"
             yield f"rate in {norm:5} {numbers}: {rate.verdict}"
         else:
-            yield f"rate in {norm:5} {rate.verdict}: {scores.explain_missing_rate(case, scored_solutions, norm)}"
+            reason = scores.explain_missing_rate(case, scored_solutions, norm)
+            yield f"rate in {norm:5} {rate.verdict}: {reason}"

@@ -140,6 +140,7 @@ def rewrite_as_options(message: str) -> str:
     """The library's arguments, such as max_unknowns=9, as what is typed here: --max-unknowns 9."""
 
     def write_option(argument: re.Match[str]) -> str:
+        """The option of an argument, and the first letter of its value."""
         name = argument[1].replace("_", "-")
         value = argument[2]
         return f"--{name} {value}" if value else f"--{name}"

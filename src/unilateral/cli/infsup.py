@@ -54,7 +54,7 @@ TRIANGLE_ROW_FORMAT = "    triangle {triangle} at ({x:.6g}, {y:.6g}): {angle:.4g
 def run_infsup(
     mesh: str | None, h: float | None, polygon: str | None, cells: str | None, H: float | None, json: bool
 ) -> None:
-    """Print what is found."""
+    """Print the stability constants and the local rule of a mesh and a partition."""
     domain = load_domain(polygon) if polygon else None
     if mesh is not None:
         triangulation = read_mesh_option(mesh, domain.polygon if domain else None)
@@ -81,16 +81,16 @@ def _make_partition(polygon: Polygon, cells: str, H: float | None) -> Partition:
 
 
 def make_stability_record(mesh: Mesh, partition: Partition, form: Form = H1) -> dict[str, Any]:
-    """Record of the stability constants and of the local rule; NaN for constants that could not be computed.
+    """Record of the stability constants, by Lemma 3.1 and Theorem 5, and of the local rule.
 
-    Constants by eigenvalues are NaN if there is a reason, `not_solved`.
-
-    There are no multipliers on the sides that the form clamps; the local rule is looked at on all sides.
+    Constants by eigenvalues are NaN if there is a reason, `not_solved`. There are no multipliers on the sides
+    that the form clamps; the local rule is looked at on all sides.
     """
     multipliers = int(np.count_nonzero(form.has_multiplier(partition.side)))
     if not multipliers:
         raise InputError(f"all sides of '{mesh.polygon.name}' are clamped, so that there are no multipliers")
     try:
+        # (3.4): beta^2 is the least eigenvalue of D x = beta^2 G x, G the Gram matrix of ||.||_-1/2
         check_condensing_memory(mesh, partition)
         operator = mixed_spaces(condense(mesh, form), partition).operator
         constants = infsup_constants(operator, build_dual_norm(partition, form=form).gram().p0)
@@ -192,6 +192,6 @@ def describe_stability(stability: dict[str, Any]) -> Iterator[str]:
     yield f"{stability['polygon']}, {sides} sides: h = {h:.6g}, H = {H:.6g}, h/H = {h / H:.4g}"
     yield from (f"  {name:17} {value}" for name, value in rows.items())
     for line, wrong in ((CELL_ROW_FORMAT, rule["cells"]), (TRIANGLE_ROW_FORMAT, rule["triangles"])):
-        yield from (line.format(**each) for each in wrong[:MAX_LISTED_ROWS])
+        yield from (line.format(**row) for row in wrong[:MAX_LISTED_ROWS])
         if len(wrong) > MAX_LISTED_ROWS:
             yield f"    and {len(wrong) - MAX_LISTED_ROWS} more; --json lists all"

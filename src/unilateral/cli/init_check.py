@@ -78,7 +78,9 @@ def describe_problem(problem: Problem) -> Iterator[str]:
     yield f"  polygon     {polygon.n_sides} sides, area {polygon.area:.6g}, perimeter {polygon.perimeter:.6g}"
     lower, upper = problem.range_of_f
     largest = max(abs(lower), abs(upper))
-    values = f"between {format_bound(lower, largest, format_down)} and {format_bound(upper, largest, format_up)}, rounding included"
+    lower_text = format_bound(lower, largest, format_down)
+    upper_text = format_bound(upper, largest, format_up)
+    values = f"between {lower_text} and {upper_text}, rounding included"
     yield f"  f           {_describe_formula(as_formula(problem.f), values)}"
     for side in range(polygon.n_sides):
         start = _format_vertex(polygon.vertices[side % polygon.n_sides])
@@ -88,14 +90,14 @@ def describe_problem(problem: Problem) -> Iterator[str]:
     if not problem.contact_sides:
         yield f"  contact     {LINEAR_PROBLEM_NOTE}"
     if problem.u_lower_bound > -np.inf:
+        # rounding of 0 is relative to u on clamped sides, or to f / c
         size = abs(problem.u_lower_bound) if problem.clamped_sides else largest
-        least = format_bound(
-            problem.u_lower_bound, size / (as_float(problem.c) if problem.c != ZERO else 1.0), format_down
-        )
+        c = as_float(problem.c) if problem.c != ZERO else 1.0
+        bound_text = format_bound(problem.u_lower_bound, size / c, format_down)
         reason = "as f >= 0"
         if problem.c != ZERO:
             reason = "a lower bound on inf f / c" + " and u on clamped sides" * bool(problem.clamped_sides)
-        yield f"  guaranteed  u >= {least}, {reason}, rounding included"
+        yield f"  guaranteed  u >= {bound_text}, {reason}, rounding included"
     idle = problem.idle_sides()
     if idle:
         sides = "side" if len(idle) == 1 else "sides"
@@ -103,14 +105,15 @@ def describe_problem(problem: Problem) -> Iterator[str]:
 
 
 def _describe_condition(problem: Problem, side: int) -> str:
-    """Words on the condition on a side and on the range of its data; the rounding of 0 is not shown."""
+    """Words on the condition on a side and on the range of its data."""
     formula = _side_formula(problem, side)
     values = _evaluate_along_side(problem, formula, side)
     size = np.abs(values).max()
-    shown = np.where(np.abs(values) > RELATIVE_VALUE_ROUNDING * size, values, 0.0)
-    least = shown.min()
-    largest = shown.max()
-    text = _describe_formula(formula, f"from {least:.4g} to {largest:.4g}")
+    # values that are rounding are 0
+    rounded = np.where(np.abs(values) > RELATIVE_VALUE_ROUNDING * size, values, 0.0)
+    lowest = rounded.min()
+    highest = rounded.max()
+    text = _describe_formula(formula, f"from {lowest:.4g} to {highest:.4g}")
     if side in problem.free_sides:
         return f"free, {'' if problem.k == ONE else 'k '}du/dn = {text}"
     return f"clamped, u = {text}" if side in problem.clamped_sides else f"u >= {text}"
@@ -124,10 +127,7 @@ def _side_formula(problem: Problem, side: int) -> Expression:
 
 
 def _evaluate_along_side(problem: Problem, formula: Expression, side: int) -> Array:
-    """Values of a formula at points of a side, its ends and its middle included.
-
-    The shape is (POINTS,).
-    """
+    """Values (POINTS_PER_SIDE,) of a formula at points of a side, its ends and its middle included."""
     t = np.linspace(0, problem.polygon.lengths[side], POINTS_PER_SIDE)
     return compile_numpy([formula], "xy")(*problem.polygon.at(np.full(POINTS_PER_SIDE, side), t).T)[0]
 
@@ -161,16 +161,17 @@ def draw_problem(problem: Problem) -> Figure:
     from matplotlib.figure import Figure
 
     width, height = np.ptp(problem.polygon.vertices, axis=0)
-    tall = POLYGON_PANEL_INCHES * float(np.clip(height / width, 0.25, 1))
-    page = Figure(figsize=(POLYGON_PANEL_INCHES + 1.7, tall + OBSTACLE_PANEL_INCHES + 1), layout="compressed")
-    top, bottom = page.subplots(2, 1, height_ratios=(tall, OBSTACLE_PANEL_INCHES))
+    panel_height = POLYGON_PANEL_INCHES * float(np.clip(height / width, 0.25, 1))
+    page_size = POLYGON_PANEL_INCHES + 1.7, panel_height + OBSTACLE_PANEL_INCHES + 1
+    page = Figure(figsize=page_size, layout="compressed")
+    top, bottom = page.subplots(2, 1, height_ratios=(panel_height, OBSTACLE_PANEL_INCHES))
     _draw_polygon(top, problem)
     _draw_side_data(bottom, problem)
     return page
 
 
 def _draw_polygon(axes: Axes, problem: Problem) -> None:
-    from unilateral.solution.plot_domain import CLAMPED_SIDE_STYLE as HATCHED
+    from unilateral.solution.plot_domain import CLAMPED_SIDE_STYLE
 
     polygon = problem.polygon
     v = problem.polygon.vertices
@@ -178,22 +179,22 @@ def _draw_polygon(axes: Axes, problem: Problem) -> None:
     inside = polygon.contains(np.stack(grid, axis=-1))
     with np.errstate(all="ignore"):  # f need not be defined outside
         f = np.where(inside, compile_numpy([as_formula(problem.f)], "xy")(*grid)[0], np.nan)
-    least = float(np.nanmin(f))
-    largest = float(np.nanmax(f))
-    # A constant has the colour in the middle and one tick; matplotlib would show a range of 8 % about it
-    room = 0.0 if least < largest else abs(least) or 1.0
-    look: Any = {"vmin": least - room, "vmax": largest + room, "shading": "nearest", "alpha": 0.6}
+    f_min = float(np.nanmin(f))
+    f_max = float(np.nanmax(f))
+    # a constant has the colour in the middle and one tick; matplotlib would show a range of 8 % about it
+    margin = 0.0 if f_min < f_max else abs(f_min) or 1.0
+    look: Any = {"vmin": f_min - margin, "vmax": f_max + margin, "shading": "nearest", "alpha": 0.6}
     field = axes.pcolormesh(*grid, f, rasterized=True, **look)
     bar = axes.figure.colorbar(field, cax=axes.inset_axes((1.03, 0, 0.04, 1)), label="f")
-    if room:
-        bar.set_ticks([least], labels=[f"{least:.4g}".replace("-", "−")])
+    if margin:
+        bar.set_ticks([f_min], labels=[f"{f_min:.4g}".replace("-", "−")])
     for side in range(polygon.n_sides):
         ends = v[[side, (side + 1) % polygon.n_sides]]
         clamped = side in problem.clamped_sides
-        axes.plot(*ends.T, **HATCHED if clamped else _side_style(problem, side) | {"linewidth": 2})
-        away = (18 if clamped else 9) * polygon.normals[side]
+        axes.plot(*ends.T, **CLAMPED_SIDE_STYLE if clamped else _side_style(problem, side) | {"linewidth": 2})
+        offset = (18 if clamped else 9) * polygon.normals[side]
         axes.annotate(
-            str(side), ends.mean(axis=0), away, textcoords="offset points", ha="center", va="center"
+            str(side), ends.mean(axis=0), offset, textcoords="offset points", ha="center", va="center"
         )
     title = "f, and the sides' numbers; dashed: free" + "; hatched: clamped" * bool(problem.clamped_sides)
     axes.use_sticky_edges = False

@@ -36,10 +36,7 @@ NARROW_FORCE_RATIO = 1e-4
 """A force whose interval is narrower than this part of it is printed with the digits that are known."""
 MAX_FORCE_SIDES = 12
 MAX_INTERVALS_PER_SIDE = 4
-"""Forces are computed, and the contact on sides is printed, for at most SIDES sides.
-
-At most INTERVALS intervals of a side are printed.
-"""
+"""Forces and the contact of sides are computed and printed for at most so many sides, and intervals."""
 NORMS_WITH_COEFFICIENTS = "||v||_1^2 is k |v|_1^2 + c ||v||_0^2, and ||.||_-1/2 its dual norm"
 WITHOUT_REACTION = "errors are in the norm {}, as c = 0, and ||.||_-1/2 is its dual norm"
 LEVEL_COLUMNS = ("h", "least h", "H", "unknowns", "multipliers", "steps", "algebraic", "total", "wanted")
@@ -72,10 +69,10 @@ def format_result(
     nonuniqueness: str,
     problem: Problem,
 ) -> str:
-    """Rows for a reader: what was found with its bounds.
+    """Rows for a reader: unknowns, errors, bounds, contact, forces and cost.
 
-    `norms_below` are lower bounds on the norms of the solution, by the names of norms. `nonuniqueness` is
-    what is told of a lambda_H that may not be unique, else empty.
+    `norms_below` are lower bounds on the norms of the solution, by the names of norms. `nonuniqueness` are
+    words on a lambda_H that may not be unique, else empty.
     """
     steps = "" if _is_unknown(record["iterations"]) else f", after {pluralise(record['iterations'], 'step')}"
     outcome = "converged" if record["converged"] else "NOT converged"
@@ -89,10 +86,11 @@ def format_result(
     if not record["foreign"]:
         rows[f"{record['algorithm']} {outcome}"] = algebraic + steps
     if record["multipliers"] and not _is_unknown(record["hm12_algebraic_bound"]):
+        # ||mu||_-1/2 <= ||mu||_-1/2,h / beta, by (3.4)
         bound = record["hm12_algebraic_bound"]
-        of_lambda = f"{format_interval(-math.inf, bound, spec=NUMBER_FORMAT)} in H^(-1/2)"
-        of_beta = f"as beta >= {format_down(record['beta'], '.3f')}"
-        rows["that of lambda_H"] = f"{add_guarantee(of_lambda, -math.inf, bound)}, {of_beta}"
+        bound_text = f"{format_interval(-math.inf, bound, spec=NUMBER_FORMAT)} in H^(-1/2)"
+        beta_text = f"as beta >= {format_down(record['beta'], '.3f')}"
+        rows["that of lambda_H"] = f"{add_guarantee(bound_text, -math.inf, bound)}, {beta_text}"
     if not _is_unknown(record["h1_error"]):
         rows |= _true_error_rows(record, unique, name_errors(problem))
     if bounds is not None:
@@ -106,6 +104,7 @@ def format_result(
     rows |= _contact_rows(record["contact"]) if record["multipliers"] else {"contact": LINEAR_PROBLEM_NOTE}
     for row in forces:
         value, lower, upper = row.force
+        # a narrow interval is printed with as many digits as are known
         spec = "" if 0 < upper - lower < NARROW_FORCE_RATIO * abs(value) else NUMBER_FORMAT
         rows[row.label] = format_interval(lower, upper, value, spec)
     if nonuniqueness:
@@ -115,15 +114,15 @@ def format_result(
 
 
 def _format_error_bound(norm: str, bound: float, norm_below: float, problem: Problem) -> str:
-    """A bound on the error in a norm as text, with the relative one where the norm is known to be positive."""
+    """A bound on the error in a norm as text, and the relative one where the norm is known to be positive."""
     error = getattr(name_errors(problem), norm)
     if not bound < math.inf:
         return f"{error} is unknown"
     text = f"{error} <= {format_up(bound, NUMBER_FORMAT)}"
     if norm_below > 0:
         share = format_up(relative_bound(bound, norm_below), ".3g")
-        named = getattr(name_solution_norms(problem), norm)
-        text += f" <= {share} {named}, {named} >= {format_down(norm_below, NUMBER_FORMAT)}"
+        size = getattr(name_solution_norms(problem), norm)
+        text += f" <= {share} {size}, {size} >= {format_down(norm_below, NUMBER_FORMAT)}"
     return text
 
 
@@ -137,20 +136,28 @@ def _contact_rows(contact_record: dict[str, Any]) -> dict[str, str]:
     if contact_record["full"]:
         return {"contact": f"the whole boundary, length {contact_record['length']:.6g}"}
     rows = {"contact": f"length {contact_record['length']:.6g}" if contact_record["intervals"] else "none"}
-    sides = sorted({each["side"] for each in contact_record["intervals"]})
+    sides = sorted({interval["side"] for interval in contact_record["intervals"]})
     for side in sides if len(contact_record["lengths"]) <= MAX_FORCE_SIDES else ():
-        of = [each for each in contact_record["intervals"] if each["side"] == side]
-        shown = ", ".join(f"{each['start']:.6g} to {each['end']:.6g}" for each in of[:MAX_INTERVALS_PER_SIDE])
-        more = f" and {len(of) - MAX_INTERVALS_PER_SIDE} more" if len(of) > MAX_INTERVALS_PER_SIDE else ""
-        rows[f"contact, side {side}"] = f"{shown}{more}; length {contact_record['lengths'][side]:.6g}"
+        intervals = [interval for interval in contact_record["intervals"] if interval["side"] == side]
+        listed = ", ".join(
+            f"{interval['start']:.6g} to {interval['end']:.6g}"
+            for interval in intervals[:MAX_INTERVALS_PER_SIDE]
+        )
+        omitted = (
+            f" and {len(intervals) - MAX_INTERVALS_PER_SIDE} more"
+            if len(intervals) > MAX_INTERVALS_PER_SIDE
+            else ""
+        )
+        rows[f"contact, side {side}"] = f"{listed}{omitted}; length {contact_record['lengths'][side]:.6g}"
     return rows
 
 
 def _true_error_rows(record: dict[str, Any], unique: bool, names: NormNames) -> dict[str, str]:
     """The rows of the true errors."""
 
-    def format_error(key: str, written: Callable[[float, str], str] = format) -> str:
-        return why if _is_unknown(record[key]) else written(record[key], NUMBER_FORMAT)
+    def format_error(key: str, to_text: Callable[[float, str], str] = format) -> str:
+        """An error as text, or why it is not known."""
+        return why if _is_unknown(record[key]) else to_text(record[key], NUMBER_FORMAT)
 
     why = (
         "undefined, because lambda is not in L2" if unique else "not judged, because beta is 0 up to rounding"
@@ -160,8 +167,8 @@ def _true_error_rows(record: dict[str, Any], unique: bool, names: NormNames) -> 
         dual = " is left out, because it takes longer than the solve or needs gmsh; in Python: s.errors"
     if not _is_unknown(record["hm12_error_upper"]):
         dual += f", <= {format_error('hm12_error_upper', format_up)}"
-    of_lambda = {names.hm12: dual, "||lambda - lambda_H||_0": f" = {format_error('l2_error')}"}
-    return {names.h1: f" = {format_error('h1_error')}"} | (of_lambda if record["multipliers"] else {})
+    multiplier_rows = {names.hm12: dual, "||lambda - lambda_H||_0": f" = {format_error('l2_error')}"}
+    return {names.h1: f" = {format_error('h1_error')}"} | (multiplier_rows if record["multipliers"] else {})
 
 
 def format_first_level(problem: Problem, first: Level) -> str:
@@ -170,8 +177,8 @@ def format_first_level(problem: Problem, first: Level) -> str:
     goal = first.goal
     error = getattr(name_errors(problem), goal.norm)
     size = getattr(name_solution_norms(problem), goal.norm)
-    wanted = f"{problem.name}: {error} <= {goal.accuracy:g}" + f" {size}" * (not goal.absolute)
-    return "\n".join([wanted, columns, format_level(first)])
+    goal_text = f"{problem.name}: {error} <= {goal.accuracy:g}" + f" {size}" * (not goal.absolute)
+    return "\n".join([goal_text, columns, format_level(first)])
 
 
 def format_level(level: Level) -> str:
@@ -179,11 +186,11 @@ def format_level(level: Level) -> str:
     solved = level.solved
     mesh = level.solved.mesh
     sizes = mesh.h, float(np.diff(mesh.s).min()), level.partition.H
-    shown = [f"{size:.4g}" for size in sizes]
-    shown += [f"{level.unknowns}", f"{len(solved.cells)}", f"{solved.result.iterations:.4g}"]
-    wanted = format_down(level.target, ".4g") if level.target else f"{level.zero_solution_error:.4g}"
-    shown += [format_up(level.algebraic, ".4g"), format_up(level.total, ".4g"), wanted]
-    return "".join(f"{each:>12}" for each in shown)
+    entries = [f"{size:.4g}" for size in sizes]
+    entries += [f"{level.unknowns}", f"{len(solved.cells)}", f"{solved.result.iterations:.4g}"]
+    target = format_down(level.target, ".4g") if level.target else f"{level.zero_solution_error:.4g}"
+    entries += [format_up(level.algebraic, ".4g"), format_up(level.total, ".4g"), target]
+    return "".join(f"{entry:>12}" for entry in entries)
 
 
 def format_forecast(level: Level) -> str:
@@ -202,10 +209,11 @@ def describe_ending(search: Search, problem: Problem) -> str:
         return f"  certified: {reached}"
     bound = best.solved.bound(best.goal.sharp)
     if bound and search.ended == NOT_ENCLOSED:
+        remainder = format_up(bound.data_remainder, NUMBER_FORMAT)
         return (
-            f"  NOT guaranteed, because {NOT_ENCLOSED}: {reached}; {format_up(bound.data_remainder, NUMBER_FORMAT)} of this bound "
-            f"is for approximating them, and the rest, {best.total - bound.data_remainder:{NUMBER_FORMAT}}, "
-            "is only an estimate"
+            f"  NOT guaranteed, because {NOT_ENCLOSED}: {reached}; {remainder} of this bound is for "
+            f"approximating them, and the rest, {best.total - bound.data_remainder:{NUMBER_FORMAT}}, is only "
+            "an estimate"
         )
     needed = f"; that needs {format_plan(search.plan)}" if search.plan else ""
     return (
@@ -218,7 +226,7 @@ def _suggest_accuracy(search: Search) -> str:
 
 
 def round_plan(plan: Plan) -> Plan:
-    """The plan, with the two digits that a prediction may have."""
+    """The plan with numbers of two digits, as many as a prediction may have."""
     unknowns = float(f"{plan.unknowns:.2g}")
     seconds = float(f"{plan.seconds:.2g}")
     mb = float(f"{plan.peak_mb:.2g}")
@@ -227,8 +235,8 @@ def round_plan(plan: Plan) -> Plan:
 
 def format_plan(plan: Plan) -> str:
     """Unknowns, seconds and memory of a plan as text."""
-    of = round_plan(plan)
-    return f"about {of.unknowns:g} unknowns, {of.seconds:g} s and {of.peak_mb:g} MB"
+    rounded = round_plan(plan)
+    return f"about {rounded.unknowns:g} unknowns, {rounded.seconds:g} s and {rounded.peak_mb:g} MB"
 
 
 def describe_plan(name: str, search: Search, as_json: bool) -> str:
@@ -236,8 +244,10 @@ def describe_plan(name: str, search: Search, as_json: bool) -> str:
     plan = search.plan
     last = search.levels[-1]
     if as_json:
-        found = asdict(round_plan(plan)) if plan else {field.name: None for field in fields(Plan)}
-        return json.dumps({"problem": name, **found, "ended": search.ended or None, "reach": search.reach})
+        plan_fields = asdict(round_plan(plan)) if plan else {field.name: None for field in fields(Plan)}
+        return json.dumps(
+            {"problem": name, **plan_fields, "ended": search.ended or None, "reach": search.reach}
+        )
     if plan is None:
         why = search.ended or "because too little is known yet about the size of the solution or of the error"
         return f"  plan: unknown, {rewrite_as_options(why)}"

@@ -43,7 +43,7 @@ from unilateral.problems import problem_file
 from unilateral.problems.problem import Problem
 from unilateral.solution.bounds import Bounds, explain_memory_shortage, name_energy_norm
 from unilateral.solution.files import SOLUTION_ENDINGS
-from unilateral.solution.record import make_solution_record as record_of
+from unilateral.solution.record import make_solution_record
 from unilateral.solution.shortfalls import (
     explain_dominant_lift,
     explain_flat_triangles,
@@ -162,18 +162,19 @@ def _read_mesh_or_kind(kind_or_file: str | None, problem: Problem) -> Any:
 
 
 def make_level_printer(problem: Problem, is_default_accuracy: bool) -> Callable[[Level], None]:
-    """A function that prints each level, the first one below a line that says what is wanted.
+    """A function that prints each level, the first one below a line with the accuracy that is asked for.
 
     On a terminal it announces a next level that is expected to take long.
     """
-    first = True
+    is_first = True
 
     def print_level(level: Level) -> None:
-        nonlocal first
-        if first and is_default_accuracy:
+        """Prints the row of a level."""
+        nonlocal is_first
+        if is_first and is_default_accuracy:
             print_result(DEFAULT_ACCURACY_NOTE)
-        print_result(format_first_level(problem, level) if first else format_level(level))
-        first = False
+        print_result(format_first_level(problem, level) if is_first else format_level(level))
+        is_first = False
         if level.next_seconds >= MIN_ANNOUNCED_SECONDS and sys.stderr.isatty():
             print(format_forecast(level), file=sys.stderr, flush=True)
 
@@ -188,7 +189,7 @@ def report_solution(
     begin: float,
     interrupted: bool = False,
 ) -> tuple[dict[str, Any], bool]:
-    """Print what was found, as text or as `json`; its record, and whether there was an interrupt.
+    """Print a solution, as text or as `json`; its record, and whether there was an interrupt.
 
     After an interrupt true errors and forces are left out. One while they are computed ends this only where
     no accuracy was asked for. Seconds count from `begin` on.
@@ -210,6 +211,7 @@ def report_solution(
             print_message(f"{pluralise(withdrawn, 'bound')} {BOUNDS_WITHDRAWN}")
         if not json:
             print_result(describe_ending(search, problem))
+    # true errors and forces take long, and Ctrl-C after a search leaves them out
     errors = None
     forces = []
     if not interrupted:
@@ -223,7 +225,7 @@ def report_solution(
             if search is None:
                 raise
             interrupted = True
-    record = record_of(solution, bounds, errors, sharp) | {
+    record = make_solution_record(solution, bounds, errors, sharp) | {
         "forces": {row.name: interval_record(*row.force) for row in forces} or None,
         "seconds": time.perf_counter() - begin,
         "peak_mb": peak_mb(),
@@ -249,10 +251,10 @@ def report_solution(
         print_result(f"  {WITHOUT_REACTION.format(name_energy_norm(problem, 'v'))}")
     elif not problem.k == problem.c == ONE:
         print_result(f"  {NORMS_WITH_COEFFICIENTS}")
-    least = {
+    norms_below = {
         norm: solution.bounded.norm_lower_bound(norm, sharp) if bounds else math.nan for norm in GOAL_NORMS
     }
-    print_result(format_result(record, bounds, least, forces, doubt, problem))
+    print_result(format_result(record, bounds, norms_below, forces, doubt, problem))
     if bounds and not (search or errors or solved.is_foreign) and is_too_coarse(solution, bounds):
         print_result(f"  {'hint':27} {TOO_COARSE_HINT}{'; it makes its own meshes' * is_user_mesh}")
     return record, interrupted
@@ -269,7 +271,7 @@ def is_too_coarse(solution: Solution, bounds: Bounds) -> bool:
 def list_force_rows(solution: Solution, sharp: bool) -> list[ForceRow]:
     """The forces over the boundary and over each side with multipliers, and the reactions on clamped sides.
 
-    There are none for more than SIDES sides, and where all are free.
+    There are none for more than MAX_FORCE_SIDES sides, and where all are free.
     """
     if solution.mesh.polygon.n_sides > MAX_FORCE_SIDES:
         return []
@@ -322,7 +324,7 @@ def write_files(
     sharp: bool,
     json: bool,
 ) -> None:
-    """Write the files, each told when it is there unless `json` is printed; .json has the record."""
+    """Write the files, and print a row for each unless `json` is printed; .json has the record."""
     for file in files:
         if file.suffix == ".json":
             json_records.write_json(record, file)

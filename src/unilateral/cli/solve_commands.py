@@ -87,7 +87,8 @@ MESH_KIND_NAMES = ("structured", "unstructured")
     "--max-seconds",
     type=parse_positive,
     metavar="S",
-    help=f"with --accuracy: time limit; the best so far is kept, with its bound (default {DEFAULT_MAX_SECONDS:g})",
+    help="with --accuracy: time limit; the best so far is kept, with its bound "
+    f"(default {DEFAULT_MAX_SECONDS:g})",
 )
 @click.option(
     "--max-memory",
@@ -147,12 +148,14 @@ def solve_command(ctx: click.Context, **options: Any) -> int:
     It is solved either with given sizes --h and --H or to a guaranteed --accuracy.
     """
     begin = time.perf_counter()
-    given = {name for name in options if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE}
+    given_options = {
+        name for name in options if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE
+    }
     own_mesh = options["mesh"] not in (None, *MESH_KIND_NAMES)
-    options["by_default"] = not (own_mesh or given & {"h", "H", "tolerance", "accuracy", "absolute"})
+    options["by_default"] = not (own_mesh or given_options & {"h", "H", "tolerance", "accuracy", "absolute"})
     if options["by_default"]:
         options["accuracy"] = DEFAULT_ACCURACY
-    _check_alternatives(ctx, options, given, own_mesh)
+    _check_alternatives(ctx, options, given_options, own_mesh)
     from unilateral.cli.solve import run_solve
 
     return run_solve(SimpleNamespace(**options, begin=begin))
@@ -211,6 +214,6 @@ def certify_command(**options: Any) -> int:
     """
     begin = time.perf_counter()
     require("'unilateral certify' needs", "meshio", "pandas")
-    from unilateral.cli.solve import run_certify as certify_solution
+    from unilateral.cli.solve import run_certify
 
-    return certify_solution(SimpleNamespace(**options, begin=begin))
+    return run_certify(SimpleNamespace(**options, begin=begin))

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from unilateral.problems.problem import Problem
 
 MAX_CELL_VARIATION = 1e-12
+"""A function varies on a cell if it does by more than this fraction of its largest value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,21 +45,19 @@ class BoundaryFunction:
 
     @property
     def values(self) -> Array:
-        """Values on the cells if the function is constant on them, else the values at both ends of each.
-
-        The shape is (m,).
-        """
+        """Values (m,) on the cells if the function is constant on them, else (m, 2) at both ends of each."""
         return self.end_values[:, 0] if self.nodal_values is None else self.end_values
 
     def load(self, mesh: Mesh) -> Array:
-        """<mu, phi_j> (nb,) of the boundary hats."""
+        """Load <mu, phi_j> (nb,) of the boundary hats."""
+        # mu phi_j is a polynomial between the ends of cells and of edges
         cuts, edge, cell = overlay(mesh.s, self.partition.points)
         rule = boundary_rule(mesh.polygon, cuts)
         values = evaluate_on_cells(self.partition, rule, cell[rule.interval], self.values[None])[:, 0]
         return hat_load(mesh, rule._replace(interval=edge[rule.interval]), values)
 
     def distance(self, exact: ExactSolution) -> float:
-        """||lambda - mu||_0, NaN where lambda is not in L2."""
+        """L2 distance ||lambda - mu||_0 from the exact lambda, NaN where that is not in L2."""
         weight, flux, mu = self.sample_with_exact(exact)
         return math.sqrt(weight @ (flux - mu) ** 2) if exact.flux_in_L2 else math.nan
 
@@ -73,16 +72,16 @@ class BoundaryFunction:
         )
 
     def is_constant_on(self, partition: Partition) -> bool:
-        """Whether it has one value on each of those cells, up to rounding."""
-        _, cell, own = overlay(partition.points, self.partition.points)
+        """Whether the function has one value on each cell of a partition, up to rounding."""
+        _, cell, mu_cell = overlay(partition.points, self.partition.points)
         highest = np.full(partition.n_cells, -np.inf)
         lowest = np.full(partition.n_cells, np.inf)
-        np.maximum.at(highest, cell, self.end_values[own].max(axis=1))
-        np.minimum.at(lowest, cell, self.end_values[own].min(axis=1))
+        np.maximum.at(highest, cell, self.end_values[mu_cell].max(axis=1))
+        np.minimum.at(lowest, cell, self.end_values[mu_cell].min(axis=1))
         return bool(np.all(highest - lowest <= MAX_CELL_VARIATION * np.abs(self.end_values).max()))
 
     def zero_on_sides(self, sides: Sequence[int]) -> BoundaryFunction:
-        """The function that is 0 on those sides."""
+        """The function with 0 in place of its values on some sides."""
         return replace(
             self, end_values=np.where(np.isin(self.partition.side, sides)[:, None], 0.0, self.end_values)
         )
@@ -96,10 +95,7 @@ class BoundaryFunction:
         )
 
     def permute_nodes(self, mesh: Mesh, source_nodes: Index) -> BoundaryFunction:
-        """The function with its values at the boundary nodes taken from other nodes, `source_nodes` (n,).
-
-        If it is constant on cells it stays as it is.
-        """
+        """The function with values of `source_nodes` (n,) at nodes; one that is constant on cells stays."""
         if self.nodal_values is None:
             return self
         values = np.zeros(mesh.n_nodes)
@@ -107,10 +103,11 @@ class BoundaryFunction:
         return piecewise_linear(mesh, values[source_nodes][mesh.boundary])
 
     def shift_arc_length(self, start: float, clockwise: bool) -> BoundaryFunction:
-        """The function as it is if the arc length of its cells began at `start`, and ran clockwise or not.
+        """The function that was meant if its arc length began at `start` and ran clockwise or not.
 
         Raises InputError where a vertex would lie inside a cell.
         """
+        # cells in the order of what their middles are on the true boundary
         middle = 0.5 * (self.partition.points[1:] + self.partition.points[:-1])
         order = np.argsort((start + (-middle if clockwise else middle)) % self.partition.polygon.perimeter)
         points = np.append(0.0, np.cumsum(self.partition.lengths[order]))
@@ -118,7 +115,7 @@ class BoundaryFunction:
 
 
 def piecewise_constant(partition: Partition, values: Array) -> BoundaryFunction:
-    """The function with the values (m,) on the cells."""
+    """The function that has the values (m,) on the cells."""
     return BoundaryFunction(partition, np.repeat(values[:, None], 2, axis=1))
 
 
@@ -130,35 +127,30 @@ def piecewise_linear(mesh: Mesh, values: Array) -> BoundaryFunction:
 
 
 def represent_reactions(mesh: Mesh, reactions: Array) -> BoundaryFunction:
-    """The continuous mu with <mu, phi_j> = the reactions (nb,): by the boundary mass matrix."""
+    """The continuous P1 function mu with <mu, phi_j> = the reactions (nb,): M mu = r on the boundary."""
     return piecewise_linear(mesh, np.asarray(spsolve(boundary_mass(mesh).tocsc(), reactions)))
 
 
 def has_obstacle(case: Problem, sides: Index) -> Mask:
-    """Whether each of some sides has an obstacle, so is neither free nor clamped.
-
-    The shape is (k,).
-    """
+    """Whether each of some sides (k,) has an obstacle, so is neither free nor clamped."""
     return ~np.isin(sides, [*case.free_sides, *case.clamped_sides])
 
 
 def obstacle_at_nodes(case: Problem, mesh: Mesh) -> Array:
-    """g at the boundary nodes, NaN where both edges are free, and on clamped sides.
-
-    The shape is (nb,).
-    """
+    """Values (nb,) of g at the boundary nodes, NaN where both edges are free, and on clamped sides."""
     nb = len(mesh.boundary)
-    edges = has_obstacle(case, mesh.side)
-    of_end = np.roll(mesh.side, 1)
-    g = np.full(len(edges), np.nan)
-    before = np.flatnonzero(~edges & np.roll(edges, 1))
-    side = np.where(edges, mesh.side, of_end)
+    has_contact = has_obstacle(case, mesh.side)
+    previous_side = np.roll(mesh.side, 1)
+    g = np.full(len(has_contact), np.nan)
+    # g is evaluated on the edge that begins at a node; if that is free, at the end of the one before
+    before = np.flatnonzero(~has_contact & np.roll(has_contact, 1))
+    side = np.where(has_contact, mesh.side, previous_side)
     s = mesh.s[:-1].copy()
     s[before] = mesh.s[np.where(before == 0, nb, before)]
     clamped = Form(clamped=case.clamped_sides).clamped_nodes(mesh)[mesh.boundary]
-    held = np.flatnonzero((edges | np.roll(edges, 1)) & ~clamped)
+    nodes = np.flatnonzero((has_contact | np.roll(has_contact, 1)) & ~clamped)
     u, _, gap = case.known_solution().trace_flux_and_gap(
-        side[held], s[held] - mesh.polygon.starts[side[held]]
+        side[nodes], s[nodes] - mesh.polygon.starts[side[nodes]]
     )
-    g[held] = u - gap
+    g[nodes] = u - gap
     return g

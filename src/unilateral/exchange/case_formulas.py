@@ -41,7 +41,7 @@ DEFINITIONS = (
 NO_FORMULAS = "there are no closed formulas, because u is a sum over the intervals of a Cantor set"
 COORDINATES = {"python": ("x", "y"), "ufl": ("x[0]", "x[1]")}
 ARGUMENTS = {"python": "x, y", "ufl": "x"}
-"""COORDINATES is how a module of each kind writes coordinates, ARGUMENTS what its functions take."""
+"""Coordinates in a module of each kind, and the arguments of its functions."""
 MAX_PRINTED_DENOMINATOR = 1024
 """Fractions with a denominator up to this are written as fractions."""
 ClosedAtom = SmoothAtom | TensorAtom | PolarAtom
@@ -51,7 +51,7 @@ ROOT_EXPONENT = Fraction(1, 2)
 def derive_case_formulas(
     case: ExactSolution, coordinates: tuple[str, str] = COORDINATES["python"]
 ) -> dict[str, Any]:
-    """The formulas `u`, `f` and the two of `grad_u`, and `g`, `gap` and `lambda` per side.
+    """Formulas as text: `u`, `f` and the two of `grad_u`, and lists of `g`, `gap` and `lambda` per side.
 
     Each is None where the case has no closed formula. On clamped sides g is u, and gap and lambda are 0.
     """
@@ -60,6 +60,7 @@ def derive_case_formulas(
     if len(atoms) < len(case.atoms):
         per_side = {name: [None for _ in sides] for name in ("g", "gap", "lambda")}
         return {"u": None, "f": None, "grad_u": [None, None], **per_side}
+    # u is the sum of its atoms, f = -Delta u + u, lambda = grad u . n
     u = sum((_atom_value(atom) for atom in atoms), ZERO)
     f = sum((_atom_source(atom) for atom in atoms), ZERO)
     gradient = [sum((_atom_derivative(atom, direction) for atom in atoms), ZERO) for direction in np.eye(2)]
@@ -67,18 +68,18 @@ def derive_case_formulas(
     flux = [ZERO if i in case.clamped_sides else flux[i] for i in sides]
     gap = []
     for i in sides:
-        # t is the arc length from the side's start over the side's length
+        # t = (x - a) . tangent / length, the arc length from the side's start over the side's length
         (a, b) = _as_fractions(case.polygon.vertices[i])
         (p, q) = _as_fractions(case.polygon.tangents[i])
         t = ((X - a) * p + (Y - b) * q) / Fraction(case.polygon.lengths[i])
         gap.append(_substitute(case.gaps[i], {"t": t}))
     return {
         "u": _write_formula(u, coordinates),
-        "f": _write_formula(f if case.c else f - u, coordinates),
-        "grad_u": [_write_formula(each, coordinates) for each in gradient],
-        "g": [_write_formula(u - each, coordinates) for each in gap],
-        "gap": [_write_formula(each, coordinates) for each in gap],
-        "lambda": [_write_formula(each, coordinates) for each in flux],
+        "f": _write_formula(f if case.c else f - u, coordinates),  # -Delta u if c = 0
+        "grad_u": [_write_formula(slope, coordinates) for slope in gradient],
+        "g": [_write_formula(u - side_gap, coordinates) for side_gap in gap],
+        "gap": [_write_formula(side_gap, coordinates) for side_gap in gap],
+        "lambda": [_write_formula(side_flux, coordinates) for side_flux in flux],
     }
 
 
@@ -87,12 +88,12 @@ def render_case_module(case: ExactSolution, kind: str) -> str:
 
     Raises InputError for a case without closed formulas.
     """
-    found = derive_case_formulas(case, COORDINATES[kind])
-    if found["u"] is None:
+    formulas = derive_case_formulas(case, COORDINATES[kind])
+    if formulas["u"] is None:
         raise InputError(f"case '{case.name}': {NO_FORMULAS}; 'unilateral export' writes f and g at points")
     template = resources.files("unilateral.exchange") / f"{kind}.template.txt"
-    g = "".join(f"    lambda {ARGUMENTS[kind]}: {each},\n" for each in found["g"])
-    flux = "".join(f"    lambda {ARGUMENTS[kind]}: {each},\n" for each in found["lambda"])
+    g = "".join(f"    lambda {ARGUMENTS[kind]}: {formula},\n" for formula in formulas["g"])
+    flux = "".join(f"    lambda {ARGUMENTS[kind]}: {formula},\n" for formula in formulas["lambda"])
     return template.read_text(encoding="utf-8").format(
         name=case.name,
         title=case.title,
@@ -101,9 +102,9 @@ def render_case_module(case: ExactSolution, kind: str) -> str:
         clamped=f", but u = g on the sides {join_sides(case.clamped_sides)}" if case.clamped_sides else "",
         vertices=case.polygon.vertices.tolist(),
         definitions=DEFINITIONS,
-        u=found["u"],
-        f=found["f"],
-        grad_u=", ".join(found["grad_u"]),
+        u=formulas["u"],
+        f=formulas["f"],
+        grad_u=", ".join(formulas["grad_u"]),
         g=g,
         lambda_=flux,
     )
@@ -113,7 +114,7 @@ class _FormulaWriter(FormulaEvaluation):
     """A formula with its coordinates and unwieldy numbers as names, for its text."""
 
     def number(self, value: Fraction) -> Expression:
-        """The number itself if it is a simple fraction, else a variable called by its decimal digits."""
+        """The number itself if it is a simple fraction, else a variable whose name has its decimal digits."""
         if value.denominator <= MAX_PRINTED_DENOMINATOR and abs(value.numerator) < 1 << 53:
             return rational_expression(value)
         return variable(repr(abs(float(value)))).scale(1 if value > 0 else -1)
@@ -130,7 +131,8 @@ def _as_fractions(values: Iterable[float]) -> list[Fraction]:
 
 
 def _convert_to_xy(atom: TensorAtom | PolarAtom, formula: Expression) -> Expression:
-    """A formula in the atom's own coordinates, in x and y."""
+    """A formula in an atom's coordinates t, d or r, theta as one in x and y."""
+    # t and d are coordinates of (x - centre)/length in the atom's frame; r and theta are polar ones
     a, b = _as_fractions(atom.centre)
     (p, q), (r, s) = map(_as_fractions, atom.frame)
     along = ((X - a) * p + (Y - b) * q) / Fraction(atom.length)
@@ -148,6 +150,7 @@ def _substitute(formula: Expression, values: Mapping[str, Expression]) -> Expres
 
 
 def _atom_value(atom: ClosedAtom) -> Expression:
+    """An atom u(x) = L v((x - centre)/L) in x and y, for a length L."""
     if isinstance(atom, SmoothAtom):
         return atom.u
     v = atom.derivatives[0] if isinstance(atom, PolarAtom) else atom.v
@@ -155,7 +158,7 @@ def _atom_value(atom: ClosedAtom) -> Expression:
 
 
 def _atom_source(atom: ClosedAtom) -> Expression:
-    """-Delta u + u."""
+    """Source -Delta u + u of an atom, with Delta u = (Delta v)/L."""
     if isinstance(atom, SmoothAtom):
         return atom.u - laplacian(atom.u, "x", "y")
     laplacian_v = atom.derivatives[3] if isinstance(atom, PolarAtom) else laplacian(atom.v, "t", "d")
@@ -163,7 +166,7 @@ def _atom_source(atom: ClosedAtom) -> Expression:
 
 
 def _atom_derivative(atom: ClosedAtom, direction: Array) -> Expression:
-    """The derivative of u in a direction."""
+    """Derivative of an atom in a direction, grad v . direction, as the lengths cancel."""
     n_x, n_y = _as_fractions(direction)
     if isinstance(atom, SmoothAtom):
         return derivative(atom.u, "x") * n_x + derivative(atom.u, "y") * n_y
@@ -171,6 +174,7 @@ def _atom_derivative(atom: ClosedAtom, direction: Array) -> Expression:
         along = derivative(atom.v, "t")
         into = derivative(atom.v, "d")
     else:
+        # v_t = v_r cos theta - (v_theta/r) sin theta, v_d = v_r sin theta + (v_theta/r) cos theta
         _, radial, angular, _ = atom.derivatives
         cos = apply_function("cos", THETA)
         sin = apply_function("sin", THETA)

@@ -64,42 +64,49 @@ def diagnose_solution(
     conditions, a right solution is left. Of several such bugs those are told that need the fewest further
     ones.
     """
-    allowed = MAX_RESIDUAL_SHARE * reference_errors.h1
+    # 1. which load has u's equation, and does the equation hold inside?
+    max_residual = MAX_RESIDUAL_SHARE * reference_errors.h1
     mu = solution.multiplier
     exported = Residual(discrete, solution.u, discrete.load)
-    of, how = identify_load(case, exported, mu.load(discrete.mesh) if mu else None, allowed)
-    holds = of.interior_norm <= allowed
+    residual, how = identify_load(case, exported, mu.load(discrete.mesh) if mu else None, max_residual)
+    holds = residual.interior_norm <= max_residual
     remarks = [LOAD_REMARK.format(how)] if how else []
-    found = list(_diagnose_boundary(case, mu, of, reference_errors)) if holds else []
-    if holds and all(each.is_explained for each in found):
-        return Diagnosis(found, remarks)
-    told = [
+    # 2. if it does, faults are at the boundary
+    boundary_faults = list(_diagnose_boundary(case, mu, residual, reference_errors)) if holds else []
+    if holds and all(fault.is_explained for fault in boundary_faults):
+        return Diagnosis(boundary_faults, remarks)
+    # 3. else, or if something is unexplained: bugs of the equation without which nothing unexplained is left
+    explanations = [
         [
-            each.fault,
-            *_diagnose_boundary(case, mu and each.repair_multiplier(mu), each.residual, reference_errors),
+            repair.fault,
+            *_diagnose_boundary(case, mu and repair.repair_multiplier(mu), repair.residual, reference_errors),
         ]
-        for each in list_repairs(case, of, allowed)
-        if mu is not None or not each.needs_multiplier
+        for repair in list_repairs(case, residual, max_residual)
+        if mu is not None or not repair.needs_multiplier
     ]
-    told = [each for each in told if all(fault.is_explained for fault in each)]
-    if told:
-        fewest = min(map(len, told))
-        best = [each for each in told if len(each) == fewest]
-        return Diagnosis([merge_alternatives([each[0] for each in best]), *best[0][1:]], [])
+    explanations = [
+        explanation for explanation in explanations if all(fault.is_explained for fault in explanation)
+    ]
+    # of several such bugs those that need the fewest further ones
+    if explanations:
+        fewest = min(map(len, explanations))
+        best = [explanation for explanation in explanations if len(explanation) == fewest]
+        return Diagnosis([merge_alternatives([explanation[0] for explanation in best]), *best[0][1:]], [])
     if holds:
-        return Diagnosis(found, remarks)
-    other = find_renumbering(case, of, u_h)
-    faults = [other] if other else [_interior_fault(of), *find_clamped_fault(of, allowed)]
-    return Diagnosis([*faults, *_diagnose_sign(mu, of, reference_errors)], [])
-
-
-def _interior_fault(residual: Residual) -> Fault:
-    x, y = residual.find_worst_place()
-    return describe_unknown_fault(
-        "the equation does not hold inside the domain",
-        "the linear solve stopped too early, the load is another one, or u is not meant as P1",
-        f"the residual is {residual.interior_norm:.2g} in {residual.names[1]}, and largest at ({x:g}, {y:g})",
-    )
+        return Diagnosis(boundary_faults, remarks)
+    # 4. else what is left inside is unexplained, unless the nodes are renumbered
+    if renumbering := find_renumbering(case, residual, u_h):
+        faults = [renumbering]
+    else:
+        x, y = residual.find_worst_place()
+        fault = describe_unknown_fault(
+            "the equation does not hold inside the domain",
+            "the linear solve stopped too early, the load is another one, or u is not meant as P1",
+            f"the residual is {residual.interior_norm:.2g} in {residual.names[1]}, "
+            f"and largest at ({x:g}, {y:g})",
+        )
+        faults = [fault, *find_clamped_fault(residual, max_residual)]
+    return Diagnosis([*faults, *_diagnose_sign(mu, residual, reference_errors)], [])
 
 
 def _diagnose_boundary(
@@ -109,46 +116,54 @@ def _diagnose_boundary(
     yield from find_clamped_fault(residual, MAX_RESIDUAL_SHARE * reference_errors.h1)
     if mu is None:
         return
-    allowed = _max_boundary_residual(residual, reference_errors)
-    first = MultiplierReading("", mu.load(residual.discrete.mesh), mu)
-    right = residual.choose_boundary_load(first.load)
-    misfit = residual.boundary_dual_norm(first.load - right)
-    if misfit <= allowed:
-        yield from _diagnose_conditions(case, mu, residual, allowed)
+    # ||lambda - mu||_{-1/2,h} for the multiplier lambda that u's equation has, and mu as it was handed in
+    max_residual = _max_boundary_residual(residual, reference_errors)
+    literal = MultiplierReading("", mu.load(residual.discrete.mesh), mu)
+    expected_load = residual.choose_boundary_load(literal.load)
+    misfit = residual.boundary_dual_norm(literal.load - expected_load)
+    if misfit <= max_residual:
+        yield from _diagnose_conditions(case, mu, residual, max_residual)
         return
-    most = min(allowed, MAX_UNEXPLAINED_SHARE * misfit)
-    others = list(list_readings(mu, residual.discrete.mesh, right))
-    meant = [each for each in others if residual.boundary_dual_norm(each.load - right) <= most] or [
-        each
-        for each in read_as_uzawa_step(case, mu, residual, right)
-        if residual.boundary_dual_norm(each.load - right) <= most
+    # ways in which mu may have been meant, by which it fits; Uzawa's step only where there is no other one
+    max_distance = min(max_residual, MAX_UNEXPLAINED_SHARE * misfit)
+    readings = list(list_readings(mu, residual.discrete.mesh, expected_load))
+    fitting = [
+        candidate
+        for candidate in readings
+        if residual.boundary_dual_norm(candidate.load - expected_load) <= max_distance
+    ] or [
+        candidate
+        for candidate in read_as_uzawa_step(case, mu, residual, expected_load)
+        if residual.boundary_dual_norm(candidate.load - expected_load) <= max_distance
     ][:1]
-    if meant:
+    if fitting:
         yield merge_alternatives(
-            [Fault(each.fault, "read in this way it fits u's equation") for each in meant]
+            [Fault(candidate.fault, "read in this way it fits u's equation") for candidate in fitting]
         )
-        reading = meant[0]
+        reading = fitting[0]
     else:
-        fits = ((each, residual.fit_multiple(each.load, right)) for each in (first, *others))
-        reading = next((each for each, fit in fits if fit.scaled_distance < abs(fit.factor) * allowed), first)
+        # the first reading that fits up to a factor
+        fits = (
+            (candidate, residual.fit_multiple(candidate.load, expected_load))
+            for candidate in (literal, *readings)
+        )
+        reading = next(
+            (candidate for candidate, fit in fits if fit.scaled_distance < abs(fit.factor) * max_residual),
+            literal,
+        )
         yield from _diagnose_scale(
-            reading.fault, residual.fit_multiple(reading.load, right), allowed, *residual.names
+            reading.fault, residual.fit_multiple(reading.load, expected_load), max_residual, *residual.names
         )
     if reading.mu is not None:
-        yield from _diagnose_conditions(case, reading.mu, residual, allowed)
+        yield from _diagnose_conditions(case, reading.mu, residual, max_residual)
 
 
 def _max_boundary_residual(residual: Residual, reference_errors: Errors) -> float:
-    """How much may be left at the boundary."""
-    return (
-        MAX_RESIDUAL_SHARE
-        * (
-            reference_errors.hm12_lower
-            if reference_errors.hm12_lower > ZERO_ERROR_RATIO * reference_errors.h1
-            else reference_errors.h1
-        )
-        + residual.interior_norm
-    )
+    """Residual that may be left at the boundary: an algebraic error, and what is left inside."""
+    error = reference_errors.hm12_lower
+    if not error > ZERO_ERROR_RATIO * reference_errors.h1:  # lambda is exact, or not judged
+        error = reference_errors.h1
+    return MAX_RESIDUAL_SHARE * error + residual.interior_norm
 
 
 def _diagnose_scale(
@@ -163,8 +178,8 @@ def _diagnose_scale(
             f"its norm is {fit.expected_norm:.2g}",
         )
     elif _has_wrong_factor(fit, max_residual):
-        right = f"what u's equation has, to {format_up(fit.scaled_distance / fit.expected_norm, '.1g')}"
-        yield describe_wrong_factor("the multiplier", fit.factor, right)
+        expected = f"what u's equation has, to {format_up(fit.scaled_distance / fit.expected_norm, '.1g')}"
+        yield describe_wrong_factor("the multiplier", fit.factor, expected)
     elif not reading_fault:
         measured = f"{form} - <lambda, v> - (f, v) is {fit.distance:.2g} in {norm}"
         yield describe_unknown_fault("u and the multiplier do not fit", "", measured)
@@ -172,19 +187,21 @@ def _diagnose_scale(
 
 def _has_wrong_factor(fit: LoadFit, max_residual: float) -> bool:
     """Whether the multiplier surely has the wrong sign, or nothing but a factor is wrong with it."""
-    of_factor = abs(fit.factor - 1) * fit.expected_norm
-    only = fit.scaled_distance < of_factor and fit.scaled_distance <= max(
+    # with mu = t lambda + rest: |t - 1| ||lambda|| is the factor's error, ||rest|| the scaled distance
+    factor_error = abs(fit.factor - 1) * fit.expected_norm
+    only_factor = fit.scaled_distance < factor_error and fit.scaled_distance <= max(
         abs(fit.factor) * max_residual, MAX_RESIDUAL_SHARE * fit.distance
     )
-    return only or fit.factor * fit.expected_norm < -fit.scaled_distance
+    return only_factor or fit.factor * fit.expected_norm < -fit.scaled_distance
 
 
 def _diagnose_sign(
     mu: BoundaryFunction | None, residual: Residual, reference_errors: Errors
 ) -> Iterator[Fault]:
-    """A wrong sign by the exact multiplier, if it is surer than what is left and this project's error."""
+    """The fault of a wrong sign by the exact multiplier, if it exceeds misfit and this project's error."""
     if mu is None:
         return
+    # u's equation does not hold, so that its multiplier is no measure
     fit = residual.fit_multiple(mu.load(residual.discrete.mesh), exact_multiplier_load(residual.discrete))
     uncertain = fit.scaled_distance + reference_errors.hm12_upper
     if fit.factor * fit.expected_norm < -uncertain:
@@ -198,32 +215,34 @@ def _diagnose_sign(
 def _diagnose_conditions(
     case: Problem, mu: BoundaryFunction, residual: Residual, max_residual: float
 ) -> Iterator[Fault]:
-    """The other conditions that u has, if it has none of those that belong to mu."""
-    right = []
-    missed = {}
-    for each in list_conditions(case, residual.discrete, mu):
-        right.append(each)
-        load, bound = each.multiplier_load(
+    """The fault of the conditions that u has, if it has none of those that belong to mu."""
+    # ||u - w|| = ||lambda_u - lambda_w||_{-1/2,h} for the solution w with the conditions, less w's error
+    correct = []
+    distances = {}
+    for conditions in list_conditions(case, residual.discrete, mu):
+        correct.append(conditions)
+        load, bound = conditions.multiplier_load(
             residual.discrete.spaces.condensed, residual.unconstrained_trace, max_residual
         )
-        missed[each.description] = residual.boundary_dual_norm(residual.boundary_load - load) - bound
-        if missed[each.description] <= max_residual:
+        distances[conditions.description] = residual.boundary_dual_norm(residual.boundary_load - load) - bound
+        if distances[conditions.description] <= max_residual:
             return
-    nearest = min(missed, key=lambda what: missed[what])
-    most = min(max_residual, MAX_UNEXPLAINED_SHARE * missed[nearest])
-    distance = f"at least {format_down(missed[nearest], '.2g')} in {residual.names[1]}"
+    nearest = min(distances, key=lambda description: distances[description])
+    max_distance = min(max_residual, MAX_UNEXPLAINED_SHARE * distances[nearest])
+    distance = f"at least {format_down(distances[nearest], '.2g')} in {residual.names[1]}"
     measured = f"u is {distance} away from the solution with u >= g {nearest}"
-    found = set()
-    for what, each in list_mistaken_conditions(
-        case, residual.discrete, mu, right, residual.u[residual.discrete.mesh.boundary]
+    # and the same for conditions that authors take by mistake, with the error added
+    descriptions = set()
+    for description, conditions in list_mistaken_conditions(
+        case, residual.discrete, mu, correct, residual.u[residual.discrete.mesh.boundary]
     ):
-        load, bound = each.multiplier_load(
-            residual.discrete.spaces.condensed, residual.unconstrained_trace, most
+        load, bound = conditions.multiplier_load(
+            residual.discrete.spaces.condensed, residual.unconstrained_trace, max_distance
         )
-        if residual.boundary_dual_norm(residual.boundary_load - load) + bound <= most:
-            found.add(what)
-    if found:
-        yield merge_alternatives([Fault(what, measured) for what in sorted(found)])
+        if residual.boundary_dual_norm(residual.boundary_load - load) + bound <= max_distance:
+            descriptions.add(description)
+    if descriptions:
+        yield merge_alternatives([Fault(description, measured) for description in sorted(descriptions)])
         return
     yield describe_unknown_fault(
         "u is not the solution of the discrete problem",
@@ -268,19 +287,22 @@ def list_readings(mu: BoundaryFunction, mesh: Mesh, expected_load: Array) -> Ite
 def _list_cell_readings(
     mu: BoundaryFunction, mesh: Mesh, expected_load: Array
 ) -> Iterator[MultiplierReading]:
+    """Other ways to read a multiplier that was handed in as constant on cells."""
     divided = piecewise_constant(mu.partition, mu.values / mu.partition.lengths)
     fault = "the multiplier's values are integrals over the cells; hand in means"
     yield MultiplierReading(fault, divided.load(mesh), divided)
-    for text, moved in list_arc_length_shifts(mu):
+    for text, shifted in list_arc_length_shifts(mu):
         fault = f"{text}; it has to begin at vertex 0 and run anticlockwise"
-        yield MultiplierReading(fault, moved.load(mesh), moved)
+        yield MultiplierReading(fault, shifted.load(mesh), shifted)
+    # reactions r_j made means: sum_j B_ij r_j / <1, phi_j> over H_i, or those of the P1 function of r
     spread = coupling(mesh, mu.partition) @ (expected_load / boundary_mass(mesh).sum(axis=1))
     as_reactions = represent_reactions(mesh, expected_load)
     means = coupling(mesh, mu.partition) @ as_reactions.nodal_values
     for how, values in (("their shares in the cells", spread), ("the means of their function", means)):
         fault = f"the multiplier is nodal reactions, made {how}; hand in `reaction`"
-        other = mu.load(mesh) - piecewise_constant(mu.partition, values / mu.partition.lengths).load(mesh)
-        yield MultiplierReading(fault, expected_load + other, as_reactions)
+        means_function = piecewise_constant(mu.partition, values / mu.partition.lengths)
+        difference = mu.load(mesh) - means_function.load(mesh)
+        yield MultiplierReading(fault, expected_load + difference, as_reactions)
 
 
 def read_as_uzawa_step(
@@ -293,14 +315,16 @@ def read_as_uzawa_step(
     """
     boundary = residual.discrete.mesh.boundary
     free = ~residual.discrete.spaces.condensed.clamped_nodes[boundary]
-    for each in list_conditions(case, residual.discrete, mu):
-        gap = each.gaps(residual.u[boundary])
-        mu_u = np.linalg.lstsq(each.B.T.toarray()[free], expected_load[free])[0]
-        on = each.mu > ZERO_VALUE_RATIO * np.abs(each.mu).max()
-        if not gap[on].any():
+    for conditions in list_conditions(case, residual.discrete, mu):
+        # mu_u by least squares from its load B^T mu_u
+        gap = conditions.gaps(residual.u[boundary])
+        mu_u = np.linalg.lstsq(conditions.B.T.toarray()[free], expected_load[free])[0]
+        active = conditions.mu > ZERO_VALUE_RATIO * np.abs(conditions.mu).max()
+        if not gap[active].any():
             continue
-        rho = -float(gap[on] @ (each.mu - mu_u)[on] / (gap[on] @ gap[on]))
+        # where mu > 0, (5.2) says mu - mu_u = -rho gap: rho by least squares
+        rho = -float(gap[active] @ (conditions.mu - mu_u)[active] / (gap[active] @ gap[active]))
         if rho > 0:
-            step = each.B.T @ np.maximum(0, mu_u - rho * gap)
-            what = "the iteration stopped too early: the multiplier is one step of Uzawa's ahead of u"
-            yield MultiplierReading(what, expected_load + mu.load(residual.discrete.mesh) - step, None)
+            step = conditions.B.T @ np.maximum(0, mu_u - rho * gap)
+            description = "the iteration stopped too early: the multiplier is one step of Uzawa's ahead of u"
+            yield MultiplierReading(description, expected_load + mu.load(residual.discrete.mesh) - step, None)

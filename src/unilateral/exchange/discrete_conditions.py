@@ -59,28 +59,32 @@ class Conditions:
     def multiplier_load(
         self, condensed: CondensedMatrix, unconstrained_trace: Array, tolerance: float
     ) -> tuple[Array, float]:
-        """The load (nb,) of the multiplier without which u has the `unconstrained_trace` (nb,).
+        """Load (nb,) of the multiplier that the conditions need, and a bound on its error in the norm of u.
 
-        With it comes a bound on its error in the norm of u.
+        Without a multiplier u has the boundary values `unconstrained_trace` (nb,).
         """
         if not len(self.g):
             return np.zeros(len(unconstrained_trace)), 0.0
-        found = solve_by_active_set(
+        result = solve_by_active_set(
             dual_operator(condensed, self.B, self.weights), self.gaps(unconstrained_trace), tolerance
         )
-        return self.B.T @ found.lambda_H, found.bound
+        return self.B.T @ result.lambda_H, result.bound
 
     def gaps(self, trace: Array) -> Array:
-        """Weighted means of u - g, which have to be >= 0, for boundary values of u.
-
-        The shape is (k,).
-        """
+        """Weighted means (k,) of u - g, which have to be >= 0, for boundary values (nb,) of u."""
         return np.asarray(self.B @ trace / self.weights - self.g)
 
     def select_rows(self, rows: Mask) -> Conditions:
         """The conditions of those rows (k,)."""
-        at = np.flatnonzero(rows)
-        return Conditions(self.description, self.B[at], self.weights[at], self.g[at], self.s[at], self.mu[at])
+        indices = np.flatnonzero(rows)
+        return Conditions(
+            self.description,
+            self.B[indices],
+            self.weights[indices],
+            self.g[indices],
+            self.s[indices],
+            self.mu[indices],
+        )
 
 
 class EqualityConditions(Conditions):
@@ -90,6 +94,8 @@ class EqualityConditions(Conditions):
         self, condensed: CondensedMatrix, unconstrained_trace: Array, tolerance: float
     ) -> tuple[Array, float]:
         """Load of the multiplier that u needs for u = g, and 0 as the bound on its error."""
+        # B A_3^{-1} B^T mu = weights (g - means of A^{-1} f); with A_3 = R^T R and half = R^{-T} B^T this is
+        # half^T x = weights (g - ..) for x = half mu. The load is B^T mu = R^T x, also if mu is not unique
         half = dual_operator(condensed, self.B, self.weights).D_factor
         missing = -self.weights * self.gaps(unconstrained_trace)
         return np.asarray(condensed.cholesky.T @ np.linalg.lstsq(half.T, missing)[0]), 0.0
@@ -102,9 +108,10 @@ class ReversedConditions(Conditions):
         self, condensed: CondensedMatrix, unconstrained_trace: Array, tolerance: float
     ) -> tuple[Array, float]:
         """Load of the multiplier <= 0 that u needs for u <= g, and a bound on its error."""
-        turned = Conditions(self.description, self.B, self.weights, -self.g, self.s, -self.mu)
-        found, bound = turned.multiplier_load(condensed, -unconstrained_trace, tolerance)
-        return -found, bound
+        # -u >= -g with the multiplier -lambda >= 0
+        mirrored = Conditions(self.description, self.B, self.weights, -self.g, self.s, -self.mu)
+        load, bound = mirrored.multiplier_load(condensed, -unconstrained_trace, tolerance)
+        return -load, bound
 
 
 def list_conditions(case: Problem, discrete: CondensedProblem, mu: BoundaryFunction) -> Iterator[Conditions]:
@@ -120,36 +127,38 @@ def list_conditions(case: Problem, discrete: CondensedProblem, mu: BoundaryFunct
             yield _make_cell_conditions(case, mesh, discrete.partition, mu)
         yield _make_cell_conditions(case, mesh, mu.partition, mu)
         return
-    edges = has_obstacle(case, mesh.side)
+    # nodal: u >= g at the nodes, with the multiplier <mu, phi_j> / <1, phi_j>
+    contact_edges = has_obstacle(case, mesh.side)
     g = obstacle_at_nodes(case, mesh)
-    held = np.isfinite(g)
-    mass = boundary_mass(mesh, edges)
+    constrained = np.isfinite(g)
+    mass = boundary_mass(mesh, contact_edges)
     weights = np.asarray(mass.sum(axis=1))
     s = mesh.s[:-1]
-    lumped = np.divide(mu.load(mesh), weights, where=held, out=np.zeros(len(g)))
+    lumped = np.divide(mu.load(mesh), weights, where=constrained, out=np.zeros(len(g)))
     nodal = sp.diags_array(weights).tocsr()
-    yield Conditions("at the nodes", nodal, weights, g, s, lumped).select_rows(held)
-    # integrals of g phi_j over the edges with an obstacle
+    yield Conditions("at the nodes", nodal, weights, g, s, lumped).select_rows(constrained)
+    # mortar: integrals of (u - g) phi_j over the edges with an obstacle
     exact = case.known_solution()
     rule = boundary_rule(mesh.polygon, mesh.s, exact.singular_points())
     u, _, gap = exact.trace_flux_and_gap(rule.side, rule.s, rule.nearest_anchor)
-    load = hat_load(mesh, rule, (u - gap) * edges[rule.interval])
-    moments = np.divide(load, weights, where=held, out=np.zeros(len(g)))
+    load = hat_load(mesh, rule, (u - gap) * contact_edges[rule.interval])
+    moments = np.divide(load, weights, where=constrained, out=np.zeros(len(g)))
     yield Conditions(
         "tested against each hat function", mass, weights, moments, s, mu.nodal_values
-    ).select_rows(held)
+    ).select_rows(constrained)
 
 
 def _make_cell_conditions(
     case: Problem, mesh: Mesh, partition: Partition, mu: BoundaryFunction
 ) -> Conditions:
+    """The conditions on the means over the cells of a partition."""
     middle = 0.5 * (partition.points[1:] + partition.points[:-1])
     values = mu.partition.means(mu.values, partition.points)
     means = cell_means(case.known_solution(), partition).g_means
-    found = Conditions(
+    conditions = Conditions(
         "in the means over the cells", coupling(mesh, partition), partition.lengths, means, middle, values
     )
-    return found.select_rows(has_obstacle(case, partition.side))
+    return conditions.select_rows(has_obstacle(case, partition.side))
 
 
 def list_mistaken_conditions(
@@ -163,12 +172,12 @@ def list_mistaken_conditions(
 
     `trace` (nb,) is u on the boundary: a side is ignored if mu is 0 there, and u below g.
     """
-    for each in correct:
-        fields = vars(each)
+    for conditions in correct:
+        fields = vars(conditions)
         yield "the conditions hold as equations (u = g everywhere)", EqualityConditions(**fields)
         yield "the conditions are reversed (u <= g and lambda <= 0)", ReversedConditions(**fields)
-        yield "g has the wrong sign", replace(each, g=-each.g)
-        yield "g is taken as 0", replace(each, g=np.zeros_like(each.g))
+        yield "g has the wrong sign", replace(conditions, g=-conditions.g)
+        yield "g is taken as 0", replace(conditions, g=np.zeros_like(conditions.g))
     yield from _shift_obstacle_means(correct[-1], mu)
     yield from _drop_ignored_sides(case, discrete, mu, correct[0], trace)
 
@@ -179,48 +188,44 @@ def _shift_obstacle_means(
     """The conditions with means of g from another vertex on, where the cells are the same from there."""
     if mu.nodal_values is not None or len(cell_conditions.g) < mu.partition.n_cells:
         return
-    given = piecewise_constant(mu.partition, cell_conditions.g)
-    for text, moved in list_arc_length_shifts(given):
-        if np.allclose(moved.partition.points, mu.partition.points, rtol=0, atol=1e-9 * mu.partition.H):
-            yield f"{text} where the means of g are taken", replace(cell_conditions, g=moved.values)
+    obstacle_means = piecewise_constant(mu.partition, cell_conditions.g)
+    for text, shifted in list_arc_length_shifts(obstacle_means):
+        if np.allclose(shifted.partition.points, mu.partition.points, rtol=0, atol=1e-9 * mu.partition.H):
+            yield f"{text} where the means of g are taken", replace(cell_conditions, g=shifted.values)
 
 
 def list_arc_length_shifts(mu: BoundaryFunction) -> Iterator[tuple[str, BoundaryFunction]]:
-    """Mu for each other vertex at which the arc length may begin, and for either direction, with words on it.
-
-    Each comes with a text that says so.
-    """
+    """Functions that mu is if its arc length begins at another vertex or runs clockwise; with words on it."""
     for clockwise in (True, False):
         for vertex, start in enumerate(mu.partition.polygon.starts[:-1].tolist()):
             if clockwise or vertex:
-                way = "clockwise" if clockwise else "anticlockwise"
-                with suppress(InputError):
-                    yield (
-                        f"the cells' arc length begins at vertex {vertex} and runs {way}",
-                        mu.shift_arc_length(start, clockwise),
-                    )
+                direction = "clockwise" if clockwise else "anticlockwise"
+                text = f"the cells' arc length begins at vertex {vertex} and runs {direction}"
+                with suppress(InputError):  # a vertex would lie inside a cell
+                    yield text, mu.shift_arc_length(start, clockwise)
 
 
 def _drop_ignored_sides(
     case: Problem, discrete: CondensedProblem, mu: BoundaryFunction, base_conditions: Conditions, trace: Array
 ) -> Iterator[tuple[str, Conditions]]:
     """The conditions without the sides, and the nodes at their ends, that look ignored."""
-    below, pushed = _find_violated_and_active(base_conditions, trace)
+    # sides look ignored on which u is below g somewhere, and mu is 0
+    below, active = _find_violated_and_active(base_conditions, trace)
     sides = []
     for side, (start, end) in enumerate(pairwise(case.polygon.starts)):
         inside = (start < base_conditions.s) & (base_conditions.s < end)
-        if below[inside].any() and not pushed[inside].any():
+        if below[inside].any() and not active[inside].any():
             sides.append(side)
     if not sides:
         return
     name = f"side {sides[0]} is" if len(sides) == 1 else f"sides {', '.join(map(str, sides))} are"
     ends = case.polygon.starts[np.add.outer(sides, [0, 1])] % case.polygon.perimeter
-    for each in list_conditions(replace(case, free_sides=(*case.free_sides, *sides)), discrete, mu):
-        below, pushed = _find_violated_and_active(each, trace)
-        yield f"{name} ignored", each.select_rows(~(np.isin(each.s, ends) & below & ~pushed))
+    for conditions in list_conditions(replace(case, free_sides=(*case.free_sides, *sides)), discrete, mu):
+        below, active = _find_violated_and_active(conditions, trace)
+        yield f"{name} ignored", conditions.select_rows(~(np.isin(conditions.s, ends) & below & ~active))
 
 
 def _find_violated_and_active(conditions: Conditions, trace: Array) -> tuple[Mask, Mask]:
-    """Where u is below g, and where mu is not 0, (k,) each."""
+    """Masks (k,) of the conditions in which u is below g, and of those in which mu is not 0."""
     below = conditions.gaps(trace) < -ZERO_VALUE_RATIO * np.abs(trace).max()
     return below, np.abs(conditions.mu) > ZERO_VALUE_RATIO * np.abs(conditions.mu).max(initial=0)

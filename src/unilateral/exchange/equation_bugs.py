@@ -35,7 +35,6 @@ NEGLIGIBLE_RESIDUAL_SHARE = 1e-3
 """Less than this fraction of what may be left is as good as nothing, and not compared."""
 RELATIVE_U_ROUNDING = 1e-12
 """Rounding of u leaves at most this fraction of it: EPS (4 n)^(1/2) on n nodes."""
-
 MIN_NONZERO_FACTOR = 1e-6
 """A factor below this counts as 0."""
 MIN_RENUMBERING_RATIO = 10
@@ -46,9 +45,9 @@ These are the distance of both if they are sorted, and that of the right values 
 
 
 class Repair(NamedTuple):
-    """A bug, and the `residual` without it; `repair_multiplier` makes of one that was handed in what it then is.
+    """A bug that is undone: its fault, the `residual` without it, and what `repair_multiplier` makes of mu.
 
-    The bug may be one of `needs_multiplier`, of u and of the multiplier.
+    A bug that `needs_multiplier` is one of both u and the multiplier.
     """
 
     fault: Fault
@@ -60,43 +59,45 @@ class Repair(NamedTuple):
 def identify_load(
     case: Problem, exported: Residual, mu: Array | None, max_residual: float
 ) -> tuple[Residual, str]:
-    """The residual with the load that u's equation has, and that load's name: the exported one if in doubt.
+    """Residual with the load that u's equation has, and that load's name; the exported one if in doubt.
 
     Another load has to leave no more than `max_residual` inside, and hardly anything of what the exported one
     leaves. If the exported one leaves more than `max_residual` inside, that is compared inside. Else it is
     compared on V_h, beside the boundary load mu (nb,) of the multiplier, if there is one.
     """
     beside = None if exported.interior_norm > max_residual else mu
-    left = exported.total_norm(beside)
-    if left <= NEGLIGIBLE_RESIDUAL_SHARE * max_residual:
+    residual_norm = exported.total_norm(beside)
+    if residual_norm <= NEGLIGIBLE_RESIDUAL_SHARE * max_residual:
         return exported, ""
     best = (exported, "")
-    of_best = MAX_UNEXPLAINED_SHARE * left
+    best_norm = MAX_UNEXPLAINED_SHARE * residual_norm
     for name, load in list_candidate_loads(case.known_solution(), exported.discrete):
-        of = replace(exported, load=load)
+        candidate = replace(exported, load=load)
         if (
             np.isfinite(load).all()
-            and of.interior_norm <= max_residual
-            and (left := of.total_norm(beside)) < of_best
+            and candidate.interior_norm <= max_residual
+            and (residual_norm := candidate.total_norm(beside)) < best_norm
         ):
-            best = (of, name)
-            of_best = left
+            best = (candidate, name)
+            best_norm = residual_norm
     return best
 
 
 def list_repairs(case: Problem, residual: Residual, max_residual: float) -> list[Repair]:
-    """Bugs that, undone, leave no more than `max_residual` and hardly anything of the residual."""
-    most = min(max_residual, MAX_UNEXPLAINED_SHARE * residual.interior_norm)
+    """Bugs without which no more than `max_residual` and hardly anything of the residual is left."""
+    threshold = min(max_residual, MAX_UNEXPLAINED_SHARE * residual.interior_norm)
     for _, load in list_candidate_loads(case.known_solution(), residual.discrete):
-        if np.isfinite(load).all():
-            of = Residual(residual.discrete, residual.u, load)
-            found = [each for each in _try_bugs(of) if each.residual.interior_norm <= most]
-            if found:
+        if np.isfinite(load).all():  # f may be infinite at nodes
+            candidate = Residual(residual.discrete, residual.u, load)
+            repairs = [
+                repair for repair in _try_bugs(candidate) if repair.residual.interior_norm <= threshold
+            ]
+            if repairs:
                 # those that leave not clearly more than another one does
-                smallest = min(each.residual.interior_norm for each in found)
-                least = max(smallest / MAX_UNEXPLAINED_SHARE, NEGLIGIBLE_RESIDUAL_SHARE * most)
-                return [each for each in found if each.residual.interior_norm <= least]
-    return list(_try_swapped_axes(residual, most))
+                smallest = min(repair.residual.interior_norm for repair in repairs)
+                cutoff = max(smallest / MAX_UNEXPLAINED_SHARE, NEGLIGIBLE_RESIDUAL_SHARE * threshold)
+                return [repair for repair in repairs if repair.residual.interior_norm <= cutoff]
+    return list(_try_swapped_axes(residual, threshold))
 
 
 def _try_bugs(residual: Residual) -> Iterator[Repair]:
@@ -109,23 +110,25 @@ def _try_bugs(residual: Residual) -> Iterator[Repair]:
             c = residual.fit_factor(signature)
             without = residual.add_load(c * signature)
             yield Repair(_describe_factor(f"the {term}", 1 - c, signature, without), without)
+        # K u / 2 + 2 M u = f, so A u - f = K u / 2 - M u: no factor is left to fit
         areas = 0.5 * K_u - M_u
-        told = "(grad u, grad v) / 2 + 2 (u, v) fits f"
-        yield Repair(Fault("the triangles' areas are twice the right ones", told), residual.add_load(areas))
+        detail = "(grad u, grad v) / 2 + 2 (u, v) fits f"
+        yield Repair(Fault("the triangles' areas are twice the right ones", detail), residual.add_load(areas))
     else:
         c = residual.fit_factor(M_u)
         fault = Fault("there is a mass term (u, v), but c = 0", f"{-c:.6g} times (u, v)")
         yield Repair(fault, residual.add_load(c * M_u))
     yield from _try_wrong_factors(residual)
-    for off in find_clamped_fault(residual, 0.0):
-        given = np.where(
+    for clamped_fault in find_clamped_fault(residual, 0.0):
+        corrected_u = np.where(
             residual.discrete.spaces.condensed.clamped_nodes, residual.discrete.dirichlet_lift, residual.u
         )
-        yield Repair(off, replace(residual, u=given))
+        yield Repair(clamped_fault, replace(residual, u=corrected_u))
 
 
 def _try_wrong_factors(residual: Residual) -> Iterator[Repair]:
     """Bugs that the load, the matrix or u has a wrong factor, if (u, v)_1 = factor (f, v) inside."""
+    # A u - f = c f for the factor 1 + c
     factor = 1 + residual.fit_factor(residual.load)
     scaled = Residual(residual.discrete, residual.u, factor * residual.load)
     load = _describe_factor("the load (f, v)", factor, residual.load, scaled)
@@ -156,7 +159,7 @@ def _describe_factor(name: str, factor: float, term: Array, residual: Residual) 
 
 
 def _is_missing(factor: float, term: Array, residual: Residual) -> bool:
-    """Whether the factor of a term (n,) is 0 as far as one can see."""
+    """Whether the factor of a term (n,) is 0 up to what is left of the residual."""
     size = residual.interior_dual_norm(term)
     return abs(factor) * size <= residual.interior_norm + MIN_NONZERO_FACTOR * size
 
@@ -167,39 +170,41 @@ def _try_swapped_axes(residual: Residual, max_residual: float) -> Iterator[Repai
     distance, node = cKDTree(mesh.points).query(mesh.points[:, ::-1])
     if distance.max() > SAME_PLACE_RATIO * mesh.h:
         return
-    of = Residual(residual.discrete, residual.u[node], residual.load)
-    if of.interior_norm <= max_residual:
+    mirrored = Residual(residual.discrete, residual.u[node], residual.load)
+    if mirrored.interior_norm <= max_residual:
         bug = Fault("x and y are exchanged", "the equation holds inside at (y, x)")
-        yield Repair(bug, of, lambda mu: mu.permute_nodes(mesh, node))
+        yield Repair(bug, mirrored, lambda mu: mu.permute_nodes(mesh, node))
 
 
 def find_clamped_fault(residual: Residual, max_error: float) -> Iterator[Fault]:
-    """The fault that u is not u_D at nodes of clamped sides, if that alone is an error above `max_error` in H1.
-
-    The energy would be no measure: if c = 0, constants have none.
-    """
+    """The fault that u is not u_D on clamped sides, if that alone is an error above `max_error` in H1."""
+    # the energy would be no measure: if c = 0, constants have none
     discrete = residual.discrete
     condensed = residual.discrete.spaces.condensed
     mesh = discrete.mesh
     form = discrete.form
-    off = np.where(condensed.clamped_nodes, residual.u - discrete.dirichlet_lift, 0.0)
-    least = off + condensed.solve(subtract_lift_from_load(mesh, form, np.zeros(len(off)), off))
-    if energy_norm(mesh, least) <= max_error:
+    # u - u_D on clamped sides, extended with the least energy: (w, v)_1 = 0 for all v that vanish there
+    deviation = np.where(condensed.clamped_nodes, residual.u - discrete.dirichlet_lift, 0.0)
+    extension = deviation + condensed.solve(
+        subtract_lift_from_load(mesh, form, np.zeros(len(deviation)), deviation)
+    )
+    if energy_norm(mesh, extension) <= max_error:
         return
-    worst = np.abs(off).argmax()
-    ends = np.abs(off[mesh.boundary]) > MIN_NONZERO_FACTOR * abs(off[worst])
+    worst = np.abs(deviation).argmax()
+    # the clamped sides with an edge on which u differs
+    ends = np.abs(deviation[mesh.boundary]) > MIN_NONZERO_FACTOR * abs(deviation[worst])
     sides = np.unique(mesh.side[form.clamped_edges(mesh) & (ends | np.roll(ends, -1))])
     how = _describe_clamped_values(
-        residual, np.isin(mesh.side, sides), max_error + RELATIVE_U_ROUNDING * abs(off[worst])
+        residual, np.isin(mesh.side, sides), max_error + RELATIVE_U_ROUNDING * abs(deviation[worst])
     )
-    on = ", ".join(map(str, sides))
+    side_list = ", ".join(map(str, sides))
     (x, y) = mesh.points[worst]
-    what = f"u is {how} on the clamped side{'s' * (len(sides) > 1)} {on}"
-    yield Fault(what, f"u - u_D is {off[worst]:.2g} at ({x:g}, {y:g})")
+    description = f"u is {how} on the clamped side{'s' * (len(sides) > 1)} {side_list}"
+    yield Fault(description, f"u - u_D is {deviation[worst]:.2g} at ({x:g}, {y:g})")
 
 
 def _describe_clamped_values(residual: Residual, edges: Mask, max_residual: float) -> str:
-    """Words on u on the edges: left free, if the equation holds at the nodes inside the sides, too, or another value."""
+    """Words on u on clamped edges: left free if the equation holds at their inner nodes, or not u_D, or 0."""
     mesh = residual.discrete.mesh
     A = residual.discrete.spaces.condensed.A
     inner = mesh.boundary[(edges & np.roll(edges, 1))]
@@ -213,21 +218,21 @@ def _describe_clamped_values(residual: Residual, edges: Mask, max_residual: floa
 
 
 def find_renumbering(case: Problem, residual: Residual, u_h: Array) -> Fault | None:
-    """The fault of another numbering, if the sorted values are nearly those of u_h (n,).
-
-    They have to be as near to these as these are to the exact ones. All distances are root mean squares over
-    the nodes. Sorted values are never farther apart than values at the nodes, so a right solution passes,
-    however numbered. Twice the distance is allowed, as another method may err twice as much.
-    """
+    """The fault of another numbering, if the sorted values are nearly those of u_h (n,), else None."""
+    # Root mean squares over the nodes. Sorted values are never farther apart than those at the nodes
+    # (rearrangement inequality), so the values of a right solution pass, however numbered. Another method may
+    # err twice as much as u_h.
     exact = case.known_solution().value_and_gradient(residual.discrete.mesh.points)[0]
-    own = _root_mean_square(u_h - exact)
-    here = _root_mean_square(residual.u - u_h)
+    discretisation_error = _root_mean_square(u_h - exact)
+    distance = _root_mean_square(residual.u - u_h)
     ordered = _root_mean_square(np.sort(residual.u) - np.sort(u_h))
-    if ordered > 2 * own or here <= MIN_RENUMBERING_RATIO * max(own, ordered):
+    if ordered > 2 * discretisation_error or distance <= MIN_RENUMBERING_RATIO * max(
+        discretisation_error, ordered
+    ):
         return None
     return Fault(
         "the values of u are right, but at other nodes: x, y and u are numbered differently",
-        f"u differs from the right values by {here:.2g}, and by {ordered:.2g} if both are sorted",
+        f"u differs from the right values by {distance:.2g}, and by {ordered:.2g} if both are sorted",
     )
 
 

@@ -61,32 +61,23 @@ class Residual:
 
     @cached_property
     def unconstrained_trace(self) -> Array:
-        """Boundary values of the u without a multiplier: A^{-1} f, and u itself at fixed nodes.
-
-        The shape is (nb,).
-        """
+        """Boundary values (nb,) of u without a multiplier: A^{-1} f, and u itself at fixed nodes."""
         condensed = self.discrete.spaces.condensed
         mesh = self.discrete.mesh
-        held = np.where(condensed.clamped_nodes, self.u, 0.0)
-        free = condensed.solve(subtract_lift_from_load(mesh, condensed.form, self.load, held))
-        return np.asarray((held + free)[mesh.boundary])
+        clamped_values = np.where(condensed.clamped_nodes, self.u, 0.0)
+        free = condensed.solve(subtract_lift_from_load(mesh, condensed.form, self.load, clamped_values))
+        return np.asarray((clamped_values + free)[mesh.boundary])
 
     @cached_property
     def boundary_load(self) -> Array:
-        """Load <lambda_h, phi_j> of the multiplier that belongs to u's boundary values: A_3 (u - A^{-1} f).
-
-        The shape is (nb,).
-        """
+        """Load <lambda_h, phi_j> (nb,) of the multiplier that belongs to u's boundary values."""
+        # A_3 (u - A^{-1} f) with the Schur complement A_3 on the boundary (section 5 of the paper)
         A_3 = self.discrete.spaces.condensed.A_3
         return np.asarray(A_3 @ (self.u[self.discrete.mesh.boundary] - self.unconstrained_trace))
 
     def choose_boundary_load(self, load: Array) -> Array:
-        """The boundary load, or the reactions A u - f, whichever is nearer to another load.
-
-        The shape is (nb,).
-
-        They differ by what is left inside.
-        """
+        """The boundary load or the reactions A u - f (nb,), whichever is nearer to another load (nb,)."""
+        # they differ by what is left inside
         reactions = self.values[self.discrete.mesh.boundary]
         return min((self.boundary_load, reactions), key=lambda right: self.boundary_dual_norm(load - right))
 
@@ -100,39 +91,37 @@ class Residual:
         return math.sqrt(max(float(self._interior_products(load[:, None])[0, 0]), 0.0))
 
     def total_norm(self, mu: Array | None) -> float:
-        """Dual norm over V_h of what is left beside a boundary load mu; without it the norm inside."""
-        return (
-            self.interior_norm
-            if mu is None
-            else math.hypot(self.interior_norm, self.boundary_dual_norm(self.boundary_load - mu))
-        )
+        """Dual norm over V_h of the residual less a boundary load mu (nb,); without it the interior norm."""
+        if mu is None:
+            return self.interior_norm
+        # functions that are 0 on the boundary are orthogonal to discrete harmonic ones, so squares add up
+        return math.hypot(self.interior_norm, self.boundary_dual_norm(self.boundary_load - mu))
 
     def add_load(self, load: Array) -> Residual:
         """The residual with another load (n,) added to that of u's equation."""
         return replace(self, load=self.load + load)
 
     def fit_factor(self, signature: Array) -> float:
-        """The factor by which a signature (n,) is nearest to what is left inside; 0 for one that is 0."""
+        """Factor c for which c times a signature (n,) is nearest to the residual inside; 0 if that is 0."""
         products = self._interior_products(np.column_stack([self.values, signature]))
         return float(products[0, 1] / products[1, 1]) if products[1, 1] > 0 else 0.0
 
     def _interior_products(self, loads: Array) -> Array:
-        """Products of loads in the dual norm over the v that are 0 on the boundary, by A^{-1} in place of A_II^{-1}.
-
-        The shape is (k, k).
-        """
+        """Products (k, k) of loads (n, k) in the dual norm over the v of V_h that are 0 on the boundary."""
         condensed = self.discrete.spaces.condensed
         boundary = self.discrete.mesh.boundary
         inner = loads.copy()
         inner[boundary] = 0.0
+        # b^T A_II^{-1} b = b^T A^{-1} b - x_B^T A_3 x_B with x = A^{-1} b, as A and not A_II is factorised
         x = condensed.solve(inner)
         return np.asarray(inner.T @ x - x[boundary].T @ (condensed.A_3 @ x[boundary]))
 
     def find_worst_place(self) -> tuple[float, ...]:
         """The place of the inner node at which the equation holds least."""
-        of_node = np.abs(self.values) / np.sqrt(self.discrete.spaces.condensed.A.diagonal())
-        of_node[self.discrete.mesh.boundary] = 0.0
-        return tuple(self.discrete.mesh.points[of_node.argmax()].tolist())
+        # |r_j| / A_jj^{1/2} is the dual norm over the multiples of one hat
+        scaled_residual = np.abs(self.values) / np.sqrt(self.discrete.spaces.condensed.A.diagonal())
+        scaled_residual[self.discrete.mesh.boundary] = 0.0
+        return tuple(self.discrete.mesh.points[scaled_residual.argmax()].tolist())
 
     def boundary_dual_norm(self, load: Array) -> float:
         """The dual norm over V_h of a boundary load (nb,): ||mu||_{-1/2,h}."""
@@ -140,12 +129,14 @@ class Residual:
 
     def boundary_product(self, first_load: Array, second_load: Array) -> float:
         """The product of boundary loads (nb,) from which `boundary_dual_norm` comes."""
+        # l_1 . A_3^{-1} l_2; loads at clamped nodes act on no v
         condensed = self.discrete.spaces.condensed
-        free = np.where(condensed.clamped_nodes[condensed.mesh.boundary], 0.0, second_load)
-        return float(first_load @ condensed.solve_boundary(free))
+        unclamped_load = np.where(condensed.clamped_nodes[condensed.mesh.boundary], 0.0, second_load)
+        return float(first_load @ condensed.solve_boundary(unclamped_load))
 
     def fit_multiple(self, load: Array, expected_load: Array) -> LoadFit:
-        """The multiple of the right load, by 0 if that is 0, that is nearest to a boundary load (nb,)."""
+        """Fit of the multiple of the right load, 0 if that is 0, that is nearest to a boundary load (nb,)."""
+        # least squares: factor = (l, l_expected) / (l_expected, l_expected) in the dual product
         square = self.boundary_product(expected_load, expected_load)
         factor = self.boundary_product(load, expected_load) / square if square > 0 else 0.0
         return LoadFit(
@@ -162,15 +153,17 @@ def list_candidate_loads(exact: ExactSolution, discrete: CondensedProblem) -> It
     f = exact.source(mesh.points)
     yield "interpolated at the nodes", mass @ f
     yield "at the nodes with the lumped mass matrix", mass.sum(axis=1) * f
+    # one point: |T| f(centroid) / 3 at each corner
     middle = exact.source(mesh.points[corners].mean(axis=1))
     yield "at the centroids", load_vector(mesh, np.repeat((mesh.areas * middle / 3)[:, None], 3, axis=1))
-    ends = mesh.points[np.roll(corners, 1, axis=1)] + mesh.points[corners]
-    on_edges = exact.source(ends.reshape(-1, 2) / 2).reshape(-1, 3)
-    of_corner = on_edges + np.roll(on_edges, -1, axis=1)
-    yield "at the midpoints of the edges", load_vector(mesh, mesh.areas[:, None] / 6 * of_corner)
+    # midpoints of edges: |T|/3 times f phi, where phi is 1/2 on the two edges at its corner
+    end_sums = mesh.points[np.roll(corners, 1, axis=1)] + mesh.points[corners]
+    edge_values = exact.source(end_sums.reshape(-1, 2) / 2).reshape(-1, 3)
+    corner_sums = edge_values + np.roll(edge_values, -1, axis=1)
+    yield "at the midpoints of the edges", load_vector(mesh, mesh.areas[:, None] / 6 * corner_sums)
 
 
 def exact_multiplier_load(discrete: CondensedProblem) -> Array:
-    """<lambda, phi_j> (nb,) of a case's lambda."""
+    """Load <lambda, phi_j> (nb,) of a case's exact lambda."""
     assert discrete.exact is not None
     return discrete.exact.ritz.multiplier_load

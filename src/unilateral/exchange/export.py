@@ -2,7 +2,7 @@
 
     README.md  problem.json  <case>.yaml  level_0/  level_1/  ...
 
-`LEVEL_FILES` says what is in the folder of a level; `read` reads them again.
+`LEVEL_FILES` says what is in the folder of a level; `exported_folder` reads them again.
 """
 
 from __future__ import annotations
@@ -53,8 +53,13 @@ In P1 u has the values u_D at the nodes of clamped sides, ends included: the col
 In the weak form below v ≥ g means v = u_D there, and in the mixed form v = 0.
 λ is to be handed in on the other sides. What stands for it on clamped sides is not looked at; 0 will do.
 """
-REACTION_TERMS = {"of_u": " + u", "of_v": " + uv", "of_rest": " + u(v − u)", "of_square": " + v²"}
-"""The parts of the README's equations that belong to the reaction term."""
+REACTION_TERMS = {
+    "u_term": " + u",
+    "v_term": " + uv",
+    "inequality_term": " + u(v − u)",
+    "square_term": " + v²",
+}
+"""Terms of the README's equations that belong to the reaction term."""
 
 
 def export_case(case: Problem, coarse: Mesh, H: float, levels: int, folder: str | os.PathLike[str]) -> None:
@@ -69,13 +74,14 @@ def export_case(case: Problem, coarse: Mesh, H: float, levels: int, folder: str 
         raise is_there
     check_writable(folder)
     try:
+        # written under another name first, so that the folder appears whole
         with make_hidden_folder(folder) as hidden:
-            made = hidden / folder.name
-            made.mkdir()
-            _write_folder(case, coarse, H, levels, made)
-            os.rename(made, folder)
+            unfinished = hidden / folder.name
+            unfinished.mkdir()
+            _write_folder(case, coarse, H, levels, unfinished)
+            os.rename(unfinished, folder)
     except StorageError as error:
-        raise StorageError(str(error).replace(str(made), str(folder))) from error
+        raise StorageError(str(error).replace(str(unfinished), str(folder))) from error
     except OSError as error:
         if error.errno in (errno.ENOTEMPTY, errno.EEXIST):  # another export was quicker
             raise is_there from None
@@ -86,19 +92,19 @@ def _write_folder(case: Problem, coarse: Mesh, H: float, levels: int, folder: Pa
     sizes = []
     for k in range(levels):
         mesh = refine_uniformly(coarse, k)
-        cells = partitions.make_uniform_partition(case.polygon, H * 2 ** (levels - 1 - k))
-        _write_level(case, mesh, cells, folder / f"level_{k}")
-        counts = {"nodes": mesh.n_nodes, "cells": cells.n_cells}
-        sizes.append({"folder": f"level_{k}", "h": mesh.h, "H": cells.H, **counts})
-    found = _describe_case_in_json(case) | {"levels": sizes}
-    (folder / "problem.json").write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8", newline="\n")
+        partition = partitions.make_uniform_partition(case.polygon, H * 2 ** (levels - 1 - k))
+        _write_level(case, mesh, partition, folder / f"level_{k}")
+        counts = {"nodes": mesh.n_nodes, "cells": partition.n_cells}
+        sizes.append({"folder": f"level_{k}", "h": mesh.h, "H": partition.H, **counts})
+    record = _describe_case_in_json(case) | {"levels": sizes}
+    (folder / "problem.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8", newline="\n")
     declaration = yaml.safe_dump(dict(case.known_solution().declaration), allow_unicode=True, sort_keys=False)
     (folder / f"{case.name}.yaml").write_text(declaration, encoding="utf-8", newline="\n")
-    (folder / "README.md").write_text(_render_readme(case, found), encoding="utf-8", newline="\n")
+    (folder / "README.md").write_text(_render_readme(case, record), encoding="utf-8", newline="\n")
 
 
 def _describe_case_in_json(case: Problem) -> dict[str, Any]:
-    """Content of problem.json, but for the levels."""
+    """Record of the case for problem.json, without the levels."""
     exact = case.known_solution()
     singular = [
         {"side": p.side, "t": p.t, "place": case.polygon.point(p.side, p.t).tolist()}
@@ -138,7 +144,7 @@ def _write_level(case: Problem, mesh: Mesh, partition: Partition, folder: Path) 
 
 
 def _tabulate_nodes(case: Problem, mesh: Mesh) -> pd.DataFrame:
-    """A row per node. Inside s, g and u_D are empty; on the boundary a node has g, or u_D, or neither."""
+    """Table with a row per node; s, g and u_D are NaN inside, and on the boundary where there is none."""
     exact = case.known_solution()
     s = np.full(mesh.n_nodes, np.nan)
     g = np.full(mesh.n_nodes, np.nan)
@@ -155,17 +161,17 @@ def _tabulate_nodes(case: Problem, mesh: Mesh) -> pd.DataFrame:
 
 
 def _tabulate_quadrature(case: Problem, mesh: Mesh) -> xr.Dataset:
-    """The rules with which this project integrates f and g."""
+    """Points, weights and values of the rules with which this project integrates f and g."""
     exact = case.known_solution()
-    parts: list[tuple[Array, ...]] = []
+    blocks: list[tuple[Array, ...]] = []
     for rule in triangle_rules(mesh, exact):
         count = rule.weight.shape[1]
         f = exact.source(rule.origin, rule.offset)
         hats = rule.barycentric.reshape(-1, 3)
-        parts.append((np.repeat(rule.triangle, count), rule.points, rule.weight.ravel(), hats, f))
-    triangle, places, weight, hats, f = map(np.concatenate, zip(*parts, strict=True))
-    on = boundary_rule(case.polygon, mesh.s, exact.singular_points())
-    u, _, gap = exact.trace_flux_and_gap(on.side, on.s, on.nearest_anchor)
+        blocks.append((np.repeat(rule.triangle, count), rule.points, rule.weight.ravel(), hats, f))
+    triangle, places, weight, hats, f = map(np.concatenate, zip(*blocks, strict=True))
+    edge_rule = boundary_rule(case.polygon, mesh.s, exact.singular_points())
+    u, _, gap = exact.trace_flux_and_gap(edge_rule.side, edge_rule.s, edge_rule.nearest_anchor)
     return xr.Dataset(
         {
             "triangle": ("point", triangle.astype(np.int32)),
@@ -173,23 +179,23 @@ def _tabulate_quadrature(case: Problem, mesh: Mesh) -> xr.Dataset:
             "barycentric": (("point", "corner"), hats),
             "weight": ("point", weight),
             "f": ("point", f),
-            "edge": ("boundary_point", on.interval.astype(np.int32)),
-            "side": ("boundary_point", on.side.astype(np.int32)),
-            "s": ("boundary_point", on.s + case.polygon.starts[on.side]),
-            "boundary_weight": ("boundary_point", on.weight),
-            "g": ("boundary_point", np.where(has_obstacle(case, on.side), u - gap, np.nan)),
+            "edge": ("boundary_point", edge_rule.interval.astype(np.int32)),
+            "side": ("boundary_point", edge_rule.side.astype(np.int32)),
+            "s": ("boundary_point", edge_rule.s + case.polygon.starts[edge_rule.side]),
+            "boundary_weight": ("boundary_point", edge_rule.weight),
+            "g": ("boundary_point", np.where(has_obstacle(case, edge_rule.side), u - gap, np.nan)),
         },
         attrs={"case": case.name, "h": mesh.h},
     )
 
 
 def _render_readme(case: Problem, record: dict[str, Any]) -> str:
-    """The template `README.template.md` with the case's own lines."""
+    """Text of the folder's README, from its template and the case's lines."""
     template = resources.files("unilateral.exchange") / "README.template.md"
     columns = "| {folder} | {h:.6g} | {H:.6g} | {nodes} | {cells} |"
     rows = [columns.format(**level) for level in record["levels"]]
     values = [f"`{u}` on side {i}" for i, u in sorted(case.known_solution().clamped_values.items())]
-    files = [f"- `{name}`: {what}" for name, what in LEVEL_FILES.items()]
+    files = [f"- `{name}`: {description}" for name, description in LEVEL_FILES.items()]
     return template.read_text(encoding="utf-8").format(
         name=case.name,
         title=case.title,

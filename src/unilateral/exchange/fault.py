@@ -8,7 +8,7 @@ UNEXPLAINED = "no known bug explains it"
 
 
 class Fault(NamedTuple):
-    """`description` is wrong, the same on every level, and what was `detail` on this one.
+    """A fault: its `description`, the same on every level, and a `detail` that was measured on this one.
 
     It is `is_explained` if it is a bug that is known.
     """
@@ -35,7 +35,7 @@ def describe_unknown_fault(description: str, reason: str, detail: str) -> Fault:
 
 
 def merge_alternatives(faults: list[Fault]) -> Fault:
-    """One of several faults, where nothing tells which."""
-    what = "; or ".join(dict.fromkeys(fault.description for fault in faults))
-    measured = "; or ".join(dict.fromkeys(fault.detail for fault in faults))
-    return Fault(what, measured, all(fault.is_explained for fault in faults))
+    """One fault whose description and detail are those of several, joined by "or"."""
+    description = "; or ".join(dict.fromkeys(fault.description for fault in faults))
+    detail = "; or ".join(dict.fromkeys(fault.detail for fault in faults))
+    return Fault(description, detail, all(fault.is_explained for fault in faults))

@@ -40,8 +40,8 @@ EXACT_POINTS_PER_SIDE = 400
 def render_score_page(
     case: Problem, scored_solutions: Sequence[ScoredSolution], rates: dict[str, Rate]
 ) -> str:
-    """The page: errors beside this project's own, rates, faults, and the boundary on the finest level."""
-    ladder = sorted(scored_solutions, key=lambda one: -one.solution.level.mesh.h)
+    """Page with errors beside this project's own, rates, faults, and the boundary on the finest level."""
+    ladder = sorted(scored_solutions, key=lambda scored: -scored.solution.level.mesh.h)
     title_norm, drawn_norm = U_NORM_SYMBOLS[case.c != ZERO]
     titles = HTML_NORM_TITLES | {"h1": HTML_NORM_TITLES["h1"].format(title_norm)}
     drawn = PLOT_NORM_TITLES | {"h1": PLOT_NORM_TITLES["h1"].format(drawn_norm)}
@@ -65,21 +65,23 @@ def render_score_page(
 
 def _render_score_table(head: Iterable[str], rows: Iterable[tuple[str, Iterable[str]]]) -> str:
     """A table in HTML, with a class for each row."""
-    lines = [f"<tr>{''.join(f'<th>{each}</th>' for each in head)}</tr>"]
-    lines += [f'<tr class="{kind}">{"".join(f"<td>{each}</td>" for each in row)}</tr>' for kind, row in rows]
+    lines = [f"<tr>{''.join(f'<th>{title}</th>' for title in head)}</tr>"]
+    lines += [f'<tr class="{kind}">{"".join(f"<td>{text}</td>" for text in row)}</tr>' for kind, row in rows]
     return "\n".join(["<table>", *lines, "</table>"])
 
 
 def _render_error_table(ladder: Sequence[ScoredSolution], titles: dict[str, str]) -> str:
     rows = []
-    for one in ladder:
-        level = one.solution.level
+    for scored in ladder:
+        level = scored.solution.level
         for kind, errors, name in (
-            ("theirs", one.errors, level.name),
-            ("own", one.reference_errors, "this project"),
+            ("theirs", scored.errors, level.name),
+            ("own", scored.reference_errors, "this project"),
         ):
-            what = one.solution.multiplier_kind if kind == "theirs" else "constant on cells"
-            rows.append((kind, [escape(name), f"{level.mesh.h:.4g}", *format_errors(errors), escape(what)]))
+            multiplier_kind = scored.solution.multiplier_kind if kind == "theirs" else "constant on cells"
+            rows.append(
+                (kind, [escape(name), f"{level.mesh.h:.4g}", *format_errors(errors), escape(multiplier_kind)])
+            )
     return _render_score_table(["level", "h", *titles.values(), "multiplier"], rows)
 
 
@@ -106,27 +108,32 @@ def _draw_error_panels(
 ) -> Figure:
     """A panel per norm in which an error is known: both errors over h, and the proved slope above them."""
     figure = Figure(figsize=(9, 3.4), layout="constrained")
-    h = np.array([one.solution.level.mesh.h for one in ladder])
-    # (2, levels) the errors in each norm, this project's own second
-    both = {
+    h = np.array([scored.solution.level.mesh.h for scored in ladder])
+    # (2, levels) the errors in each norm: of the judged solutions, and of this project's
+    errors_by_norm = {
         norm: np.array(
-            [[select_error(errors, norm) for errors in (one.errors, one.reference_errors)] for one in ladder]
+            [
+                [select_error(errors, norm) for errors in (scored.errors, scored.reference_errors)]
+                for scored in ladder
+            ]
         ).T
         for norm in HTML_NORM_TITLES
     }
-    known = [norm for norm in HTML_NORM_TITLES if np.isfinite(both[norm]).any()]
-    for axes, norm in zip(figure.subplots(1, len(known), squeeze=False)[0], known, strict=True):
+    norms = [norm for norm in HTML_NORM_TITLES if np.isfinite(errors_by_norm[norm]).any()]
+    for axes, norm in zip(figure.subplots(1, len(norms), squeeze=False)[0], norms, strict=True):
         axes.set(title=titles[norm], xlabel="h", xscale="log", yscale="log")
-        axes.set_xticks(h, [f"{each:.3g}" for each in h])
+        axes.set_xticks(h, [f"{size:.3g}" for size in h])
         axes.set_xticks([], minor=True)
         lines = (("o-", JUDGED_COLOUR, "judged"), ("s--", REFERENCE_COLOUR, "this project"))
-        for found, (style, color, label) in zip(both[norm], lines, strict=True):
-            if np.isfinite(found).any():
-                axes.plot(h, found, style, color=color, label=label)
-        above = 1.5 * np.nanmax(both[norm][:, 0], initial=0)
+        for norm_errors, (style, color, label) in zip(errors_by_norm[norm], lines, strict=True):
+            if np.isfinite(norm_errors).any():
+                axes.plot(h, norm_errors, style, color=color, label=label)
+        # C h^rate, a little above both errors on the coarsest level
+        line_start = 1.5 * np.nanmax(errors_by_norm[norm][:, 0], initial=0)
         proved = rates[norm].proved
-        if np.isfinite(proved) and above > 0:
-            axes.plot(h, above * (h / h[0]) ** proved, ":", color=EXACT_COLOUR, label=f"proved: {proved:g}")
+        if np.isfinite(proved) and line_start > 0:
+            line = line_start * (h / h[0]) ** proved
+            axes.plot(h, line, ":", color=EXACT_COLOUR, label=f"proved: {proved:g}")
         axes.legend(fontsize="small")
     return figure
 
@@ -144,14 +151,15 @@ def _draw_boundary_comparison(case: Problem, scored_solution: ScoredSolution) ->
     )
     s = t + case.polygon.starts[side]
     _, flux, gap = case.known_solution().trace_flux_and_gap(side, t)
-    of_u = scored_solution.solution.u[mesh.boundary] - obstacle_at_nodes(case, mesh)
-    bottom.plot(mesh.s, np.append(of_u, of_u[0]), color=JUDGED_COLOUR, label="judged")
+    judged_gap = scored_solution.solution.u[mesh.boundary] - obstacle_at_nodes(case, mesh)
+    bottom.plot(mesh.s, np.append(judged_gap, judged_gap[0]), color=JUDGED_COLOUR, label="judged")
     bottom.plot(s, np.where(has_obstacle(case, side), gap, np.nan), "--", color=EXACT_COLOUR, label="exact")
     if mu is not None:
         ends = np.column_stack([mu.partition.points[:-1], mu.partition.points[1:]]).ravel()
         top.plot(ends, mu.end_values.ravel(), color=JUDGED_COLOUR, label="judged")
-        room = 0.1 * max(float(np.ptp(mu.end_values)), 1e-12)
-        top.set_ylim(float(mu.end_values.min()) - room, float(mu.end_values.max()) + room)
+        # limits of the judged multiplier, as the exact one may be infinite at a vertex
+        margin = 0.1 * max(float(np.ptp(mu.end_values)), 1e-12)
+        top.set_ylim(float(mu.end_values.min()) - margin, float(mu.end_values.max()) + margin)
     top.plot(s, flux, "--", color=EXACT_COLOUR, label="exact")
     _finish_boundary_axes(top, case, "λ = ∂u/∂n")
     _finish_boundary_axes(bottom, case, "u − g")

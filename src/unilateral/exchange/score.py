@@ -29,8 +29,8 @@ MAX_RATE_SHORTFALL = 0.1
 
 For comparison: a factor ln(1/H) in the square of an error takes 1/(2 ln(1/H)) of the rate, 0.1 at H = 1/128.
 """
-
 MIN_RATED_ERROR = 1e-12
+"""Errors up to this count as 0 up to rounding, and have no rate."""
 UNCHECKED_CONDITIONS = "without a multiplier the conditions were not looked at"
 
 
@@ -63,13 +63,13 @@ class Rate(NamedTuple):
 
     @property
     def has_proved_rate(self) -> bool | None:
-        """Whether it is the proved rate, less ROOM; None where it is not judged, and where none is proved."""
+        """Whether it is the proved rate, less MAX_RATE_SHORTFALL; None if not judged, or none is proved."""
         is_judged = self.pairs > 0 and not math.isnan(self.proved)
         return self.observed >= self.proved - MAX_RATE_SHORTFALL if is_judged else None
 
     @property
     def verdict(self) -> str:
-        """The verdict in a few words."""
+        """The verdict on the rate in a few words."""
         if self.pairs == 0:
             return "not judged"
         if self.has_proved_rate is None:
@@ -99,22 +99,28 @@ def solve_reference(case: Problem, level: ExportedLevel) -> ReferenceSolution:
 
 def score_solution(case: Problem, solution: ForeignSolution) -> ScoredSolution:
     """The errors of one solution; those of lambda are NaN without a multiplier."""
-    own = solve_reference(case, solution.level)
-    errors = _compute_solution_errors(own.norm, case, solution.level.mesh, solution.u, solution.multiplier)
-    told = diagnose_solution(case, solution, own.discrete, own.errors, own.u_h)
-    return ScoredSolution(solution, errors, own.errors, told, find_extremes(case, solution, own.discrete))
+    reference = solve_reference(case, solution.level)
+    errors = _compute_solution_errors(
+        reference.norm, case, solution.level.mesh, solution.u, solution.multiplier
+    )
+    diagnosis = diagnose_solution(case, solution, reference.discrete, reference.errors, reference.u_h)
+    return ScoredSolution(
+        solution, errors, reference.errors, diagnosis, find_extremes(case, solution, reference.discrete)
+    )
 
 
 def _compute_solution_errors(
     norm: DualNorm, case: Problem, mesh: Mesh, u: Array, mu: BoundaryFunction | None
 ) -> Errors:
+    """Errors of u in H1 and of mu in H^{-1/2}, between bounds (Proposition 6), and in L2; NaN without mu."""
     exact = case.known_solution()
     h1 = h1_distance(exact, mesh, u)
     if mu is None:
         return Errors(h1, math.nan, math.nan, math.nan)
-    on = mu.zero_on_sides(case.clamped_sides)
-    lower, upper = norm.bound_error(exact, on.values[None], on.partition)
-    return Errors(h1, float(lower[0]), float(upper[0]), on.distance(exact))
+    # on clamped sides there is no lambda
+    contact_multiplier = mu.zero_on_sides(case.clamped_sides)
+    lower, upper = norm.bound_error(exact, contact_multiplier.values[None], contact_multiplier.partition)
+    return Errors(h1, float(lower[0]), float(upper[0]), contact_multiplier.distance(exact))
 
 
 def compute_rates(case: Problem, scored_solutions: Sequence[ScoredSolution]) -> dict[str, Rate]:
@@ -127,19 +133,23 @@ def compute_rates(case: Problem, scored_solutions: Sequence[ScoredSolution]) -> 
     for norm, proved in PROVED_RATES.items():
         begin, factor = _read_asymptotic_range(case, norm)
         pairs = list(_pair_levels(scored_solutions, begin, factor))
-        theirs = _compute_pair_rates([(a.errors, b.errors) for a, b in pairs], norm, factor)
-        own = _compute_pair_rates([(a.reference_errors, b.reference_errors) for a, b in pairs], norm, factor)
-        least = min(theirs, default=math.nan)
-        own_least = min(own, default=math.nan)
-        by_norm[norm] = Rate(least, len(theirs), own_least, proved if holds else math.nan)
+        judged_rates = _compute_pair_rates([(a.errors, b.errors) for a, b in pairs], norm, factor)
+        reference_rates = _compute_pair_rates(
+            [(a.reference_errors, b.reference_errors) for a, b in pairs], norm, factor
+        )
+        # a rate is reached if it is on every pair
+        observed = min(judged_rates, default=math.nan)
+        reference = min(reference_rates, default=math.nan)
+        by_norm[norm] = Rate(observed, len(judged_rates), reference, proved if holds else math.nan)
     return by_norm
 
 
 def _compute_pair_rates(pairs: Sequence[tuple[Errors, Errors]], norm: str, factor: float) -> list[float]:
     """The rates between errors that are neither NaN nor 0 up to rounding, which has no rate."""
     errors = [(select_error(coarse, norm), select_error(fine, norm)) for coarse, fine in pairs]
-    known = [(coarse, fine) for coarse, fine in errors if coarse > MIN_RATED_ERROR and fine > MIN_RATED_ERROR]
-    return [math.log(coarse / fine) / math.log(factor) for coarse, fine in known]
+    rated = [(coarse, fine) for coarse, fine in errors if coarse > MIN_RATED_ERROR and fine > MIN_RATED_ERROR]
+    # error = C h^rate on both levels
+    return [math.log(coarse / fine) / math.log(factor) for coarse, fine in rated]
 
 
 def _read_asymptotic_range(case: Problem, norm: str) -> tuple[float, float]:
@@ -161,8 +171,8 @@ def explain_missing_rate(case: Problem, scored_solutions: Sequence[ScoredSolutio
 def _pair_levels(
     scored_solutions: Sequence[ScoredSolution], max_h: float, factor: float
 ) -> Iterator[tuple[ScoredSolution, ScoredSolution]]:
-    """Pairs of a coarser and a finer level by that factor apart, from h = begin and H = 2 begin on."""
-    ladder = sorted(scored_solutions, key=lambda each: -each.solution.level.mesh.h)
+    """Pairs of a coarser and a finer level by that factor apart, from h = `max_h` and H = 2 `max_h` on."""
+    ladder = sorted(scored_solutions, key=lambda scored: -scored.solution.level.mesh.h)
     for coarse in ladder:
         level = coarse.solution.level
         if max(level.mesh.h, level.partition.H / 2) > max_h * (1 + SAME_PLACE_RATIO):
@@ -190,40 +200,40 @@ def format_errors(errors: Errors) -> tuple[str, str, str]:
 
 def list_fault_sentences(scored_solutions: Sequence[ScoredSolution]) -> Iterator[str]:
     """Each fault and each remark once: the files that have it, and what the finest of these shows."""
-    found: dict[str, list[tuple[str, str]]] = {}
-    for one in sorted(scored_solutions, key=lambda each: each.solution.level.mesh.h):
-        for fault in one.diagnosis.faults:
-            measured = f": {fault.detail} ({one.solution.level.name})"
-            found.setdefault(fault.description, []).append((one.solution.file, measured))
-        for remark in one.diagnosis.remarks:
-            found.setdefault(remark, []).append((one.solution.file, ""))
-    for what, where in found.items():
+    occurrences: dict[str, list[tuple[str, str]]] = {}
+    for scored in sorted(scored_solutions, key=lambda solution: solution.solution.level.mesh.h):
+        for fault in scored.diagnosis.faults:
+            measured = f": {fault.detail} ({scored.solution.level.name})"
+            occurrences.setdefault(fault.description, []).append((scored.solution.file, measured))
+        for remark in scored.diagnosis.remarks:
+            occurrences.setdefault(remark, []).append((scored.solution.file, ""))
+    for sentence, where in occurrences.items():
         every = len(where) == len(scored_solutions) > 1
         files = f"all {len(where)} solutions" if every else ", ".join(file for file, _ in where)
-        yield f"{files}: {what}{where[0][1]}"
+        yield f"{files}: {sentence}{where[0][1]}"
 
 
 def describe_finest_extremes(scored_solutions: Sequence[ScoredSolution]) -> str:
     """Where the finest solution violates the conditions most; empty where all sides are free or clamped."""
-    finest = min(scored_solutions, key=lambda each: each.solution.level.mesh.h)
+    finest = min(scored_solutions, key=lambda scored: scored.solution.level.mesh.h)
     return f"{finest.solution.level.name}, {finest.extremes}" if finest.extremes else ""
 
 
 def passes_judgement(scored_solutions: Sequence[ScoredSolution], rates: dict[str, Rate]) -> bool:
     """Whether nothing is wrong, and no rate falls short of a proved one."""
-    has_faults = any(each.faults for each in scored_solutions)
+    has_faults = any(scored.faults for scored in scored_solutions)
     falls_short = any(rate.has_proved_rate is False for rate in rates.values())
     return not (has_faults or falls_short)
 
 
 def state_verdict(scored_solutions: Sequence[ScoredSolution], rates: dict[str, Rate]) -> str:
     """The verdict in a few words: faults come before rates, and what was not looked at comes last."""
-    if any(each.faults for each in scored_solutions):
+    if any(scored.faults for scored in scored_solutions):
         return "faults were found"
     if any(rate.has_proved_rate is False for rate in rates.values()):
         return "falls short of a proved rate"
     judged = any(rate.has_proved_rate for rate in rates.values())
-    if any(each.solution.multiplier is None for each in scored_solutions):
+    if any(scored.solution.multiplier is None for scored in scored_solutions):
         return (
             f"{'reaches the proved rates' if judged else 'no fault was found inside'}; {UNCHECKED_CONDITIONS}"
         )
@@ -253,42 +263,48 @@ class Extremes(NamedTuple):
         """The extremes for programs; null where there is no multiplier."""
         values = {"gap_least": self.gap, "lambda_least": self.multiplier, "product_largest": self.product}
         where = "values at the nodes" if self.is_nodal else "means over the cells"
-        return {"of": where} | {name: each and each._asdict() for name, each in values.items()}
+        return {"of": where} | {name: extreme and extreme._asdict() for name, extreme in values.items()}
 
     def __str__(self) -> str:
         """The extremes in a line. A lambda that is constant on the cells is its own mean."""
         where, gap = ("at the nodes", "(u - g)") if self.is_nodal else ("over the cells", "mean(u - g)")
         names = (f"min {gap}", "min lambda", f"max |lambda {gap}|")
-        known = [f"{name} = {of}" for name, of in zip(names, self[1:], strict=True) if of is not None]
-        return f"{where}: {', '.join(known)}"
+        texts = [
+            f"{name} = {extreme}"
+            for name, extreme in zip(names, self[1:], strict=True)
+            if extreme is not None
+        ]
+        return f"{where}: {', '.join(texts)}"
 
 
 def find_extremes(case: Problem, solution: ForeignSolution, discrete: CondensedProblem) -> Extremes | None:
-    """The extremes for the first conditions that the multiplier may belong to, else at the nodes.
+    """Extremes for the first conditions that the multiplier may belong to, at the nodes without one.
 
-    None if all sides are free or clamped. At a node lambda is its integral with the hat over that of the hat.
+    None if all sides are free or clamped.
     """
     mesh = discrete.mesh
     mu = solution.multiplier
-    each = next(list_conditions(case, discrete, mu or piecewise_linear(mesh, np.zeros(len(mesh.boundary)))))
-    if not len(each.s):
+    conditions = next(
+        list_conditions(case, discrete, mu or piecewise_linear(mesh, np.zeros(len(mesh.boundary))))
+    )
+    if not len(conditions.s):
         return None
-    gap = each.gaps(solution.u[mesh.boundary])
-    side = mesh.polygon.sides_of(each.s)
-    place = mesh.polygon.at(side, each.s - mesh.polygon.starts[side])
+    gap = conditions.gaps(solution.u[mesh.boundary])
+    side = mesh.polygon.sides_of(conditions.s)
+    place = mesh.polygon.at(side, conditions.s - mesh.polygon.starts[side])
 
     def extreme_at(values: Array, k: int) -> Extreme:
+        """The k-th value with its place."""
         x, y = place[k].tolist()
         return Extreme(float(values[k]), (x, y), int(side[k]))
 
-    least = extreme_at(gap, int(gap.argmin()))
+    least_gap = extreme_at(gap, int(gap.argmin()))
     if mu is None:
-        return Extremes(True, least, None, None)
-    product = np.abs(each.mu * gap)
-    at_nodes = mu.nodal_values is not None
+        return Extremes(True, least_gap, None, None)
+    product = np.abs(conditions.mu * gap)
     return Extremes(
-        at_nodes,
-        least,
-        extreme_at(each.mu, int(each.mu.argmin())),
-        extreme_at(product, int(product.argmax())),
+        is_nodal=mu.nodal_values is not None,
+        gap=least_gap,
+        multiplier=extreme_at(conditions.mu, int(conditions.mu.argmin())),
+        product=extreme_at(product, int(product.argmax())),
     )

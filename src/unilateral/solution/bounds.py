@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
 
 class NormNames(NamedTuple):
-    """What a norm of u is called, and that of lambda, and of their errors."""
+    """Names of the energy norm of u, or of its error, and of the dual norm of lambda, or of its error."""
 
     h1: str
     hm12: str
 
 
 def name_energy_norm(problem: Problem, function: str) -> str:
-    """The name of the norm of a function: k^(1/2) |.|_1 if c = 0."""
+    """Name of the energy norm of a function, which is k^(1/2) |.|_1 if c = 0."""
     if problem.c != ZERO:
         return f"||{function}||_1"
     return f"|{function}|_1" if problem.k == ONE else f"k^(1/2) |{function}|_1"
@@ -65,16 +65,16 @@ class Bounds:
         """
         errors = {self.error: (self.u, self.relative_u)}
         errors["||lambda - lambda_H||_-1/2"] = self.multiplier, self.relative_multiplier
-        parts = [
-            f"{name} {format_interval(-math.inf, bound)}" + f" ({format_percent(part)})" * (part < math.inf)
-            for name, (bound, part) in errors.items()
+        texts = [
+            f"{name} {format_interval(-math.inf, bound)}" + f" ({format_percent(share)})" * (share < math.inf)
+            for name, (bound, share) in errors.items()
             if not math.isnan(bound)
         ]
-        return f"Bounds: {add_guarantee(', '.join(parts), -math.inf, max(self.u, self.multiplier))}"
+        return f"Bounds: {add_guarantee(', '.join(texts), -math.inf, max(self.u, self.multiplier))}"
 
 
 def bound_errors(solution: Solution, sharp: bool) -> Bounds | None:
-    """The cheap or the sharp bounds of a solution.
+    """The cheap or the sharp bounds of a solution, by Theorem 8.
 
     None where the bounds of all levels contradict each other, and, with a SolutionWarning two calls above,
     where they take more memory than is free.
@@ -89,7 +89,7 @@ def bound_errors(solution: Solution, sharp: bool) -> Bounds | None:
     assert bound is not None  # the data are enclosed
     return Bounds(
         u=bound.u,
-        multiplier=bound.lambda_ if len(solved.cells) else math.nan,
+        multiplier=bound.lambda_ if len(solved.cells) else math.nan,  # no cells: lambda is not there
         unknown=bound.data_remainder,
         relative_u=relative_bound(bound.u, solved.norm_lower_bound("h1", sharp)),
         relative_multiplier=relative_bound(bound.lambda_, solved.norm_lower_bound("hm12", sharp)),
@@ -98,19 +98,16 @@ def bound_errors(solution: Solution, sharp: bool) -> Bounds | None:
 
 
 def compute_error_shares(solution: Solution) -> Array | None:
-    """Share of each triangle in the square of the cheap bound on u, or None without bounds.
-
-    The shape is (triangles,).
-    """
+    """Shares (triangles,) of the triangles in the square of the cheap bound on u, or None without bounds."""
     if bound_errors(solution, sharp=False) is None:
         return None
     shares = solution.bounded.bound_shares
-    whole = float(shares.sum())
-    return shares / whole if 0 < whole < math.inf else None
+    total = float(shares.sum())
+    return shares / total if 0 < total < math.inf else None
 
 
 def has_consistent_bounds(solution: Solution) -> bool:
-    """Whether bounds are believed: only a fault of this program makes those of all levels contradict."""
+    """Whether bounds are believed: those of all levels contradict only by a fault of this program."""
     return solution.search is None or bool(solution.search.believed)
 
 
@@ -121,17 +118,19 @@ def uses_sharp_bounds(solution: Solution) -> bool:
 
 def relative_bound(bound: float, norm_below: float) -> float:
     """A bound over a lower bound on the solution's norm, rounded up; NaN where that is 0 or unknown."""
+    # a quotient is off by half a unit in the last place at most, so the next number is not below it
     return math.nextafter(bound / norm_below, math.inf) if norm_below > 0 else math.nan
 
 
 def has_computed_bounds(solution: Solution, sharp: bool) -> bool:
     """Whether the bounds are already computed."""
+    # to look at solution.bounded would compute it, for it is a cached property
     is_enclosed = solution.solved.data is not None or "bounded" in vars(solution)
     return is_enclosed and solution.bounded.has_bound(sharp)
 
 
 def explain_memory_shortage(solution: Solution, sharp: bool) -> str:
-    """Says that bounds that are not yet computed take more memory than is free; else empty."""
+    """Sentence that bounds which are not yet computed take more memory than is free; else empty."""
     if has_computed_bounds(solution, sharp):
         return ""
     needed = bound_memory_mb(solution.mesh, sharp)

@@ -33,52 +33,55 @@ if TYPE_CHECKING:
 def certify_nodal_values(
     problem: Problem, mesh: Mesh, u: ArrayLike, multiplier: ArrayLike | None
 ) -> Solution:
-    """Solution with the values `u` (n,) at nodes, `multiplier` (nb,) on boundary edges; as `api.certify`."""
+    """Solution with a user's values `u` (n,) at nodes and `multiplier` (nb,) on boundary edges, if given.
+
+    Theorem 8 takes any v >= g, so u with a lift will do; lambda_H and the flux come from a problem that is
+    solved here. Raises InputError for values that do not fit the mesh.
+    """
     problem = put_on_mesh(problem, mesh)
     values = read_nodal_values(u, "u")
     _check_finite_values(
         values, mesh.n_nodes, "u", "node (of a second-order function: each corner of a triangle)"
     )
     if multiplier is None:
-        own = solve_on_mesh(
-            problem, mesh, pair_boundary_edges(mesh), Stop()
-        )  # the bounds hold for any lambda_H
+        # the bounds hold for any lambda_H >= 0; two edges a cell keep its error small (Theorem 5)
+        discrete_solution = solve_on_mesh(problem, mesh, pair_boundary_edges(mesh), Stop())
     else:
-        without = np.isin(mesh.side, (*problem.free_sides, *problem.clamped_sides))
-        own = _solve_linear(problem, mesh, _check_edge_multiplier(multiplier, without))
-    return Solution(problem, replace_u(own, values))
+        no_contact = np.isin(mesh.side, (*problem.free_sides, *problem.clamped_sides))
+        discrete_solution = _solve_linear(problem, mesh, _check_edge_multiplier(multiplier, no_contact))
+    return Solution(problem, replace_u(discrete_solution, values))
 
 
 def pair_boundary_edges(mesh: Mesh) -> Partition:
-    """Cells of two boundary edges each; the last cell of a side has three if their number is odd."""
+    """Partition with cells of two boundary edges; the last one of a side has three if their number is odd."""
     sides = np.split(mesh.s[:-1], np.flatnonzero(np.diff(mesh.side)) + 1)
-    starts = [side[: max(len(side) // 2 * 2, 1) : 2] for side in sides]
-    return Partition(mesh.polygon, np.append(np.concatenate(starts), mesh.s[-1]))
+    cell_starts = [nodes[: max(len(nodes) // 2 * 2, 1) : 2] for nodes in sides]
+    return Partition(mesh.polygon, np.append(np.concatenate(cell_starts), mesh.s[-1]))
 
 
 def _solve_linear(problem: Problem, mesh: Mesh, lambda_H: Array) -> DiscreteSolution:
     """Discrete solution of the linear problem with the flux `lambda_H` (nb,) on sides with contact."""
-    cells = Partition(mesh.polygon, mesh.s)
-    discrete = discretise_on_condensed_spaces(
-        problem, condensed_spaces(mesh, cells, problem_form(problem, mesh))
-    )
+    partition = Partition(mesh.polygon, mesh.s)
+    spaces = condensed_spaces(mesh, partition, problem_form(problem, mesh))
+    discrete = discretise_on_condensed_spaces(problem, spaces)
     mu = lambda_H[discrete.cells]
     result = DualResult(mu, math.nan, 0, bound=math.nan, converged=True, rho=math.nan, algorithm="given")
+    # u_h = u_D + w with (w, v)_1 = (f, v) - (u_D, v)_1 + <mu, v>, which is (5.1) for the given mu
     potential = discrete.dirichlet_lift + discrete.spaces.response(discrete.homogeneous_data[0], mu)
-    # The multiplier is given, so it is the only one
+    # the multiplier is given, so it is the only one
     return replace(discrete.make_solution(result, math.nan, potential), unique=True)
 
 
 def _check_edge_multiplier(multiplier: ArrayLike, no_contact: Mask) -> Array:
-    """Multiplier (nb,) of the user, 0 on the edges `no_contact` (nb,) contact."""
+    """Multiplier (nb,) of the user, with 0 for NaN on the edges of `no_contact` (nb,)."""
     values = read_floats(multiplier, "multiplier")
     if values.shape == no_contact.shape:
         values[no_contact & np.isnan(values)] = 0.0
     _check_finite_values(values, len(no_contact), "multiplier", "boundary edge")
     wrong = np.flatnonzero(np.where(no_contact, values != 0, values < 0))
     if wrong.size:
-        wanted = "0 or NaN on free and clamped sides" if no_contact[wrong[0]] else "0 or more"
-        raise InputError(f"multiplier[{wrong[0]}] is {values[wrong[0]]:.6g}; it has to be {wanted}")
+        requirement = "0 or NaN on free and clamped sides" if no_contact[wrong[0]] else "0 or more"
+        raise InputError(f"multiplier[{wrong[0]}] is {values[wrong[0]]:.6g}; it has to be {requirement}")
     return values
 
 

@@ -31,14 +31,11 @@ class PointLocations(NamedTuple):
     barycentric: Array
 
     def evaluate(self, function: Callable[[Index, Array], Array]) -> Array:
-        """Values of a function of triangles and barycentric coordinates at the points, NaN outside the polygon.
-
-        The shape is (k, ...).
-        """
+        """Values (k, ...) of a function of triangles and barycentric coordinates, NaN outside the polygon."""
         inside = self.triangle >= 0
-        found = function(self.triangle[inside], self.barycentric[inside])
-        values = np.full((len(inside), *found.shape[1:]), np.nan)
-        values[inside] = found
+        values_inside = function(self.triangle[inside], self.barycentric[inside])
+        values = np.full((len(inside), *values_inside.shape[1:]), np.nan)
+        values[inside] = values_inside
         return values
 
 
@@ -64,77 +61,74 @@ def evaluate_on_side(partition: Partition, values: Array, side: int, t: ArrayLik
     polygon = partition.polygon
     s = read_floats(t, "t")
     side = arguments.as_side_number(side, polygon.n_sides, "side")
-    own = np.flatnonzero(partition.side == side)
-    starts = partition.points[own] - polygon.starts[side]
+    cells = np.flatnonzero(partition.side == side)
+    starts = partition.points[cells] - polygon.starts[side]
     inside = (s >= 0) & (s <= polygon.lengths[side])
-    cell = own[np.searchsorted(starts, np.where(inside, s, 0.0), side="right") - 1]
+    # where two cells meet the later one counts
+    cell = cells[np.searchsorted(starts, np.where(inside, s, 0.0), side="right") - 1]
     return np.where(inside, values[cell], math.nan)
 
 
 def locate_points(mesh: Mesh, points: Array) -> PointLocations:
-    """Where the points (k, 2) lie; the boundary belongs to the polygon.
+    """Triangles and barycentric coordinates of points (k, 2); the boundary belongs to the polygon.
 
-    On an edge or at a node that is the triangle with the least number.
+    On an edge or at a node it is the triangle with the least number.
     """
     triangle = np.full(len(points), -1)
-    weights = np.full((len(points), 3), np.nan)
-    at, found, of_found = locate_in_triangles(mesh, points)
-    least = np.lexsort([found, at])
-    least = least[np.unique(at[least], return_index=True)[1]]
-    triangle[at[least]] = found[least]
-    weights[at[least]] = of_found[least]
-    off = np.flatnonzero(triangle < 0)
-    s, distance = _project_to_boundary(mesh.polygon, points[off])
+    barycentric = np.full((len(points), 3), np.nan)
+    point, candidate, coordinates = locate_in_triangles(mesh, points)
+    # the first pair of each point, in the order of triangles
+    order = np.lexsort([candidate, point])
+    order = order[np.unique(point[order], return_index=True)[1]]
+    triangle[point[order]] = candidate[order]
+    barycentric[point[order]] = coordinates[order]
+    # points that rounding has put beside the polygon: the nearest ones of the boundary take their places
+    outside = np.flatnonzero(triangle < 0)
+    s, distance = _project_to_boundary(mesh.polygon, points[outside])
     near = distance <= MAX_DISTANCE_OUTSIDE * mesh.polygon.diameter + round_off(mesh.polygon)
     edge, share = _locate_on_boundary_edges(mesh, s[near])
-    triangle[off[near]] = mesh.boundary_triangles[edge]
+    triangle[outside[near]] = mesh.boundary_triangles[edge]
+    # 1 - share at the edge's start and share at its end; 0 at the third corner
     nodes = mesh.triangles[mesh.boundary_triangles[edge]]
     start = mesh.boundary[edge, None]
-    after = np.roll(mesh.boundary, -1)[edge, None]
-    weights[off[near]] = (nodes == start) * (1 - share[:, None]) + (nodes == after) * share[:, None]
-    return PointLocations(triangle, weights)
+    end = np.roll(mesh.boundary, -1)[edge, None]
+    barycentric[outside[near]] = (nodes == start) * (1 - share[:, None]) + (nodes == end) * share[:, None]
+    return PointLocations(triangle, barycentric)
 
 
 def _locate_on_boundary_edges(mesh: Mesh, s: Array) -> tuple[Index, Array]:
-    """The boundary edges (k,) of the arc lengths s (k,), and where on these they are, from 0 to 1."""
+    """The boundary edges (k,) at the arc lengths s (k,), and the places on them, from 0 to 1."""
     edge = np.minimum(np.searchsorted(mesh.s, s, side="right"), len(mesh.boundary)) - 1
     return edge, (s - mesh.s[edge]) / np.diff(mesh.s)[edge]
 
 
 def evaluate_u_h(mesh: Mesh, u_h: Array, triangles: Index, barycentric: Array) -> Array:
-    """Values of u_h at one point in each of some triangles.
-
-    The shape is (m,).
-    """
+    """Values (m,) of u_h at one point in each of some triangles (m,)."""
     return np.einsum("mi,mi->m", barycentric, u_h[mesh.triangles[triangles]])
 
 
 def evaluate_gradient(mesh: Mesh, u_h: Array, triangles: Index) -> Array:
-    """Gradients of u_h on some triangles.
-
-    The shape is (m, 2).
-    """
-    return np.einsum(
-        "mid,mi->md", gradients(mesh.select_triangles(triangles)), u_h[mesh.triangles[triangles]]
-    )
+    """Gradients (m, 2) of u_h on some triangles (m,)."""
+    slopes = gradients(mesh.select_triangles(triangles))
+    # grad u_h = sum over the corners i of u_i grad phi_i
+    return np.einsum("mid,mi->md", slopes, u_h[mesh.triangles[triangles]])
 
 
 def evaluate_flux(mesh: Mesh, u_h: Array, flux: Array, triangles: Index, barycentric: Array) -> Array:
-    """Values of the flux of the bound at one point in each of some triangles.
-
-    The shape is (m, 2).
-    """
-    away = np.einsum("mi,mid->md", barycentric, misfit(mesh, u_h, flux, triangles))
-    return evaluate_gradient(mesh, u_h, triangles) - away
+    """Values (m, 2) of the flux of the bound at one point in each of some triangles (m,)."""
+    # q = grad u_h - (grad u_h - q): the misfit for k = 1, linear on each triangle
+    flux_misfit = np.einsum("mi,mid->md", barycentric, misfit(mesh, u_h, flux, triangles))
+    return evaluate_gradient(mesh, u_h, triangles) - flux_misfit
 
 
 def _project_to_boundary(polygon: Polygon, points: Array) -> tuple[Array, Array]:
-    """The arc lengths (k,) of the places on the boundary that are nearest to points (k, 2), and how far."""
+    """Arc lengths (k,) of the boundary points that are nearest to points (k, 2), and the distances (k,)."""
     s = np.zeros(len(points))
     distance = np.full(len(points), np.inf)
     for side, (vertex, tangent) in enumerate(zip(polygon.vertices, polygon.tangents, strict=True)):
+        # the point of the side that is nearest is vertex + t tangent with t = (x - vertex) . tangent, clipped
         t = np.clip((points - vertex) @ tangent, 0, polygon.lengths[side])
-        away = np.hypot(*(points - vertex - t[:, None] * tangent).T)
-        s = np.where(away < distance, polygon.starts[side] + t, s)
-        distance = np.fmin(away, distance)
+        side_distance = np.hypot(*(points - vertex - t[:, None] * tangent).T)
+        s = np.where(side_distance < distance, polygon.starts[side] + t, s)
+        distance = np.fmin(side_distance, distance)
     return s, distance

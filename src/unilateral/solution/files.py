@@ -33,7 +33,7 @@ SOLUTION_ENDINGS = {
 
 
 def save_solution(solution: Solution, path: str | os.PathLike[str]) -> None:
-    """Writes a file, by its ending. Raises InputError for one that is not of ENDINGS."""
+    """Writes a file, by its ending. Raises InputError for one that is not of SOLUTION_ENDINGS."""
     check_target(path, SOLUTION_ENDINGS)
     ending = Path(path).suffix
     if ending == ".vtu":
@@ -58,12 +58,12 @@ def save_solution(solution: Solution, path: str | os.PathLike[str]) -> None:
 
 
 def _write_vtu(solution: Solution, path: str | os.PathLike[str]) -> None:
-    """u_h, the mean of lambda_H on each boundary edge, and the shares of triangles in the bound."""
-    on_edges = solution.partition.means(np.nan_to_num(solution.multiplier), solution.mesh.s)
-    on_edges[np.isin(solution.mesh.side, solution.problem.clamped_sides)] = math.nan
+    """Writes u_h, the mean of lambda_H on each boundary edge, and the shares of triangles in the bound."""
+    edge_means = solution.partition.means(np.nan_to_num(solution.multiplier), solution.mesh.s)
+    edge_means[np.isin(solution.mesh.side, solution.problem.clamped_sides)] = math.nan
     shares = compute_error_shares(solution)
-    on_triangles = {} if shares is None else {"error_share": shares}
-    write_mesh(solution.mesh, path, {"multiplier": on_edges}, {"u": solution.u}, on_triangles)
+    triangle_fields = {} if shares is None else {"error_share": shares}
+    write_mesh(solution.mesh, path, {"multiplier": edge_means}, {"u": solution.u}, triangle_fields)
 
 
 def save_certificate(solution: Solution, path: str | os.PathLike[str]) -> None:

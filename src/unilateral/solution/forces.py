@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from unilateral.solution.solution import Solution
 
 MAX_PRINTED_SIDES = 12
-"""At most this many sides are printed."""
 
 
 class Forces(NamedTuple):
@@ -39,20 +38,20 @@ class Forces(NamedTuple):
     def __repr__(self) -> str:
         """One "guaranteed" at the end if all have bounds, else one for each that has."""
         clamped = {side for row in self.reactions for side in row}
-        others = {side: force for side, force in enumerate(self.sides) if side not in clamped}
-        every = [self.whole, *others.values(), *self.reactions.values()]
-        every += [self.total] if self.total else []
-        for_all = all(has_bound(force.lower, force.upper) for force in every)
-        sides = [f"{side}: {_format_force(force, not for_all)}" for side, force in others.items()]
-        more = f" and {len(sides) - MAX_PRINTED_SIDES} more" if len(sides) > MAX_PRINTED_SIDES else ""
-        parts = [_format_force(self.whole, not for_all)]
-        parts += [f"on sides {', '.join(sides[:MAX_PRINTED_SIDES])}{more}"] if sides else []
+        unclamped = {side: force for side, force in enumerate(self.sides) if side not in clamped}
+        forces = [self.whole, *unclamped.values(), *self.reactions.values()]
+        forces += [self.total] if self.total else []
+        for_all = all(has_bound(force.lower, force.upper) for force in forces)
+        sides = [f"{side}: {_format_force(force, not for_all)}" for side, force in unclamped.items()]
+        omitted = f" and {len(sides) - MAX_PRINTED_SIDES} more" if len(sides) > MAX_PRINTED_SIDES else ""
+        texts = [_format_force(self.whole, not for_all)]
+        texts += [f"on sides {', '.join(sides[:MAX_PRINTED_SIDES])}{omitted}"] if sides else []
         for row, force in self.reactions.items():
             where = f"side{'s' * (len(row) > 1)} {' and '.join(map(str, row))}"
-            parts.append(f"reaction on {where}: {_format_force(force, not for_all)}")
+            texts.append(f"reaction on {where}: {_format_force(force, not for_all)}")
         if self.total:
-            parts.append(f"sum of forces and reactions: {_format_force(self.total, not for_all)}")
-        return f"Forces: {'; '.join(parts)}{'; guaranteed' if for_all else ''}"
+            texts.append(f"sum of forces and reactions: {_format_force(self.total, not for_all)}")
+        return f"Forces: {'; '.join(texts)}{'; guaranteed' if for_all else ''}"
 
 
 def _format_force(force: Force, marks_guarantee: bool) -> str:
@@ -62,7 +61,11 @@ def _format_force(force: Force, marks_guarantee: bool) -> str:
 
 
 def group_adjacent_sides(n_sides: int, clamped: Sequence[int]) -> list[list[int]]:
-    """The clamped ones of n sides, those in a row together."""
+    """The clamped ones of n sides, in rows of adjacent ones, over which reactions are summed.
+
+    No function of V is 1 on one side of a row and 0 on the next, so only the sum over a row has bounds.
+    """
+    # a row begins where the side before is not clamped, or anywhere if all sides are
     starts = [side for side in clamped if (side - 1) % n_sides not in clamped] or [*clamped][:1]
     rows = []
     for start in starts:
@@ -78,11 +81,14 @@ def compute_forces(solution: Solution, sharp: bool) -> Forces:
     clamped = solution.problem.clamped_sides
     n = solution.polygon.n_sides
     rows = group_adjacent_sides(n, clamped)
-    each_side = [[side] if side not in clamped else [] for side in range(n)]
+    single_sides = [[side] if side not in clamped else [] for side in range(n)]
     with_contact = [side for side in range(n) if side not in clamped]
-    whole, total, *each = _bound_forces(solution, sharp, [with_contact, [*range(n)], *each_side, *rows])
-    reactions = dict(zip(map(tuple, rows), each[n:], strict=True))
-    return Forces(whole, each[:n], reactions, total if solution.problem.c == ZERO else None)
+    contact_force, total, *group_forces = _bound_forces(
+        solution, sharp, [with_contact, [*range(n)], *single_sides, *rows]
+    )
+    reactions = dict(zip(map(tuple, rows), group_forces[n:], strict=True))
+    # (1.1) with v = 1: the sum of all is - int f - int q if c = 0, and not known without that
+    return Forces(contact_force, group_forces[:n], reactions, total if solution.problem.c == ZERO else None)
 
 
 def compute_force(solution: Solution, sharp: bool, sides: Sequence[int] | None) -> Force:
@@ -94,20 +100,23 @@ def compute_force(solution: Solution, sharp: bool, sides: Sequence[int] | None) 
     clamped = solution.problem.clamped_sides
     if sides is None:
         return _bound_forces(solution, sharp, [[side for side in range(n) if side not in clamped]])[0]
-    part = arguments.as_side_numbers(sides, n, "sides")
+    side_numbers = arguments.as_side_numbers(sides, n, "sides")
     for row in group_adjacent_sides(n, clamped):
-        if 0 < len({*row} & {*part}) < len(row):
-            raise InputError(f"sides {part}: the clamped sides {row} are in a row; take all or none of them")
-    return _bound_forces(solution, sharp, [part])[0]
+        if 0 < len({*row} & {*side_numbers}) < len(row):
+            raise InputError(
+                f"sides {side_numbers}: the clamped sides {row} are in a row; take all or none of them"
+            )
+    return _bound_forces(solution, sharp, [side_numbers])[0]
 
 
 def _bound_forces(solution: Solution, sharp: bool, side_groups: list[list[int]]) -> list[Force]:
+    """The forces, with reactions, over groups of sides, between bounds by Proposition S16."""
     arguments.check_flags(sharp=sharp)
     bounds = bound_errors(solution, sharp)
     solved = solution.solved
     form = solved.form
     n = solution.polygon.n_sides
-    # Without bounds nothing is known of reactions
+    # without bounds nothing is known of reactions
     outflows = np.where(np.isin(np.arange(n), form.clamped), math.nan, np.zeros((2, n)))
     clamps = ReactionData(form, outflows, no_clamped_ends(n), math.inf)
     if form.clamped and bounds:
@@ -121,5 +130,6 @@ def _bound_forces(solution: Solution, sharp: bool, side_groups: list[list[int]])
         clamps = ReactionData(
             form, bound.outflows, cheap.clamped_ends, bound.reaction_bound, data.total_force
         )
+    # E of `bounds.forces`: |<lambda - lambda_H, w>| <= E N(w)
     error = bounds.multiplier if bounds else math.inf
     return bound_forces(solved.mesh, solved.partition, solved.lambda_H, error, side_groups, clamps)

@@ -31,16 +31,14 @@ MAX_LISTED_FORCES = 12
 SURFACE_HEIGHT_RATIO = 0.6
 MIN_SIDES_RATIO = 0.1
 EYE_DISTANCE_RATIO = 1.3
-"""The height of the surface over the longer side of the domain, and the least ratio of the domain's sides.
-
-The eye is FAR times the diagonal of what is seen away.
-"""
+"""Height of the surface over the longer side of the domain, least ratio of the sides that are drawn, and
+distance of the eye over the diagonal of the scene."""
 OBSTACLE_DEPTH_RATIO = 1.0
 VERTICAL_MARGIN_RATIO = 0.05
-"""The obstacle is shown down to BELOW times the height of the surface below that; there is some ROOM."""
+"""The obstacle is drawn down to this many heights of the surface below it; margin over that height."""
 STROKES_PER_PERIMETER = 60
 STROKE_LENGTH_RATIO = 0.04
-"""About STROKES strokes would go around the boundary, SHORT times the domain's shorter side long and deep."""
+"""Strokes that would go around the boundary, and their length over the shorter side of the domain."""
 PAGE_LEGEND_LAYOUT = {"orientation": "h", "x": 0, "y": 1, "yanchor": "bottom"}
 COLOUR_BAR_TITLE = {"text": "u<sub>h</sub>", "side": "top"}
 PAGE_COLOUR_BAR = {
@@ -59,18 +57,23 @@ def render_solution_page(solution: Solution) -> str:
     """The page, with the same bytes for the same solution."""
     from plotly.offline import get_plotlyjs
 
-    of = collect_plot_data(solution)
+    plot_data = collect_plot_data(solution)
     template = resources.files("unilateral.solution") / "interactive.template.html"
-    sentences = [of.accuracy_text, describe_force(solution, of), of.contact_text, _explain_coarse_surface(of)]
+    sentences = [
+        plot_data.accuracy_text,
+        describe_force(solution, plot_data),
+        plot_data.contact_text,
+        _explain_coarse_surface(plot_data),
+    ]
     return Template(template.read_text(encoding="utf-8")).substitute(
-        title=escape(of.title),
+        title=escape(plot_data.title),
         sentences="\n".join(f"<p>{escape(text[0].upper() + text[1:])}.</p>" for text in sentences if text),
-        forces=render_forces_table(solution, of),
-        described=escape(describe_surface(of)),
-        no_gap=f"There is no gap: {escape(of.no_gap_text)}." if of.no_gap_text else "",
+        forces=render_forces_table(solution, plot_data),
+        described=escape(describe_surface(plot_data)),
+        no_gap=f"There is no gap: {escape(plot_data.no_gap_text)}." if plot_data.no_gap_text else "",
         plotly=get_plotlyjs(),
-        surface=draw_surface(of).to_json(),
-        boundary=draw_boundary_graphs(of).to_json(),
+        surface=draw_surface(plot_data).to_json(),
+        boundary=draw_boundary_graphs(plot_data).to_json(),
         version=__version__,
     )
 
@@ -78,19 +81,17 @@ def render_solution_page(solution: Solution) -> str:
 def render_forces_table(solution: Solution, plot_data: PlotData) -> str:
     """A table of the forces on sides with contact, and of the reactions on clamped ones, with their bounds.
 
-    At most MOST_FORCES sides are in it. It is left out where bounds take more memory than is free.
+    At most MAX_LISTED_FORCES sides are in it. It is left out where bounds take more memory than is free.
     """
     if not plot_data.accuracy_text:
         return ""
-    found = solution.forces(uses_sharp_bounds(solution))
-    with_contact = np.unique(plot_data.contact.partition.side[~plot_data.no_contact])[
-        :MAX_LISTED_FORCES
-    ].tolist()
-    rows = {f"force, side {side}": found.sides[side] for side in with_contact}
-    for row, reaction in found.reactions.items():
+    forces = solution.forces(uses_sharp_bounds(solution))
+    contact_sides = np.unique(plot_data.contact.partition.side[~plot_data.no_contact]).tolist()
+    rows = {f"force, side {side}": forces.sides[side] for side in contact_sides[:MAX_LISTED_FORCES]}
+    for row, reaction in forces.reactions.items():
         rows[f"reaction, side{'s' * (len(row) > 1)} {' and '.join(map(str, row))}"] = reaction
-    if found.total and len(rows) > 1:
-        rows["sum of forces, reactions"] = found.total
+    if forces.total and len(rows) > 1:
+        rows["sum of forces, reactions"] = forces.total
     lines = []
     for name, (value, lower, upper) in rows.items():
         text = add_guarantee(format_interval(lower, upper, value), lower, upper)
@@ -99,20 +100,20 @@ def render_forces_table(solution: Solution, plot_data: PlotData) -> str:
 
 
 def _explain_coarse_surface(plot_data: PlotData) -> str:
-    """Says that the surface is coarser than the mesh, if it is."""
+    """Sentence that the surface is coarser than the mesh, empty if it is not."""
     drawn = len(plot_data.surface[1])
-    all_of_them = len(plot_data.mesh.triangles)
-    if drawn == all_of_them:
+    total = len(plot_data.mesh.triangles)
+    if drawn == total:
         return ""
-    return f"the surface is drawn coarser than the mesh: with {drawn} triangles in place of {all_of_them}"
+    return f"the surface is drawn coarser than the mesh: with {drawn} triangles in place of {total}"
 
 
 def describe_surface(plot_data: PlotData) -> str:
     """Description of the surface in words, for those who do not see it."""
-    least = float(plot_data.u.min())
-    largest = float(plot_data.u.max())
+    lowest = float(plot_data.u.min())
+    highest = float(plot_data.u.max())
     return (
-        f"The solution u_h as a surface over the domain, between {least:.4g} and {largest:.4g}; "
+        f"The solution u_h as a surface over the domain, between {lowest:.4g} and {highest:.4g}; "
         f"{plot_data.contact_text}; on a mesh of {len(plot_data.mesh.triangles)} triangles."
     )
 
@@ -156,22 +157,22 @@ def draw_surface(plot_data: PlotData) -> Figure:
 
 
 def _lay_out_scene(plot_data: PlotData) -> dict[str, Any]:
-    """The axes: x and y to scale unless the domain is long, u_h so that it is seen."""
+    """Layout of the axes: x and y to scale unless the domain is long, u_h so that it is seen."""
     sizes = np.ptp(plot_data.mesh.points, axis=0)
-    (least, largest) = plot_data.colour_limits
-    across = np.maximum(sizes / sizes.max(), MIN_SIDES_RATIO)
-    height = largest - least
-    lowest = float(np.nanmin(plot_data.obstacle, initial=least))
-    bottom = max(lowest, least - OBSTACLE_DEPTH_RATIO * height) - VERTICAL_MARGIN_RATIO * height
-    top = largest + VERTICAL_MARGIN_RATIO * height
-    far = EYE_DISTANCE_RATIO * math.hypot(*across, SURFACE_HEIGHT_RATIO)
+    (u_min, u_max) = plot_data.colour_limits
+    aspect = np.maximum(sizes / sizes.max(), MIN_SIDES_RATIO)
+    height = u_max - u_min
+    lowest = float(np.nanmin(plot_data.obstacle, initial=u_min))
+    bottom = max(lowest, u_min - OBSTACLE_DEPTH_RATIO * height) - VERTICAL_MARGIN_RATIO * height
+    top = u_max + VERTICAL_MARGIN_RATIO * height
+    eye = EYE_DISTANCE_RATIO * math.hypot(*aspect, SURFACE_HEIGHT_RATIO)
     return {
         "xaxis": {"title": "x"},
         "yaxis": {"title": "y"},
         "zaxis": {"title": "u_h", "range": [bottom, top]},
         "aspectmode": "manual",
-        "aspectratio": {"x": across[0], "y": across[1], "z": SURFACE_HEIGHT_RATIO},
-        "camera": {"eye": {"x": -0.45 * far, "y": -0.75 * far, "z": 0.5 * far}},
+        "aspectratio": {"x": aspect[0], "y": aspect[1], "z": SURFACE_HEIGHT_RATIO},
+        "camera": {"eye": {"x": -0.45 * eye, "y": -0.75 * eye, "z": 0.5 * eye}},
     }
 
 
@@ -195,34 +196,29 @@ def _draw_side_numbers(plot_data: PlotData) -> Any:
     middles = np.concatenate(
         [_boundary_curve(plot_data, i, polygon.starts[[i]] + polygon.lengths[i] / 2) for i in sides]
     )
-    away = STROKE_LENGTH_RATIO * np.ptp(plot_data.mesh.points, axis=0).min() * polygon.normals[sides]
-    (x, y) = (middles[:, :2] + away).T
+    offset = STROKE_LENGTH_RATIO * np.ptp(plot_data.mesh.points, axis=0).min() * polygon.normals[sides]
+    (x, y) = (middles[:, :2] + offset).T
     z = middles[:, 2]
     look: Any = {"mode": "text", "text": [str(i) for i in sides], "hoverinfo": "skip", "showlegend": False}
     return go.Scatter3d(x=x, y=y, z=z, name="numbers of sides", **look)
 
 
 def _contact_curve(plot_data: PlotData) -> Array:
-    """Points of the contact intervals at the height of u_h, with NaN between intervals.
-
-    The shape is (k, 3).
-    """
-    parts = [np.empty((0, 3))]
-    for each in plot_data.contact.intervals:
-        start, end = plot_data.mesh.polygon.starts[each.side] + np.array([each.start, each.end])
+    """Points (k, 3) of the contact intervals at the height of u_h, with NaN between intervals."""
+    curves = [np.empty((0, 3))]
+    for interval in plot_data.contact.intervals:
+        start, end = plot_data.mesh.polygon.starts[interval.side] + np.array([interval.start, interval.end])
+        # u_h bends at the nodes between
         inner = plot_data.mesh.s[(plot_data.mesh.s > start) & (plot_data.mesh.s < end)]
-        parts += [
-            _boundary_curve(plot_data, each.side, np.concatenate([[start], inner, [end]])),
+        curves += [
+            _boundary_curve(plot_data, interval.side, np.concatenate([[start], inner, [end]])),
             np.full((1, 3), np.nan),
         ]
-    return np.concatenate(parts)
+    return np.concatenate(curves)
 
 
 def _boundary_curve(plot_data: PlotData, side: int, s: Array) -> Array:
-    """Points at given arc lengths of a side, at the height of u_h.
-
-    The shape is (k, 3).
-    """
+    """Points (k, 3) at arc lengths s (k,) on a side, at the height of u_h."""
     polygon = plot_data.mesh.polygon
     trace = np.append(plot_data.u[plot_data.mesh.boundary], plot_data.u[plot_data.mesh.boundary[0]])
     places = polygon.at(np.full(len(s), side), s - polygon.starts[side])
@@ -230,32 +226,26 @@ def _boundary_curve(plot_data: PlotData, side: int, s: Array) -> Array:
 
 
 def _clamped_strokes(plot_data: PlotData) -> Array:
-    """Points of the clamped sides at the height of u_h, with oblique strokes outside, and NaN between sides.
-
-    The shape is (k, 3).
-    """
+    """Points (k, 3) of clamped sides at the height of u_h, with strokes outside and NaN between sides."""
     polygon = plot_data.mesh.polygon
-    parts = []
-    long = STROKE_LENGTH_RATIO * np.ptp(plot_data.mesh.points, axis=0).min()
+    curves = []
+    stroke = STROKE_LENGTH_RATIO * np.ptp(plot_data.mesh.points, axis=0).min()
     for side in plot_data.clamped_sides:
         n = int(STROKES_PER_PERIMETER * polygon.lengths[side] / polygon.perimeter)
         (start, end) = polygon.starts[side:][:2]
         feet = _boundary_curve(plot_data, side, np.linspace(start, end, n + 2))
-        along = (feet[-1] - feet[0])[:2] / polygon.lengths[side]
-        tips = feet + np.append(long * (polygon.normals[side] - along), 0.0)
-        parts += [np.stack([feet, tips, feet], axis=1).reshape(-1, 3), np.full((1, 3), np.nan)]
-    return np.concatenate(parts)
+        tangent = (feet[-1] - feet[0])[:2] / polygon.lengths[side]
+        tips = feet + np.append(stroke * (polygon.normals[side] - tangent), 0.0)
+        # from each foot to its tip and back, so that one line draws all
+        curves += [np.stack([feet, tips, feet], axis=1).reshape(-1, 3), np.full((1, 3), np.nan)]
+    return np.concatenate(curves)
 
 
 def _obstacle_steps(plot_data: PlotData) -> Array:
-    """Both ends of each cell at the height of the mean of g, NaN in contact, where the line would be hidden.
-
-    The shape is (2 m, 3).
-    """
+    """Both ends (2 m, 3) of each cell at the height of the mean of g, NaN in contact, where u_h hides it."""
     ends = np.stack(plot_data.contact.partition.ends, axis=1).reshape(-1, 2)
-    return np.column_stack(
-        [ends, np.repeat(np.where(plot_data.contact.lambda_H > 0, np.nan, plot_data.obstacle), 2)]
-    )
+    heights = np.where(plot_data.contact.lambda_H > 0, np.nan, plot_data.obstacle)
+    return np.column_stack([ends, np.repeat(heights, 2)])
 
 
 def draw_boundary_graphs(plot_data: PlotData) -> Figure:
@@ -263,32 +253,31 @@ def draw_boundary_graphs(plot_data: PlotData) -> Figure:
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
-    cells = plot_data.contact.partition
+    partition = plot_data.contact.partition
     polygon = plot_data.mesh.polygon
-    s = np.repeat(cells.points, 2)[1:-1]
-    sides = np.repeat(cells.side, 2)
+    # values on cells are steps, between both ends of each
+    s = np.repeat(partition.points, 2)[1:-1]
+    sides = np.repeat(partition.side, 2)
     figure = make_subplots(rows=2, shared_xaxes=True, vertical_spacing=0.06)
     lines = [
         (plot_data.contact.lambda_H, 1, "λ<sub>H</sub>", {"color": PAGE_CONTACT_COLOUR}, "tozeroy"),
         (plot_data.gap, 2, "mean of u<sub>h</sub> − g", {"color": PAGE_GAP_COLOUR}, None),
     ]
     if plot_data.given_flux.any():
-        given = np.where(plot_data.no_contact, plot_data.given_flux, np.nan)
-        lines.append((given, 1, "given flux q", {"color": PAGE_FREE_COLOUR, "dash": "dash"}, None))
+        given_flux = np.where(plot_data.no_contact, plot_data.given_flux, np.nan)
+        lines.append((given_flux, 1, "given flux q", {"color": PAGE_FREE_COLOUR, "dash": "dash"}, None))
     for values, row, name, look, fill in lines:
-        value = f"side %{{customdata}}, s = %{{x:.4g}}<br>{name} = %{{y:.4g}}<extra></extra>"
-        of_line: Any = {"line": look | {"width": 1.5}, "fill": fill, "name": name, "hovertemplate": value}
-        line = go.Scatter(x=s, y=np.repeat(values, 2), customdata=sides, mode="lines", **of_line)
+        hover = f"side %{{customdata}}, s = %{{x:.4g}}<br>{name} = %{{y:.4g}}<extra></extra>"
+        line_style: Any = {"line": look | {"width": 1.5}, "fill": fill, "name": name, "hovertemplate": hover}
+        line = go.Scatter(x=s, y=np.repeat(values, 2), customdata=sides, mode="lines", **line_style)
         figure.add_trace(line, row=row, col=1)
     for start in polygon.starts:
         figure.add_vline(start, line={"color": "#cccccc", "width": 1}, layer="below")
-    for side in np.unique(cells.side[plot_data.no_contact]):
-        named = (
-            {"annotation_text": "clamped", "annotation_textangle": -90}
-            if side in plot_data.clamped_sides
-            else {}
-        )
-        figure.add_vrect(*polygon.starts[[side, side + 1]], **GREY_BAND_STYLE, **named)
+    for side in np.unique(partition.side[plot_data.no_contact]):
+        annotation: Any = {}
+        if side in plot_data.clamped_sides:
+            annotation = {"annotation_text": "clamped", "annotation_textangle": -90}
+        figure.add_vrect(*polygon.starts[[side, side + 1]], **GREY_BAND_STYLE, **annotation)
     for side in select_numbered_sides(plot_data):
         middle = polygon.starts[side] + polygon.lengths[side] / 2
         text = str(side) if side else "side 0"

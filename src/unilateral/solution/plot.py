@@ -39,18 +39,12 @@ PLOT_STYLE: Any = {
 ONE_PANEL_INCHES = 6.5
 TWO_PANEL_INCHES = 7.5
 BOUNDARY_PANEL_INCHES = 1.7
-"""The width of a page with one panel and with two beside each other, and the height along the boundary.
-
-In inches; they are small beside the letters, so that a picture can be read on a phone.
-"""
+"""Widths of a page with one panel and with two, and the height along the boundary: to be read on a phone."""
 COLOUR_BAR_INCHES = 0.2
-"""The room at the right for the label of a colour bar, in inches, which the layout does not see."""
+"""Margin at the right for the label of a colour bar, which the layout does not see."""
 MIN_HEIGHT_OVER_WIDTH = 0.25
 STACKING_HEIGHT_OVER_WIDTH = 0.5
-"""The least height over width of the space for the domain.
-
-Panels of domains below FLAT stand one above the other.
-"""
+"""Least height over width of a panel with the domain, and of panels that stand beside each other."""
 TITLE_LETTERS_PER_INCH = 10.0
 MAX_TITLE_LINES = 3
 TITLE_ELLIPSIS = " ..."
@@ -62,30 +56,32 @@ SVG_STYLE: Any = {"svg.hashsalt": "unilateral", "svg.fonttype": "path"}
 
 def draw_solution(plot_data: PlotData) -> Figure:
     """u_h with the contact set, beside it the mesh if it is adapted, and both along the boundary."""
+    # panels with the domain, beside each other or stacked, above two panels along the boundary
     width, height = np.ptp(plot_data.mesh.points, axis=0)
-    shape = float(np.clip(height / width, MIN_HEIGHT_OVER_WIDTH, MAX_HEIGHT_OVER_WIDTH))
+    aspect = float(np.clip(height / width, MIN_HEIGHT_OVER_WIDTH, MAX_HEIGHT_OVER_WIDTH))
     panels = 2 if plot_data.mesh.is_adapted else 1
-    across = panels if shape > STACKING_HEIGHT_OVER_WIDTH else 1
-    wide = TWO_PANEL_INCHES if across > 1 else ONE_PANEL_INCHES
-    down = panels // across
-    tall = (wide / across - 1) * shape + 0.6  # less labels and the colour bar, and a title
+    columns = panels if aspect > STACKING_HEIGHT_OVER_WIDTH else 1
+    rows = panels // columns
+    page_width = TWO_PANEL_INCHES if columns > 1 else ONE_PANEL_INCHES
+    panel_height = (page_width / columns - 1) * aspect + 0.6  # less labels and the colour bar, and a title
+    page_height = rows * panel_height + 2 * BOUNDARY_PANEL_INCHES
+    height_ratios = [panel_height] * rows + [BOUNDARY_PANEL_INCHES] * 2
     with mpl.rc_context(PLOT_STYLE):
-        layout = ConstrainedLayoutEngine(rect=(0, 0, 1 - COLOUR_BAR_INCHES / wide, 1))
-        page = Figure(
-            figsize=(wide, down * tall + 2 * BOUNDARY_PANEL_INCHES), layout=layout, dpi=DOTS_PER_INCH
-        )
-        grid = page.add_gridspec(down + 2, across, height_ratios=[tall] * down + [BOUNDARY_PANEL_INCHES] * 2)
+        layout = ConstrainedLayoutEngine(rect=(0, 0, 1 - COLOUR_BAR_INCHES / page_width, 1))
+        page = Figure(figsize=(page_width, page_height), layout=layout, dpi=DOTS_PER_INCH)
+        grid = page.add_gridspec(rows + 2, columns, height_ratios=height_ratios)
         draw_domain(page.add_subplot(grid[0, 0]), plot_data)
         if panels > 1:
-            beside = page.add_subplot(grid[down - 1, across - 1])
-            draw_mesh(beside, plot_data)
-            beside.tick_params(labelleft=across == 1)
-        above = page.add_subplot(grid[-2, :])
-        _draw_boundary_panels(above, page.add_subplot(grid[-1, :], sharex=above), plot_data)
+            mesh_axes = page.add_subplot(grid[rows - 1, columns - 1])
+            draw_mesh(mesh_axes, plot_data)
+            mesh_axes.tick_params(labelleft=columns == 1)
+        multiplier_axes = page.add_subplot(grid[-2, :])
+        gap_axes = page.add_subplot(grid[-1, :], sharex=multiplier_axes)
+        _draw_boundary_panels(multiplier_axes, gap_axes, plot_data)
         lines = [
             line
             for text in (plot_data.title, plot_data.accuracy_text)
-            for line in wrap_evenly(text, int(TITLE_LETTERS_PER_INCH * wide))
+            for line in wrap_evenly(text, int(TITLE_LETTERS_PER_INCH * page_width))
         ]
         page.suptitle("\n".join(lines), parse_math=False)  # for the title is the user's
     return page
@@ -119,20 +115,19 @@ def _draw_boundary_panels(multiplier_axes: Axes, gap_axes: Axes, plot_data: Plot
         axes.axhline(0, color="0.8", linewidth=0.8, zorder=0)
     multiplier_axes.set(ylabel="multiplier\n$\\lambda_H$", xlim=(0, polygon.perimeter))
     multiplier_axes.tick_params(labelbottom=False)
-    multiplier_axes.yaxis.get_offset_text().set_horizontalalignment(
-        "right"
-    )  # not in the way of the sides' numbers
+    # the power of ten at the right, not in the way of the sides' numbers
+    multiplier_axes.yaxis.get_offset_text().set_horizontalalignment("right")
     gap_axes.set(xlabel="arc length from vertex 0, anticlockwise", ylabel="gap, mean\nof $u_h - g$")
     _mark_sides_without_contact(multiplier_axes, gap_axes, plot_data)
-    named = select_numbered_sides(plot_data)
-    sides = multiplier_axes.secondary_xaxis("top")
+    numbered_sides = select_numbered_sides(plot_data)
+    side_axis = multiplier_axes.secondary_xaxis("top")
     middles = polygon.starts[:-1] + polygon.lengths / 2
-    sides.set_xticks(middles[named], [str(i) if i else "side 0" for i in named])
-    sides.tick_params(length=0)
+    side_axis.set_xticks(middles[numbered_sides], [str(i) if i else "side 0" for i in numbered_sides])
+    side_axis.tick_params(length=0)
 
 
 def _set_value_ticks(axes: Axes, zero_meaning: str) -> None:
-    """Few ticks, or where all is 0 what that means."""
+    """Sets few ticks, or where all values are 0 writes what that means."""
     axes.yaxis.set_major_locator(FixedLocator([0]) if zero_meaning else choose_ticks())
     if zero_meaning:
         axes.set_ylim(-1, 1)
@@ -140,7 +135,7 @@ def _set_value_ticks(axes: Axes, zero_meaning: str) -> None:
 
 
 def _mark_sides_without_contact(multiplier_axes: Axes, gap_axes: Axes, plot_data: PlotData) -> None:
-    """Sides without contact in grey, clamped ones hatched, free ones with the flux that is given there."""
+    """Marks sides without contact in grey, clamped ones hatched, free ones with the flux that is given."""
     s = plot_data.contact.partition.points
     polygon = plot_data.mesh.polygon
     for side in np.unique(plot_data.contact.partition.side[plot_data.no_contact]):
@@ -149,45 +144,42 @@ def _mark_sides_without_contact(multiplier_axes: Axes, gap_axes: Axes, plot_data
         for axes in (multiplier_axes, gap_axes):
             axes.axvspan(start, end, zorder=-1, **CLAMPED_BAND_STYLE if clamped else {"color": "0.93"})
         if end - start >= MIN_NUMBER_DISTANCE * polygon.perimeter and not clamped:
-            place: Any = {"transform": gap_axes.get_xaxis_transform(), "ha": "center", "va": "center"}
-            gap_axes.text((start + end) / 2, 0.25, "free", color=FREE_COLOUR, **place)
+            alignment: Any = {"transform": gap_axes.get_xaxis_transform(), "ha": "center", "va": "center"}
+            gap_axes.text((start + end) / 2, 0.25, "free", color=FREE_COLOUR, **alignment)
     if plot_data.given_flux.any():
-        given = np.where(plot_data.no_contact, plot_data.given_flux, np.nan)
+        given_flux = np.where(plot_data.no_contact, plot_data.given_flux, np.nan)
         multiplier_axes.stairs(
-            given, s, baseline=None, color=FREE_COLOUR, linestyle="dashed", label="given flux q"
+            given_flux, s, baseline=None, color=FREE_COLOUR, linestyle="dashed", label="given flux q"
         )
         multiplier_axes.legend(fontsize="small", frameon=False)
 
 
 def wrap_evenly(text: str, max_letters: int) -> list[str]:
-    """A text on as few lines of at most so many letters as it takes, all of much the same length."""
-    found = textwrap.wrap(text, max_letters, max_lines=MAX_TITLE_LINES, placeholder=TITLE_ELLIPSIS)
-    for width in range(len(text) // max(len(found), 1), max_letters):
+    """Lines of at most so many letters: as few as the text takes, and of much the same length."""
+    # the narrowest width that takes no more lines makes them even
+    lines = textwrap.wrap(text, max_letters, max_lines=MAX_TITLE_LINES, placeholder=TITLE_ELLIPSIS)
+    for width in range(len(text) // max(len(lines), 1), max_letters):
         evener = textwrap.wrap(text, max(width, 1))
-        if len(evener) == len(found):
+        if len(evener) == len(lines):
             return evener
-    return found
+    return lines
 
 
 def write_figure(figure: Figure, path: Path) -> None:
     """Writes the figure into a file, with the same bytes for the same figure."""
-    undated = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
-    _round_axes_positions(figure)
-    with mpl.rc_context(SVG_STYLE):
-        figure.savefig(path, metadata=undated.get(path.suffix))
-
-
-def _round_axes_positions(figure: Figure) -> None:
-    """Rounds where the layout puts axes: its last digits depend on the order in which it sees them."""
+    no_date = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}
+    # the last digits of where the layout puts axes depend on the order in which it sees them
     figure.draw_without_rendering()
     figure.set_layout_engine("none")
     for axes in figure.axes:
         axes.set_position(tuple(np.round(axes.get_position(original=True).bounds, POSITION_DECIMALS)))
+    with mpl.rc_context(SVG_STYLE):
+        figure.savefig(path, metadata=no_date.get(path.suffix))
 
 
 def render_svg(figure: Figure) -> str:
     """The figure as an element of a page of HTML, the same for the same figure."""
-    found = StringIO()
+    svg = StringIO()
     with mpl.rc_context(SVG_STYLE):
-        figure.savefig(found, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
-    return "<svg" + found.getvalue().partition("<svg")[2]
+        figure.savefig(svg, format="svg", metadata=dict.fromkeys(("Creator", "Date", "Format", "Type")))
+    return "<svg" + svg.getvalue().partition("<svg")[2]

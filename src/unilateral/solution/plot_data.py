@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 H1_QUANTITIES = {"h1": "u in H¹", "hm12": "λ in H^(−1/2)"}
 ENERGY_QUANTITIES = {"h1": "u in the energy norm", "hm12": "λ in the dual norm"}
-"""What is bounded in the norm of an accuracy; the second one is for problems with k, c or clamped sides."""
+"""Quantity whose error is bounded, by the norm of the accuracy; the latter with k, c or clamped sides."""
 MAX_SURFACE_TRIANGLES = 200_000
-"""A surface has at most about this many triangles: more are smaller than what is seen, and take long."""
+"""A surface has at most about this many triangles: smaller ones cannot be seen, and take long."""
 MAX_CONSTANT_VARIATION = 1e-12
 """u_h that varies by less than this, relative to its size, is shown as a constant."""
 MIN_NUMBER_DISTANCE = 0.07
@@ -70,10 +70,10 @@ class PlotData:
     @property
     def colour_limits(self) -> tuple[float, float]:
         """The values that colours span: those of u_h, or more about a constant."""
-        least = float(self.u.min())
-        largest = float(self.u.max())
-        room = 0.0 if self.has_variation else (max(-least, largest) or 1.0)
-        return least - room, largest + room
+        u_min = float(self.u.min())
+        u_max = float(self.u.max())
+        margin = 0.0 if self.has_variation else (max(-u_min, u_max) or 1.0)
+        return u_min - margin, u_max + margin
 
     @property
     def contact_text(self) -> str:
@@ -87,32 +87,37 @@ class PlotData:
     @property
     def no_gap_text(self) -> str:
         """Words on where u_h = g if that holds on all sides with contact; empty if it does not."""
-        held = ~self.no_contact
+        has_contact = ~self.no_contact
         if np.nan_to_num(self.gap).any():
             return ""
-        if not held.any():
+        if not has_contact.any():
             return "no side has an obstacle"
         some = "on all sides with an obstacle" if self.clamped_sides else "on all sides that are not free"
-        where = "everywhere" if held.all() else some
-        return f"{'in contact' if (self.contact.lambda_H[held] > 0).all() else 'u = g'} {where}"
+        where = "everywhere" if has_contact.all() else some
+        return f"{'in contact' if (self.contact.lambda_H[has_contact] > 0).all() else 'u = g'} {where}"
 
 
 def select_numbered_sides(plot_data: PlotData) -> list[int]:
-    """The sides that are numbered: as many as there is room for along the boundary."""
+    """Sides that are numbered in pictures: as many as find a place along the boundary."""
     polygon = plot_data.mesh.polygon
-    last = -1.0
-    found = list[int]()
+    last_middle = -1.0
+    sides = list[int]()
     for side, middle in enumerate((polygon.starts[:-1] + polygon.lengths / 2) / polygon.perimeter):
-        if middle - last >= MIN_NUMBER_DISTANCE:
-            last = middle
-            found.append(side)
-    return found
+        if middle - last_middle >= MIN_NUMBER_DISTANCE:
+            last_middle = middle
+            sides.append(side)
+    return sides
 
 
 def collect_plot_data(solution: Solution) -> PlotData:
     """Data of the pictures of a solution; the guaranteed bound is computed if the memory allows it."""
     gap = solution.gap
-    free = np.isnan(gap)
+    no_contact = np.isnan(gap)
+    # the given flux q in the middle of each cell
+    partition = solution.partition
+    q = solution.problem.enclosed_flux
+    middles = 0.5 * (partition.points[1:] + partition.points[:-1])
+    midpoint_flux = q.evaluate(q.find_pieces(middles), middles)[0]
     return PlotData(
         title=solution.problem.title or solution.problem.name,
         accuracy_text=describe_accuracy(solution),
@@ -120,22 +125,11 @@ def collect_plot_data(solution: Solution) -> PlotData:
         u=solution.u,
         contact=solution.contact,
         gap=round_gap_to_zero(gap, solution.multiplier) if solution.converged else gap,
-        obstacle=np.where(free, np.nan, solution.solved.g_means),
-        no_contact=free,
-        given_flux=np.where(free, _midpoint_flux(solution), 0.0),
+        obstacle=np.where(no_contact, np.nan, solution.solved.g_means),
+        no_contact=no_contact,
+        given_flux=np.where(no_contact, midpoint_flux, 0.0),
         clamped_sides=solution.problem.clamped_sides,
     )
-
-
-def _midpoint_flux(solution: Solution) -> Array:
-    """The given flux q in the middle of each cell.
-
-    The shape is (m,).
-    """
-    cells = solution.partition
-    q = solution.problem.enclosed_flux
-    s = 0.5 * (cells.points[1:] + cells.points[:-1])
-    return q.evaluate(q.find_pieces(s), s)[0]
 
 
 def describe_accuracy(solution: Solution) -> str:
@@ -154,42 +148,35 @@ def describe_accuracy(solution: Solution) -> str:
         return NO_BOUND
     problem = solution.problem
     in_H1 = problem.k == problem.c == ONE and not problem.clamped_sides
-    what = (H1_QUANTITIES if in_H1 else ENERGY_QUANTITIES)[norm]
-    text = f"error of {what}: at most {_format_relative_bound(total, bounded.norm_lower_bound(norm, sharp))}"
-    text = add_guarantee(text, -math.inf, total)
+    quantity = (H1_QUANTITIES if in_H1 else ENERGY_QUANTITIES)[norm]
+    # relative to a lower bound on the norm, unless that would be 100 % or more
+    share = relative_bound(total, bounded.norm_lower_bound(norm, sharp))
+    bound_text = format_up(total, ".2g")
+    if share < 1:
+        bound_text = f"{format_up(math.nextafter(100 * share, math.inf), '.2g')} %"
+    text = add_guarantee(f"error of {quantity}: at most {bound_text}", -math.inf, total)
     if linear := linear_fields(solution.problem):
         text += f"; {', '.join(linear)} {NODAL_VALUES_TEXT}"
     if goal is None or solution.certified:
         return text
-    wanted = f"{goal.accuracy:g}" if goal.absolute else f"{100 * goal.accuracy:.3g} %"
-    return f"{text}; {wanted} was asked for"
+    target = f"{goal.accuracy:g}" if goal.absolute else f"{100 * goal.accuracy:.3g} %"
+    return f"{text}; {target} was asked for"
 
 
 def describe_force(solution: Solution, plot_data: PlotData) -> str:
     """The force over the boundary in words, between guaranteed numbers where there is a bound."""
     if plot_data.accuracy_text in ("", NO_BOUND) or plot_data.no_contact.all():
         return ""
-    whole = solution.force(uses_sharp_bounds(solution))
-    text = format_interval(whole.lower, whole.upper, whole.value, ".4g")
-    return add_guarantee(f"force over the boundary, ∫λ: {text}", whole.lower, whole.upper)
-
-
-def _format_relative_bound(bound: float, norm_below: float) -> str:
-    """A bound as a percentage of a lower bound of the norm, or as it is where that would be 100 % or more."""
-    share = relative_bound(bound, norm_below)
-    return (
-        f"{format_up(math.nextafter(100 * share, math.inf), '.2g')} %"
-        if share < 1
-        else format_up(bound, ".2g")
-    )
+    force = solution.force(uses_sharp_bounds(solution))
+    text = format_interval(force.lower, force.upper, force.value, ".4g")
+    return add_guarantee(f"force over the boundary, ∫λ: {text}", force.lower, force.upper)
 
 
 def round_gap_to_zero(gap: Array, lambda_H: Array) -> Array:
-    """u_h - g (m,), but 0 where it is no larger than what a converged iteration has left of 0; NaN stays.
-
-    In exact arithmetic it is 0 where lambda_H > 0, and nowhere below 0. Values that differ from this tell the
-    size of what is left.
-    """
-    held = np.isfinite(gap)
-    rest = np.where(lambda_H[held] > 0, np.abs(gap[held]), np.maximum(-gap[held], 0.0))
-    return np.where(np.abs(gap) <= rest.max(initial=0.0), 0.0, gap)
+    """Means (m,) of u_h - g, with 0 where they are no larger than the iteration's error; NaN stays."""
+    has_contact = np.isfinite(gap)
+    # exactly, the means are 0 where lambda_H > 0, and nowhere below 0: what differs is that error
+    residuals = np.where(
+        lambda_H[has_contact] > 0, np.abs(gap[has_contact]), np.maximum(-gap[has_contact], 0.0)
+    )
+    return np.where(np.abs(gap) <= residuals.max(initial=0.0), 0.0, gap)

@@ -21,16 +21,11 @@ CONTACT_COLOUR = "tab:red"
 FREE_COLOUR = "0.45"
 MESH_LINE_POINTS = 20.0
 MAX_OUTLINED_TRIANGLES = 20_000
-"""The mesh's lines are LINE points over the root of the number of triangles wide, or less.
-
-Above so many TRIANGLES lines would be grey, and the lengths of their edges are shown by colours.
-"""
+"""Width in points of a mesh's lines, over the root of the number of triangles. With more than so many
+triangles the lines would merge to grey, and colours show the lengths of edges instead."""
 MAX_HEIGHT_OVER_WIDTH = 1.2
 MAX_SCALED_ASPECT = 8.0
-"""The largest height over width of the space for the domain.
-
-One with longer sides by a factor LONG is not drawn to scale, for it would be a line.
-"""
+"""Largest height over width of a panel; a domain that is longer than wide by more is not drawn to scale."""
 DOMAIN_MARGIN = 0.03
 """The margin around the domain, as a fraction of its size."""
 MAX_CONTOUR_LEVELS = 12
@@ -47,9 +42,9 @@ CLAMPED_SIDE_STYLE: Any = {
 
 
 def draw_domain(axes: Axes, plot_data: PlotData, is_bar_inside: bool = False) -> None:
-    """u_h with its lines of level, a colour bar of the panel's height, sides with numbers, and contact.
+    """Draws u_h with its contour lines, a colour bar, sides with numbers, and contact.
 
-    The colour bar is beside the axes, or takes a part of them if all has to stay `is_bar_inside`.
+    The colour bar is beside the axes, or takes a part of them if it `is_bar_inside`.
     """
     field = _shade_nodal_values(axes, plot_data, plot_data.u, Normalize(*plot_data.colour_limits))
     lines = {"linewidths": 0.5, "linestyles": "solid"}
@@ -74,14 +69,17 @@ def draw_domain(axes: Axes, plot_data: PlotData, is_bar_inside: bool = False) ->
 
 
 def draw_mesh(axes: Axes, plot_data: PlotData) -> None:
-    """The triangles, or where they are many their sizes: the mean on a logarithmic scale at each node."""
+    """Draws the triangles, or where they are many the lengths of their longest edges."""
     n = len(plot_data.mesh.triangles)
     if n <= MAX_OUTLINED_TRIANGLES:
-        whole = Triangulation(
+        triangulation = Triangulation(
             plot_data.mesh.points[:, 0], plot_data.mesh.points[:, 1], plot_data.mesh.triangles
         )
-        axes.triplot(whole, color="k", linewidth=min(0.5, MESH_LINE_POINTS / np.sqrt(n)), rasterized=True)
+        axes.triplot(
+            triangulation, color="k", linewidth=min(0.5, MESH_LINE_POINTS / np.sqrt(n)), rasterized=True
+        )
     else:
+        # at each node the geometric mean over its triangles
         nodes = plot_data.mesh.triangles.ravel()
         logs = np.bincount(nodes, np.repeat(np.log(plot_data.mesh.longest_edges), 3)) / np.bincount(nodes)
         _add_colour_bar(
@@ -117,18 +115,18 @@ def _add_colour_bar_below(axes: Axes, field: ScalarMappable, label: str) -> Colo
 
 
 def choose_ticks(relative_length: float = 1.0) -> MaxNLocator:
-    """Few ticks at round numbers, the fewer the smaller the room is."""
+    """Locator of one to four ticks at round numbers, for an axis of that length."""
     return MaxNLocator(int(np.clip(np.ceil(4 * relative_length), 1, 4)), steps=[1, 2, 2.5, 5, 10])
 
 
 def _draw_outline(axes: Axes, plot_data: PlotData) -> None:
-    """The contact set in red, clamped sides hatched, free ones dashed, others solid, and numbers at sides."""
+    """Draws contact in red, clamped sides hatched, free ones dashed, others solid, with numbers at sides."""
     polygon = plot_data.mesh.polygon
     free = np.setdiff1d(plot_data.contact.partition.side[plot_data.no_contact], plot_data.clamped_sides)
     sides = np.stack([polygon.vertices, np.roll(polygon.vertices, -1, axis=0)], axis=1)
-    held = np.delete(np.arange(polygon.n_sides), free)
-    for these, look in ((held, {"colors": "k"}), (free, {"colors": FREE_COLOUR, "linestyles": "dashed"})):
-        axes.add_collection(LineCollection([*sides[these]], linewidths=1.2, zorder=2, **look))
+    solid = np.delete(np.arange(polygon.n_sides), free)
+    for group, style in ((solid, {"colors": "k"}), (free, {"colors": FREE_COLOUR, "linestyles": "dashed"})):
+        axes.add_collection(LineCollection([*sides[group]], linewidths=1.2, zorder=2, **style))
     for side in plot_data.clamped_sides:
         axes.plot(
             *sides[side].T,
@@ -139,13 +137,13 @@ def _draw_outline(axes: Axes, plot_data: PlotData) -> None:
         axes.legend(
             loc="upper right", bbox_to_anchor=(1.15, 0), fontsize="small", borderaxespad=2, frameon=False
         )
-    lines = [(each.first, each.last) for each in plot_data.contact.intervals]
+    lines = [(interval.first, interval.last) for interval in plot_data.contact.intervals]
     axes.add_collection(LineCollection(lines, colors=CONTACT_COLOUR, linewidths=4, capstyle="butt", zorder=3))
     for side in select_numbered_sides(plot_data):
-        inside = -10 * polygon.normals[side]
-        around = [withStroke(linewidth=2, foreground="w")]
-        axes.annotate(str(side), sides[side].mean(axis=0), inside, textcoords="offset points", ha="center",
-                      va="center", fontsize="small", zorder=4, path_effects=around)  # fmt: skip
+        offset = -10 * polygon.normals[side]
+        halo = [withStroke(linewidth=2, foreground="w")]
+        axes.annotate(str(side), sides[side].mean(axis=0), offset, textcoords="offset points", ha="center",
+                      va="center", fontsize="small", zorder=4, path_effects=halo)  # fmt: skip
 
 
 def _fit_axes(axes: Axes, plot_data: PlotData) -> None:
@@ -157,5 +155,5 @@ def _fit_axes(axes: Axes, plot_data: PlotData) -> None:
     axes.margins(DOMAIN_MARGIN)
     if not to_scale:
         axes.set_title(f"{axes.get_title()}; not to scale")
-    for axis, room in ((axes.xaxis, width / height), (axes.yaxis, height / width)):
-        axis.set_major_locator(choose_ticks(room if to_scale else 1.0))
+    for axis, relative_length in ((axes.xaxis, width / height), (axes.yaxis, height / width)):
+        axis.set_major_locator(choose_ticks(relative_length if to_scale else 1.0))

@@ -25,13 +25,13 @@ MAX_NODES_FOR_BETA = 20_000
 
 
 def describe_norms(problem: Problem) -> dict[str, str]:
-    """The norms of errors, bounds and accuracies, by the names that fields have."""
-    of_v = name_energy_norm(problem, "v")
-    whole = "(k ||grad v||_0^2 + c ||v||_0^2)^(1/2)" if problem.c != ZERO else "k^(1/2) ||grad v||_0"
+    """Formulas of the norms of errors, bounds and accuracies, by the names that fields have."""
+    v_norm = name_energy_norm(problem, "v")
+    energy_formula = "(k ||grad v||_0^2 + c ||v||_0^2)^(1/2)" if problem.c != ZERO else "k^(1/2) ||grad v||_0"
     vanishing = " over v that vanish on clamped sides" if problem.clamped_sides else ""
     return {
-        "h1": f"{of_v} = {whole}",
-        "hm12": f"||mu||_-1/2 = sup <mu, v> / {of_v}{vanishing}",
+        "h1": f"{v_norm} = {energy_formula}",
+        "hm12": f"||mu||_-1/2 = sup <mu, v> / {v_norm}{vanishing}",
         "l2": L2_NORM_FORMULA,
     }
 
@@ -48,11 +48,12 @@ def make_solution_record(
     result = solved.result
     goal = search.best.goal if search else None
     mesh = solved.mesh
-    cells = solved.partition
+    partition = solved.partition
     contact = solution.contact
     norm = goal.norm if goal else "h1"
-    known = bounds or Bounds(*(math.nan,) * 3)
+    bounds_or_nan = bounds or Bounds(*(math.nan,) * 3)
     beta = solution.beta if mesh.n_nodes <= MAX_NODES_FOR_BETA else math.nan
+    # ||lambda_H - its exact value||_-1/2,h, by Proposition 7; by (3.4) over beta it is one in H^(-1/2)
     algebraic = math.nan if solved.is_foreign else result.bound
     return {
         "problem": solution.problem.name,
@@ -67,7 +68,7 @@ def make_solution_record(
         "linear_between_nodes": linear_fields(solution.problem),
         "h": mesh.h,
         "diameter": mesh.diameter,
-        "H": cells.H,
+        "H": partition.H,
         "adapted": mesh.is_adapted,
         "triangles": len(mesh.triangles),
         "unknowns": mesh.n_nodes,
@@ -85,18 +86,18 @@ def make_solution_record(
         "hm12_error_upper": errors.hm12_upper if errors else math.nan,
         "l2_error": errors.l2 if errors else math.nan,
         "bounds": ("sharp" if sharp else "cheap") if bounds else None,
-        "h1_bound": known.u,
-        "hm12_bound": known.multiplier,
-        "h1_relative_bound": known.relative_u,
-        "hm12_relative_bound": known.relative_multiplier,
-        "enclosure": known.unknown,
-        "total_bound": known.multiplier if norm == "hm12" else known.u,
+        "h1_bound": bounds_or_nan.u,
+        "hm12_bound": bounds_or_nan.multiplier,
+        "h1_relative_bound": bounds_or_nan.relative_u,
+        "hm12_relative_bound": bounds_or_nan.relative_multiplier,
+        "enclosure": bounds_or_nan.unknown,
+        "total_bound": bounds_or_nan.multiplier if norm == "hm12" else bounds_or_nan.u,
         "levels": [make_level_record(level) for level in search.levels] if search else [],
         "contact": {
             "full": contact.full,
             "length": contact.length,
             "lengths": contact.lengths.tolist(),
-            "intervals": [each._asdict() for each in contact.intervals],
+            "intervals": [interval._asdict() for interval in contact.intervals],
         },
         "versions": {"python": platform.python_version()}
         | {name: version(name) for name in ("unilateral", "numpy", "scipy")},

@@ -1,4 +1,4 @@
-"""What a solution has less of than was wanted, in sentences; and the warnings of that."""
+"""Sentences on where a solution falls short: accuracy, convergence, uniqueness, sharpness; and warnings."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ It is 1.9 times the error then if u varies across them only, and for flatter one
 proportion: the error is like their height, but the flux of `equilibrate_flux` is off by their length.
 """
 ROUNDING_LIMITED_ALGORITHMS = ("active_set", "multigrid")
-"""Algorithms that end where nothing falls any more, and not after `max_steps`."""
+"""Algorithms that end where their residual falls no more, and not after `max_steps`."""
 
 
 def explain_nonuniqueness(mesh: Mesh, is_user_mesh: bool) -> str:
-    """A sentence that lambda_H may not be unique, and how to mend that."""
+    """End of a sentence on lambda_H: that it may not be unique, and how to mend that."""
     shortest = float(mesh.polygon.lengths.min())
     advice = "take h < H, such as H = 2h"
-    alone = np.bincount(mesh.side) == 1
-    if is_user_mesh and alone.any():
+    is_single_edge = np.bincount(mesh.side) == 1
+    if is_user_mesh and is_single_edge.any():
         advice = (
-            f"a side of the polygon needs two edges of the mesh or more, and side {alone.argmax()} is one; "
-            "take ul.mesh(mesh, halvings=1)"
+            "a side of the polygon needs two edges of the mesh or more, and "
+            f"side {is_single_edge.argmax()} is one; take ul.mesh(mesh, halvings=1)"
         )
     elif is_user_mesh:
         advice = "take larger cells, or refine the mesh at the boundary"
@@ -46,7 +46,7 @@ def explain_nonuniqueness(mesh: Mesh, is_user_mesh: bool) -> str:
 
 
 def explain_flat_triangles(solved: DiscreteSolution) -> str:
-    """Says that flat triangles make up most of the cheap bound; else empty."""
+    """Sentence that flat triangles make up most of the square of the cheap bound; else empty."""
     bound = solved.local_bound
     mesh = solved.mesh
     if bound is None:
@@ -63,10 +63,11 @@ def explain_flat_triangles(solved: DiscreteSolution) -> str:
 
 
 def explain_dominant_lift(solution: Solution) -> str:
-    """Says of another program's u that most of its bound is what makes it admissible; else empty."""
+    """Sentence that most of the bound on another program's u is the lift that takes it into K; else empty."""
     if not solution.solved.is_foreign or explain_memory_shortage(solution, sharp=False):
         return ""
     bound = solution.bounded.local_bound
+    # ||u - u_h|| <= ||u - v|| + ||v - u_h||, with the lift v - u_h
     if bound is None or bound.lift_norm**2 <= 0.5 * bound.u**2:
         return ""
     return (
@@ -76,20 +77,21 @@ def explain_dominant_lift(solution: Solution) -> str:
 
 
 def explain_nonconvergence(solved: DiscreteSolution) -> str:
-    """Says that an iteration did not converge, with the bound on its algebraic error, and why."""
+    """Sentence that an iteration did not converge, with the bound on its algebraic error, and why."""
     result = solved.result
     bound = format_interval(-math.inf, result.bound, spec=".4e")
-    told = f"the iteration did not converge: the algebraic error is {bound}"
+    failure = f"the iteration did not converge: the algebraic error is {bound}"
     if 2 * result.rounding > result.bound:
-        return f"{told}, because rounding alone adds {format_up(result.rounding, '.1e')}; take a larger tolerance"
+        rounding = format_up(result.rounding, ".1e")
+        return f"{failure}, because rounding alone adds {rounding}; take a larger tolerance"
     if result.algorithm in ROUNDING_LIMITED_ALGORITHMS:
-        return f"{told}, because rounding allows no less; take a larger tolerance"
+        return f"{failure}, because rounding allows no less; take a larger tolerance"
     steps = pluralise(int(result.iterations), "step")
-    return f"{told} after {steps}; allow more of them, or take another algorithm"
+    return f"{failure} after {steps}; allow more of them, or take another algorithm"
 
 
 def warn_of_shortfalls(solution: Solution, is_user_mesh: bool = False) -> None:
-    """Warns, two calls above, of what is less than what was wanted, or may be."""
+    """Warns, two calls above, of withdrawn bounds, a missed accuracy, or doubts about the iteration."""
     search = solution.search
     if search and len(search.believed) < len(search.levels):
         withdrawn = f"{len(search.levels) - len(search.believed)} bounds {BOUNDS_WITHDRAWN}"
@@ -108,21 +110,21 @@ def warn_of_shortfalls(solution: Solution, is_user_mesh: bool = False) -> None:
 
 
 def explain_missed_accuracy(search: Search, solution: Solution) -> str:
-    """Why the accuracy is not certified, and what is reached: in the same terms, and as an error."""
+    """Sentence on why the accuracy is not certified, and which one is reached."""
     best = search.best
-    parts = [f"the accuracy {best.goal.accuracy:g} is not certified: {search.ended}"]
+    clauses = [f"the accuracy {best.goal.accuracy:g} is not certified: {search.ended}"]
     if not search.believed:
-        parts.append("no bound is left")
+        clauses.append("no bound is left")
     elif not best.total < math.inf:
-        parts.append("no bound is known")
+        clauses.append("no bound is known")
     elif best.goal.absolute or not best.size > 0:
-        parts.append(f"reached is {format_up(best.total, '.4e')}")
+        clauses.append(f"reached is {format_up(best.total, '.4e')}")
     else:
         share = format_up(relative_bound(best.total, best.size), ".3g")
         size = getattr(name_solution_norms(solution.problem), best.goal.norm)
-        parts.append(f"reached is {share} of {size}, or {format_up(best.total, '.4e')}")
+        clauses.append(f"reached is {share} of {size}, or {format_up(best.total, '.4e')}")
     if search.refusal:
-        parts.append(str(search.refusal))
+        clauses.append(str(search.refusal))
     if search.reach:
-        parts.append(f"an accuracy of {search.reach:g} is within reach")
-    return "; ".join(parts)
+        clauses.append(f"an accuracy of {search.reach:g} is within reach")
+    return "; ".join(clauses)

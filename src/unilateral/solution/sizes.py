@@ -26,7 +26,7 @@ MESH_KINDS = {"structured": make_structured_mesh, "unstructured": meshes.make_un
 
 
 def read_optional_number(name: str, value: Size | None) -> float | None:
-    """A number that may be a text, such as "1/64"."""
+    """The number, which may be a text such as "1/64", or None. Raises InputError for anything else."""
     if isinstance(value, str):
         return parse_real(value, name)
     try:
@@ -34,7 +34,7 @@ def read_optional_number(name: str, value: Size | None) -> float | None:
             raise TypeError
         if value is None:
             return None
-        # A number of NumPy may be masked; an array of several is no number
+        # a number of NumPy may be masked; an array of several is no number
         return float(read_floats(value, name)[()]) if hasattr(value, "__array__") else float(value)
     except (TypeError, ValueError, OverflowError):
         raise InputError(
@@ -43,13 +43,13 @@ def read_optional_number(name: str, value: Size | None) -> float | None:
 
 
 def check_mesh_kind(mesh_or_kind: Mesh | str) -> None:
-    """Raises InputError for what is neither a mesh nor one of KINDS."""
+    """Raises InputError for what is neither a mesh nor one of MESH_KINDS."""
     if not isinstance(mesh_or_kind, Mesh) and not (
         isinstance(mesh_or_kind, str) and mesh_or_kind in ("", *MESH_KINDS)
     ):
         raise InputError(
-            f"the mesh is {quote_input(repr(mesh_or_kind))}; it has to be {' or '.join(MESH_KINDS)}, or a mesh such as "
-            "ul.mesh(path)"
+            f"the mesh is {quote_input(repr(mesh_or_kind))}; it has to be {' or '.join(MESH_KINDS)}, or a "
+            "mesh such as ul.mesh(path)"
         )
 
 
@@ -61,11 +61,11 @@ def mesh_problem(
     The `mesh_or_kind` may be a mesh of one's own. Raises InputError where a size is missing, or one too many,
     and as `put_on_mesh`.
     """
-    own = problem.mesh
-    if own is not None and mesh_or_kind not in ("", own):
+    problem_mesh = problem.mesh
+    if problem_mesh is not None and mesh_or_kind not in ("", problem_mesh):
         raise InputError(f"'{problem.name}' was made of a mesh and is solved on it; leave mesh out")
     mesh, partition = make_mesh_and_partition(
-        problem.polygon, h, H, mesh_or_kind if own is None else own, stop
+        problem.polygon, h, H, mesh_or_kind if problem_mesh is None else problem_mesh, stop
     )
     return put_on_mesh(problem, mesh), mesh, partition
 
@@ -76,31 +76,30 @@ def make_mesh_and_partition(
     """The mesh and the partition of sizes h and H at most. Raises InputError where one of them is missing."""
     if isinstance(mesh_or_kind, Mesh) and H is None:
         raise InputError("a mesh of one's own needs H, the longest cell of the multiplier")
-    wanted_H = _require_positive_size("H", H)
+    max_H = _require_positive_size("H", H)
     if isinstance(mesh_or_kind, Mesh):
         if h is not None:
             raise InputError("the mesh is given; leave h out")
-        same = np.array_equal(mesh_or_kind.polygon.vertices, polygon.vertices)
-        mesh = (
-            mesh_or_kind if same else meshes.from_arrays(polygon, mesh_or_kind.points, mesh_or_kind.triangles)
-        )
-        return mesh, make_uniform_partition(polygon, wanted_H)
-    wanted_h = _require_positive_size("h", h)
-    check_mesh_memory(polygon, wanted_h)
-    mesh_or_kind = mesh_or_kind or default_mesh_kind(polygon)
-    edges = math.ceil(wanted_H / wanted_h * (1 - 1e-12))
+        mesh = mesh_or_kind
+        if not np.array_equal(mesh.polygon.vertices, polygon.vertices):
+            mesh = meshes.from_arrays(polygon, mesh.points, mesh.triangles)
+        return mesh, make_uniform_partition(polygon, max_H)
+    max_h = _require_positive_size("h", h)
+    check_mesh_memory(polygon, max_h)
+    mesh_kind = mesh_or_kind or default_mesh_kind(polygon)
+    # edges in each cell: H/h, rounded up unless rounding alone has made it larger than a whole number
+    edges = math.ceil(max_H / max_h * (1 - 1e-12))
     halvings = (
-        choose_halvings(polygon, wanted_H, edges, stop) if mesh_or_kind == "unstructured" and edges > 1 else 0
+        choose_halvings(polygon, max_H, edges, stop) if mesh_kind == "unstructured" and edges > 1 else 0
     )
-    if halvings:
-        return meshes.triangulate_from_cells(
-            make_uniform_partition(polygon, 2**halvings * wanted_H), edges, halvings
-        )
-    return MESH_KINDS[mesh_or_kind](polygon, wanted_h), make_uniform_partition(polygon, wanted_H)
+    if halvings:  # large meshes are refined from coarse ones, so that multigrid has levels
+        coarse_partition = make_uniform_partition(polygon, 2**halvings * max_H)
+        return meshes.triangulate_from_cells(coarse_partition, edges, halvings)
+    return MESH_KINDS[mesh_kind](polygon, max_h), make_uniform_partition(polygon, max_H)
 
 
 def _require_positive_size(name: str, size: float | None) -> float:
-    """A size that is given and positive."""
+    """The size, if it is given and positive. Raises InputError if not."""
     if size is None:
         raise InputError(
             f"h and H are needed, and {name} is missing; for formulas ul.solve takes an accuracy in their "

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """(u_h, lambda_H) as plain data; it can be copied and pickled.
+    """The discrete solution (u_h, lambda_H) as plain data; it can be copied and pickled.
 
     Parameters
     ----------
@@ -92,17 +92,12 @@ class Solution:
 
     @property
     def u(self) -> Array:
-        """Values of u_h at the nodes of the mesh.
-
-        The shape is (n,).
-        """
+        """Values (n,) of u_h at the nodes of the mesh."""
         return self.solved.u_h
 
     @cached_property
     def multiplier(self) -> Array:
-        """lambda_H, which approximates k du/dn, on the cells of the partition.
-
-        The shape is (m,).
+        """Values (m,) of lambda_H, which approximates k du/dn, on the cells of the partition.
 
         It is 0 on free sides. It is NaN on clamped sides, on which there are no multipliers: their reactions
         are in `forces`.
@@ -112,10 +107,7 @@ class Solution:
 
     @property
     def gap(self) -> Array:
-        """Means of u_h - g on the cells, NaN on free and on clamped sides.
-
-        The shape is (m,).
-        """
+        """Means (m,) of u_h - g on the cells, NaN on free and on clamped sides."""
         return self.solved.gap
 
     @property
@@ -277,9 +269,7 @@ class Solution:
 
     @property
     def error_shares(self) -> Array | None:
-        """Share of each triangle in the square of `bounds.u`; None without bounds.
-
-        The shape is (k,).
+        """Shares (k,) of the triangles in the square of `bounds.u`; None without bounds.
 
         >>> import unilateral as ul
         >>> s = ul.solve("natural", h=1 / 16, H=1 / 8)

@@ -64,20 +64,20 @@ class Solver:
         check_mesh_kind(mesh)
         check_stop(stop)
         self.stop = stop or Stop()
-        known = find_problem(problem)
-        if known is None:
-            known = make_problem(problem, 0, 0, free_sides=free_sides, k=k, c=c, q=q, u=u)  # type: ignore[arg-type]
+        base_problem = find_problem(problem)
+        if base_problem is None:
+            base_problem = make_problem(problem, 0, 0, free_sides=free_sides, k=k, c=c, q=q, u=u)  # type: ignore[arg-type]
             self.has_data = False
         elif any(
-            hasattr(given, "__array__") or given not in (default, None, [], {})
-            for given, default in ((free_sides, ()), (k, 1), (c, 1), (q, None), (u, None))
+            hasattr(value, "__array__") or value not in (default, None, [], {})
+            for value, default in ((free_sides, ()), (k, 1), (c, 1), (q, None), (u, None))
         ):
             raise InputError("free_sides, k, c, q and u belong to a polygon; a problem has its own")
         else:
             self.has_data = True
-        self.own_mesh = isinstance(mesh, Mesh) or known.mesh is not None
+        self.own_mesh = isinstance(mesh, Mesh) or base_problem.mesh is not None
         self.problem, self.mesh, self.partition = mesh_problem(
-            known, read_optional_number("h", h), read_optional_number("H", H), mesh, self.stop
+            base_problem, read_optional_number("h", h), read_optional_number("H", H), mesh, self.stop
         )
         self._spaces = choose_spaces(self.problem, self.mesh, self.partition, self.stop)
         self._source_enclosures: dict[Expression, Source] = {}
@@ -89,9 +89,8 @@ class Solver:
         as `Problem`. Warns as `solve`.
         """
         problem, discrete = self._discretise(f, g, q)
-        with warnings.catch_warnings(
-            action="ignore", category=IterationWarning
-        ):  # `warn_of_shortfalls` tells it
+        # `warn_of_shortfalls` says the same in terms of the solution
+        with warnings.catch_warnings(action="ignore", category=IterationWarning):
             solution = Solution(problem, discrete.solve(self.stop))
         warn_of_shortfalls(solution, self.own_mesh)
         return solution
@@ -108,44 +107,45 @@ class Solver:
         )
 
     def _discretise(self, f: Given, g: GivenOnSides, q: GivenOnSides) -> tuple[Problem, DiscreteProblem]:
-        """The problem with that f, g and q, and the discrete one.
-
-        The enclosures of the problem's own f and of the last formula are kept for calls with the same one.
-        """
+        """The problem with that f, g and q, and the discrete one."""
+        # the enclosures of the problem's own f and of the last formula are kept for calls with the same one
         problem = self._replace_data(f, g, q)
         formula = problem.f if isinstance(problem.f, Expression) and problem.exact is None else None
-        known = None if formula is None else self._source_enclosures.get(formula)
-        discrete = discretise_on_spaces(problem, self._spaces, known)
+        source = None if formula is None else self._source_enclosures.get(formula)
+        discrete = discretise_on_spaces(problem, self._spaces, source)
         if formula is not None and discrete.data:
             self._source_enclosures = {
-                each: kept for each, kept in self._source_enclosures.items() if each == self.problem.f
+                expression: enclosure
+                for expression, enclosure in self._source_enclosures.items()
+                if expression == self.problem.f
             }
             self._source_enclosures[formula] = discrete.data.source
         return problem, discrete
 
     def _replace_data(self, f: Given, g: GivenOnSides, q: GivenOnSides) -> Problem:
-        of = self.problem
-        missing = [name for name, given in (("f", f), ("g", g)) if given is None]
+        """The problem with the f, g and q that are given. Raises InputError where one of them is missing."""
+        problem = self.problem
+        missing = [name for name, value in (("f", f), ("g", g)) if value is None]
         if missing and not self.has_data:
             raise InputError(
                 f"{missing[0]} is missing; a solver that was made of a polygon or a mesh needs f and g in "
                 "each call"
             )
         if len(missing) == 2 and q is None:
-            return of
-        if of.exact and missing:
+            return problem
+        if problem.exact and missing:
             raise InputError(
-                f"'{of.name}' is a case, whose f and g belong to its solution; give both f and g"
+                f"'{problem.name}' is a case, whose f and g belong to its solution; give both f and g"
             )
-        return replace_data(of, self.mesh, f, g, q)
+        return replace_data(problem, self.mesh, f, g, q)
 
     @cached_property
     def _operator(self) -> DualOperator:
         """The dual operator of the condensed problem. Raises InputError where memory does not suffice."""
-        of = self._spaces
-        if not isinstance(of, MixedSpaces):
-            of = condensed_spaces(of.mesh, of.partition, of.hierarchy.form)
-        return of.operator
+        spaces = self._spaces
+        if not isinstance(spaces, MixedSpaces):
+            spaces = condensed_spaces(spaces.mesh, spaces.partition, spaces.hierarchy.form)
+        return spaces.operator
 
 
 def check_stop(stop: Stop | None) -> None:

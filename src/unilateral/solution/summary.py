@@ -1,7 +1,7 @@
 """What a solution shows of itself where Python or a notebook prints it: a few lines, and a picture.
 
-Nothing is begun that takes long. On meshes of more than QUICK nodes a bound is shown only if it is known
-already, and there is no picture.
+Nothing is begun that takes long: on meshes of more than MAX_NODES_FOR_SUMMARY nodes a bound is shown only if
+it is known already, and there is no picture.
 """
 
 from __future__ import annotations
@@ -33,25 +33,22 @@ MAX_NODES_FOR_SUMMARY = 100_000
 
 
 def render_summary_text(solution: Solution) -> str:
-    """The title, and a line for each of the `collect_summary_rows`."""
-    return "\n".join(
-        [
-            _summary_title(solution),
-            *(f"  {name:16} {value}" for name, value in collect_summary_rows(solution).items()),
-        ]
-    )
+    """The title, and a line for each row of the summary."""
+    lines = [f"  {name:16} {value}" for name, value in collect_summary_rows(solution).items()]
+    return "\n".join([_summary_title(solution), *lines])
 
 
 def render_summary_html(solution: Solution) -> str:
-    """The title, the `collect_summary_rows` as a table, and the picture if matplotlib is there."""
-    lines = "".join(
-        f"<tr><th>{escape(a)}</th><td>{escape(b)}</td></tr>"
-        for a, b in collect_summary_rows(solution).items()
+    """The title, the summary as a table, and the picture if matplotlib is there."""
+    table_rows = "".join(
+        f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>"
+        for name, value in collect_summary_rows(solution).items()
     )
     picture = "<p>The picture is drawn by plot().</p>"
     if solution.mesh.n_nodes <= MAX_NODES_FOR_SUMMARY and find_spec("matplotlib"):
         picture = _embed_picture(solution)
-    return f"<div><p><strong>{escape(_summary_title(solution))}</strong></p><table>{lines}</table>{picture}</div>"
+    title = f"<p><strong>{escape(_summary_title(solution))}</strong></p>"
+    return f"<div>{title}<table>{table_rows}</table>{picture}</div>"
 
 
 def collect_summary_rows(solution: Solution) -> dict[str, str]:
@@ -59,30 +56,31 @@ def collect_summary_rows(solution: Solution) -> dict[str, str]:
     sharp = uses_sharp_bounds(solution)
     cells = solution.solved.cells
     solved = solution.solved
-    found = {"polygon": f"{solution.polygon.n_sides} sides"}
+    rows = {"polygon": f"{solution.polygon.n_sides} sides"}
     if linear := linear_fields(solution.problem):
-        found[", ".join(linear)] = NODAL_VALUES_TEXT
-    found["unknowns"] = f"{solution.mesh.n_nodes}, and {pluralise(len(cells), 'multiplier')}"
+        rows[", ".join(linear)] = NODAL_VALUES_TEXT
+    rows["unknowns"] = f"{solution.mesh.n_nodes}, and {pluralise(len(cells), 'multiplier')}"
     if solved.is_foreign:
-        found["u"] = "of another program"
+        rows["u"] = "of another program"
     if not has_computed_bounds(solution, sharp) and (
         solution.mesh.n_nodes > MAX_NODES_FOR_SUMMARY or explain_memory_shortage(solution, sharp)
     ):
-        found["error of u"] = "not bounded yet: see bounds"
+        rows["error of u"] = "not bounded yet: see bounds"
     else:
-        found |= _collect_bound_rows(solution, solution.sharp_bounds if sharp else solution.bounds, sharp)
-    held = solution.contact
-    around = f"of {solution.polygon.perimeter:.4g}"
-    found["contact"] = "the whole boundary, " * held.full + f"length {held.length:.4g} {around}"
+        rows |= _collect_bound_rows(solution, solution.sharp_bounds if sharp else solution.bounds, sharp)
+    contact = solution.contact
+    perimeter = solution.polygon.perimeter
+    lengths = f"length {contact.length:.4g} of {perimeter:.4g}"
+    rows["contact"] = "the whole boundary, " * contact.full + lengths
     if not len(cells):
-        found["contact"] = LINEAR_PROBLEM_NOTE
+        rows["contact"] = LINEAR_PROBLEM_NOTE
     if not solution.converged:
-        found["not converged"] = (
+        rows["not converged"] = (
             f"the algebraic error is {format_interval(-math.inf, solved.result.bound, spec='.2g')}"
         )
     if not solution.unique:
-        found["lambda_H"] = "may not be unique"
-    return found
+        rows["lambda_H"] = "may not be unique"
+    return rows
 
 
 def _collect_bound_rows(solution: Solution, bounds: Bounds | None, sharp: bool) -> dict[str, str]:
@@ -93,16 +91,16 @@ def _collect_bound_rows(solution: Solution, bounds: Bounds | None, sharp: bool) 
             "force": f"{solution.solved.force:.4g}",
         }
     names = name_solution_norms(solution.problem)
-    parts = {"error of u": (bounds.u, bounds.relative_u, names.h1)}
+    errors = {"error of u": (bounds.u, bounds.relative_u, names.h1)}
     if len(solution.solved.cells):
-        parts["error of lambda"] = bounds.multiplier, bounds.relative_multiplier, names.hm12
+        errors["error of lambda"] = bounds.multiplier, bounds.relative_multiplier, names.hm12
     rows = {}
-    for name, (bound, part, norm) in parts.items():
-        share = f", {format_percent(part)} of {norm}" if part < 1 else ""
+    for name, (bound, relative, norm) in errors.items():
+        share = f", {format_percent(relative)} of {norm}" if relative < 1 else ""
         rows[name] = add_guarantee(
             f"{format_interval(-math.inf, bound, spec='.3g')}{share}", -math.inf, bound
         )
-    if len(parts) == 1:
+    if len(errors) == 1:
         return rows
     forces = {"force": solution.force(sharp)}
     if solution.problem.c == ZERO:
@@ -120,6 +118,6 @@ def _summary_title(solution: Solution) -> str:
 def _embed_picture(solution: Solution) -> str:
     from unilateral.solution.plot import render_svg
 
-    drawn = base64.b64encode(render_svg(solution.plot()).encode()).decode("ascii")
-    shows = f"u_h, the contact set, lambda_H and the gap of '{solution.problem.name}'"
-    return f'<img alt="{escape(shows)}" style="max-width: 100%" src="data:image/svg+xml;base64,{drawn}">'
+    picture = base64.b64encode(render_svg(solution.plot()).encode()).decode("ascii")
+    alt_text = f"u_h, the contact set, lambda_H and the gap of '{solution.problem.name}'"
+    return f'<img alt="{escape(alt_text)}" style="max-width: 100%" src="data:image/svg+xml;base64,{picture}">'

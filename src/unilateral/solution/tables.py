@@ -59,7 +59,8 @@ def write_csv(columns: TableColumns, path: Path) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)
-        writer.writerows([["" if each != each else each for each in row] for row in rows])
+        # NaN alone differs from itself
+        writer.writerows([["" if value != value else value for value in row] for row in rows])
 
 
 def solution_cell_columns(solution: Solution) -> TableColumns:
@@ -73,25 +74,25 @@ def make_dataset(solution: Solution) -> xr.Dataset:
     import xarray as xr
 
     mesh = solution.mesh
-    cells = solution_cell_columns(solution)
+    cell_columns = solution_cell_columns(solution)
     attributes = {"h": mesh.h, "H": solution.partition.H}
     if not solution.solved.is_foreign:
         attributes["algebraic_bound"] = solution.solved.result.bound
     if bounds := bound_errors(solution, sharp=False):
         attributes |= {"h1_bound": bounds.u, "hm12_bound": bounds.multiplier}
-    columns = {name: ("cell", column) for name, column in cells.items()}
-    found = xr.Dataset(
+    columns = {name: ("cell", column) for name, column in cell_columns.items()}
+    dataset = xr.Dataset(
         {
             "u": ("node", solution.u),
             "triangles": (("triangle", "corner"), mesh.triangles.astype(np.int32)),
             **columns,
-            "side": ("cell", cells["side"].astype(np.int32)),
+            "side": ("cell", cell_columns["side"].astype(np.int32)),
         },
         {"x": ("node", mesh.points[:, 0]), "y": ("node", mesh.points[:, 1])},
         attrs={"Conventions": "CF-1.8", "title": "Solution of a unilateral boundary problem", **attributes},
     )
-    for name, variable in found.variables.items():
+    for name, variable in dataset.variables.items():
         variable.attrs = {"long_name": LONG_NAMES[str(name)], "units": "1"}
         if name not in ("multiplier", "gap"):
-            variable.encoding["_FillValue"] = None
-    return found
+            variable.encoding["_FillValue"] = None  # xarray would declare one, though no value is missing
+    return dataset

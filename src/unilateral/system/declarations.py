@@ -146,31 +146,33 @@ def _describe_yaml_error(error: Exception, content: str) -> str:
         return f"there is a tab in line {place.line + 1}; write spaces"
     if joined := JOINED_COLON_PATTERN.search(content):
         line = content.count("\n", 0, joined.end()) + 1
-        return f"the colon in line {line} needs a blank after it; write {quote_input(': '.join(joined.groups()))}"
+        correct = quote_input(": ".join(joined.groups()))
+        return f"the colon in line {line} needs a blank after it; write {correct}"
     return " ".join(str(error).split()).replace(' "<unicode string>",', "")
 
 
 def _describe_violation(violation: Any) -> str:
+    """Sentence on what is wrong with a field, by the validator's error, and what would be right."""
     if violation.validator == "required":
         missing = next(name for name in violation.validator_value if name not in violation.instance)
-        what = violation.schema.get("properties", {}).get(missing, {}).get("description")
-        return f"the field {missing} is missing" + (f"; it holds {what}" if what else "")
+        description = violation.schema.get("properties", {}).get(missing, {}).get("description")
+        return f"the field {missing} is missing" + (f"; it holds {description}" if description else "")
     if violation.validator is None:
         return "it has no place here"
     if violation.validator in DESCRIBED_KEYWORDS and "description" in violation.schema:
-        given = "null" if violation.instance is None else quote_input(violation.instance)
-        return f"it is {given}; it has to be {violation.schema['description']}"
+        value = "null" if violation.instance is None else quote_input(violation.instance)
+        return f"it is {value}; it has to be {violation.schema['description']}"
     if violation.validator != "additionalProperties":
         message = str(violation.message).replace(
             repr(violation.instance), quote_input(repr(violation.instance))
         )
-        wanted = violation.validator == "type" and TYPE_DESCRIPTIONS.get(violation.validator_value)
-        return f"{message}; write {wanted}" if wanted else message
-    known = violation.schema["properties"]
-    unknown = min(set(violation.instance) - set(known))
-    if unknown.partition(":")[0] in known:
+        type_description = violation.validator == "type" and TYPE_DESCRIPTIONS.get(violation.validator_value)
+        return f"{message}; write {type_description}" if type_description else message
+    fields = violation.schema["properties"]
+    unknown = min(set(violation.instance) - set(fields))
+    if unknown.partition(":")[0] in fields:
         return f"the colon in '{quote_input(unknown)}' needs a blank after it"
-    return f"there is no field '{quote_input(unknown)}' here; the fields are {', '.join(known)}"
+    return f"there is no field '{quote_input(unknown)}' here; the fields are {', '.join(fields)}"
 
 
 def _name_line(node: yaml.Event | yaml.Node) -> str:
@@ -186,8 +188,8 @@ class _Loader(Composer, CParser, SafeConstructor, Resolver):
 
     def __init__(self, text: str) -> None:
         CParser.__init__(self, text)
-        for part in (Composer, SafeConstructor, Resolver):
-            part.__init__(self)
+        for base in (Composer, SafeConstructor, Resolver):
+            base.__init__(self)
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
     nodes = depth = 0
@@ -218,15 +220,15 @@ class _Loader(Composer, CParser, SafeConstructor, Resolver):
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         """The mapping with names that are text; _RefusedError for a name that is given twice."""
-        seen = set()
+        names = set()
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode):
                 raise _RefusedError(f"the name of the field {_name_line(key)} is not a text")
-            if key.value in seen:
+            if key.value in names:
                 raise _RefusedError(
                     f"'{quote_input(key.value)}' is given twice, again {_name_line(key)}; give it once"
                 )
-            seen.add(key.value)
+            names.add(key.value)
             key.tag = "tag:yaml.org,2002:str"
         return super().construct_mapping(node, deep)
 

@@ -43,8 +43,8 @@ def check_target(path: str | os.PathLike[str], endings: Mapping[str, Sequence[st
     """
     path = check_path(path, f"name{min(endings)}")
     if path.suffix not in endings:
-        *others, last = endings
-        raise InputError(f"{path}: the ending must be {', '.join(others)} or {last}")
+        *first_endings, last = endings
+        raise InputError(f"{path}: the ending must be {', '.join(first_endings)} or {last}")
     require(f"files that end in {path.suffix} need", *endings[path.suffix])
     check_writable(path)
 
@@ -75,7 +75,7 @@ def check_writable(path: Path) -> Path:
 
 
 def make_write_error(path: Path, error: OSError) -> InputError:
-    """The error to raise where the system refuses to write a file: StorageError, or InputError for a bad place."""
+    """The error to raise where a file cannot be written: StorageError, or InputError for a bad place."""
     kind = InputError if error.errno in BAD_PLACE_ERRNOS else StorageError
     return kind(f"{path} cannot be written: {error.strerror or error}")
 

@@ -23,7 +23,7 @@ def write_json(record: dict[str, Any], path: str | os.PathLike[str]) -> None:
 
 def _replace_nonfinite(value: Any) -> Any:
     if isinstance(value, dict):
-        return {key: _replace_nonfinite(each) for key, each in value.items()}
+        return {key: _replace_nonfinite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_replace_nonfinite(each) for each in value]
+        return [_replace_nonfinite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -29,6 +29,7 @@ def run_with_limit(function: Callable[[], Result], seconds: float) -> Result:
     raised = list[BaseException]()
 
     def run_function() -> None:
+        """Keeps the result or the exception for the caller's thread."""
         try:
             returned.append(function())
         except BaseException as error:
@@ -42,7 +43,7 @@ def run_with_limit(function: Callable[[], Result], seconds: float) -> Result:
             thread.join(POLL_SECONDS)
     finally:
         late = thread.is_alive()
-        if late:
+        if late:  # an exception that Python raises in that thread at its next line
             ctypes.pythonapi.PyThreadState_SetAsyncExc(
                 ctypes.c_ulong(thread.ident or 0), ctypes.py_object(SystemExit)
             )

@@ -40,8 +40,8 @@ def keep_freed_memory() -> None:
     """
     with contextlib.suppress(OSError, AttributeError, TypeError):  # Windows has no library of that name
         mallopt = ctypes.CDLL(None).mallopt
-        mallopt(MMAP_THRESHOLD, 2**25)
-        mallopt(TRIM_THRESHOLD, 2**31 - 1)
+        mallopt(MMAP_THRESHOLD, 2**25)  # glibc's largest: up to here memory comes from the heap
+        mallopt(TRIM_THRESHOLD, 2**31 - 1)  # the largest int: up to 2 GB stay on the heap
 
 
 def peak_mb() -> float:

@@ -39,7 +39,7 @@ def find_missing_packages(*packages: str) -> list[str]:
 def name_requirement(*packages: str) -> str:
     """This project with the extras that bring these packages.
 
-    >>> wanted("gmsh", "xarray", "pandas")
+    >>> name_requirement("gmsh", "xarray", "pandas")
     'unilateral[files,mesh]'
     """
     return f"unilateral[{','.join(sorted({EXTRAS[name] for name in packages}))}]"

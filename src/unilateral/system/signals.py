@@ -49,12 +49,12 @@ def keeping_handlers() -> Iterator[None]:
 
     Libraries written in C reset some without Python knowing: gmsh those of SIGTERM and SIGPIPE.
     """
-    known = {number: signal.getsignal(number) for number in signal.valid_signals()}
+    handlers = {number: signal.getsignal(number) for number in signal.valid_signals()}
     try:
         yield
     finally:
         if threading.current_thread() is threading.main_thread():  # only that one may set handlers
-            for number, handler in known.items():
+            for number, handler in handlers.items():
                 if handler not in (None, signal.SIG_DFL):  # which others, such as faulthandler, may have set
                     signal.signal(number, handler)
 
