@@ -43,7 +43,8 @@ LINEAR_SOURCE = "cosh(x - 0.4) + cosh(y - 0.55) + 0.1*x - 0.05*y"
 class Manufactured:
     """u from a formula and g = u - gap, gap >= 0 a formula in x, y too; no singular points.
 
-    It is the solution where lambda = k du/dn >= 0, and 0 where gap > 0; `trace_flux_and_gap` is that of ExactSolution.
+    It is the solution where lambda = k du/dn >= 0, and 0 where gap > 0; `trace_flux_and_gap` is that of
+    ExactSolution.
     """
 
     flux_in_L2 = True

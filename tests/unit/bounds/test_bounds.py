@@ -217,7 +217,9 @@ def test_with_other_fluxes_on_the_edges_the_bound_is_too_small(module, bound, ti
     wrong = of._replace(lambda_H=times * of.lambda_H)
     lower = float(norm_for("full_contact", 4, "square").bound_error(of.case, wrong.lambda_H[None]).lower[0])
     assert lower <= bound(*wrong.given).lambda_
-    monkeypatch.setattr(module, "build_normal_flux", lambda *_: own(of.mesh, of.cells, of.lambda_H, of.u_h, H1))
+    monkeypatch.setattr(
+        module, "build_normal_flux", lambda *_: own(of.mesh, of.cells, of.lambda_H, of.u_h, H1)
+    )
     assert lower > 5 * bound(*wrong.given).lambda_
 
 

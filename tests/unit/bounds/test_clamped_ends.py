@@ -100,7 +100,8 @@ def test_the_highest_g_on_an_edge_counts():
 def test_the_doubt_on_an_edge_and_those_beside_it_lowers_v(edge):
     """v may be lower by the doubt at nodes, which belong to two edges. The least gap is that of edge 1 or 2.
 
-    By the `shift_to_feasible` v is lowered by the doubt of one of the edges, and g is known up to its own: 2 at least.
+    By the `shift_to_feasible` v is lowered by the doubt of one of the edges, and g is known up
+    to its own: 2 at least.
     """
     assert LOWERING_PER_REMAINDER >= 2
     found = ends(clamped=3, doubts=[(edge, 0.01)])

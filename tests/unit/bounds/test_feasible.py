@@ -74,7 +74,12 @@ def short_of(g, rng):
     flux = np.where(np.arange(nb) % 3 == 0, rng.random((2, nb)), 0.0).T
     v, touching = feasible.raise_to_obstacle(g, H1, v, contact, flux, rng.random(nb))
     v[nb:] -= rng.uniform(0, 4, nb)
-    return [v, touching, *feasible.bound_shortfall(g, H1, v, touching, flux), g.select_near_edges(v, touching)]
+    return [
+        v,
+        touching,
+        *feasible.bound_shortfall(g, H1, v, touching, flux),
+        g.select_near_edges(v, touching),
+    ]
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -543,7 +543,11 @@ def test_forces_and_reactions_for_all_reactions(k, sharp):
     bound = s.solved.bound(sharp)
     data = s.solved.data
     clamps = ReactionData(
-        s.solved.form, bound.outflows, s.solved.local_bound.clamped_ends, 1e-3 * bound.reaction_bound, data.total_force
+        s.solved.form,
+        bound.outflows,
+        s.solved.local_bound.clamped_ends,
+        1e-3 * bound.reaction_bound,
+        data.total_force,
     )
     given = s.mesh, s.solved.partition, s.solved.lambda_H, 1e-3 * bound.lambda_
     narrow = bound_forces(*given, [[1], [3]], clamps)

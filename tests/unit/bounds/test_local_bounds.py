@@ -46,7 +46,7 @@ def missing(monkeypatch, **parts):
 
 
 def with_more(monkeypatch, part, name="residual_parts"):
-    """Of both functions or, by `add_lift_to_residual`, of v alone, a part is that large on a triangle inside."""
+    """Of both functions or, by `add_lift_to_residual`, of v alone, a part is that large inside."""
     own = getattr(local_bounds, name)
 
     def changed(*of):

@@ -406,7 +406,9 @@ def test_all_that_rounding_may_do_is_in_the_parts():
     field = field_of(
         spaces, linear_source(mesh, zero), zero, np.zeros((len(mesh.boundary), 2)), Form(2.0, 3.0)
     )
-    large = replace(field, misfit_allowance=field.misfit_allowance + 5.0, rho_allowance=field.rho_allowance + 7.0)
+    large = replace(
+        field, misfit_allowance=field.misfit_allowance + 5.0, rho_allowance=field.rho_allowance + 7.0
+    )
     of_zero = large.residual_parts(np.zeros(spaces.size), no_given_flux(mesh))
     np.testing.assert_allclose(of_zero.misfit, 5 * np.sqrt(mesh.areas), rtol=1e-9)
     np.testing.assert_allclose(of_zero.remainder, 7 * np.sqrt(mesh.areas), rtol=1e-9)

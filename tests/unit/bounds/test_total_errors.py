@@ -147,7 +147,12 @@ class Trial:
         self.v = v
 
     def bounds(self, **others):
-        given = {"u_residual": self.of_u, "v_residual": self.of_v, "D": self.D, "D_clamped": self.D_clamped} | others
+        given = {
+            "u_residual": self.of_u,
+            "v_residual": self.of_v,
+            "D": self.D,
+            "D_clamped": self.D_clamped,
+        } | others
         return bound_total_errors(1.0, **given, sigma_distance=0.0)
 
     def errors(self):

@@ -238,7 +238,12 @@ CONTROLS = {  # what is spoilt, and operations that need it
     "rounding of numbers": (taylor, "EPS", 0.0, ["times -0.3333333333333333 of models"]),
     "coefficients of powers": (taylor_enclosures, "EPS", 0.0, ["positive power 100/7 of models"]),
     "last factorial": (taylor_enclosures, "_factorials", FACTORIALS, ["exp of models", "sin of models"]),
-    "last binomial": (taylor_enclosures, "_binomial_coefficients", BINOMIALS, ["positive power 3/2 of models"]),
+    "last binomial": (
+        taylor_enclosures,
+        "_binomial_coefficients",
+        BINOMIALS,
+        ["positive power 3/2 of models"],
+    ),
     "Cauchy's estimate": (taylor_enclosures, "MAX_TANH_ON_CIRCLE", 0.01, ["tanh of models"]),
 }
 
@@ -253,7 +258,8 @@ def test_without_a_term_values_lie_outside(monkeypatch, name):
 
 
 @pytest.mark.parametrize(
-    ("name", "module", "constant"), [("exp", taylor, "FUNCTION_COEFFICIENT_ERROR"), ("tanh", taylor_enclosures, "TANH_COEFFICIENT_ERROR")]
+    ("name", "module", "constant"),
+    [("exp", taylor, "FUNCTION_COEFFICIENT_ERROR"), ("tanh", taylor_enclosures, "TANH_COEFFICIENT_ERROR")],
 )
 def test_functions_of_numpy_may_be_off_by_four_units(monkeypatch, name, module, constant):
     """As the guarantee assumes; here they are better. Control: without the term for it values lie outside."""

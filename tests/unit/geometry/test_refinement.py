@@ -71,7 +71,9 @@ def check_sides(of):
         np.testing.assert_array_equal(nodes[rows, (corner + 1) % 3], a[there])
         np.testing.assert_array_equal(nodes[rows, (corner + 2) % 3], b[there])
     np.testing.assert_array_equal((of.edge_triangles >= 0).sum(axis=1), np.bincount(of.edges.ravel()))
-    np.testing.assert_array_equal(np.sort(of.boundary_edges), np.flatnonzero((of.edge_triangles < 0).any(axis=1)))
+    np.testing.assert_array_equal(
+        np.sort(of.boundary_edges), np.flatnonzero((of.edge_triangles < 0).any(axis=1))
+    )
 
 
 def test_a_mesh_in_another_order_has_other_edges():

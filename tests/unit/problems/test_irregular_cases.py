@@ -192,7 +192,9 @@ def test_full_contact_at_a_vertex_with_a_smooth_flux(name, vertex, angle, square
     )
     np.testing.assert_allclose(case.value_and_gradient(inside)[0], u + smooth, rtol=1e-12)
     for side in (vertex, vertex - 1):
-        _, flux, gap = case.trace_flux_and_gap(np.full(9, side), np.linspace(0.01, 0.99, 9) * polygon.lengths[side])
+        _, flux, gap = case.trace_flux_and_gap(
+            np.full(9, side), np.linspace(0.01, 0.99, 9) * polygon.lengths[side]
+        )
         distance = polygon.normals[side] @ (here - [x, y])
         np.testing.assert_allclose(flux, 2 * times * distance, rtol=1e-12)
         assert not gap.any()

@@ -85,7 +85,8 @@ def test_a_lower_bound_of_a_norm_counts_the_rounding_of_A_v_against_it(monkeypat
     monkeypatch.setattr(multigrid_bounds, "_solve_by_cycles", lambda _, R: np.linalg.solve(A.toarray(), R))
     doubt = 0.75 * np.abs(known)
     monkeypatch.setattr(residual_rounding, "product_with_rounding", lambda *_: Rounded(0.25 * known, doubt))
-    assert np.linalg.eigvalsh(np.diag(of.nodal_weights) - 4 * A.toarray())[-1] <= 0  # what `nodal_weights` are to fulfil
+    # what `nodal_weights` are to fulfil
+    assert np.linalg.eigvalsh(np.diag(of.nodal_weights) - 4 * A.toarray())[-1] <= 0
     assert 0 < functional_norm_lower_bound(of, R) <= np.sqrt(R @ v)
 
 
