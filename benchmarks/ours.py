@@ -1,4 +1,4 @@
-"""This project's ways to solve a problem whose load and cell means of g are given.
+"""The project's ways to solve a problem whose load and cell means of g are given.
 
 `build_multigrid`: from nothing, then a further problem, on other cells, on the same hierarchy. `linear`: A u
 = load by the same multigrid, without constraints, as a yardstick. `bound`: multigrid from nothing, then the

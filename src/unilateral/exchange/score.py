@@ -79,7 +79,7 @@ class Rate(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ReferenceSolution:
-    """This project's solution of a case on a level, and its errors, beside which others are scored."""
+    """A solution of a case on a level by this project, and its errors, beside which others are scored."""
 
     discrete: CondensedProblem
     norm: DualNorm
@@ -88,7 +88,7 @@ class ReferenceSolution:
 
 
 def solve_reference(case: Problem, level: ExportedLevel) -> ReferenceSolution:
-    """This project's solution of a case on an exported level."""
+    """The solution of a case on an exported level by this project, and its errors."""
     discrete = discretise(case, level.mesh, level.partition)
     norm = build_dual_norm(level.partition, [case.known_solution()])
     solved = solve_condensed_problem(discrete)

@@ -96,7 +96,7 @@ class FinerSpace:
         e[self.smoothed_nodes] += x + y[:k]
 
     def attach_rows(self, rows: sp.csr_array) -> FinerSpace:
-        """This level with the rows (s, n) of its `smoothed_nodes`, or with all rows if these are None."""
+        """The level with the rows (s, n) of its `smoothed_nodes`, or with all rows if these are None."""
         if self.smoothed_nodes is None:
             return replace(self, rows=rows)
         touched = np.zeros(self.n, dtype=bool)

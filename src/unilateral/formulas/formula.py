@@ -145,6 +145,7 @@ class CompiledFormulas:
     variables: tuple[str, ...]
 
     def __call__(self, *arrays: Array) -> list[Array]:
+        """Values of each formula at the arrays, one per variable, which are broadcast to one shape."""
         values = (np.asarray(a, dtype=float) for a in arrays)
         arguments = {Primitive(name): a for name, a in zip(self.variables, values, strict=True)}
         shape = np.broadcast_shapes(*(a.shape for a in arguments.values()))

@@ -55,6 +55,8 @@ def _check_constant_name(name: str, where: str) -> None:
 
 @dataclass(frozen=True)
 class CaseBuilder:
+    """Reads the formulas of a case on a polygon, in which its constants stand by their names."""
+
     where: str
     polygon: Polygon
     base_side: int

@@ -47,7 +47,7 @@ class DualResult:
     rounding: float = 0.0
 
     def add_counts(self, first_run: DualResult) -> DualResult:
-        """This run, which went on where the first one ended, with the counts of both."""
+        """The result of a run that went on where the first one ended, with the counts of both."""
         return replace(
             self,
             iterations=first_run.iterations + self.iterations,
@@ -155,6 +155,7 @@ class ContactColumns:
         self.contact_mask: bytes | None = None
 
     def __call__(self, y: Array, out: Array) -> None:
+        """Write S y (m,) into `out`."""
         mask = (y != 0).tobytes()
         if mask != self.contact_mask:
             self.contact_mask = mask

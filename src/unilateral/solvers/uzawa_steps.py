@@ -40,6 +40,7 @@ class Nesterov:
         self.previous_F = np.zeros_like(y)
 
     def __call__(self, y: Array, F: Array, R: Array) -> None:
+        """Replace y (m,) by the next iterate."""
         # the step from z = y + momentum (y - y before), whose F is on the line through the two known ones
         t = 0.5 * (1 + math.sqrt(1 + 4 * self.t**2))
         momentum = (self.t - 1) / t
@@ -88,6 +89,7 @@ class BarzilaiBorwein:
         self.values_since_best = 0
 
     def __call__(self, y: Array, F: Array, R: Array) -> None:
+        """Replace y (m,) by the next iterate."""
         # the step s has changed the objective by slope + curvature / 2, slope = s . F, curvature = s . S s
         s = (y - self.previous_y) / self.unit
         change = (F - self.previous_F) / self.unit
@@ -139,6 +141,7 @@ class Newton:
         self.rho = rho
 
     def __call__(self, y: Array, F: Array, R: Array) -> None:
+        """Replace y (m,) by the next iterate."""
         contact = np.flatnonzero(y > self.rho * F)
         y[:] = 0
         if len(contact):

@@ -37,7 +37,7 @@ def find_missing_packages(*packages: str) -> list[str]:
 
 
 def name_requirement(*packages: str) -> str:
-    """This project with the extras that bring these packages.
+    """The project's requirement with the extras that bring these packages.
 
     >>> name_requirement("gmsh", "xarray", "pandas")
     'unilateral[files,mesh]'

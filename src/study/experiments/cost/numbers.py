@@ -88,8 +88,10 @@ def _recommended_sizes(study: Mapping[str, Any]) -> tuple[float, float]:
 
 
 def recommend(cases: xr.Dataset, H_over_h: float, coarsest: float) -> dict[str, Any]:
-    """Over all cases: the loss against the best H/h, that H/h, the stop that `natural` needs, the work that
-    Uzawa adds to the set-up, and the factor of work for half the error.
+    """The recommended H/h and stop over all cases, and what they cost.
+
+    That is the loss against the best H/h, that H/h, the stop that `natural` needs, the work that Uzawa adds
+    to the set-up, and the factor of work for half the error.
     """
     losses = loss_spans(cases, coarsest)
     norms = ("h1", "hm12")
