@@ -53,8 +53,7 @@ from unilateral.discrete.solution import DiscreteSolution
 from unilateral.errors import InputError, pluralise
 from unilateral.geometry import mesh as meshes
 from unilateral.geometry import partition as partitions
-from unilateral.geometry.adapted import AdaptedMesh, start_adapted_mesh
-from unilateral.geometry.adapted import halve_triangle_edges as divided_mesh
+from unilateral.geometry.adapted import AdaptedMesh, halve_triangle_edges, start_adapted_mesh
 from unilateral.geometry.mesh import Mesh
 from unilateral.geometry.polygon import Polygon
 from unilateral.geometry.structured import default_mesh_kind, make_half_cell_mesh
@@ -203,7 +202,7 @@ def search(
             start = perf_counter()
             forget_peak()
             predicted = division.bound_ratio * levels[-1].total
-            mesh = divided_mesh(mesh, division.halvings)
+            mesh = halve_triangle_edges(mesh, division.halvings)
     except (KeyboardInterrupt, MemoryError, InputError) as stopped:
         if not levels or stopped is own_error:
             raise

@@ -15,7 +15,7 @@ from unilateral.adaptive.loop import search
 from unilateral.discrete import multilevel
 from unilateral.errors import BudgetError
 
-STEPS = ("divided_mesh", "discretise_level", "solve_next_level")
+STEPS = ("halve_triangle_edges", "discretise_level", "solve_next_level")
 """What is done on a level, in this order; the first level has another mesh."""
 
 
@@ -38,7 +38,7 @@ def test_an_interrupt_in_any_step_keeps_the_levels_before(monkeypatch, step):
     """In the second level, or the third, whose mesh is the second that is divided."""
     failing(monkeypatch, step, KeyboardInterrupt())
     found = search(load("natural").problem, Goal(1e-3))
-    kept = 2 if step == "divided_mesh" else 1
+    kept = 2 if step == "halve_triangle_edges" else 1
     assert (found.ended, len(found.levels), found.plan) == ("interrupted", kept, None)
     assert found.best is found.levels[-1]
 

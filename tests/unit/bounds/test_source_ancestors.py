@@ -249,7 +249,9 @@ def worst_rounding(count):
     return worst
 
 
-@pytest.mark.parametrize(("count", "other"), [(4, "_matrices"), (MIN_RUN_LENGTH, "_horner")])
+@pytest.mark.parametrize(
+    ("count", "other"), [(4, "_coefficient_matrices"), (MIN_RUN_LENGTH, "_evaluate_polynomials")]
+)
 def test_what_is_rounded_is_below_its_allowance(monkeypatch, count, other):
     """In rational arithmetic, by both ways of computing it; and a hundredth of it would be too little."""
     monkeypatch.setattr(wholes, other, None)

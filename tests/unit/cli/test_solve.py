@@ -285,7 +285,7 @@ def test_the_forces_are_printed(run, monkeypatch):
     assert f"  force, side 2               {numbers}\n" in out
     _, found, _ = solve_json(run, "thirds", *FINER, "--free-sides", "1,3")
     assert list(found["forces"]) == ["boundary", "side_0", "side_2"]
-    monkeypatch.setattr("unilateral.cli.solve.SIDES", 3)
+    monkeypatch.setattr("unilateral.cli.solve.MAX_FORCE_SIDES", 3)
     _, found, _ = solve_json(run, "natural", *FINER)
     assert found["forces"] is None
 

@@ -26,11 +26,11 @@ WAYS = {
     "on levels": (KITE, {"h": 1 / 16, "H": 1 / 8}, "multigrid"),
 }
 COUNTED = {
-    "meshes": (meshes, "following"),
+    "meshes": (meshes, "triangulate_from_cells"),
     "made": (sizes.MESH_KINDS, "unstructured"),
     "condensations": (choice, "condense"),
     "couplings": (choice, "mixed_spaces"),
-    "hierarchies": (multilevel, "hierarchy"),
+    "hierarchies": (multilevel, "build_hierarchy"),
     "cells": (multilevel, "nested_cells"),
     "enclosures of f": (enclosed_data, "enclose_source"),
 }
