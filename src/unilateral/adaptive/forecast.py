@@ -218,14 +218,18 @@ def predict_unknowns(levels: Sequence[Level], min_rate: float = 0.0) -> float:
 
 
 def predict_sizes(levels: Sequence[Level]) -> list[float] | None:
-    """The unknowns of the levels that are still to come, None if unknown."""
+    """The unknowns of the levels that are still to come, None if unknown.
+
+    A forecast: the last is what the target needs, though uniform meshes can only be quartered.
+    """
     last = levels[-1]
     if last.certified:
         return []
     needed = predict_unknowns(levels)
     if not math.isfinite(needed):
         return None
-    # the sizes grow by one factor from level to level, the last one is what is needed
+    # the sizes grow by one factor from level to level, the last one is what is needed;
+    # a uniform refinement quarters triangles; an adapted one grows by the most it may
     step = MAX_TRIANGLE_RATIO if should_adapt(last) else 4.0
     count = max(math.ceil(math.log(needed / last.unknowns, step)), 1)
     return [*(last.unknowns * step**k for k in range(1, count)), max(needed, last.unknowns)]

@@ -94,7 +94,10 @@ def divide_by_shares(
 
 
 def bisect(condition: Callable[[float], bool], low: float, high: float) -> tuple[float, float]:
-    """The largest number between two ends for which `condition` is true, and one just above it."""
+    """The largest number between two ends for which `condition` is true, and one just above it.
+
+    It is for a condition that is true up to some number.
+    """
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
         if condition(middle):

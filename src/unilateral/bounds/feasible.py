@@ -82,15 +82,16 @@ class Shortfall(NamedTuple):
 def raise_to_obstacle(
     constraint: Constraint, form: Form, v: Array, contact: Mask, sigma: Array, bubble_square_norms: Array
 ) -> tuple[Array, Mask]:
-    """v (n,), raised to at least p at the unknowns, and (nb,) the edges on which r has any sign.
+    """v (2 nb,), raised to at least p at the unknowns, and (nb,) the edges on which r has any sign.
 
-    v = p at the unknowns in `contact` (n,). On every edge the cheapest of these is taken: r has any sign,
-    which is for edges with all three unknowns in contact and without a jump of p; r is (p - v)_+; or the
-    midpoint is raised above p. `bubble_square_norms` (nb,) are the squared norms of the midpoints' basis
-    functions, and `sigma` is that of `bound_shortfall`.
+    v = p at the unknowns in `contact` (2 nb,), which has all those of clamped edges, where p = u_D. On every
+    edge the cheapest of these is taken: r has any sign, which is for edges with all three unknowns in contact
+    and without a jump of p; r is (p - v)_+; or the midpoint is raised above p. `bubble_square_norms` (nb,)
+    are the squared norms of the midpoints' basis functions, and `sigma` is that of `bound_shortfall`.
     """
     v = np.where(contact, constraint.p_at_unknowns, np.maximum(v, constraint.p_at_unknowns))
-    touching = constraint.clamped_edges | contact[constraint.unknowns].all(axis=1) & ~constraint.has_jump
+    touching = constraint.clamped_edges | (contact[constraint.unknowns].all(axis=1) & ~constraint.has_jump)
+    # where q.n = 0 and v is above g nothing is missing; with q.n > 0 the gap costs complementarity
     constraint = constraint.select_near_edges(v, touching | sigma.any(axis=1))
     v_lifted = v.copy()
     midpoint_raise = _midpoint_raises(constraint, v)
@@ -109,7 +110,7 @@ def raise_to_obstacle(
     unlifted_cost = np.where(touching, np.minimum(contact_cost, plain_cost), plain_cost)
     is_lifted = (lifted_cost < unlifted_cost) & ~constraint.clamped_edges
     v[constraint.unknowns[is_lifted, 2]] = v_lifted[constraint.unknowns[is_lifted, 2]]
-    return v, constraint.clamped_edges | touching & ~is_lifted & (contact_cost <= plain_cost)
+    return v, constraint.clamped_edges | (touching & ~is_lifted & (contact_cost <= plain_cost))
 
 
 def bound_shortfall(

@@ -74,7 +74,7 @@ def _refine_at_clamped_ends(mesh: Mesh, reactions: ReactionData) -> Mesh:
 
 def extend_with_least_norm(condensed: CondensedMatrix, v: Array) -> Array:
     """The functions with the values v on the boundary and, up to rounding, the least norm, (n, k)."""
-    # with the load S v on the boundary the solution is v there, and has the least norm
+    # with the load A_3 v on the boundary the solution is v there, and has the least norm
     loads = np.zeros((condensed.mesh.n_nodes, v.shape[1]))
     loads[condensed.mesh.boundary] = condensed.A_3 @ v
     w = condensed.solve(loads)
@@ -103,7 +103,7 @@ def grade_force_mesh(mesh: Mesh, partition: Partition, load: Array, depth: float
 
 
 def _choose_first_mesh(mesh: Mesh) -> Mesh:
-    """The mesh that this one was refined from, or another one if that is large."""
+    """The first mesh of the refinements that led to this one, or another one if that is large."""
     coarse = mesh.coarse or mesh
     polygon = mesh.polygon
     if coarse.n_nodes <= MAX_FIRST_NODES:

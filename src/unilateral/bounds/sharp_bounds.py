@@ -1,5 +1,8 @@
 """The guaranteed total error of a discrete solution, by a flux and a potential that are nearly the best ones.
 
+Symbols as in `total_errors`: u_h + y is feasible, D = |||y|||, B = <sigma, u_h + y - g>, S bounds the
+residual on functions that vanish on clamped sides; s' is the second bound of `residual_norm` on a triangle.
+
 The bounds follow from the residuals of u_h and of a feasible v with one flux q (`bound_total_errors`). Both v
 and q begin with w of V_h, which is u_h or near it, and with the flux of `equilibrate_flux` for w
 (`balance_potential`).
@@ -105,15 +108,17 @@ def sharp_bound(
 
     # D = ||y||, and D_D, the norm of the part of y at clamped sides
     nodal, edge_bubbles, shortfall = lift.make_feasible(u_h[mesh.boundary], np.zeros(len(mesh.boundary)))
-    raise_norm = math.sqrt(float(lift.remainder_squares(shortfall).sum()))
+    remainder_norm_of_y = math.sqrt(float(lift.remainder_squares(shortfall).sum()))
     clamped = form.clamped_edges(mesh)
     clamped_nodal = np.where(clamped | np.roll(clamped, 1), nodal, 0.0)
     clamped_norm = lift.layer.norm(form, clamped_nodal, np.where(clamped, edge_bubbles, 0.0))
     clamped_norm += math.sqrt(float(shortfall.extension_squares[clamped].sum()))
     underflow = underflow_allowance(mesh, form)
-    y_norm = lift.layer.norm(form, nodal, edge_bubbles) + shortfall.extension_norm + raise_norm
+    # triangle inequality: y is hats and bubbles, the extensions w, and the hats for the remainder of g; of
+    # the last two only norms are used
+    y_norm = lift.layer.norm(form, nodal, edge_bubbles) + shortfall.extension_norm + remainder_norm_of_y
     D = (1 + SQUARES_ROUNDING) * y_norm + underflow
-    D_clamped = (1 + SQUARES_ROUNDING) * (clamped_norm + raise_norm) + underflow
+    D_clamped = (1 + SQUARES_ROUNDING) * (clamped_norm + remainder_norm_of_y) + underflow
 
     # the flux q + curl phi, and a feasible v = w + d
     load = spaces.load(source.f_h) + spaces.edge_load(tau.end_values)
@@ -122,11 +127,14 @@ def sharp_bound(
     d_nodal, d_bubbles = np.split(d[spaces.boundary_unknowns], 2)
     nodal_raise, bubble_raise, v_shortfall = lift.make_feasible(w[mesh.boundary] + d_nodal, d_bubbles)
     d[spaces.boundary_unknowns] += np.concatenate([nodal_raise, bubble_raise])
-    v_raise_norm = math.sqrt(float(lift.remainder_squares(v_shortfall).sum()))
-    missing_norm = (1 + SQUARES_ROUNDING) * (v_shortfall.extension_norm + v_raise_norm) + underflow
+    remainder_norm_of_v = math.sqrt(float(lift.remainder_squares(v_shortfall).sum()))
+    # the norms of what v lacks of being feasible, extensions and hats for the remainder, are added to S of v
+    # (`total_errors`, the last sentence); what u_h lacks is y
+    missing_norm = (1 + SQUARES_ROUNDING) * (v_shortfall.extension_norm + remainder_norm_of_v) + underflow
 
     # the residuals of u_h, with s' where q stays as it is, and of v
     residual = field.residual_parts(spaces.embed_linear(u_h - w), tau)
+    # curl phi is 0 on thick triangles: s' of the first q still holds there
     if field.is_thick.any():
         s_prime = residual_parts(source, tau, u_h, q, form).s_prime
         residual = residual._replace(s_prime=np.where(field.is_thick, s_prime, math.inf))
@@ -142,7 +150,7 @@ def sharp_bound(
         D_clamped=D_clamped,
         sigma_distance=flux.multiplier_distance(mesh, form),
     )
-    remainder = max(raise_norm, v_raise_norm) + tau.remainder_dual_norm(mesh, form)
+    remainder = max(remainder_norm_of_y, remainder_norm_of_v) + tau.remainder_dual_norm(mesh, form)
     return Bound(
         u=errors.u,
         lambda_=errors.lambda_ if form.has_multiplier(mesh.side).any() else 0.0,
@@ -160,18 +168,18 @@ def sharp_bound(
 class _MisfitField:
     """q - k grad w and f_h + div q - c w for a flux q and w (n,) of V_h; v of P2 is given by v - w.
 
-    The first one has the coefficients `hats` and `bubbles` (m, 3, 2), the second one the values `rho` (m, 3)
-    at the nodes. `misfit_allowance` and `rho_allowance` (m,) are what rounding and the exact mesh may add to
-    both on a triangle, and `is_thick` (m,) says where q stays as it is. `outflows` are those of a `Bound`:
-    curl phi changes none but within a row of clamped sides.
+    The first one has the coefficients `misfit_hats` and `misfit_bubbles` (m, 3, 2), the second one the values
+    `rho` (m, 3) at the nodes. `misfit_allowance` and `rho_allowance` (m,) are what rounding and the exact
+    mesh may add to both on a triangle, and `is_thick` (m,) says where q stays as it is. `outflows` are those
+    of a `Bound`: curl phi changes none but within a row of clamped sides.
     """
 
     spaces: QuadraticSpace
     source: Source
     form: Form
     w: Array
-    hats: Array
-    bubbles: Array
+    misfit_hats: Array
+    misfit_bubbles: Array
     rho: Array
     misfit_allowance: Array
     rho_allowance: Array
@@ -184,21 +192,31 @@ class _MisfitField:
         # a height of a triangle is twice its area over an edge
         size = np.abs(phi[self.spaces.unknowns]).sum(axis=1) * mesh.longest_edges / mesh.areas
         allowance = (SUM_ROUNDING + mesh.distortion) * size
-        hats = self.hats + _curl(self.spaces.gradient(phi))
-        return replace(self, hats=hats, misfit_allowance=self.misfit_allowance + allowance)
+        misfit_hats = self.misfit_hats + _curl(self.spaces.gradient(phi))
+        return replace(self, misfit_hats=misfit_hats, misfit_allowance=self.misfit_allowance + allowance)
 
     def square_norms(self, d: Array) -> Array:
-        """The squared norms (3, m) of q - k grad v, of rho less its mean, and of its mean, for v = w + d."""
+        """The squared norms (3, m) of q - k grad v, of rho less its mean, and of its mean, for v = w + d.
+
+        The bounds weigh the mean of rho and the rest differently.
+        """
         k = self.form.k
         c = self.form.c
         areas = self.spaces.mesh.areas
         d_hats, d_bubbles = self.spaces.coefficients(d)
-        hats = self.rho - c * d_hats
-        bubbles = -c * d_bubbles
-        mean = hats.mean(axis=1) + bubbles.sum(axis=1) / 3
-        misfit_squares = quadratic_square_norms(areas, self.hats - k * self.spaces.gradient(d), self.bubbles)
+        rho_hats = self.rho - c * d_hats
+        rho_bubbles = -c * d_bubbles
+        # the means of a hat and of a bubble are 1/3
+        mean = rho_hats.mean(axis=1) + rho_bubbles.sum(axis=1) / 3
+        misfit_squares = quadratic_square_norms(
+            areas, self.misfit_hats - k * self.spaces.gradient(d), self.misfit_bubbles
+        )
         return np.stack(
-            [misfit_squares, quadratic_square_norms(areas, hats - mean[:, None], bubbles), areas * mean**2]
+            [
+                misfit_squares,
+                quadratic_square_norms(areas, rho_hats - mean[:, None], rho_bubbles),
+                areas * mean**2,
+            ]
         )
 
     def residual_parts(self, d: Array, given_flux: GivenEdgeFlux) -> ResidualParts:
@@ -303,8 +321,8 @@ def _build_misfit_field(
         source,
         form,
         w,
-        hats=-misfit(mesh, w, q, slice(None), form.k),
-        bubbles=theta[..., None] * r,
+        misfit_hats=-misfit(mesh, w, q, slice(None), form.k),
+        misfit_bubbles=theta[..., None] * r,
         rho=rho,
         misfit_allowance=misfit_allowance + mesh.longest_edges * size,
         rho_allowance=rho_allowance + 2 * size,
@@ -335,7 +353,7 @@ def _minimise_eta(
     # eta^2 before the first step, with W^2 in place of 1/c; both summands as quadratic functions
     misfit_squares, *rho_squares = field.square_norms(d).sum(axis=1)
     eta_square = misfit_squares / form.k + form.value_constant**2 * sum(rho_squares) + complementarity
-    curl_load = spaces.gradient_load(_curl(field.hats), _curl(field.bubbles)) / form.k
+    curl_load = spaces.gradient_load(_curl(field.misfit_hats), _curl(field.misfit_bubbles)) / form.k
     phi_descent = spaces.conjugate_gradients(
         spaces.matrix(Form(1 / form.k, 0.0)), curl_load, np.zeros(spaces.size), inner
     )

@@ -1,11 +1,12 @@
 """f enclosed on a mesh: its linear part on every triangle, and a bound on what the rest can do.
 
-On a piece f is near a polynomial p, |f - p| <= rad (`taylor`). On a mesh made by refinement the first pieces
-are the triangles of the first mesh; where rad is not small they are replaced by those that came from them
-(`source_ancestors`). Triangles of the mesh itself are cut at a jump, where the bound holds but for a part
-whose area is bounded (`source_pieces`). Pieces are quartered until sum |piece| rad^2 is small, so that no
-peak of f can hide between points. With f_h the L2 projection of p to linear functions on each triangle T,
-p - f_h is orthogonal to linear functions there, and E_T >= ||f - p||_T. `residual_norm` has what both can do.
+On a piece f is near a polynomial p, |f - p| <= remainder (`taylor`). On a mesh made by refinement the first
+pieces are the triangles of the first mesh; where the remainder is not small they are replaced by those that
+came from them (`source_ancestors`). Triangles of the mesh itself are cut at a jump, where the bound holds but
+for a part whose area is bounded (`source_pieces`). Pieces are quartered until sum |piece| remainder^2 is
+small, so that no peak of f can hide between points. With f_h the L2 projection of p to linear functions on
+each triangle T, p - f_h is orthogonal to linear functions there, and E_T >= ||f - p||_T. `residual_norm`
+has what both can do.
 """
 
 from __future__ import annotations
@@ -106,7 +107,7 @@ class Source:
             numbers = ancestors.numbers[some]
             corners = places[:, mesh.triangles[some].T]
             f_h, squares = project_polynomials(corners, ancestors.polynomials, numbers)
-            # E_T = |T|^{1/2} rad, on the triangle and on what rounding leaves between triangles
+            # E_T = |T|^{1/2} remainder, on the triangle and on what rounding leaves between triangles
             outer = widen_areas(area, 3 * mesh.longest_edges[some], size)
             self.f_h[some] = f_h.T
             self.oscillation[some] = np.sqrt(area * squares)
@@ -216,7 +217,7 @@ def _enclose_by_quartering(
 def _project_pieces(mesh: Mesh, piece_blocks: list[TrianglePieces]) -> Source:
     """f_h and what is left of f, from pieces that cover the mesh."""
     n = len(mesh.triangles)
-    moments = np.zeros((n, 3))
+    moments = np.zeros((n, 3))  # (p, psi_b) on T
     oscillation_squares = np.zeros(n)
     remainder_squares = np.zeros(n)
     jump_squares = np.zeros(n)
@@ -230,12 +231,15 @@ def _project_pieces(mesh: Mesh, piece_blocks: list[TrianglePieces]) -> Source:
     # the L2 projection to linear functions, whose mass matrix is |T| (1 + delta_ij) / 12
     f_h = (12 * moments - 3 * moments.sum(axis=1, keepdims=True)) / mesh.areas[:, None]
     for pieces in piece_blocks:
-        a, b, c = np.einsum("kib,kb->ik", pieces.corners, f_h[pieces.parent])
-        # in the piece's variables f_h is (b + c) / 2 at 0, and has the slopes (c - a) / 2 and (b - a) / 2
+        at_first, at_second, at_third = np.einsum("kib,kb->ik", pieces.corners, f_h[pieces.parent])
+        # sigma as in `source_pieces`; coefficients in the order 1, sigma_2, sigma_1. At sigma = 0 f_h is the
+        # mean of the last two values; its slopes are half the third, and half the second, less the first
         difference = pieces.c.copy()
-        difference[:3] -= 0.5 * np.stack([b + c, c - a, b - a])  # of degree 1: (0, 1), (1, 0)
+        difference[:3] -= 0.5 * np.stack([at_second + at_third, at_third - at_first, at_second - at_first])
         square_means = polynomial_means(difference)[1]
         oscillation_squares += np.bincount(pieces.parent, pieces.outer_area * square_means, n)
+    # what jumps leave has a mean of at most jump_integral / |T| on T, of the norm jump_integral / |T|^{1/2}:
+    # it goes to E_T, the rest has mean 0
     return Source(
         mesh,
         f_h,

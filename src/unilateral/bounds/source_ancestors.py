@@ -67,10 +67,11 @@ MIN_TARGET_RATIO = 1e-13
 
 
 class Polynomials(NamedTuple):
-    """p on triangles by its c (m, k), and rad (k,); `frame` (6, k) is the map from places to p's variables.
+    """p on triangles by its c (m, k), and its `remainder` (k,).
 
-    Take a place less the last two rows. Its products with the first two rows and with the next two are, but
-    for rounding, the two variables, in units of ANCESTOR_GRID_STEP.
+    `frame` (6, k) is the map from places to p's variables. Take a place less the last two
+    rows. Its products with the first two rows and with the next two are, but for rounding, the two variables,
+    in units of ANCESTOR_GRID_STEP.
     """
 
     c: Array
@@ -226,10 +227,11 @@ class PieceSums:
 
 
 def relative_mesh_size(mesh: Mesh, length_scale: float) -> float:
-    """h over a length, at most 1, for the h that a mesh has if its triangles are alike, halves of squares.
+    """h / `length_scale`, at most 1: how much less a part of f with mean 0 counts than one of any mean.
 
-    In a bound E counts by ||z||_0 and a rest with mean 0 by h |z|_1. ||z||_0 is at most `Form.length_scale`
-    times ||z|| where |z|_1 is at most ||z||.
+    Paired with a z of the energy norm 1, k = 1, a part r with mean 0 gives at most h |z|_1 ||r||, another one
+    at most length_scale ||r||, `Form.length_scale`. h is the leg of a right isosceles triangle of the mean
+    area.
     """
     return min(math.sqrt(2 * float(mesh.areas.sum()) / len(mesh.areas)) / length_scale, 1.0)
 

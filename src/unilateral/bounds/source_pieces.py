@@ -101,6 +101,7 @@ def enclose_pieces(
         split_corners, owner = split_at_jumps(mesh, corners[block], parent[block], source_function.jumps)
         pieces.append(enclose_block(mesh, split_corners, parent[block][owner], source_function))
         owners.append(owner + block.start)
+    # c has the pieces on its last axis, the other fields on the first
     c, *fields = zip(*pieces, strict=True)
     joined = TrianglePieces(np.concatenate(c, axis=1), *map(np.concatenate, fields))
     return joined, np.concatenate(owners)

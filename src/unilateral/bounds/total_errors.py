@@ -87,7 +87,7 @@ class TotalErrors(NamedTuple):
 
 
 def bound_total_errors(
-    growth: float,
+    exact_mesh_factor: float,
     u_residual: ResidualBounds,
     v_residual: ResidualBounds,
     D: float,
@@ -96,9 +96,9 @@ def bound_total_errors(
 ) -> TotalErrors:
     """The bounds from the residuals of u_h and of a feasible v, D, D_D, and the norm of lambda_H - sigma.
 
-    The exact mesh makes them larger by the `growth`.
+    The exact mesh makes them larger by the `exact_mesh_factor`.
     """
-    growth *= 1 + SQUARES_ROUNDING
+    growth = exact_mesh_factor * (1 + SQUARES_ROUNDING)
 
     # (i): X^2 <= S_1^2 + 2 B + D^2, Y <= D + X, and for the feasible v Y <= eta; infinite for c = 0
     X_1 = math.hypot(_eta(u_residual, u_residual.S_1), D)
@@ -139,9 +139,9 @@ def _reaction_bound(residual_bounds: ResidualBounds, D: float) -> float:
     return D + root + residual_bounds.e_N
 
 
-def _u_bound(defect: ResidualBounds, norm: float, D: float, eta: float) -> float:
+def _u_bound(residual_bounds: ResidualBounds, S: float, D: float, eta: float) -> float:
     """The bound (S^2 + 2 B + D^2 - max(D - eta, 0)^2)^{1/2} on X, from S, D and a bound on eta."""
     if eta >= D:
-        return math.hypot(_eta(defect, norm), D)
+        return math.hypot(_eta(residual_bounds, S), D)
     # D^2 - (D - eta)^2
-    return math.hypot(_eta(defect, norm), math.sqrt(eta) * math.sqrt(2 * D - eta))
+    return math.hypot(_eta(residual_bounds, S), math.sqrt(eta) * math.sqrt(2 * D - eta))

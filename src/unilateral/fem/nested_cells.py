@@ -90,7 +90,11 @@ def _group_cells(ends: Index, side: Index) -> Index | None:
 
 
 def _choose_inner_nodes(hierarchy: Hierarchy, ends: Index) -> Index:
-    """The node inside each cell that has the longest edges beside it; shape (m,)."""
+    """The node inside each cell that has the longest edges beside it; shape (m,).
+
+    By its hat `multigrid_bounds.shift_to_feasible` closes the gap on the cell, which has two edges at least.
+    `ends` (m, 2) are places along the boundary, as in `nested_cells`.
+    """
     # nodes inside cells, sorted by cell and then by the length of their two edges, the longest first
     length = np.diff(hierarchy.s)
     cell = np.repeat(np.arange(len(ends)), ends[:, 1] - ends[:, 0] - 1)

@@ -143,16 +143,21 @@ class QuadraticSpace:
     def conjugate_gradients(
         self, A: sp.csr_array, load: Array, start: Array, basis: sp.csr_array
     ) -> ConjugateGradients:
-        """The descent to the x (k,) for which v = start + `basis` x has the least v . A v - 2 load . v."""
+        """The descent to the x (k,) for which v = start + `basis` x has the least v . A v - 2 load . v.
+
+        `basis` (size, k) is one of `vanishing_basis`: a column for each free hat, in the first columns, then
+        bubbles.
+        """
         # hats and bubbles nearly decouple: each has its own preconditioner
         reduced = (basis.T @ A @ basis).tocsr()
-        n = basis[: self.mesh.n_nodes].nnz
-        invert_hats = approximate_inverse(reduced[:n, :n].tocsr())
-        diagonal = reduced.diagonal()[n:]
+        # a hat has an entry in its own column only; those of bubbles take back parts of hats
+        n_hats = basis[: self.mesh.n_nodes].nnz
+        invert_hats = approximate_inverse(reduced[:n_hats, :n_hats].tocsr())
+        diagonal = reduced.diagonal()[n_hats:]
         zero = np.zeros(basis.shape[1])
         rhs = basis.T @ (load - A @ start)
         return ConjugateGradients(
-            reduced, rhs, zero, lambda r: np.append(invert_hats(r[:n]), r[n:] / diagonal)
+            reduced, rhs, zero, lambda r: np.append(invert_hats(r[:n_hats]), r[n_hats:] / diagonal)
         )
 
 

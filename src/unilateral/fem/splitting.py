@@ -26,10 +26,17 @@ if TYPE_CHECKING:
 MIN_KINK_QUARTERINGS = 2
 KINK_PIECE_PER_SIDE = 1 / 256
 KINK_PIECE_PER_RADIUS = 1 / 64
+"""Pieces that a kink crosses are quartered so often at least, and until they are that small; see above."""
 MIN_SIDE_RATIO = 1 / 64
 """No side counts as shorter than this times the longest one: far from it kinks need no finer pieces."""
 MAX_PIECE_QUARTERINGS = 24
+"""Pieces are quartered at most so often to separate points, and so often again near points and kinks."""
 NEAR_IN_RADII = 3.0
+"""A point is near a piece if its distance from the centroid is below this times that of the farthest corner.
+
+At least 3: with that every quarter of a piece that contains the point is near it, so that at level 0 of
+`split_triangles` no such quarter is left out.
+"""
 BARYCENTRIC_TOLERANCE = 1e-10
 
 
@@ -85,6 +92,7 @@ def split_triangles(mesh: Mesh, case: ExactSolution) -> tuple[Array, Index, list
             )
             is_coarse = radius > (0.0 if level < MIN_KINK_QUARTERINGS else max_radius)
             marked |= is_coarse & (np.abs(kink.signed_distances(centre)) < radius)
+        # pieces not marked at level 0 are whole triangles, which need no splitting
         if level > 0:
             finished.append((corners[~marked], parent[~marked]))
         corners = quarter(corners[marked])

@@ -56,7 +56,7 @@ class Evaluation(ABC, Generic[V]):
 
     def evaluate(self, e: Expression) -> V:
         """The value of an expression."""
-        return self._use_cache(e, self._evaluate_sum if e.variables else self.constant)
+        return self._compute_once(e, self._evaluate_sum if e.variables else self.constant)
 
     def _evaluate_sum(self, e: Expression) -> V:
         """The sum of the terms with variables, and of those without as one constant."""
@@ -69,7 +69,7 @@ class Evaluation(ABC, Generic[V]):
         return value if times.rational == 1 else self.times(value, times)
 
     def _evaluate_power(self, power: Power) -> V:
-        return self._use_cache(power, self._compute_power)
+        return self._compute_once(power, self._compute_power)
 
     def _compute_power(self, power: Power) -> V:
         """The value of base^k; of base^1 that of the base, so that all powers of one base share it."""
@@ -80,7 +80,7 @@ class Evaluation(ABC, Generic[V]):
             return self.evaluate(base)
         return self.values[base] if base in self.values else self.function(base)
 
-    def _use_cache(self, subexpression: Any, compute: Any) -> V:
+    def _compute_once(self, subexpression: Any, compute: Any) -> V:
         """The value by `compute`, which is kept if the subexpression occurs more than once."""
         if subexpression in self.cache:
             return self.cache[subexpression]

@@ -266,9 +266,8 @@ def compose_model(
     """g(a) from g's Taylor coefficients (n + 1, k) at a's constant term, and bounds (k,) on the next.
 
     `next_bound` bounds |g^(n+1)| / (n+1)! on all values of a and their constant term, up to underflow.
-    `error` is that of the coefficients, by default FUNCTION_COEFFICIENT_ERROR times
-    their size. `values` is the range of
-    g(a).
+    It may be a quotient rounded to nearest, for what it is multiplied by is rounded up. `error` is that of
+    the coefficients, by default FUNCTION_COEFFICIENT_ERROR times their size. `values` is the range of g(a).
     """
     c, rad = compose_coefficients(a.basis, (a.c, a.rad), coefficients, next_bound, error)
     return tighten_model(a.basis, c, rad, values)

@@ -56,22 +56,26 @@ def _factorials(n: int) -> Array:
 def _make_entire_function(
     cycle: Callable[[Array], list[Array]], bound: IntervalFunction | None, interval_function: IntervalFunction
 ) -> ModelFunction:
-    """A function whose derivatives at points (k,) repeat a `cycle`; `bound` is for all of them, else 1 is."""
+    """An entire function: its derivatives at points (k,) repeat a `cycle`.
+
+    Their sizes on an interval are at most the upper end of `bound`, by default 1.
+    """
 
     @QUIET
-    def function(a: TaylorModel) -> TaylorModel:
+    def evaluate(a: TaylorModel) -> TaylorModel:
         """The function of a model, by its Taylor polynomial at the model's constant term."""
         centre, values, n = _expansion_point(a)
         factorials = _factorials(n)
         derivatives = cycle(centre)
         coefficients = np.stack([derivatives[k % len(derivatives)] for k in range(n + 1)]) / factorials[:-1]
+        # compose_model rounds up what it multiplies the bound by, so a quotient may be rounded to nearest
         if bound is None:  # sin and cos are accurate to a unit of 1, not relatively
             return compose_model(
                 a, coefficients, 1 / factorials[-1], interval_function(a.range), error=4 * EPS
             )
         return compose_model(a, coefficients, bound(values)[1] / factorials[-1], interval_function(a.range))
 
-    return function
+    return evaluate
 
 
 def tanh_model(a: TaylorModel) -> TaylorModel:

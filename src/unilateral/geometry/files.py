@@ -109,8 +109,10 @@ def read_mesh(
     content = read_with_meshio(path)
     second_order = corners_only and any(block.type == "triangle6" for block in content.cells)
     points, triangles = extract_meshio_triangles(content, where, corners_only)
-    used = np.unique(triangles[(triangles >= 0) & (triangles < len(points))])
-    if len(used) == len(points):
+    in_range = (triangles >= 0) & (triangles < len(points))
+    used = np.unique(triangles[in_range])
+    # numbers out of range are left to as_mesh to refuse, as the file has them
+    if len(used) == len(points) or not in_range.all():
         return as_mesh(points, triangles, polygon, where)
     unused = np.setdiff1d(np.arange(len(points)), used)
     dropped = pluralise(len(unused), "node of no triangle is", "nodes of no triangle are")

@@ -225,6 +225,7 @@ def _snap_arc_lengths(polygon: Polygon, side: Index, s: Array) -> Array:
 
 
 def _check_coordinate_rounding(polygon: Polygon, h: float, where: str) -> None:
+    """Raises InputError if rounding of coordinates is more than MAX_ROUNDING_PER_H of h."""
     largest = polygon.largest
     if np.spacing(largest) > MAX_ROUNDING_PER_H * h:
         raise InputError(

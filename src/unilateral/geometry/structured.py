@@ -32,7 +32,7 @@ class TensorGrid(NamedTuple):
 
 
 def make_structured_mesh(polygon: Polygon, h: float) -> Mesh:
-    """A mesh of rectangles with sides of at most h, made by halving as coarse a mesh as leads to it.
+    """A mesh of rectangles with sides of at most h, refined from the coarsest mesh of which halvings give it.
 
     On polygons that consist of unit squares, up to MAX_UNIT_SQUARES in a row, these are squares of side
     1 / ceil(1 / h). Else every gap between neighbouring coordinates of vertices is cut into equal parts.

@@ -208,7 +208,7 @@ def _check_hypotheses(case: ExactSolution, hypotheses: dict[str, bool]) -> None:
 def set_free_sides(case: Problem, sides: Sequence[int]) -> Problem:
     """The case with those sides free, which changes nothing of its solution: lambda is 0 there.
 
-    Raises InputError for sides that do not exist or have contact, and if all sides would be free.
+    Raises InputError for sides that do not exist, have contact or are clamped, and if all would be free.
     """
     contact = {side for side, _, _ in certify_case(case.known_solution()).contact}
     n = case.polygon.n_sides

@@ -97,7 +97,7 @@ def check_radicands(problem: Problem, name: str) -> None:
 
 
 def _data_roots(data: object) -> list[Expression]:
-    """The powers in a formula whose exponents are no whole numbers."""
+    """The powers in a formula whose exponents are no whole numbers, as expressions; none of other data."""
     return (
         [multiply_powers(1, [power]) for power in find_fractional_powers(data)]
         if isinstance(data, Expression)

@@ -138,7 +138,7 @@ def _locate_boxes(polygon: Polygon, boxes: Array) -> tuple[Mask, Mask]:
 
 
 def _quarter_boxes(boxes: Array) -> Array:
-    """The four equal parts of each box."""
+    """The four equal parts of each box, (k, 2, 2): box, axis, ends."""
     for axis in range(2):
         middle = boxes[:, axis].mean(axis=1)
         lower = boxes.copy()

@@ -27,6 +27,7 @@ PIECE_ROUNDING_PER_SIZE = 1e-13
 MIN_REMAINDER_PER_ROUNDING = 4.0
 """A piece is not cut if the function is known there up to this many times the rounding at a point."""
 MAX_SIDE_PIECES = 60_000
+"""No pieces are cut where more intervals than this would be tried."""
 PIECES_PER_BLOCK = 1 << 11
 """This many pieces are treated at once, so that models of a long formula fit into the processor's cache."""
 MIN_PIECE_PER_SIDE = 2.0**-44
@@ -147,21 +148,24 @@ def enclose_in_pieces(
     """The function on all sides but some: a polynomial and a remainder on each of as many pieces as needed.
 
     Fewer pieces are needed if they begin and end at the points where it is known not to be smooth:
-    `breakpoints`. No piece that is as short as `min_length`, one number or one per side (n,), is cut.
+    `breakpoints`. No piece that is as short as `min_length`, one number or one per side (n,), is cut. Values
+    below `relevant_above` need not be known sharply (`_is_too_wide`).
     """
     side, start, end = _first_intervals(polygon, excluded_sides, breakpoints)
+    # sides without a function are one empty piece each
     done = [_empty_pieces(np.array(excluded_sides, dtype=np.intp))]
     budget = MAX_SIDE_PIECES
     limit = np.broadcast_to(min_length, polygon.n_sides)
     while len(side):
         current = enclose_on_intervals(model, side, start, end)
         budget = budget - len(side)
+        # spreads need all pieces of a side; the first len(side) are those of this round
         wide = _is_too_wide(_join_pieces([current, *done]), relevant_above)[: len(side)] & (
             end - start > limit[side]
         )
         if wide.any():
             wide[wide] = ~_is_cut_in_vain(model, current.select(wide))
-        # Beyond MAX_SIDE_PIECES pieces stay as they are, with larger remainders
+        # out of budget: the pieces stay as they are, with larger remainders
         if 2 * np.count_nonzero(wide) > budget:
             wide[:] = False
         done.append(current.select(~wide))

@@ -56,9 +56,9 @@ class PolarAtom(SideAtom, FormulaAtom):
 
     @property
     def _formulas(self) -> tuple[list[Expression], tuple[str, str]]:
-        v, v_r, v_theta, laplacian = self.derivatives
+        v, v_r, v_theta_over_r, laplacian = self.derivatives
         length = Fraction(self.length)
-        return [v, v_r, v_theta, length * v - laplacian / length], ("r", "theta")
+        return [v, v_r, v_theta_over_r, length * v - laplacian / length], ("r", "theta")
 
     def value_model(self, x: TaylorModel, y: TaylorModel) -> TaylorModel:
         """The model of u on the boxes of x and y."""
@@ -114,14 +114,17 @@ class PolarAtom(SideAtom, FormulaAtom):
     def _evaluate(
         self, formulas: CompiledFormulas, points: Array, offset: Array | float
     ) -> tuple[Array, ...]:
-        """Formulas are evaluated in the support only."""
+        """u, its gradient (k, 2) and the other `formulas` at points + offset (k, 2); 0 outside the support.
+
+        They are 0 at the centre, too, where polar coordinates have no angle and a gradient may be infinite.
+        """
         along, into = self.local_coordinates_inside(points, offset)
         r = np.hypot(along, into)
         inside = self._is_in_support(r)
         theta = np.arctan2(into[inside], along[inside])
         theta = np.where(theta < 0, theta + 2 * np.pi, theta)
-        v, v_r, v_theta, *f = formulas(r[inside], theta)
-        inside_values = (self.length * v, self.rotate_polar_to_xy(theta, v_r, v_theta), *f)
+        v, v_r, v_theta_over_r, *f = formulas(r[inside], theta)
+        inside_values = (self.length * v, self.rotate_polar_to_xy(theta, v_r, v_theta_over_r), *f)
         return tuple(_fill_with_zeros(inside, values) for values in inside_values)
 
     def vanishes_in_circles(self, centre: Array, radius: Array) -> Mask:
@@ -151,11 +154,11 @@ class PolarAtom(SideAtom, FormulaAtom):
         r = np.abs(distance)
         first = distance >= 0
         inside = self._is_in_support(r)
-        v, _, v_theta = self._compiled_formulas[0](
+        v, _, v_theta_over_r = self._compiled_formulas[0](
             r[inside], np.where(first, 0.0, as_float(PI * self.omega))[inside]
         )
         # du/dn = -(dv/dtheta)/r at theta = 0, below which Omega ends, and +(dv/dtheta)/r at theta = omega
-        flux = np.where(first[inside], -v_theta, v_theta)
+        flux = np.where(first[inside], -v_theta_over_r, v_theta_over_r)
         return _fill_with_zeros(inside, self.length * v), _fill_with_zeros(inside, flux)
 
     @cached_property

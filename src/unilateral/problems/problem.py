@@ -142,7 +142,7 @@ class Problem:
             self.polygon,
             self.obstacle_model,
             free=self.free_sides,
-            u_lower_bound=-math.inf if self.clamped_sides else self._bound_from_source,
+            u_lower_bound=-math.inf if self.clamped_sides else self._lower_bound_by_source,
             breakpoints=self.exact.singular_points() if self.exact else trace_breakpoints(self.g),
             clamped=self.clamped_sides,
             slope_model=self.slope_model,
@@ -190,11 +190,15 @@ class Problem:
         # u >= min(inf f / c, inf of u on clamped sides), proved in `idle_sides`
         zero = {i for i in self.clamped_sides if is_zero(self.g[i])}
         clamped = (0.0 if i in zero else self.enclosed_obstacle.range(i)[0] for i in self.clamped_sides)
-        return min(self._bound_from_source, *clamped, math.inf)
+        return min(self._lower_bound_by_source, *clamped, math.inf)
 
     @cached_property
-    def _bound_from_source(self) -> float:
-        """inf f / c, or inf f times infinity if c = 0; -inf where q may be below 0."""
+    def _lower_bound_by_source(self) -> float:
+        """A lower bound on u by the proof in `idle_sides`, if no side were clamped: inf f / c.
+
+        For c = 0 it is +inf if f >= 0, as then only clamped sides bound u, else -inf. It is -inf where q may
+        be below 0, for the proof needs q >= 0.
+        """
         if self.enclosed_flux.lower_bound < 0:
             return -math.inf
         if self.c == ZERO:

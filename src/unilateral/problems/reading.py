@@ -42,7 +42,7 @@ def read_source(data: Given, mesh: Mesh | None, where: str) -> Expression | Arra
     if isinstance(f, Expression):
         for power in find_functions(f, "pos"):
             try:
-                zero_curve(power.args[0])
+                zero_curve(power.args[0])  # called for its error
             except ValueError as error:
                 raise InputError(f"{where}: the argument of {power} {error}") from None
     return f
@@ -57,17 +57,19 @@ def read_sides(
     mesh: Mesh | None,
     where: str,
 ) -> list[SideData | Function]:
-    """The data of the field g or q on every side, 0 on sides without one, (n sides,).
+    """The data of the field g or q on every side, ZERO on sides that have none, (n sides,).
 
-    One formula, function or array is for all sides that have one. The sides lie between the `ends`. Arrays
-    have a value for each node of the `mesh`. Raises InputError, beginning with `where`.
+    On clamped sides g is ZERO here; the caller puts u_D there. One formula, function or array is for all
+    sides that have data. The sides lie between the `ends`. Arrays have a value for each node of the `mesh`.
+
+    Raises InputError, beginning with `where`.
     """
     n = len(ends)
-    sides = {*free} if field == "q" else {*range(n)} - {*free, *clamped}
-    if field == "g" and field_data is None and sides:
+    sides_with_data = {*free} if field == "q" else {*range(n)} - {*free, *clamped}
+    if field == "g" and field_data is None and sides_with_data:
         raise InputError(
-            f"{where}: it is missing, and side {min(sides)} is neither free nor clamped; write one formula "
-            "for all sides, or a list with one per side"
+            f"{where}: it is missing, and side {min(sides_with_data)} is neither free nor clamped; write "
+            "one formula for all sides, or a list with one per side"
         )
     if isinstance(field_data, Sequence) and not isinstance(field_data, str | bytes):
         if len(field_data) != n:
@@ -77,14 +79,17 @@ def read_sides(
         places = [f"{where}[{side}]" for side in range(n)]
         data = [read_data(field, *entry) for entry in zip(field_data, places, strict=True)]
         for side in range(n):
-            _check_list_entry(field, field_data[side], side, sides, clamped, places[side])
+            _check_list_entry(field, field_data[side], side, sides_with_data, clamped, places[side])
     else:
         places = [where] * n
         data = [read_data(field, field_data, where)] * n
+        # q = 0, also where it is left out, needs no free side
         if field == "q" and not free and not (isinstance(data[0], Expression) and data[0].rational == 0):
             raise InputError(f"{where}: no side is free; name the sides with a given flux in free_sides")
     return [
-        fit_to_side(field, data[side], side, ends[side], mesh, places[side]) if side in sides else ZERO
+        fit_to_side(field, data[side], side, ends[side], mesh, places[side])
+        if side in sides_with_data
+        else ZERO
         for side in range(n)
     ]
 

@@ -39,7 +39,7 @@ def minimise_linear_plus_norm(
 
     v = c in the unknowns that are `equalities` (n,). S (n, n) is positive definite, and l is (n,). The
     iteration begins with the `active` sets (n, k), where c is finite. Where they do not settle, v is the best
-    one that was met. A constant is never better, if nothing is exact.
+    one that was met. Without equalities the start is the least constant v >= c.
     """
     active = active | equalities[:, None]
     usually_free = 2 * np.count_nonzero(active, axis=1) <= active.shape[1]
@@ -49,23 +49,24 @@ def minimise_linear_plus_norm(
         if equalities.any()
         else np.ones_like(lower_bounds) * lower_bounds.max(axis=0)
     )
-    T = _principal_pivot(S, usually_free)
+    pivoted = _principal_pivot(S, usually_free)
     best = start
     unsettled = np.arange(lower_bounds.shape[1])
     values = _objective(S, l, best)
     for _ in range(MAX_SET_UPDATES):
-        # the stationary v of the problems that have not settled, cut to v >= c, is kept where it is better
-        sets = active[:, unsettled]
-        bound = lower_bounds[:, unsettled]
-        v, gradient = _stationary_point(T, usually_free, sets, bound, l)
-        cut = np.maximum(v, bound)
-        objective = _objective(S, l, cut)
+        # the stationary v of the problems that have not settled, cut to v >= c, is kept where it is better;
+        # where |p|_S >= 1 it is one far out (UNBOUNDED_T)
+        active_now = active[:, unsettled]
+        c = lower_bounds[:, unsettled]
+        v, gradient = _stationary_point(pivoted, usually_free, active_now, c, l)
+        feasible = np.maximum(v, c)
+        objective = _objective(S, l, feasible)
         better = objective < values[unsettled]
-        best[:, unsettled[better]] = cut[:, better]
+        best[:, unsettled[better]] = feasible[:, better]
         values[unsettled[better]] = objective[better]
         # active unknowns stay while the gradient is >= 0, others become so where v < c
-        active[:, unsettled] = np.where(sets, (gradient >= 0) | equalities[:, None], v < bound)
-        unsettled = unsettled[(active[:, unsettled] != sets).any(axis=0)]
+        active[:, unsettled] = np.where(active_now, (gradient >= 0) | equalities[:, None], v < c)
+        unsettled = unsettled[(active[:, unsettled] != active_now).any(axis=0)]
         if not unsettled.size:
             break
     return best

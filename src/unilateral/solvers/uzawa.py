@@ -197,6 +197,7 @@ class _Iteration:
                     f"the first residual, {size:.3g}, is not below {MAX_RESIDUAL:g}; scale the data to about "
                     "1, start from smaller numbers, or take a smaller rho"
                 )
+            # if the second summand of the bound alone is above the tolerance, the first need not be computed
             last = step == max_steps or not size < MAX_RESIDUAL
             if last or self.singular or size * self.bound_per_residual <= tolerance:
                 bound = self._bound(y, F, R, size)

@@ -141,25 +141,29 @@ def _subtract_in_pattern(
 ) -> sp.csr_array:
     """A - D, where `rows` are the rows of A that belong to D's nodes, -1 for nodes without one.
 
-    Hats that are cut away keep their diagonal entry. `columns` are the nodes of A's columns, by default all.
-    The diagonal entry is in the column of the row.
+    Hats that are cut away keep their diagonal entry. In `A.indices` row r's diagonal entry has the number r;
+    `columns` (m,) gives these numbers' nodes in the numbering of D, by default the same.
     """
-    some = np.flatnonzero(rows >= 0)
-    if not len(some):
+    D_rows = np.flatnonzero(rows >= 0)
+    if not len(D_rows):
         return A
     # all entries of these rows of A: their places in A.data, and the nodes of their columns
-    row = rows[some]
-    count = A.indptr[row + 1] - A.indptr[row]
-    place = np.arange(count.sum()) + np.repeat(A.indptr[row + 1] - np.cumsum(count), count)
-    column = A.indices[place] if columns is None else columns[A.indices[place]]
-    position = np.minimum(np.searchsorted(D.nodes, column), len(D.nodes) - 1)
-    in_D = D.nodes[position] == column
+    A_rows = rows[D_rows]
+    count = A.indptr[A_rows + 1] - A.indptr[A_rows]
+    entry = np.arange(count.sum()) + np.repeat(A.indptr[A_rows + 1] - np.cumsum(count), count)
+    column = A.indices[entry] if columns is None else columns[A.indices[entry]]
+    D_column = np.minimum(np.searchsorted(D.nodes, column), len(D.nodes) - 1)
+    in_D = D.nodes[D_column] == column
     data = A.data.copy()
-    D_entries = np.zeros(len(place))
+    D_entries = np.zeros(len(entry))
     D_entries[in_D] = np.asarray(
-        sp.csr_matrix(D.values)[np.repeat(some, count)[in_D], position[in_D]]
+        sp.csr_matrix(D.values)[np.repeat(D_rows, count)[in_D], D_column[in_D]]
     ).ravel()
-    data[place] -= D_entries
-    cut_away = (np.repeat(row, count) == A.indices[place]) & (data[place] < MIN_ENERGY_SHARE * A.data[place])
-    data[place[cut_away]] = A.data[place[cut_away]]
+    data[entry] -= D_entries
+    # all that is left of these hats is rounding: their diagonal stays as it was, so that no sweep divides by
+    # rounding
+    cut_away = (np.repeat(A_rows, count) == A.indices[entry]) & (
+        data[entry] < MIN_ENERGY_SHARE * A.data[entry]
+    )
+    data[entry[cut_away]] = A.data[entry[cut_away]]
     return sp.csr_array((data, A.indices, A.indptr), shape=A.shape)

@@ -43,15 +43,17 @@ from unilateral.norms.reference import boundary_facets
 def flux_in(field, bary):
     """q (m, k, 2) and div q (m, k) in the points (k, 3) of every triangle, by differentiation."""
     spaces = field.spaces
-    hats = field.hats
+    hats = field.misfit_hats
     slopes = spaces.hat_gradients
     pairs = [(0, 1), (1, 2), (2, 0)]
     bubbles = np.stack([4 * bary[:, i] * bary[:, j] for i, j in pairs], axis=1)
     of_w = field.form.k * np.einsum("tid,ti->td", slopes, field.w[spaces.mesh.triangles])[:, None]
-    difference = np.einsum("kb,tbd->tkd", bary, hats) + np.einsum("kb,tbd->tkd", bubbles, field.bubbles)
+    difference = np.einsum("kb,tbd->tkd", bary, hats) + np.einsum(
+        "kb,tbd->tkd", bubbles, field.misfit_bubbles
+    )
     divergence = np.einsum("tid,tid->t", slopes, hats)[:, None]
     for b, (i, j) in enumerate(pairs):
-        along = [np.einsum("td,td->t", field.bubbles[:, b], slopes[:, c])[:, None] for c in (i, j)]
+        along = [np.einsum("td,td->t", field.misfit_bubbles[:, b], slopes[:, c])[:, None] for c in (i, j)]
         divergence = divergence + 4 * (along[0] * bary[:, j] + along[1] * bary[:, i])
     return of_w + difference, divergence
 
@@ -346,7 +348,7 @@ def test_on_large_triangles_the_flux_gets_no_linear_divergence(monkeypatch):
         p -= p.mean(axis=1, keepdims=True)
         mean = field.rho.mean(axis=1, keepdims=True)
         theta = 1 + np.sum((field.rho - mean) * p, axis=1) / np.sum(p**2, axis=1)
-        return replace(field, bubbles=field.bubbles / theta[:, None, None], rho=mean + 0 * p)
+        return replace(field, misfit_bubbles=field.misfit_bubbles / theta[:, None, None], rho=mean + 0 * p)
 
     monkeypatch.setattr(bounds, "_build_misfit_field", with_all_of_it)
     assert sharp_bound(*given).u > cheap.u

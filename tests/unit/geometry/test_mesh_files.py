@@ -11,6 +11,7 @@ from nested import SLANTED
 from numpy.testing import assert_array_equal
 
 from unilateral.errors import InputError
+from unilateral.geometry import files
 from unilateral.geometry.files import read_mesh, write_mesh
 from unilateral.geometry.mesh import make_unstructured_mesh, refine_uniformly
 from unilateral.geometry.outline import find_outline
@@ -94,6 +95,17 @@ def test_files_of_something_else_are_refused(points, cells, tmp_path):
     meshio.Mesh(np.array(points, dtype=float), [cells]).write(tmp_path / "mesh.vtu")
     with sentences.raises(InputError):
         read_mesh(tmp_path / "mesh.vtu", square())
+
+
+@pytest.mark.parametrize("number", [-6, 9])
+def test_a_node_that_the_file_has_not_is_refused(number, monkeypatch):
+    """By its number in the file, which has a node of no triangle, too."""
+    content = meshio.Mesh(
+        np.array([*CORNERS, [0.5, 0.5, 0]], dtype=float), [("triangle", [[0, 1, 2], [0, number, 3]])]
+    )
+    monkeypatch.setattr(files, "read_with_meshio", lambda path: content)
+    with sentences.raises(InputError, str(number)):
+        read_mesh("mesh.vtu", square())
 
 
 NONE_2_2 = "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n0\n$EndNodes\n"
