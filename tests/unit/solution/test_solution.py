@@ -190,8 +190,8 @@ def test_a_gradient_on_an_edge_is_that_of_the_triangle_with_the_least_number(she
     of = mesh.triangulation
     slopes = shelter.grad_at(mesh.points[mesh.triangles].mean(axis=1))
     middles = mesh.points[of.ends].mean(axis=1)
-    least = np.where(of.edge_triangles[:, 1] < 0, of.sides[:, 0], of.sides.min(axis=1))
-    least = np.where(of.edge_triangles[:, 0] < 0, of.sides[:, 1], least)
+    least = np.where(of.edge_triangles[:, 1] < 0, of.edge_triangles[:, 0], of.edge_triangles.min(axis=1))
+    least = np.where(of.edge_triangles[:, 0] < 0, of.edge_triangles[:, 1], least)
     np.testing.assert_array_equal(shelter.grad_at(middles), slopes[least])
     first = np.array(
         [np.flatnonzero((mesh.triangles == node).any(axis=1))[0] for node in range(mesh.n_nodes)]
